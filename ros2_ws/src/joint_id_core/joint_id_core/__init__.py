@@ -1,0 +1,1 @@
+"""Identification of the dynamics of collaborative robot joints, without ROS."""

@@ -1,0 +1,125 @@
+"""What every joint model is: states, inputs, parameters and one `derivative`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any, ClassVar, Protocol
+
+from joint_id_core.errors import JointIdError
+from joint_id_core.signals import Parameter, Signal
+
+
+class Ops(Protocol):
+    """The few functions that a derivative may call, so that one text runs on floats, torch and SymPy."""
+
+    def sin(self, x: Any) -> Any: ...
+    def cos(self, x: Any) -> Any: ...
+    def exp(self, x: Any) -> Any: ...
+    def asinh(self, x: Any) -> Any: ...
+
+    def direction(self, velocity: str, w: Any, w_s: Any) -> Any:
+        """Direction of sliding, in [-1, 1], of the state called `velocity` whose value is `w`.
+
+        An estimator returns tanh(w / w_s), the paper's network sign(w), the simulator the mode (+1, -1)
+        that its stick-slip logic holds.
+        """
+
+
+@dataclass(frozen=True)
+class Model:
+    """A joint model. Subclasses are frozen dataclasses whose fields are the options of the model."""
+
+    name: ClassVar[str]
+    summary: ClassVar[str]
+
+    @property
+    def states(self) -> tuple[Signal, ...]:
+        """States x in the order of `derivative`."""
+        raise NotImplementedError
+
+    @property
+    def inputs(self) -> tuple[Signal, ...]:
+        """Inputs u in the order of `derivative`."""
+        raise NotImplementedError
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Parameter table: the only place of names, units, bounds and start values."""
+        raise NotImplementedError
+
+    def derivative(self, x: Sequence[Any], u: Sequence[Any], p: Any, ops: Ops) -> tuple[Any, ...]:
+        """Time derivative of the states, in SI units.
+
+        `x`, `u` are scalars in the order of `states` and `inputs`; `p` has one attribute a parameter.
+        """
+        raise NotImplementedError
+
+    @property
+    def optional_inputs(self) -> frozenset[str]:
+        """Inputs that are zero when the recording does not have them."""
+        return frozenset({"external_torque"})
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Channel names of the states."""
+        return tuple(s.name for s in self.states)
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Channel names of the inputs."""
+        return tuple(s.name for s in self.inputs)
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of all parameters, fixed ones included."""
+        return tuple(p.name for p in self.parameters)
+
+    @property
+    def friction_states(self) -> tuple[str, ...]:
+        """Velocity states on which Coulomb friction acts, found by asking the derivative itself."""
+        seen: list[str] = []
+
+        class Recorder:
+            def __getattr__(self, _: str) -> Any:
+                return lambda value: value
+
+            def direction(self, velocity: str, w: Any, w_s: Any) -> float:
+                seen.append(velocity)
+                return 1.0
+
+        ones = SimpleNamespace(**dict.fromkeys(self.parameter_names, 1.0))
+        self.derivative([0.0] * len(self.states), [0.0] * len(self.inputs), ones, Recorder())  # type: ignore[arg-type]  # duck-typed ops
+        return tuple(seen)
+
+    def parameter(self, name: str) -> Parameter:
+        """Return the parameter called `name`.
+
+        Raises:
+            JointIdError: the model has no such parameter.
+        """
+        for p in self.parameters:
+            if p.name == name:
+                return p
+        raise JointIdError(
+            f"model {self.name} has no parameter {name!r}: it has {', '.join(self.parameter_names)}"
+        )
+
+    def values(self, changes: Mapping[str, float] | None = None) -> dict[str, float]:
+        """Nominal values of all parameters, with `changes` put in after a check of name and bounds.
+
+        Raises:
+            JointIdError: unknown name, value out of bounds, or a parameter that must be given is not.
+        """
+        changes = dict(changes or {})
+        values = {p.name: p.nominal for p in self.parameters}
+        for name, value in changes.items():
+            values[name] = self.parameter(name).checked(value)
+        for p in self.parameters:
+            if values[p.name] != values[p.name]:
+                raise JointIdError(
+                    f"model {self.name} needs {p.name} ({p.meaning}, {p.unit}), which has no default: "
+                    f"give it, e.g. --set {p.name}=..."
+                )
+        return values

@@ -1,0 +1,106 @@
+"""Model 2 of the paper: motor inertia, harmonic drive and link (Eqs 7 to 11)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from joint_id_core.models.base import Model, Ops
+from joint_id_core.models.friction import Friction
+from joint_id_core.models.transmission import (
+    Actuation,
+    drive_parameters,
+    drive_signal,
+    drive_torque,
+    gear_ratio,
+    gravity_parameters,
+    gravity_torque,
+    kinematic_error_parameters,
+    spring_parameters,
+    spring_torque,
+    transmission_ratio,
+)
+from joint_id_core.signals import Parameter, Signal, channel, positive
+
+MOTOR_SMOOTHING = 1.0  # rad/s at the motor shaft, 0.01 rad/s at the link
+LINK_SMOOTHING = 0.01  # rad/s
+
+
+def motor_friction(law: str, c_m: float, tau_fm: float) -> Friction:
+    """Friction on the motor side (paper Eq 9)."""
+    return Friction(
+        "motor_velocity",
+        positive("c_m", "Nm s/rad", "viscous friction at the motor", c_m),
+        positive("tau_fm", "Nm", "Coulomb friction at the motor", tau_fm),
+        side="m", w_s=MOTOR_SMOOTHING, w_typical=100.0, law=law,
+    )  # fmt: skip
+
+
+def link_friction(law: str, c_q: float, tau_fq: Parameter) -> Friction:
+    """Friction on the link side (paper Eq 10)."""
+    return Friction(
+        "link_velocity",
+        positive("c_q", "Nm s/rad", "viscous friction at the link", c_q),
+        tau_fq,
+        side="q", w_s=LINK_SMOOTHING, w_typical=1.0, law=law,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class HarmonicDrive(Model):
+    """Model 2: states motor and link position and velocity, inputs motor and external torque.
+
+    Holds while only this joint moves. Nominal values are the H-PINN column of Table V.
+    """
+
+    name = "harmonic_drive"
+    summary = "flexible joint: motor, harmonic drive, link (paper Model 2)"
+
+    actuation: Actuation = "torque"
+    friction: str = "coulomb_viscous"
+    gravity: bool = False
+    kinematic_error: bool = False
+
+    @property
+    def _motor_friction(self) -> Friction:
+        return motor_friction(self.friction, c_m=1.018e-4, tau_fm=2.291e-2)
+
+    @property
+    def _link_friction(self) -> Friction:
+        tau_fq = positive("tau_fq", "Nm", "Coulomb friction at the link", 2.296)
+        return link_friction(self.friction, c_q=1.799, tau_fq=tau_fq)
+
+    @property
+    def states(self) -> tuple[Signal, ...]:
+        return tuple(channel(n) for n in ("motor_position", "link_position", "motor_velocity", "link_velocity"))
+
+    @property
+    def inputs(self) -> tuple[Signal, ...]:
+        return (drive_signal(self.actuation), channel("external_torque"))
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (
+            positive("J_m", "kg m^2", "inertia of rotor and wave generator", 6e-5),
+            *self._motor_friction.parameters,
+            *spring_parameters(k_1=5.164e3, k_2=9.021e8, c_1=18.938),
+            positive("J_q", "kg m^2", "inertia of circular spline and load", 7.780e-1),
+            *self._link_friction.parameters,
+            gear_ratio(),
+            *drive_parameters(self.actuation),
+            *(kinematic_error_parameters() if self.kinematic_error else ()),
+            *(gravity_parameters() if self.gravity else ()),
+        )
+
+    def derivative(self, x: Sequence[Any], u: Sequence[Any], p: Any, ops: Ops) -> tuple[Any, ...]:
+        theta_m, q, w_m, w_q = x
+        drive, tau_ext = u
+        tau_spring = spring_torque(theta_m / p.N - q, w_m / p.N - w_q, p)
+        i_hd = transmission_ratio(theta_m, p, ops, self.kinematic_error)
+        tau_m = drive_torque(self.actuation, drive, p)
+        dw_m = (tau_m - self._motor_friction.torque(w_m, p, ops) - i_hd * tau_spring) / p.J_m
+        load = self._link_friction.torque(w_q, p, ops) + tau_ext
+        if self.gravity:
+            load = load + gravity_torque(q, p, ops)
+        return (w_m, w_q, dw_m, (tau_spring - load) / p.J_q)

@@ -1,0 +1,76 @@
+"""The motor half of Model 2, with the measured link motion as an input."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from joint_id_core.models.base import Model, Ops
+from joint_id_core.models.friction import Friction
+from joint_id_core.models.harmonic_drive import motor_friction
+from joint_id_core.models.transmission import (
+    Actuation,
+    drive_parameters,
+    drive_signal,
+    drive_torque,
+    gear_ratio,
+    kinematic_error_parameters,
+    spring_parameters,
+    spring_torque,
+    transmission_ratio,
+)
+from joint_id_core.signals import Parameter, Signal, channel, positive
+
+
+@dataclass(frozen=True)
+class MotorSide(Model):
+    """Paper Eq 9 alone: states motor position and velocity, inputs drive, link position and velocity.
+
+    What the rest of the arm does reaches the motor only through the measured link motion, so this holds
+    while every joint moves. tau_0 is a torque offset and dtheta_0 the twist at which the two encoders
+    agree; the twist offset is fixed at zero unless it is freed, because an unmeasured motor position
+    carries it in its start value.
+    """
+
+    name = "motor_side"
+    summary = "motor half of the flexible joint, the measured link motion as input"
+
+    actuation: Actuation = "torque"
+    friction: str = "coulomb_viscous"
+    kinematic_error: bool = False
+
+    @property
+    def _friction(self) -> Friction:
+        return motor_friction(self.friction, c_m=1.018e-4, tau_fm=2.291e-2)
+
+    @property
+    def states(self) -> tuple[Signal, ...]:
+        return (channel("motor_position"), channel("motor_velocity"))
+
+    @property
+    def inputs(self) -> tuple[Signal, ...]:
+        link = (channel("link_position", hold="first"), channel("link_velocity", hold="first"))
+        return (drive_signal(self.actuation), *link)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (
+            positive("J_m", "kg m^2", "inertia of rotor and wave generator", 6e-5),
+            *self._friction.parameters,
+            *spring_parameters(k_1=5.164e3, k_2=9.021e8, c_1=18.938),
+            Parameter("tau_0", "Nm", "torque offset at the motor", 0.0, -10.0, 10.0, spread=0.05),
+            Parameter("dtheta_0", "rad", "twist offset between the encoders", 0.0, -7.0, 7.0, spread=0.01, fixed=True),
+            gear_ratio(),
+            *drive_parameters(self.actuation),
+            *(kinematic_error_parameters() if self.kinematic_error else ()),
+        )
+
+    def derivative(self, x: Sequence[Any], u: Sequence[Any], p: Any, ops: Ops) -> tuple[Any, ...]:
+        theta_m, w_m = x
+        drive, q, w_q = u
+        tau_spring = spring_torque(theta_m / p.N - q - p.dtheta_0, w_m / p.N - w_q, p)
+        i_hd = transmission_ratio(theta_m, p, ops, self.kinematic_error)
+        tau_m = drive_torque(self.actuation, drive, p)
+        dw_m = (tau_m - self._friction.torque(w_m, p, ops) - p.tau_0 - i_hd * tau_spring) / p.J_m
+        return (w_m, dw_m)

@@ -1,0 +1,77 @@
+"""The parts that several models share: drive torque, harmonic-drive spring, gravity."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal
+
+from joint_id_core.models.base import Ops
+from joint_id_core.signals import Parameter, Signal, channel, positive
+
+Actuation = Literal["torque", "current"]
+
+GEAR_RATIO = 101.0  # UR robots; the paper does not print N, its Fig. 4 agrees with this value
+
+
+def drive_signal(actuation: Actuation) -> Signal:
+    """The input that drives the motor: its torque, or the current that makes it."""
+    return channel(actuation)
+
+
+def drive_parameters(actuation: Actuation) -> tuple[Parameter, ...]:
+    """The torque constant where the input is a current. It scales every other parameter: it has no default."""
+    if actuation == "torque":
+        return ()
+    return (Parameter("k_t", "Nm/A", "torque constant of the motor", math.nan, lower=1e-9, upper=1e6, fixed=True),)
+
+
+def drive_torque(actuation: Actuation, u: Any, p: Any) -> Any:
+    """Motor torque at the motor shaft in Nm."""
+    return u if actuation == "torque" else p.k_t * u
+
+
+def gear_ratio(nominal: float = GEAR_RATIO) -> Parameter:
+    """Reduction ratio N (paper Eq 7), a known constant."""
+    return Parameter("N", "1", "gear reduction ratio", nominal, lower=1e-6, upper=1e5, fixed=True)
+
+
+def spring_parameters(k_1: float, k_2: float, c_1: float) -> tuple[Parameter, ...]:
+    """Linear and cubic stiffness and damping of the harmonic drive (paper Eqs 9 and 10)."""
+    return (
+        positive("c_1", "Nm s/rad", "damping of the harmonic drive", c_1),
+        positive("k_1", "Nm/rad", "linear stiffness of the harmonic drive", k_1),
+        positive("k_2", "Nm/rad^3", "cubic stiffness of the harmonic drive", k_2),
+    )
+
+
+def spring_torque(twist: Any, twist_rate: Any, p: Any) -> Any:
+    """Torque in Nm that the flexspline passes to the link (paper Eq 10)."""
+    return p.c_1 * twist_rate + p.k_1 * twist + p.k_2 * twist * twist * twist
+
+
+def kinematic_error_parameters() -> tuple[Parameter, ...]:
+    """Two-per-turn kinematic error theta_ke = a_ke sin(2 theta_m + phi_ke), in rad at the link."""
+    return (
+        Parameter("a_ke", "rad", "amplitude of the kinematic error", 1e-4, -1e-2, 1e-2, spread=5e-4),
+        Parameter("phi_ke", "rad", "phase of the kinematic error", 0.0, -2 * math.pi, 2 * math.pi, spread=2.0),
+    )
+
+
+def transmission_ratio(theta_m: Any, p: Any, ops: Ops, kinematic_error: bool) -> Any:
+    """i_HD = 1/N + d(theta_ke)/d(theta_m) (paper Eq 8)."""
+    if not kinematic_error:
+        return 1.0 / p.N
+    return 1.0 / p.N + 2.0 * p.a_ke * ops.cos(2.0 * theta_m + p.phi_ke)
+
+
+def gravity_parameters() -> tuple[Parameter, ...]:
+    """Gravity torque a_g cos(q) + b_g sin(q) on a joint whose axis is not vertical."""
+    return (
+        Parameter("a_g", "Nm", "gravity torque times cos(q)", 0.0, -1e4, 1e4, spread=50.0),
+        Parameter("b_g", "Nm", "gravity torque times sin(q)", 0.0, -1e4, 1e4, spread=50.0),
+    )
+
+
+def gravity_torque(q: Any, p: Any, ops: Ops) -> Any:
+    """Gravity torque in Nm, positive against positive motion."""
+    return p.a_g * ops.cos(q) + p.b_g * ops.sin(q)

@@ -1,0 +1,28 @@
+"""The functions a derivative may call (`models.Ops`), on plain floats."""
+
+from __future__ import annotations
+
+import math
+
+
+class SmoothOps:
+    """Coulomb friction smoothed by tanh(w / w_s), as in estimation."""
+
+    sin = staticmethod(math.sin)
+    cos = staticmethod(math.cos)
+    exp = staticmethod(math.exp)
+    asinh = staticmethod(math.asinh)
+
+    @staticmethod
+    def direction(velocity: str, w: float, w_s: float) -> float:
+        """Smoothed direction of sliding."""
+        return math.tanh(w / w_s)
+
+
+class SignOps(SmoothOps):
+    """Coulomb friction with the plain sign function, as in the paper."""
+
+    @staticmethod
+    def direction(velocity: str, w: float, w_s: float) -> float:
+        """Sign of the velocity."""
+        return (w > 0) - (w < 0)

@@ -1,0 +1,101 @@
+"""What can be measured (`Signal`) and what can be identified (`Parameter`).
+
+Channel names are the same everywhere: CSV columns, message fields, model states and inputs. All units
+are SI; motor quantities are at the motor shaft, link quantities behind the gear.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from joint_id_core.errors import JointIdError
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A quantity that varies in time: a state, an input or a label.
+
+    `hold` tells how an input runs between two samples: "zero" (constant, as a controller writes it) or
+    "first" (a straight line, as a measured motion does). `scale` is a typical magnitude in `unit`, used
+    as the spread of an unknown start value.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    meaning: str
+    scale: float = 1.0
+    hold: Literal["zero", "first"] = "zero"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A physical constant of a joint.
+
+    `nominal` is the start value; NaN means that there is no sensible one and the user must give it.
+    `lower >= 0` makes the parameter positive: it is then estimated in the logarithm. `spread` is one
+    standard deviation of what is believed before any data: in natural logarithms for a positive
+    parameter, in `unit` for the others. `fixed` keeps it out of the estimation unless it is freed.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    nominal: float
+    lower: float = -math.inf
+    upper: float = math.inf
+    spread: float = math.log(10.0)
+    fixed: bool = False
+
+    @property
+    def positive(self) -> bool:
+        """Whether the parameter is estimated in the logarithm."""
+        return self.lower >= 0.0
+
+    def checked(self, value: float) -> float:
+        """Return `value` if it is finite and within the bounds.
+
+        Raises:
+            JointIdError: the value is not finite or out of bounds.
+        """
+        if not math.isfinite(value):
+            raise JointIdError(f"parameter {self.name} = {value}: must be a finite number in {self.unit}")
+        if not self.lower <= value <= self.upper:
+            raise JointIdError(
+                f"parameter {self.name} = {value:g} {self.unit} is outside its bounds "
+                f"[{self.lower:g}, {self.upper:g}]: give a value within them"
+            )
+        return float(value)
+
+    def with_nominal(self, value: float) -> Parameter:
+        """Return a copy with another start value, checked against the bounds."""
+        return replace(self, nominal=self.checked(value))
+
+
+def positive(name: str, unit: str, meaning: str, nominal: float, **kwargs: float | bool) -> Parameter:
+    """Build a parameter that cannot be negative (inertia, stiffness, damping, friction level)."""
+    return Parameter(name, unit, meaning, nominal, lower=0.0, **kwargs)  # type: ignore[arg-type]  # kwargs are Parameter fields
+
+
+CHANNELS: dict[str, Signal] = {
+    s.name: s
+    for s in (
+        Signal("motor_position", "theta_m", "rad", "motor shaft angle", 10.0),
+        Signal("motor_velocity", "dtheta_m", "rad/s", "motor shaft velocity", 100.0),
+        Signal("motor_acceleration", "ddtheta_m", "rad/s^2", "motor shaft acceleration", 1e4),
+        Signal("link_position", "q", "rad", "link angle behind the gear", 1.0),
+        Signal("link_velocity", "dq", "rad/s", "link velocity", 1.0),
+        Signal("link_acceleration", "ddq", "rad/s^2", "link acceleration", 100.0),
+        Signal("current", "i", "A", "motor current", 10.0),
+        Signal("voltage", "V_s", "V", "voltage at the motor terminals", 10.0),
+        Signal("torque", "tau_m", "Nm", "motor torque at the motor shaft", 1.0),
+        Signal("external_torque", "tau_ext", "Nm", "load torque, positive against positive motion", 10.0),
+    )
+}
+
+
+def channel(name: str, **changes: str) -> Signal:
+    """Return the channel called `name`, with changed fields (e.g. `hold="first"`)."""
+    return replace(CHANNELS[name], **changes)  # type: ignore[arg-type]  # only string fields are changed
