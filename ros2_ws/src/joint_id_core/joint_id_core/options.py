@@ -1,0 +1,37 @@
+"""Options of a component: one described dataclass, from which ROS parameters, CLI options and docs are made."""
+
+from __future__ import annotations
+
+from dataclasses import field, fields
+from typing import Any
+
+from joint_id_core.errors import JointIdError
+
+
+def option(
+    default: Any,
+    description: str,
+    unit: str = "",
+    lower: float | None = None,
+    upper: float | None = None,
+    choices: tuple[str, ...] = (),
+) -> Any:
+    """A dataclass field with its meaning, unit and range as metadata."""
+    meta = {"description": description, "unit": unit, "lower": lower, "upper": upper, "choices": choices}
+    return field(default=default, metadata=meta)
+
+
+def check(options: Any) -> None:
+    """Check every field of an options dataclass against its range; call it in `__post_init__`.
+
+    Raises:
+        JointIdError: a value outside its range or choices; names the option, the value and the range.
+    """
+    for f in fields(options):
+        value, meta = getattr(options, f.name), f.metadata
+        if meta.get("choices") and value not in meta["choices"]:
+            raise JointIdError(f"option {f.name} = {value!r}: choose one of {', '.join(meta['choices'])}")
+        lower, upper = meta.get("lower"), meta.get("upper")
+        if (lower is not None and not value >= lower) or (upper is not None and not value <= upper):
+            span = f"[{'-inf' if lower is None else lower}, {'inf' if upper is None else upper}]"
+            raise JointIdError(f"option {f.name} = {value} {meta['unit']}: must be in {span}")
