@@ -1,0 +1,138 @@
+"""Model -> SymPy -> one compiled module, cached on disk.
+
+The cache lives in $JOINT_ID_CACHE_DIR, else in joint_id under $XDG_CACHE_HOME or ~/.cache. It is keyed by the
+text of the model, of the generator and by the numba version, so it never has to be cleared; deleting it only costs a compilation.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import inspect
+import logging
+import os
+import shutil
+import sys
+import time
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from types import ModuleType
+
+from joint_id_core import models, recursions
+from joint_id_core.errors import JointIdError
+from joint_id_core.models import Model
+
+log = logging.getLogger(__name__)
+
+# No "nnan": it would let the compiler drop the NaN test that marks a missing label.
+_FASTMATH = "{'reassoc', 'contract', 'arcp', 'nsz'}"
+_V, _M, _T, _I = "float64[::1]", "float64[:, ::1]", "float64[:, :, ::1]", "int64"
+_SIGNATURES = {
+    "rollout": f"void({_V}, {_V}, {_M}, {_V}, {_I}, {_M})",
+    "rollout_sensitivities": f"void({_V}, {_V}, {_M}, {_V}, {_I}, {_M}, {_T}, {_T})",
+    "innovations": f"float64({_V}, {_M}, {_V}, {_M}, {_M}, int64[::1], {_V}, {_V}, {_V}, {_V}, {_I}, {_I}, "
+    f"{_M}, {_M}, {_M}, {_T})",
+}
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """The compiled module of a model.
+
+    `parameter_names` is the order of p, `sensitive` the order of sensitivity columns.
+    """
+
+    model: Model
+    friction: str
+    parameter_names: tuple[str, ...]
+    sensitive: tuple[str, ...]
+    module: ModuleType
+
+
+def cache_directory() -> Path:
+    """Folder of the compiled kernels."""
+    explicit = os.environ.get("JOINT_ID_CACHE_DIR")
+    if explicit:
+        return Path(explicit)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "joint_id"
+
+
+@lru_cache(maxsize=1)
+def _generator_text() -> str:
+    """Text of everything that shapes generated code; a change in it gives a new cache key."""
+    here = Path(__file__).parent
+    files = [*sorted((here / "models").glob("*.py")), here / "symbolic.py", here / "recursions.py", here / "codegen.py"]
+    return "".join(f.read_text() for f in files)
+
+
+def _key(model: Model, friction: str, sensitive: tuple[str, ...]) -> str:
+    import numba
+
+    if type(model).__module__.startswith(models.__name__ + "."):
+        own = ""
+    else:
+        try:
+            own = inspect.getsource(sys.modules[type(model).__module__])
+        except (OSError, TypeError):  # a model typed at a prompt has no source
+            own = repr(id(type(model))) + str(time.time())
+    parts = (repr(model), friction, repr(sensitive), numba.__version__, sys.version, own, _generator_text())
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
+
+
+def _source(model: Model, friction: str, sensitive: tuple[str, ...]) -> str:
+    from joint_id_core import symbolic
+
+    text = symbolic.step_text(model, symbolic.derive(model, friction, sensitive))  # type: ignore[arg-type]  # checked by compile_model
+    loops = inspect.getsource(recursions).split("# --- compiled from here ---\n")[1]
+    loops = loops.replace(": Any", "").replace(": int", "").replace(" -> None", "").replace(" -> float", "")
+    for name, signature in _SIGNATURES.items():
+        decorator = f'@njit("{signature}", cache=True, fastmath={_FASTMATH}, nogil=True, error_model="numpy")\n'
+        loops = loops.replace(f"def {name}(", f"{decorator}def {name}(")
+    inline = f'@njit(fastmath={_FASTMATH}, error_model="numpy")\n'
+    for name in ("constants", "step"):
+        text = text.replace(f"def {name}(", f"{inline}def {name}(")
+    head = f'"""Generated for {model!r}, friction {friction}: do not edit."""\n\nimport math\n\nimport numpy as np\nfrom numba import njit\n\n'
+    return head + text + loops
+
+
+def _load(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"joint_id_kernel_{path.parent.name}", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@lru_cache(maxsize=64)
+def compile_model(model: Model, friction: str = "tanh", extra: tuple[str, ...] = ()) -> Kernel:
+    """Compile the RK4 cell of a model with its sensitivities, or load it from the cache.
+
+    Sensitivities are made for every parameter that the model's table does not fix, and for `extra`.
+    `friction` is "tanh" (smoothed) or "sign" (the paper's network).
+
+    Raises:
+        JointIdError: unknown friction smoothing or parameter name in `extra`.
+    """
+    if friction not in ("tanh", "sign"):
+        raise JointIdError(f"unknown friction smoothing {friction!r}: choose tanh or sign")
+    for name in extra:
+        model.parameter(name)
+    sensitive = tuple(p.name for p in model.parameters if not p.fixed or p.name in extra)
+    path = cache_directory() / f"{model.name}-{_key(model, friction, sensitive)}" / "kernel.py"
+    if not path.exists():
+        log.info("compiling model %s once, about 10 s; the result is kept in %s", model.name, path.parent)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        draft = path.with_suffix(f".{os.getpid()}")
+        draft.write_text(_source(model, friction, sensitive))
+        draft.replace(path)
+    try:
+        module = _load(path)
+    except Exception:  # whatever is wrong with a cached file, a fresh build is the cure
+        log.warning("the cached kernel in %s cannot be loaded: building it again", path.parent)
+        shutil.rmtree(path.parent, ignore_errors=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(_source(model, friction, sensitive))
+        module = _load(path)
+    return Kernel(model, friction, model.parameter_names, sensitive, module)

@@ -1,0 +1,157 @@
+"""The loops over time around one compiled RK4 step.
+
+This module is never called: `codegen` puts its text behind the generated `step` of a model and compiles
+both together, which is why `step`, `constants` and the sizes are only declared here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+NX: int  # states
+NU: int  # inputs
+NP: int  # parameters with sensitivities
+NC: int  # parameter-only constants
+step: Callable[..., None]
+constants: Callable[..., None]
+
+
+# --- compiled from here ---
+
+
+def rollout(x0: Any, time: Any, u: Any, p: Any, substeps: int, X: Any) -> None:
+    """Simulate from x0; X (T, NX) receives the states."""
+    c = np.empty(NC)
+    constants(p, c)
+    x = x0.copy()
+    W = np.empty((NX, 1))
+    X[0] = x
+    for t in range(len(time) - 1):
+        step(x, W, W, W, 0, 0, u[t], u[t + 1], c, time[t + 1] - time[t], substeps)
+        X[t + 1] = x
+
+
+def rollout_sensitivities(x0: Any, time: Any, u: Any, p: Any, substeps: int, X: Any, Sx: Any, Sp: Any) -> None:
+    """Simulate from x0 with the derivatives of all states by x0, Sx (T, NX, NX), and by p, Sp (T, NX, NP)."""
+    c = np.empty(NC)
+    constants(p, c)
+    x = x0.copy()
+    columns = NX + NU + NP
+    W = np.zeros((NX, columns))
+    D = np.empty((NX, columns))
+    Q = np.empty((NX, columns))
+    for i in range(NX):
+        W[i, i] = 1.0
+    X[0] = x
+    Sx[0] = W[:, :NX]
+    Sp[0] = 0.0
+    for t in range(len(time) - 1):
+        step(x, W, D, Q, columns, NP, u[t], u[t + 1], c, time[t + 1] - time[t], substeps)
+        X[t + 1] = x
+        Sx[t + 1] = W[:, :NX]
+        Sp[t + 1] = W[:, NX + NU :]
+
+
+def innovations(
+    x0: Any,
+    P0: Any,
+    time: Any,
+    u: Any,
+    y: Any,
+    label: Any,
+    R: Any,
+    q: Any,
+    Q_x: Any,
+    p: Any,
+    substeps: int,
+    n_params: int,
+    X: Any,
+    e: Any,
+    S: Any,
+    J: Any,
+) -> float:
+    """Run the innovations form once over the record and return sum e^2/S + log S.
+
+    x0 (NX), P0 (NX, NX): start and its covariance. y (T, NY): labels, NaN where missing; label (NY): their
+    state; R (NY): their noise variance. q (NU): variance of the input noise, per sample. Q_x (NX): small
+    variance added to the states per sample. n_params: NP, or 0 to leave the sensitivities out.
+    Receives X (T, NX) filtered states, e, S (T, NY) innovations and their variance (0, 1 where missing)
+    and J (T, NY, NP) the derivative of the predicted label by the parameters, divided by sqrt(S).
+    """
+    c = np.empty(NC)
+    constants(p, c)
+    columns = NX + NU + n_params
+    W = np.zeros((NX, NX + NU + NP))
+    D = np.empty((NX, NX + NU + NP))
+    Q = np.empty((NX, NX + NU + NP))
+    K = np.empty(NX)
+    M = np.empty((NX, NX))
+    x = x0.copy()
+    P = P0.copy()
+    T = len(time)
+    cost = 0.0
+    first = NX + NU
+    for t in range(T):
+        for k in range(len(label)):
+            i = label[k]
+            if math.isnan(y[t, k]):
+                e[t, k] = 0.0
+                S[t, k] = 1.0
+                for j in range(n_params):
+                    J[t, k, j] = 0.0
+                continue
+            error = y[t, k] - x[i]
+            variance = P[i, i] + R[k]
+            cost += error * error / variance + math.log(variance)
+            e[t, k] = error
+            S[t, k] = variance
+            root = 1.0 / math.sqrt(variance)
+            for j in range(n_params):
+                J[t, k, j] = W[i, first + j] * root
+            for m in range(NX):
+                K[m] = P[m, i] / variance
+            for m in range(NX):
+                x[m] += K[m] * error
+                if m != i:
+                    for j in range(n_params):
+                        W[m, first + j] -= K[m] * W[i, first + j]
+            for j in range(n_params):
+                W[i, first + j] *= R[k] / variance  # 1 - K_i without cancellation
+            for m in range(NX):
+                for n in range(NX):
+                    if m != i and n != i:
+                        P[m, n] -= K[m] * P[i, n]
+            for n in range(NX):
+                if n != i:
+                    P[i, n] *= R[k] / variance
+                    P[n, i] = P[i, n]
+            P[i, i] *= R[k] / variance
+        X[t] = x
+        if t == T - 1:
+            break
+        for m in range(NX):
+            for n in range(NX + NU):
+                W[m, n] = 0.0
+            W[m, m] = 1.0
+        step(x, W, D, Q, columns, n_params, u[t], u[t + 1], c, time[t + 1] - time[t], substeps)
+        for m in range(NX):
+            for n in range(NX):
+                total = 0.0
+                for k in range(NX):
+                    total += W[m, k] * P[k, n]
+                M[m, n] = total
+        for m in range(NX):
+            for n in range(m + 1):
+                total = 0.0
+                for k in range(NX):
+                    total += M[m, k] * W[n, k]
+                for k in range(NU):
+                    total += W[m, NX + k] * q[k] * W[n, NX + k]
+                P[m, n] = total
+                P[n, m] = total
+            P[m, m] += Q_x[m]
+    return cost

@@ -1,0 +1,59 @@
+"""The RK4 cell over a record: simulation, with exact sensitivities where wanted."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from joint_id_core.codegen import Kernel
+from joint_id_core.errors import JointIdError
+from joint_id_core.recording import Array
+
+
+def _arrays(
+    kernel: Kernel, x0: Array, time: Array, u: Array, p: Array, substeps: int
+) -> tuple[Array, Array, Array, Array, int]:
+    model = kernel.model
+    shapes = {"x0": (len(model.states),), "u": (len(time), len(model.inputs)), "p": (len(model.parameters),)}
+    arrays = {"x0": x0, "u": u, "p": p}
+    for name, shape in shapes.items():
+        arrays[name] = np.ascontiguousarray(arrays[name], dtype=float)
+        if arrays[name].shape != shape:
+            raise JointIdError(f"{name} for model {model.name} must have shape {shape}, not {arrays[name].shape}")
+    if substeps < 1:
+        raise JointIdError(f"substeps = {substeps}: must be at least 1")
+    return arrays["x0"], np.ascontiguousarray(time, dtype=float), arrays["u"], arrays["p"], int(substeps)
+
+
+def rollout(kernel: Kernel, x0: Array, time: Array, u: Array, p: Array, substeps: int = 1) -> Array:
+    """Simulate a model with `substeps` RK4 steps a sample.
+
+    Args:
+        kernel: from `codegen.compile_model`.
+        x0: start state, shape (n,).
+        time: instants in s, shape (T,).
+        u: inputs at these instants, shape (T, inputs).
+        p: values of all parameters in the model's order, shape (parameters,).
+        substeps: RK4 steps a sample.
+
+    Returns:
+        States, shape (T, n).
+    """
+    x0, time, u, p, substeps = _arrays(kernel, x0, time, u, p, substeps)
+    X = np.empty((len(time), len(x0)))
+    kernel.module.rollout(x0, time, u, p, substeps, X)
+    return X
+
+
+def rollout_sensitivities(
+    kernel: Kernel, x0: Array, time: Array, u: Array, p: Array, substeps: int = 1
+) -> tuple[Array, Array, Array]:
+    """Simulate with the exact derivatives of the discrete recursion (forward sensitivities).
+
+    Returns:
+        X (T, n), dX/dx0 (T, n, n), dX/dp (T, n, len(kernel.sensitive)).
+    """
+    x0, time, u, p, substeps = _arrays(kernel, x0, time, u, p, substeps)
+    T, n = len(time), len(x0)
+    X, Sx, Sp = np.empty((T, n)), np.empty((T, n, n)), np.empty((T, n, len(kernel.sensitive)))
+    kernel.module.rollout_sensitivities(x0, time, u, p, substeps, X, Sx, Sp)
+    return X, Sx, Sp
