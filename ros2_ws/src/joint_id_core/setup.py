@@ -9,12 +9,26 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/joint_id_core"]),
         ("share/joint_id_core", ["package.xml"]),
     ],
-    install_requires=["setuptools", "numpy>=1.26", "scipy>=1.11", "sympy>=1.12", "numba>=0.58", "pyyaml", "rosbags>=0.10", "typer>=0.9"],
+    python_requires=">=3.11",
+    install_requires=[
+        "setuptools",
+        "numpy>=1.26",
+        "scipy>=1.11",
+        "sympy>=1.12",
+        "numba>=0.58",
+        "pyyaml>=6",
+        "rosbags>=0.10",
+        "typer>=0.9",
+    ],
     extras_require={"hpinn": ["torch>=2.1"], "plot": ["matplotlib>=3.6"]},
     zip_safe=True,
     maintainer="joint_id maintainers",
     maintainer_email="maintainers@users.noreply.github.com",
     description="Identification of the dynamics of collaborative robot joints, without ROS.",
     license="Apache-2.0",
-    entry_points={"console_scripts": ["joint-id = joint_id_core.cli:main"]},
+    tests_require=["pytest", "hypothesis"],
+    # A package with a command of its own for joint-id adds it to the group joint_id.commands (joint_id_ros: record).
+    entry_points={
+        "console_scripts": ["joint-id = joint_id_core.cli:main"],
+    },
 )

@@ -1,0 +1,48 @@
+# make setup | test | lint | demo | clean. Each does all set-up that is still missing.
+# Needs: Python 3.11 or 3.12 with venv and headers, gcc, g++, make and a Python package index.
+
+VENV := .venv
+RUN := setup/run
+WS := ros2_ws
+
+# What a change of must bring a new build. Python modules are linked, not copied: they need none.
+BUILD_INPUTS := $(shell find $(WS)/src -type f \( -name '*.msg' -o -name CMakeLists.txt -o -name package.xml \
+	-o -name setup.py -o -name setup.cfg -o -path '*/launch/*.py' -o -path '*/resource/*' \) 2>/dev/null)
+BUILD_TOOLS := setup/build.sh setup/launchers.py setup/drop_missing_includes.cmake
+
+PACKAGES := $(wildcard $(WS)/src/joint_id_core/joint_id_core $(WS)/src/joint_id_ros/joint_id_ros)
+TESTS := $(wildcard $(WS)/src/joint_id_core/test $(WS)/src/joint_id_ros/test tests)
+
+.PHONY: all setup test lint demo clean
+all: setup
+
+setup: $(WS)/install/.built
+
+$(VENV)/.made:
+	@set -e; python=$$(sh setup/find_python.sh); echo "creating $(VENV) with $$python"; \
+	"$$python" -m venv --clear $(VENV); touch $@
+
+$(VENV)/.installed: $(VENV)/.made requirements.txt constraints.txt
+	@echo "installing requirements into $(VENV) (some minutes the first time)"
+	@$(VENV)/bin/python -m pip install --quiet -r requirements.txt -c constraints.txt
+	@touch $@
+
+$(WS)/install/.built: $(VENV)/.installed $(BUILD_INPUTS) $(BUILD_TOOLS)
+	@sh setup/build.sh $(VENV)
+	@touch $@
+
+# One pytest run, the quick unit tests first.
+test: setup
+	$(RUN) python -m pytest --durations=15 $(TESTS)
+
+lint: setup
+	$(RUN) ruff check .
+	$(RUN) ruff format --check .
+	$(RUN) mypy $(PACKAGES)
+
+demo: setup
+	$(RUN) python demo/demo.py
+
+clean:
+	rm -rf $(VENV) $(WS)/build $(WS)/install $(WS)/log out .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,56 @@
+"""Write the workspace's environment to a file and one launcher a console script into the virtual environment.
+
+Run once by setup/build.sh, inside the sourced workspace: sourcing it takes a second, loading the file takes none.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from pathlib import Path
+
+MARK = "# launcher of joint_id, written by make setup"
+
+
+def environment(venv: Path) -> str:
+    """Shell text that sets what the sourced workspace set, whatever the caller's shell has."""
+    own = {name: os.environ[name] for name in ("AMENT_PREFIX_PATH", "PYTHONPATH")}
+    own |= {
+        "VIRTUAL_ENV": str(venv),
+        "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",  # the only one among the wheels
+        "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1",  # LD_LIBRARY_PATH is set below: the wheels need no second start
+    }
+    lines = [MARK] + [f"export {name}={shlex.quote(value)}" for name, value in own.items()]
+    for name, value in (("PATH", f"{venv}/bin"), ("LD_LIBRARY_PATH", os.environ["LD_LIBRARY_PATH"])):
+        lines.append(f'export {name}={shlex.quote(value)}"${{{name}:+:${name}}}"')
+    return "\n".join(lines) + "\n"
+
+
+def scripts(install: Path) -> dict[str, Path]:
+    """Installed console scripts by the name of their launcher."""
+    found = {p.name: p for p in sorted((install / "joint_id_core/lib/joint_id_core").glob("*")) if p.is_file()}
+    nodes = sorted((install / "joint_id_ros/lib/joint_id_ros").glob("*"))
+    return found | {f"joint-id-{p.name.replace('_', '-')}": p for p in nodes if p.is_file()}
+
+
+def main(venv: Path, install: Path) -> None:
+    """Write `<venv>/joint_id.env` and the launchers, and remove launchers of scripts that are gone."""
+    env_file = venv / "joint_id.env"
+    env_file.write_text(environment(venv))
+    targets = scripts(install)
+    for old in (venv / "bin").glob("joint-id*"):
+        if old.name not in targets and MARK in old.read_text(errors="replace"):
+            old.unlink()
+    python = shlex.quote(str(venv / "bin/python"))
+    for name, script in targets.items():
+        launcher = venv / "bin" / name
+        launcher.write_text(
+            f'#!/bin/sh\n{MARK}\n. {shlex.quote(str(env_file))}\nexec {python} {shlex.quote(str(script))} "$@"\n'
+        )
+        launcher.chmod(0o755)
+    print("commands:", " ".join(f".venv/bin/{name}" for name in targets))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]))
