@@ -1,0 +1,81 @@
+"""Recordings in and out: rosbag2 (mcap, sqlite3), CSV and MAT.
+
+`read` picks the format: `.csv`, `.mat`, or a bag, which is a directory with `metadata.yaml` or a bare `.mcap` or
+`.db3` file. Gaps, unequal steps and NaN are kept as they are; nothing is resampled or filled in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from joint_id_core.errors import JointIdError
+from joint_id_core.formats import bag_reader, csv_file, mat_file
+from joint_id_core.formats.bag_writer import write_bag
+from joint_id_core.formats.csv_file import write_csv
+from joint_id_core.recording import Recording
+
+__all__ = ["contents", "joints", "read", "write_bag", "write_csv"]
+
+
+def read(path: str | Path, joint: str | None = None, mapping: Mapping[str, str] | None = None) -> Recording:
+    """Read the recording of one joint.
+
+    Args:
+        path: the file or bag.
+        joint: name of the joint; needed when a bag holds several. CSV and MAT hold one unnamed joint, which then
+            gets this name.
+        mapping: for CSV and MAT, where `time_s` and channels come from: {channel: expression}, an expression being
+            a product of columns and numbers, e.g. {"time_s": "t", "torque": "gtau*vir"}.
+
+    Raises:
+        JointIdError: unreadable or damaged file, wrong types, missing joint, columns that are not understood.
+    """
+    path = Path(path)
+    kind = _kind(path)
+    if kind == "csv":
+        return csv_file.read(path, joint or "", mapping or {})
+    if kind == "mat":
+        return mat_file.read(path, joint or "", mapping or {})
+    if mapping:
+        raise JointIdError(f"{path}: a mapping ({', '.join(mapping)}) is for CSV and MAT files: leave it out for a bag")
+    return bag_reader.read(path, joint)
+
+
+def joints(path: str | Path) -> tuple[str, ...]:
+    """Names of the joints in a bag, in order of appearance; empty for CSV and MAT, which hold one unnamed joint.
+
+    Raises:
+        JointIdError: unreadable or damaged file.
+    """
+    path = Path(path)
+    return bag_reader.joints(path) if _kind(path) == "bag" else ()
+
+
+def contents(path: str | Path) -> tuple[str, ...]:
+    """What the file holds, used or not: columns of a CSV, variables of a MAT file, "topic (type)" of a bag.
+
+    Raises:
+        JointIdError: unreadable or damaged file.
+    """
+    path = Path(path)
+    kind = _kind(path)
+    if kind == "csv":
+        return csv_file.columns(path)
+    return mat_file.variables(path) if kind == "mat" else bag_reader.topics(path)
+
+
+def _kind(path: Path) -> str:
+    """Name of the format of `path`, after checking that there is something to read."""
+    if not path.exists():
+        raise JointIdError(f"{path}: no such file or directory: check the path")
+    if path.is_dir():
+        return "bag"
+    kind = {".csv": "csv", ".mat": "mat", ".mcap": "bag", ".db3": "bag"}.get(path.suffix.lower())
+    if path.name == "metadata.yaml":
+        raise JointIdError(f"{path}: this is the index of a bag: give its directory, {path.parent}")
+    if kind is None:
+        raise JointIdError(f"{path}: not a known format: give a .csv, .mat, .mcap or .db3 file or a bag directory")
+    if path.stat().st_size == 0:
+        raise JointIdError(f"{path}: the file is empty: record it again")
+    return kind

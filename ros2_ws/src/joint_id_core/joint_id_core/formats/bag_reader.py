@@ -1,0 +1,209 @@
+"""rosbag2 in: directories and bare files, mcap and sqlite3.
+
+Topics count by the last part of their name (`topics.py`), so a namespace per robot is fine. The raw topics are
+merged on the union of their stamps, NaN where a topic has no sample; `joint_samples` is read only when there is
+no raw topic. The time of a sample is its `header.stamp`, never the time at which it was recorded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.interfaces import Connection, MessageDefinitionFormat
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from joint_id_core.errors import JointIdError
+from joint_id_core.formats.definitions import typestore
+from joint_id_core.formats.topics import MEASURED_BITS, RAW, SAMPLES, Topic
+from joint_id_core.recording import Array, Recording
+
+
+def read(path: Path, joint: str | None) -> Recording:
+    """Read one joint; `joint` may be None when the bag holds only one. Channels without any value are left out.
+
+    Raises:
+        JointIdError: damaged or foreign bag, no known topic, wrong type, missing joint, stamps that are zero,
+            repeat or go backwards.
+    """
+    seen: dict[str, None] = {}
+    with _opened(path) as reader:
+        parts = [_read_topic(path, reader, topic, c, joint, seen) for topic, c in _known(path, reader)]
+    names = _named(path, seen)
+    if joint is None and len(names) > 1:
+        raise JointIdError(f"{path} holds the joints {', '.join(names)}: choose one of them (--joint {names[0]})")
+    if joint not in (None, *names):
+        raise JointIdError(f"{path} has no joint {joint!r}: it has {', '.join(names)}")
+    joint = names[0] if joint is None else joint
+    merged = _merge([part for part in parts if len(part)], path, joint)
+    if not merged.channels:
+        raise JointIdError(f"{path}: joint {joint} has no value on any topic: record it again")
+    return merged
+
+
+def joints(path: Path) -> tuple[str, ...]:
+    """Names of the joints, in order of appearance.
+
+    Raises:
+        JointIdError: damaged or foreign bag, no known topic, wrong type, no joint named.
+    """
+    names: dict[str, None] = {}
+    with _opened(path) as reader:
+        for _, connection in _known(path, reader):
+            for message in _messages(reader, connection):
+                names.update(dict.fromkeys(message.name))
+    return _named(path, names)
+
+
+def _named(path: Path, seen: dict[str, None]) -> tuple[str, ...]:
+    """The joints seen, at least one."""
+    if not seen:
+        raise JointIdError(f"{path}: the messages name no joint: fill the field 'name' when publishing")
+    return tuple(seen)
+
+
+def topics(path: Path) -> tuple[str, ...]:
+    """Topics and their types, "topic (type)".
+
+    Raises:
+        JointIdError: damaged or foreign bag.
+    """
+    with _opened(path) as reader:
+        return _topics(reader)
+
+
+def _topics(reader: Reader) -> tuple[str, ...]:
+    return tuple(sorted({f"{c.topic} ({c.msgtype})" for c in reader.connections}))
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Reader]:
+    """An open reader; whatever the decoder trips over in damaged bytes becomes one clear error."""
+    if path.is_dir() and not (path / "metadata.yaml").exists():
+        raise JointIdError(
+            f"{path}: not a bag, there is no metadata.yaml in it: give a bag directory or a bare .mcap or .db3 file "
+            "(`ros2 bag reindex` restores a lost metadata.yaml)"
+        )
+    try:
+        with Reader(path) as reader:
+            if not reader.message_count:
+                raise JointIdError(f"{path}: the bag holds no message: record it again while the topics are published")
+            yield reader
+    except JointIdError:
+        raise
+    except Exception as error:  # apsw, struct, yaml and rosbags errors alike: the file is not what it should be
+        what = " ".join(str(error).split()) or type(error).__name__
+        raise JointIdError(
+            f"{path}: not a readable bag, damaged or truncated ({what}): record it again, or try `mcap recover` "
+            "(mcap) or sqlite's `.recover` (db3)"
+        ) from error
+
+
+def _known(path: Path, reader: Reader) -> list[tuple[Topic, Connection]]:
+    """The topics to read, all in one namespace: the raw ones, or else `joint_samples`."""
+    by_name = {topic.name: topic for topic in (*RAW, SAMPLES)}
+    matched = [(by_name[last], c) for c in reader.connections if (last := c.topic.rsplit("/", 1)[-1]) in by_name]
+    if not matched:
+        raise JointIdError(
+            f"{path}: no known topic: it has {', '.join(_topics(reader))}; understood are {', '.join(by_name)}"
+        )
+    for topic, c in matched:
+        if c.msgtype != topic.type:
+            raise JointIdError(f"{path}: topic {c.topic} is of type {c.msgtype}, not {topic.type}: remap or convert it")
+    filled = [(topic, c) for topic, c in matched if c.msgcount]
+    if not filled:
+        raise JointIdError(f"{path}: no message on {', '.join(c.topic for _, c in matched)}: record it again")
+    chosen = [(topic, c) for topic, c in filled if topic is not SAMPLES] or filled
+    if len({c.topic for _, c in chosen}) > len({topic.name for topic, _ in chosen}) or len(_spaces(chosen)) > 1:
+        raise JointIdError(
+            f"{path}: several namespaces hold known topics ({', '.join(_spaces(chosen))}): keep one robot a bag "
+            "(`ros2 bag convert`)"
+        )
+    return chosen
+
+
+def _spaces(chosen: list[tuple[Topic, Connection]]) -> list[str]:
+    return sorted({c.topic.rpartition("/")[0] or "/" for _, c in chosen})
+
+
+def _store(connection: Connection) -> Typestore:
+    """Our own definitions, or those in the bag where they differ."""
+    store, kind = typestore(), connection.msgdef.format
+    known = connection.digest in ("", store.hash_rihs01(connection.msgtype))
+    if known or kind is MessageDefinitionFormat.NONE:
+        return store
+    own = get_typestore(Stores.ROS2_JAZZY)
+    text = connection.msgdef.data
+    is_msg = kind is MessageDefinitionFormat.MSG
+    own.register(get_types_from_msg(text, connection.msgtype) if is_msg else get_types_from_idl(text))
+    return own
+
+
+def _messages(reader: Reader, connection: Connection) -> Iterator[Any]:
+    """Decoded messages of one topic.
+
+    Raises:
+        JointIdError: fewer messages than the bag's index promises.
+    """
+    store, count = _store(connection), 0
+    for _, _, data in reader.messages([connection]):
+        yield store.deserialize_cdr(data, connection.msgtype)
+        count += 1
+    if count < connection.msgcount:
+        raise JointIdError(
+            f"{reader.path}: truncated, {connection.topic} has {count} of {connection.msgcount} messages: record it again"
+        )
+
+
+def _read_topic(
+    path: Path, reader: Reader, topic: Topic, connection: Connection, joint: str | None, seen: dict[str, None]
+) -> Recording:
+    """The samples of one joint (None: the first that is named) on one topic; notes all names in `seen`."""
+    where = f"{path}, topic {connection.topic}"
+    times: list[float] = []
+    columns: dict[str, list[float]] = {name: [] for name in topic.fields.values()}
+    never = np.zeros(len(columns), dtype=bool)  # channels that were not measured in some message
+    for number, message in enumerate(_messages(reader, connection)):
+        seen.update(dict.fromkeys(message.name))
+        if joint is None:
+            joint = next(iter(seen), None)
+        if joint not in message.name:
+            continue
+        index, length = message.name.index(joint), len(message.name)
+        stamp = message.header.stamp
+        times.append((stamp.sec * 10**9 + stamp.nanosec) / 10**9)  # integers divide with one rounding
+        for k, (field, name) in enumerate(topic.fields.items()):
+            values = getattr(message, field)
+            if len(values) not in (0, length):
+                raise JointIdError(
+                    f"{where}: message {number} has {len(values)} values of {field} for {length} joints: mend the publisher"
+                )
+            value = float(values[index]) if len(values) else np.nan
+            columns[name].append(value)
+            if topic is SAMPLES and not message.measured & MEASURED_BITS[name] and value == value:
+                never[k] = True
+    if len(times) > 1 and not any(times):
+        raise JointIdError(f"{where}: every header.stamp is zero: stamp the messages when publishing")
+    channels = {name: np.array(column) for name, column in columns.items()}
+    derived = frozenset(name for name, flag in zip(columns, never, strict=True) if flag)
+    return Recording(np.array(times), channels, derived, source=where, joint=joint or "")
+
+
+def _merge(parts: list[Recording], path: Path, joint: str) -> Recording:
+    """All topics on the union of their stamps."""
+    time = np.unique(np.concatenate([part.time for part in parts]))
+    channels: dict[str, Array] = {}
+    for part in parts:
+        rows = np.searchsorted(time, part.time)
+        for name, values in part.channels.items():
+            if np.isnan(values).all():
+                continue
+            channels[name] = np.full(time.shape, np.nan)
+            channels[name][rows] = values
+    derived = frozenset(name for part in parts for name in part.derived if name in channels)
+    return Recording(time, channels, derived, source=str(path), joint=joint)

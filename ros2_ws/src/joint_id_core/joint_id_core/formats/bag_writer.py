@@ -1,0 +1,113 @@
+"""rosbag2 out: self-contained bags of version 9, as ROS 2 Jazzy writes them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from joint_id_core.errors import JointIdError
+from joint_id_core.formats.definitions import typestore
+from joint_id_core.formats.topics import MEASURED_BITS, RAW, SAMPLES, Topic
+from joint_id_core.recording import Array, Recording
+
+_PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
+_MAX_STAMP = 2**31  # s, header.stamp.sec is an int32
+
+
+def write_bag(path: str | Path, recordings: Mapping[str, Recording], storage: str = "mcap") -> None:
+    """Write the recordings of one robot by joint name into a new bag directory.
+
+    They go to the raw topics (`link_states`, `motor_states`, ...) when those can carry every channel, and else
+    (accelerations, derived channels) to `joint_samples`. Stamps are rounded to 1 ns; values read back exactly.
+
+    Raises:
+        JointIdError: the path exists, unknown storage, nothing to write, a channel that no message carries,
+            times that a stamp cannot hold.
+    """
+    path = Path(path)
+    if storage not in _PLUGINS:
+        raise JointIdError(f"storage {storage!r}: choose one of {', '.join(_PLUGINS)}")
+    if path.exists():
+        raise JointIdError(f"{path} exists already: remove it or choose another name")
+    _check(path, recordings)
+    store = typestore()
+    raw = {name for topic in RAW for name in topic.fields.values()}
+    fits = all(set(r.channels) <= raw and not r.derived for r in recordings.values())
+    used = {name for r in recordings.values() for name in r.channels}
+    topics = [t for t in RAW if used & set(t.fields.values())] if fits else [SAMPLES]
+    with Writer(path, version=9, storage_plugin=_PLUGINS[storage]) as writer:
+        connections = {t.name: writer.add_connection(f"/{t.name}", t.type, typestore=store) for t in topics}
+        for stamp, rows in _rows(path, recordings):
+            for topic in topics:
+                for message in _messages(topic, stamp, rows):
+                    data = store.serialize_cdr(message, topic.type)
+                    writer.write(connections[topic.name], stamp, data)
+
+
+def _check(path: Path, recordings: Mapping[str, Recording]) -> None:
+    """Refuse what no message can carry, before anything is created."""
+    if not any(len(r) and r.channels for r in recordings.values()):
+        raise JointIdError(f"{path}: no sample to write: give at least one recording with a channel")
+    for joint, recording in recordings.items():
+        extra = [name for name in recording.channels if name not in MEASURED_BITS]
+        if extra:
+            raise JointIdError(f"{path}: no message carries {extra[0]} (joint {joint}): leave it out or write a CSV file")
+        if len(recording) and not 0 <= recording.time[0] <= recording.time[-1] < _MAX_STAMP:
+            raise JointIdError(
+                f"{path}: joint {joint} runs from {recording.time[0]:.9g} to {recording.time[-1]:.9g} s, a stamp holds "
+                f"0 to {_MAX_STAMP} s: shift the time"
+            )
+
+
+def _stamps(path: Path, joint: str, time: Array) -> Array:
+    """Times as integer nanoseconds; whole seconds apart, so that large times keep their digits."""
+    whole = np.floor(time)
+    stamps = whole.astype(np.int64) * 10**9 + np.rint((time - whole) * 1e9).astype(np.int64)
+    if (np.diff(stamps) <= 0).any():
+        k = int(np.flatnonzero(np.diff(stamps) <= 0)[0])
+        raise JointIdError(f"{path}: joint {joint}, sample {k + 1} comes within 1 ns of the one before: thin it out")
+    return stamps
+
+
+Row = tuple[str, Recording, int]
+
+
+def _rows(path: Path, recordings: Mapping[str, Recording]) -> Iterator[tuple[int, list[Row]]]:
+    """By stamp in ns, in order: which sample of which joint belongs to it."""
+    rows: dict[int, list[Row]] = {}
+    for joint, recording in recordings.items():
+        for k, stamp in enumerate(_stamps(path, joint, recording.time).tolist()):
+            rows.setdefault(stamp, []).append((joint, recording, k))
+    for stamp in sorted(rows):
+        yield stamp, rows[stamp]
+
+
+def _messages(topic: Topic, stamp: int, rows: list[Row]) -> Iterator[Any]:
+    """The messages of one topic at one stamp: one, or one for each set of measured channels."""
+    groups: dict[int, list[Row]] = {}
+    for row in rows:
+        if topic is SAMPLES:
+            groups.setdefault(_mask(row[1]), []).append(row)
+        elif any(name in row[1] for name in topic.fields.values()):
+            groups.setdefault(0, []).append(row)
+    types = typestore().types
+    for mask, group in groups.items():
+        arrays: dict[str, Any] = {}
+        for field, name in topic.fields.items():
+            present = any(name in r for _, r, _ in group)
+            arrays[field] = np.array([r[name][k] if name in r else np.nan for _, r, k in group] if present else [])
+        if topic is SAMPLES:
+            arrays["measured"] = mask
+        elif "effort" in types[topic.type].__dataclass_fields__:
+            arrays.setdefault("effort", np.array([]))
+        time = types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
+        header = types["std_msgs/msg/Header"](stamp=time, frame_id="")
+        yield types[topic.type](header=header, name=[joint for joint, _, _ in group], **arrays)
+
+
+def _mask(recording: Recording) -> int:
+    return sum(bit for name, bit in MEASURED_BITS.items() if name in recording and name not in recording.derived)

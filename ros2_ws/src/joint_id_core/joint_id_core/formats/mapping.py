@@ -1,0 +1,81 @@
+"""Which column feeds which channel: known names, and expressions such as `torque=gtau*vir`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from joint_id_core.errors import JointIdError
+from joint_id_core.signals import CHANNELS
+
+TIME = "time_s"
+TARGETS = (TIME, *CHANNELS)
+
+
+@dataclass(frozen=True)
+class Product:
+    """A number times named columns (repeated where squared)."""
+
+    factor: float
+    names: tuple[str, ...]
+
+
+def plan(path: Path, found: Collection[str], mapping: Mapping[str, str]) -> dict[str, Product]:
+    """Say how time and each channel are made from the columns `found` in a file.
+
+    Columns with a known name are taken as they are unless `mapping` says otherwise; other columns are left alone.
+
+    Returns:
+        By target (`time_s`, channel names), what to multiply; in the order of `TARGETS`.
+
+    Raises:
+        JointIdError: no time, no channel, an unknown target, an expression that is no product of columns.
+    """
+    targets = {name: Product(1.0, (name,)) for name in TARGETS if name in found}
+    for target, expression in mapping.items():
+        if target not in TARGETS:
+            raise JointIdError(f"{path}: cannot map to {target!r}: known are {', '.join(TARGETS)}")
+        targets[target] = _parse(path, target, expression, found)
+    if TIME not in targets or len(targets) < 2:
+        missing = TIME if TIME not in targets else "channel"
+        raise JointIdError(
+            f"{path}: no known {missing} among the columns {', '.join(found)}: understood are {', '.join(TARGETS)} "
+            f"in SI units; name yours, e.g. {_example(found)}"
+        )
+    return {name: targets[name] for name in TARGETS if name in targets}
+
+
+def _parse(path: Path, target: str, expression: str, found: Collection[str]) -> Product:
+    """Split an expression at its `*` signs."""
+    factor, names = 1.0, []
+    for part in (p.strip() for p in expression.split("*")):
+        if part in found:
+            names.append(part)
+            continue
+        try:
+            number = float(part)
+        except ValueError:
+            number = math.nan
+        if not math.isfinite(number):
+            raise JointIdError(
+                f"{path}: {target}={expression}: {part!r} is neither a column nor a number: the columns are "
+                f"{', '.join(found)}"
+            )
+        factor *= number
+    if not names:
+        raise JointIdError(f"{path}: {target}={expression} uses no column: the columns are {', '.join(found)}")
+    return Product(factor, tuple(names))
+
+
+def _example(found: Collection[str]) -> str:
+    """A command line that maps the user's own columns."""
+    own = _own(found)
+    time = TIME if TIME in found else next(own, "t")
+    position = next(own, "q_deg")
+    return f"--map {TIME}={time} --map link_position=0.0174533*{position}"
+
+
+def _own(found: Collection[str]) -> Iterator[str]:
+    return (name for name in found if name not in TARGETS)

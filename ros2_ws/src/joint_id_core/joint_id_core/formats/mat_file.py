@@ -1,0 +1,67 @@
+"""MATLAB files up to version 7: vectors are columns, scalars may be factors in a mapping."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import scipy.io
+
+from joint_id_core.errors import JointIdError
+from joint_id_core.formats.mapping import TIME, plan
+from joint_id_core.recording import Array, Recording
+
+
+def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:
+    """Read a MAT file; `mapping` as in `joint_id_core.formats.read`, e.g. {"torque": "gtau*vir"}.
+
+    Raises:
+        JointIdError: not a MAT file, version 7.3, no time or channel, vectors of different lengths.
+    """
+    found = _load(path)
+    products = plan(path, found, mapping)
+    values: dict[str, Array] = {}
+    for target, product in products.items():
+        parts = [found[name] for name in product.names]
+        lengths = {part.size for part in parts if part.size > 1}
+        if len(lengths) > 1:
+            sizes = ", ".join(f"{name} has {found[name].size}" for name in product.names)
+            raise JointIdError(f"{path}: {target} multiplies vectors of different lengths ({sizes}): map others")
+        total = np.asarray(product.factor)
+        for part in parts:
+            total = total * (part if part.size > 1 else part[0])
+        values[target] = np.atleast_1d(total)
+        if values[target].size != values[TIME].size:
+            raise JointIdError(
+                f"{path}: {target} has {values[target].size} values, {TIME} has {values[TIME].size}: they must match"
+            )
+    return Recording(values.pop(TIME), values, source=str(path), joint=joint)
+
+
+def variables(path: Path) -> tuple[str, ...]:
+    """Names of the real vectors and scalars in the file.
+
+    Raises:
+        JointIdError: not a MAT file, or version 7.3.
+    """
+    return tuple(_load(path))
+
+
+def _load(path: Path) -> dict[str, Array]:
+    """The vectors and scalars of the file, each of shape (n,)."""
+    try:
+        data = scipy.io.loadmat(path)
+    except NotImplementedError:
+        raise JointIdError(f"{path}: MAT version 7.3 (HDF5) is not read: save it in MATLAB with -v7") from None
+    except Exception as error:  # damaged bytes raise almost anything in the decoder
+        what = str(error) or type(error).__name__
+        raise JointIdError(f"{path}: not a readable MAT file ({' '.join(what.split())}): save it again") from None
+    found = {}
+    for name, value in data.items():
+        array = np.asarray(value)
+        if array.dtype.kind in "fiub" and array.size and max(array.shape, default=1) == array.size:
+            found[name] = array.ravel().astype(float)
+    if not found:
+        raise JointIdError(f"{path}: no real vector in this MAT file: save the signals as vectors, not in structures")
+    return found

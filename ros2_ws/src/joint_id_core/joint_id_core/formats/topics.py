@@ -1,0 +1,44 @@
+"""Which topic, message type and field carries which channel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic by the last part of its name, its type, and the channel in each array field."""
+
+    name: str
+    type: str
+    fields: Mapping[str, str]
+
+
+RAW = (
+    Topic(
+        "link_states",
+        JOINT_STATE,
+        {"position": "link_position", "velocity": "link_velocity", "effort": "current"},  # effort in A, not Nm
+    ),
+    Topic("motor_states", JOINT_STATE, {"position": "motor_position", "velocity": "motor_velocity"}),
+    Topic("motor_voltages", "joint_id_msgs/msg/MotorVoltages", {"voltage": "voltage"}),
+    Topic("motor_torques", "joint_id_msgs/msg/MotorTorques", {"torque": "torque"}),
+)
+
+# Bit of each channel in JointSamples.measured.
+MEASURED_BITS = {
+    "motor_position": 1,
+    "motor_velocity": 2,
+    "motor_acceleration": 4,
+    "link_position": 8,
+    "link_velocity": 16,
+    "link_acceleration": 32,
+    "current": 64,
+    "voltage": 128,
+    "torque": 256,
+}
+
+SAMPLES = Topic("joint_samples", "joint_id_msgs/msg/JointSamples", {name: name for name in MEASURED_BITS})
