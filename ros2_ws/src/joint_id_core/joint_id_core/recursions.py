@@ -63,6 +63,7 @@ def innovations(
     u: Any,
     y: Any,
     label: Any,
+    gap: Any,
     R: Any,
     q: Any,
     Q_x: Any,
@@ -78,7 +79,8 @@ def innovations(
 
     x0 (NX), P0 (NX, NX): start and its covariance. y (T, NY): labels, NaN where missing; label (NY): their
     state; R (NY): their noise variance. q (NU): variance of the input noise, per sample. Q_x (NX): small
-    variance added to the states per sample. n_params: NP, or 0 to leave the sensitivities out.
+    variance added to the states per sample. gap (T): missing samples before the next one; over a gap the
+    held input is uncertain by as much as it is seen to change. n_params: NP, or 0 to leave the sensitivities out.
     Receives X (T, NX) filtered states, e, S (T, NY) innovations and their variance (0, 1 where missing)
     and J (T, NY, NP) the derivative of the predicted label by the parameters, divided by sqrt(S).
     """
@@ -89,6 +91,7 @@ def innovations(
     D = np.empty((NX, NX + NU + NP))
     Q = np.empty((NX, NX + NU + NP))
     K = np.empty(NX)
+    q_t = np.empty(NU)
     M = np.empty((NX, NX))
     x = x0.copy()
     P = P0.copy()
@@ -138,6 +141,8 @@ def innovations(
                 W[m, n] = 0.0
             W[m, m] = 1.0
         step(x, W, D, Q, columns, n_params, u[t], u[t + 1], c, time[t + 1] - time[t], substeps)
+        for k in range(NU):
+            q_t[k] = q[k] + gap[t] * (u[t + 1, k] - u[t, k]) ** 2
         for m in range(NX):
             for n in range(NX):
                 total = 0.0
@@ -150,7 +155,7 @@ def innovations(
                 for k in range(NX):
                     total += M[m, k] * W[n, k]
                 for k in range(NU):
-                    total += W[m, NX + k] * q[k] * W[n, NX + k]
+                    total += W[m, NX + k] * q_t[k] * W[n, NX + k]
                 P[m, n] = total
                 P[n, m] = total
             P[m, m] += Q_x[m]

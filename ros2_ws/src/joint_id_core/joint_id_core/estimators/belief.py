@@ -1,0 +1,78 @@
+"""What is believed of the free parameters: a Gaussian in estimation coordinates.
+
+Coordinates z are the logarithm of positive parameters and the plain value of the others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from joint_id_core.estimate import Estimate
+from joint_id_core.models import Model
+from joint_id_core.problem import Problem
+from joint_id_core.recording import Array
+
+
+class Coordinates:
+    """Maps between physical values of the free parameters and z, and keeps z within the bounds."""
+
+    def __init__(self, model: Model, free: tuple[str, ...]) -> None:
+        rows = [model.parameter(name) for name in free]
+        self.positive = np.array([r.positive for r in rows])
+        lower, upper = np.array([r.lower for r in rows]), np.array([r.upper for r in rows])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self.lower = np.where(self.positive, np.log(np.maximum(lower, 0.0)), lower)
+            self.upper = np.where(self.positive, np.log(np.maximum(upper, 0.0)), upper)
+        self.spread = np.array([r.spread for r in rows])
+
+    def z(self, values: Array) -> Array:
+        """Coordinates of physical values."""
+        return np.where(self.positive, np.log(np.where(self.positive, values, 1.0)), values)
+
+    def values(self, z: Array) -> Array:
+        """Physical values."""
+        return np.where(self.positive, np.exp(np.where(self.positive, z, 0.0)), z)
+
+    def slope(self, z: Array) -> Array:
+        """d value / d z."""
+        return np.where(self.positive, self.values(z), 1.0)
+
+    def clip(self, z: Array) -> Array:
+        """Nearest point within the bounds."""
+        return np.clip(z, self.lower, self.upper)
+
+    def at_bound(self, z: Array) -> Array:
+        """Which coordinates sit on a bound."""
+        return (z <= self.lower) | (z >= self.upper)
+
+
+@dataclass(frozen=True)
+class Belief:
+    """A Gaussian belief: mean (k,) and precision (k, k) in coordinates of the `names`."""
+
+    names: tuple[str, ...]
+    mean: Array
+    precision: Array
+
+    @classmethod
+    def before_data(cls, problem: Problem) -> Belief:
+        """The start values with the spreads of the model's parameter table."""
+        coordinates = Coordinates(problem.model, problem.free)
+        start = [problem.p[problem.model.parameter_names.index(n)] for n in problem.free]
+        return cls(problem.free, coordinates.z(np.array(start)), np.diag(coordinates.spread**-2.0))
+
+    @classmethod
+    def after(cls, estimate: Estimate, model: Model, inflation: float = 1.0) -> Belief:
+        """An estimate as the prior of later data, its covariance times `inflation` (forgetting)."""
+        coordinates = Coordinates(model, estimate.free)
+        z = coordinates.z(np.array([estimate[n].value for n in estimate.free]))
+        scale = 1.0 / coordinates.slope(z)
+        covariance = estimate.covariance * np.outer(scale, scale) * inflation
+        return cls(estimate.free, z, np.linalg.inv(covariance))
+
+    def cost(self, z: Array) -> float:
+        """Squared Mahalanobis distance of z."""
+        d = z - self.mean
+        return float(d @ self.precision @ d)

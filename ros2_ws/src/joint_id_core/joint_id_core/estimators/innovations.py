@@ -1,0 +1,220 @@
+"""The default estimator: the RK4-RNN with innovations feedback (prediction-error method).
+
+Ljung, System Identification (2nd ed., ch. 7) for prediction-error estimation; the cell is the paper's RK4
+cell with the previous label as one more input and the Kalman gain on it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from joint_id_core import rk4
+from joint_id_core.codegen import Kernel, compile_model
+from joint_id_core.estimate import Estimate, ParameterEstimate, Status
+from joint_id_core.estimators.belief import Belief, Coordinates
+from joint_id_core.estimators.gauss_newton import Minimum, minimise
+from joint_id_core.estimators.noise import fit_noise
+from joint_id_core.estimators.recursion import Recursion
+from joint_id_core.estimators.start import input_noise, label_noise
+from joint_id_core.estimators.substeps import stable_substeps
+from joint_id_core.identifiability import judge, verdicts
+from joint_id_core.models import Model
+from joint_id_core.options import check, option
+from joint_id_core.problem import Problem, UnusableError, prepare, unusable
+from joint_id_core.recording import Array, Recording
+
+ANNEALING = (1e6, 1e3)  # input noise times this: feedback from strong to optimal
+NOISE_ROUNDS = 6
+MAX_SUBSTEPS = 64
+EXTRA_STARTS = 6  # when states are not measured, the cost has several minima
+
+
+@dataclass(frozen=True)
+class InnovationsOptions:
+    """Options of the innovations estimator."""
+
+    max_iterations: int = option(100, "Gauss-Newton iterations in one stage", lower=1)
+    substeps: int = option(0, "RK4 steps a sample; 0 finds them", lower=0, upper=MAX_SUBSTEPS)
+    horizon_s: float = option(0.1, "how far ahead the predictions look whose nrmse is reported", "s", lower=0.0)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+Progress = Callable[[str], None]
+
+
+def fit_innovations(
+    model: Model,
+    recording: Recording,
+    values: Mapping[str, float] | None = None,
+    fixed: Collection[str] = (),
+    freed: Collection[str] = (),
+    options: InnovationsOptions | None = None,
+    belief: Belief | None = None,
+    noise: tuple[Array, Array] | None = None,
+    progress: Progress | None = None,
+) -> Estimate:
+    """Fit a model to a recording.
+
+    Args:
+        model: from `models.build`.
+        recording: inputs and at least one measured state.
+        values: start values (values of fixed parameters) that replace the nominal ones.
+        fixed, freed: names to hold although the table frees them, and the other way round.
+        belief: prior from earlier data; the fit then starts there without annealing.
+        noise: variances (labels, inputs) to start from.
+        progress: called with a line of text now and then.
+
+    Raises:
+        JointIdError: misuse of names or values. Poor data come back as an `Estimate` with a status.
+    """
+    begun = time.perf_counter()
+    options = options or InnovationsOptions()
+    tell = progress or (lambda _: None)
+    try:
+        problem = prepare(model, recording, values, fixed, freed)
+    except UnusableError as error:
+        return unusable(model, "innovations", error, recording)
+    table_free = {p.name for p in model.parameters if not p.fixed}
+    extra = tuple(n for n in problem.free if n not in table_free)
+    tell(f"preparing the compiled cell of {model.name}")
+    fit = _Fit(problem, compile_model(model, "tanh", extra), options, belief, tell)
+    found = fit.run(noise)
+    if found is None:
+        error = UnusableError(Status.DIVERGED, f"{recording.source}: {Status.DIVERGED.advice}")
+        return unusable(model, "innovations", error, recording)
+    return fit.estimate(found, time.perf_counter() - begun)
+
+
+class _Fit:
+    """The stages of one fit on one problem."""
+
+    def __init__(
+        self, problem: Problem, kernel: Kernel, options: InnovationsOptions, belief: Belief | None, tell: Progress
+    ) -> None:
+        self.problem, self.kernel, self.options, self.tell = problem, kernel, options, tell
+        self.recursion = Recursion(problem, kernel)
+        self.coordinates = Coordinates(problem.model, problem.free)
+        self.warm = belief is not None
+        self.belief = belief or Belief.before_data(problem)
+        self.R, self.q = label_noise(problem), input_noise(problem)
+        self.substeps = options.substeps
+        self.iterations = 0
+
+    def run(self, noise: tuple[Array, Array] | None) -> Minimum | None:
+        """Anneal, fit noise levels and parameters in turn, refine the step."""
+        if noise is not None:
+            self.R, self.q = noise
+        found = self._from(self.belief.mean, () if self.warm else ANNEALING)
+        if not self.warm and len(self.problem.labels) < len(self.problem.model.states):
+            found = self._best_of_starts(found)
+        if found is None:
+            return None
+        for k in range(NOISE_ROUNDS):
+            self.tell(f"noise levels, round {k + 1}")
+            before = np.concatenate([self.R, self.q])
+            values = self.coordinates.values(found.z)
+            self.R, self.q = fit_noise(self.recursion, values, self.R, self.q, self.substeps)
+            again = self._from(found.z, ())
+            if again is None:
+                return None
+            shift = again.z - found.z
+            found = again
+            settled = np.all(np.abs(np.log(np.concatenate([self.R, self.q]) / before)) < 0.1)
+            if settled or shift @ found.hessian @ shift < 0.01:
+                break
+        return self._refined(found)
+
+    def _from(self, z: Array, annealing: tuple[float, ...]) -> Minimum | None:
+        """Minimise from z through the annealing stages, the last one at the present noise levels."""
+        found: Minimum | None = None
+        for factor in (*annealing, 1.0):
+            if not self.options.substeps:
+                values = self.recursion.values(self.coordinates.values(z))
+                self.substeps = max(self.substeps, stable_substeps(self.problem, values))
+            tolerance = 0.01 if factor == 1.0 else 1.0
+            found = minimise(
+                self.recursion, self.coordinates, self.belief, z, self.R, self.q * factor,
+                self.substeps, tolerance, self.options.max_iterations,
+            )  # fmt: skip
+            if found is None:
+                return None
+            self.iterations += found.iterations
+            z = found.z
+        return found
+
+    def _best_of_starts(self, found: Minimum | None) -> Minimum | None:
+        """Repeat from scattered starts and keep the lowest cost."""
+        rng = np.random.default_rng(0)
+        for k in range(EXTRA_STARTS):
+            self.tell(f"start {k + 2} of {EXTRA_STARTS + 1}")
+            scatter = 0.5 * self.coordinates.spread * rng.uniform(-1.0, 1.0, len(self.belief.mean))
+            other = self._from(self.coordinates.clip(self.belief.mean + scatter), ANNEALING)
+            if other is not None and (found is None or other.cost < found.cost):
+                found = other
+        return found
+
+    def _refined(self, found: Minimum) -> Minimum:
+        """Double the substeps until the step error moves no estimate by more than 0.1 sigma."""
+        while not self.options.substeps and self.substeps < MAX_SUBSTEPS:
+            finer = minimise(
+                self.recursion, self.coordinates, self.belief, found.z, self.R, self.q,
+                2 * self.substeps, 0.01, self.options.max_iterations,
+            )  # fmt: skip
+            if finer is None:
+                break
+            self.iterations += finer.iterations
+            sigma = np.sqrt(np.diag(np.linalg.inv(finer.hessian)))
+            moved = np.abs(finer.z - found.z) / sigma
+            if np.all(moved < 0.1):
+                break
+            self.substeps *= 2
+            found = finer
+        return found
+
+    def estimate(self, found: Minimum, elapsed: float) -> Estimate:
+        """Turn the minimum into an `Estimate`."""
+        problem, model = self.problem, self.problem.model
+        values = self.coordinates.values(found.z)
+        p = self.recursion.values(values)
+        covariance_z = np.linalg.inv(found.hessian)
+        slope = self.coordinates.slope(found.z)
+        covariance = covariance_z * np.outer(slope, slope)
+        rows = verdicts(model, problem.free, covariance_z, self.coordinates, found.z)
+        std = dict(zip(problem.free, np.sqrt(np.diag(covariance)), strict=True))
+        initial = dict(zip(model.parameter_names, problem.p, strict=True))
+        parameters = tuple(
+            ParameterEstimate(q.name, q.unit, float(v), float(std.get(q.name, np.nan)), rows[q.name], initial[q.name])
+            for q, v in zip(model.parameters, p, strict=True)
+        )
+        predictions = self._predict(found.last.states, p)
+        nrmse = {}
+        for k, name in enumerate(problem.labels):
+            error, spread = predictions[name] - problem.y[:, k], float(np.nanstd(problem.y[:, k]))
+            nrmse[name] = float(np.sqrt(np.nanmean(error**2)) / spread) if spread > 0 else float("nan")
+        judged = judge(problem, found, nrmse, rows)
+        sigma = np.sqrt(np.concatenate([self.R, self.q]))
+        return Estimate(
+            model=model.name, estimator="innovations", status=judged.status, message=judged.message,
+            parameters=parameters, free=problem.free, covariance=covariance, nrmse=nrmse,
+            noise=dict(zip((*problem.labels, *(f"input {n}" for n in model.input_names)), map(float, sigma), strict=True)),
+            chi2=judged.chi2, whiteness=judged.whiteness, substeps=self.substeps, iterations=self.iterations,
+            elapsed_s=elapsed, start=float(problem.time[0]), end=float(problem.time[-1]),
+            samples=len(problem.time), predictions=predictions,
+        )  # fmt: skip
+
+    def _predict(self, states: Array, p: Array) -> dict[str, Array]:
+        """Labels predicted `horizon_s` ahead at most: free runs restarted from the filtered state."""
+        problem = self.problem
+        block = max(1, round(self.options.horizon_s / problem.period))
+        X = states.copy()
+        for i in range(0, len(problem.time) - 1, block):
+            j = min(i + block, len(problem.time) - 1)
+            run = rk4.rollout(self.kernel, states[i], problem.time[i : j + 1], problem.u[i : j + 1], p, self.substeps)
+            X[i + 1 : j + 1] = run[1:]
+        return {name: X[:, problem.label_states[k]] for k, name in enumerate(problem.labels)}

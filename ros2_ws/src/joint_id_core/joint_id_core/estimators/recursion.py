@@ -1,0 +1,75 @@
+"""One pass of the innovations form over a problem: cost, gradient, Gauss-Newton matrix."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from joint_id_core.codegen import Kernel
+from joint_id_core.estimators.start import start_state
+from joint_id_core.problem import Problem
+from joint_id_core.recording import Array
+
+# Variance that each state gains a sample beside the input noise, relative to the square of its range.
+# It only keeps the covariance positive when an input is exact.
+STATE_NOISE = 1e-18
+
+
+@dataclass(frozen=True)
+class Pass:
+    """Result of one pass. Gradient and matrix are by the physical values of the problem's free parameters.
+
+    Attributes:
+        cost: sum of e^2/S + log S over all labels.
+        residuals: normalised innovations e/sqrt(S), shape (T, labels), 0 where a label is missing.
+        jacobian: derivative of the predicted labels over sqrt(S), shape (T, labels, free).
+        states: filtered states, shape (T, n).
+    """
+
+    cost: float
+    residuals: Array
+    jacobian: Array
+    states: Array
+
+
+class Recursion:
+    """The compiled innovations recursion on fixed data, called with parameters and noise levels."""
+
+    def __init__(self, problem: Problem, kernel: Kernel) -> None:
+        self.problem = problem
+        self.kernel = kernel
+        self.columns = [kernel.sensitive.index(name) for name in problem.free]
+        self.index = np.array([problem.model.parameter_names.index(name) for name in problem.free])
+        mean, spread = start_state(problem)
+        self.x0 = mean
+        self.P0 = np.diag(spread**2)
+        self.Q_x = STATE_NOISE * spread**2
+        T, n, m = len(problem.time), len(mean), len(problem.labels)
+        self._X = np.empty((T, n))
+        self._e, self._S = np.empty((T, m)), np.empty((T, m))
+        self._J = np.empty((T, m, len(kernel.sensitive)))
+
+    def values(self, free: Array) -> Array:
+        """All parameter values with the free ones put in."""
+        p = self.problem.p.copy()
+        p[self.index] = free
+        return p
+
+    def _run(self, free: Array, R: Array, q: Array, substeps: int, n_params: int) -> float:
+        a = self.problem
+        return float(
+            self.kernel.module.innovations(
+                self.x0, self.P0, a.time, a.u, a.y, a.label_states, a.gap, R, q, self.Q_x,
+                self.values(free), substeps, n_params, self._X, self._e, self._S, self._J,
+            )
+        )  # fmt: skip
+
+    def cost(self, free: Array, R: Array, q: Array, substeps: int) -> float:
+        """Cost alone, without sensitivities."""
+        return self._run(free, R, q, substeps, 0)
+
+    def run(self, free: Array, R: Array, q: Array, substeps: int) -> Pass:
+        """Cost, residuals and sensitivities. The arrays are copies."""
+        cost = self._run(free, R, q, substeps, len(self.kernel.sensitive))
+        return Pass(cost, self._e / np.sqrt(self._S), self._J[:, :, self.columns], self._X.copy())

@@ -1,0 +1,90 @@
+"""What this data can and cannot show, and whether the model describes it at all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from joint_id_core.estimate import Status, Verdict
+from joint_id_core.models import Model
+from joint_id_core.problem import Problem
+from joint_id_core.recording import Array
+
+if TYPE_CHECKING:
+    from joint_id_core.estimators.belief import Coordinates
+    from joint_id_core.estimators.gauss_newton import Minimum
+
+# Posterior over prior standard deviation: above the first the data taught next to nothing, above the second
+# less than half of what is needed to call the parameter estimated.
+NOT_EXCITED_RATIO = 0.95
+PRIOR_RATIO = 0.5
+# Lag-one autocorrelation of the innovations beyond which the standard deviations cannot be trusted.
+COLOURED = 0.3
+POOR_NRMSE = 0.5
+
+
+def verdicts(
+    model: Model, free: tuple[str, ...], covariance_z: Array, coordinates: Coordinates, z: Array
+) -> dict[str, Verdict]:
+    """A verdict for every parameter, from the ratio of posterior to prior standard deviation.
+
+    The prior is the spread of the model's table, also when the estimate was warm-started.
+    """
+    ratio = np.sqrt(np.diag(covariance_z)) / coordinates.spread
+    found = dict.fromkeys(model.parameter_names, Verdict.FIXED)
+    for name, r, bound in zip(free, ratio, coordinates.at_bound(z), strict=True):
+        if bound:
+            found[name] = Verdict.AT_BOUND
+        elif r > NOT_EXCITED_RATIO:
+            found[name] = Verdict.NOT_EXCITED
+        else:
+            found[name] = Verdict.PRIOR if r > PRIOR_RATIO else Verdict.ESTIMATED
+    return found
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Status of a fit with its reason in words, and the residual statistics behind it."""
+
+    status: Status
+    message: str
+    chi2: float
+    whiteness: dict[str, float]
+
+
+def judge(
+    problem: Problem, found: Minimum, nrmse: Mapping[str, float], rows: Mapping[str, Verdict]
+) -> Judgement:
+    """Decide how the fit ended: converged, not converged, or converged to a model that does not describe the data."""
+    r = found.last.residuals
+    present = np.isfinite(problem.y)
+    chi2 = float(np.sum(r[present] ** 2) / max(1, present.sum()))
+    whiteness = {}
+    for k, name in enumerate(problem.labels):
+        e = r[present[:, k], k]
+        energy = float(e @ e)
+        whiteness[name] = float(e[1:] @ e[:-1]) / energy if energy > 0 else 0.0
+    unseen = [n for n, v in rows.items() if v in (Verdict.NOT_EXCITED, Verdict.PRIOR)]
+    reasons = []
+    coloured = {n: w for n, w in whiteness.items() if abs(w) > COLOURED}
+    if coloured:
+        worst = max(coloured, key=lambda n: abs(coloured[n]))
+        reasons.append(f"residuals of {worst} are not white (lag-one autocorrelation {coloured[worst]:.2f})")
+    poor = {n: v for n, v in nrmse.items() if v > POOR_NRMSE}
+    if poor:
+        worst = max(poor, key=lambda n: poor[n])
+        reasons.append(f"predictions of {worst} miss by {100 * poor[worst]:.0f} % of its variation")
+    if found.decrement > 1.0:
+        status, message = Status.MAX_ITERATIONS, Status.MAX_ITERATIONS.advice
+    elif reasons:
+        status, message = Status.POOR_FIT, f"{'; '.join(reasons)}: {Status.POOR_FIT.advice}"
+    else:
+        status, message = Status.CONVERGED, "converged"
+    if unseen:
+        message += f"; this motion does not show {', '.join(unseen)}"
+    if problem.dropped:
+        message += f"; {problem.dropped} samples without an input were left out"
+    return Judgement(status, message, chi2, whiteness)

@@ -1,0 +1,166 @@
+"""A recording and a model turned into the arrays that an estimator works on, after all checks."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from joint_id_core.errors import JointIdError
+from joint_id_core.estimate import Estimate, ParameterEstimate, Status, Verdict
+from joint_id_core.filtering import complete
+from joint_id_core.models import Model
+from joint_id_core.recording import Array, Recording
+
+MIN_SAMPLES = 50  # fewer cannot carry a handful of parameters and their covariance
+
+
+class UnusableError(JointIdError):
+    """The data cannot be fitted; `status` says why. Estimators turn it into an `Estimate`."""
+
+    def __init__(self, status: Status, message: str) -> None:
+        super().__init__(message)
+        self.status = status
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Arrays of one estimation.
+
+    Attributes:
+        model: the model to fit.
+        time: instants in s, shape (T,).
+        u: inputs, shape (T, inputs), without NaN.
+        y: labels, shape (T, labels), NaN where missing.
+        labels: their channel names; label_states (labels,): their index among the states.
+        p: start values of all parameters in the model's order.
+        free: names of the parameters to estimate.
+        gap: shape (T,), number of missing samples before the next one.
+        dropped: samples left out because an input was missing.
+        recording: the recording with derived channels.
+    """
+
+    model: Model
+    time: Array
+    u: Array
+    y: Array
+    labels: tuple[str, ...]
+    label_states: np.ndarray
+    p: Array
+    free: tuple[str, ...]
+    gap: Array
+    dropped: int
+    recording: Recording
+
+    @property
+    def period(self) -> float:
+        """Median step in s."""
+        return float(np.median(np.diff(self.time)))
+
+
+def split_parameters(
+    model: Model, values: Mapping[str, float], fixed: Collection[str], freed: Collection[str]
+) -> tuple[Array, tuple[str, ...]]:
+    """Start values of all parameters and the names of those to estimate.
+
+    Raises:
+        JointIdError: unknown name, value out of bounds, nothing left to estimate.
+    """
+    for name in (*fixed, *freed):
+        model.parameter(name)
+    start = model.values(values)
+    free = tuple(q.name for q in model.parameters if (not q.fixed or q.name in freed) and q.name not in fixed)
+    if not free:
+        raise JointIdError(f"model {model.name}: every parameter is fixed, there is nothing to estimate")
+    for name in free:
+        if model.parameter(name).positive and start[name] <= 0.0:
+            raise JointIdError(
+                f"parameter {name} starts at {start[name]:g}: a positive parameter needs a start above zero; "
+                f"give one with --set, or hold it with --fix {name}=0"
+            )
+    return np.array([start[n] for n in model.parameter_names]), free
+
+
+def prepare(
+    model: Model,
+    recording: Recording,
+    values: Mapping[str, float] | None = None,
+    fixed: Collection[str] = (),
+    freed: Collection[str] = (),
+) -> Problem:
+    """Check a recording against a model and lay out the arrays.
+
+    Samples without an input are dropped: the step before them becomes longer. Labels are measured states.
+
+    Raises:
+        UnusableError: too short, no motion, or a signal is missing.
+        JointIdError: misuse of parameter names or values.
+    """
+    p, free = split_parameters(model, values or {}, fixed, freed)
+    if len(recording) < MIN_SAMPLES:
+        raise UnusableError(
+            Status.TOO_SHORT,
+            f"{recording.source} has {len(recording)} samples in this window, a fit needs {MIN_SAMPLES}: "
+            "record longer or widen the window",
+        )
+    if any(n not in recording for n in model.input_names if n not in model.optional_inputs):
+        recording = complete(recording)
+    columns = []
+    for name in model.input_names:
+        if name in recording and np.isfinite(recording[name]).any():
+            columns.append(recording[name])
+        elif name in model.optional_inputs:
+            columns.append(np.zeros(len(recording)))
+        else:
+            raise UnusableError(
+                Status.MISSING_SIGNAL,
+                f"{recording.source} has no {name}, an input of model {model.name}: it has "
+                f"{', '.join(recording.channels) or 'nothing'}; record it, rename a column to it (--map), or use another model",
+            )
+    u = np.column_stack(columns)
+    usable = np.isfinite(u).all(axis=1)
+    labels = tuple(n for n in model.state_names if recording.measured(n))
+    if not labels:
+        raise UnusableError(
+            Status.MISSING_SIGNAL,
+            f"{recording.source} measures none of the states of model {model.name} "
+            f"({', '.join(model.state_names)}): record at least one, or rename a column to it (--map)",
+        )
+    y = np.column_stack([recording[n] for n in labels])[usable]
+    u, time = u[usable], recording.time[usable]
+    if len(time) < MIN_SAMPLES or np.isfinite(y).any(axis=1).sum() < MIN_SAMPLES:
+        raise UnusableError(
+            Status.TOO_SHORT,
+            f"{recording.source}: only {len(time)} samples have all inputs ({', '.join(model.input_names)}), "
+            f"a fit needs {MIN_SAMPLES}: look for missing values with `joint-id info`",
+        )
+    _require_motion(recording.source, labels, y)
+    steps = np.diff(time, append=time[-1])
+    period = float(np.median(steps[:-1]))
+    gap = np.maximum(np.round(steps / period) - 1.0, 0.0)
+    index = np.array([model.state_names.index(n) for n in labels], dtype=np.int64)
+    return Problem(model, time, u, np.ascontiguousarray(y), labels, index, p, free, gap, int((~usable).sum()), recording)
+
+
+def _require_motion(source: str, labels: tuple[str, ...], y: Array) -> None:
+    """Refuse a window in which every label is constant."""
+    with np.errstate(invalid="ignore"):
+        spans = [float(np.nanmax(c) - np.nanmin(c)) if np.isfinite(c).any() else 0.0 for c in y.T]
+    if not any(s > 0.0 for s in spans):
+        raise UnusableError(
+            Status.NO_MOTION,
+            f"{source}: {', '.join(labels)} did not change in this window: move the joint, or check the sensor",
+        )
+
+
+def unusable(model: Model, estimator: str, error: UnusableError, recording: Recording) -> Estimate:
+    """The estimate that stands for data that cannot be fitted: no values, the reason in `message`."""
+    rows = tuple(
+        ParameterEstimate(q.name, q.unit, q.nominal, float("nan"), Verdict.FIXED if q.fixed else Verdict.NOT_EXCITED)
+        for q in model.parameters
+    )
+    span = (float(recording.time[0]), float(recording.time[-1])) if len(recording) else (float("nan"), float("nan"))
+    return Estimate(
+        model.name, estimator, error.status, str(error), rows, start=span[0], end=span[1], samples=len(recording)
+    )
