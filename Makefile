@@ -24,7 +24,7 @@ $(VENV)/.made:
 
 $(VENV)/.installed: $(VENV)/.made requirements.txt constraints.txt
 	@echo "installing requirements into $(VENV) (some minutes the first time)"
-	@$(VENV)/bin/python -m pip install --quiet -r requirements.txt -c constraints.txt
+	@$(VENV)/bin/python -m pip install -qq -r requirements.txt -c constraints.txt
 	@touch $@
 
 $(WS)/install/.built: $(VENV)/.installed $(BUILD_INPUTS) $(BUILD_TOOLS)

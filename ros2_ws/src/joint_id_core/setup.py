@@ -20,13 +20,12 @@ setup(
         "rosbags>=0.10",
         "typer>=0.9",
     ],
-    extras_require={"hpinn": ["torch>=2.1"], "plot": ["matplotlib>=3.6"]},
+    extras_require={"hpinn": ["torch>=2.1"], "plot": ["matplotlib>=3.6"], "test": ["pytest", "hypothesis"]},
     zip_safe=True,
     maintainer="joint_id maintainers",
     maintainer_email="maintainers@users.noreply.github.com",
     description="Identification of the dynamics of collaborative robot joints, without ROS.",
     license="Apache-2.0",
-    tests_require=["pytest", "hypothesis"],
     # A package with a command of its own for joint-id adds it to the group joint_id.commands (joint_id_ros: record).
     entry_points={
         "console_scripts": ["joint-id = joint_id_core.cli:main"],
