@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from joint_id_core.models.base import Model, Ops
@@ -34,7 +35,7 @@ class DCMotor(Model):
 
     friction: str = "coulomb_viscous"
 
-    @property
+    @cached_property
     def _friction(self) -> Friction:
         return Friction(
             "motor_velocity",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from joint_id_core.models.base import Model, Ops
@@ -38,11 +39,11 @@ class Electromechanical(Model):
     gravity: bool = False
     kinematic_error: bool = False
 
-    @property
+    @cached_property
     def _motor_friction(self) -> Friction:
         return motor_friction(self.friction, c_m=3.04e-2, tau_fm=4.464e-2)
 
-    @property
+    @cached_property
     def _link_friction(self) -> Friction:
         tau_fq = Parameter("tau_fq", "Nm", "Coulomb friction at the link", 0.0, lower=0.0, fixed=True)
         return link_friction(self.friction, c_q=4.031e1, tau_fq=tau_fq)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from joint_id_core.models.base import Model, Ops
@@ -62,11 +63,11 @@ class HarmonicDrive(Model):
     gravity: bool = False
     kinematic_error: bool = False
 
-    @property
+    @cached_property
     def _motor_friction(self) -> Friction:
         return motor_friction(self.friction, c_m=1.018e-4, tau_fm=2.291e-2)
 
-    @property
+    @cached_property
     def _link_friction(self) -> Friction:
         tau_fq = positive("tau_fq", "Nm", "Coulomb friction at the link", 2.296)
         return link_friction(self.friction, c_q=1.799, tau_fq=tau_fq)

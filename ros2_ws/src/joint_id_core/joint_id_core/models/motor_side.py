@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from joint_id_core.models.base import Model, Ops
@@ -40,7 +41,7 @@ class MotorSide(Model):
     friction: str = "coulomb_viscous"
     kinematic_error: bool = False
 
-    @property
+    @cached_property
     def _friction(self) -> Friction:
         return motor_friction(self.friction, c_m=1.018e-4, tau_fm=2.291e-2)
 

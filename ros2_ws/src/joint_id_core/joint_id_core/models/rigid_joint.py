@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from joint_id_core.models.base import Model, Ops
@@ -36,7 +37,7 @@ class RigidJoint(Model):
     friction: str = "coulomb_viscous"
     gravity: bool = False
 
-    @property
+    @cached_property
     def _friction(self) -> Friction:
         return Friction(
             "link_velocity",
