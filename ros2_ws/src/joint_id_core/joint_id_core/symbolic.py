@@ -138,7 +138,7 @@ def step_text(model: Model, d: Derivative) -> str:
         for i in range(nx):
             out(f"        x_{i} = b_{i}" + (f" + {at} * hs * k_{i}" if stage else ""))
         for symbol, w in d.signs.items():
-            out(f"        {symbol} = float({show(w)} > 0.0) - float({show(w)} < 0.0)")
+            out(f"        {symbol} = 1.0 * ({show(w)} > 0.0) - 1.0 * ({show(w)} < 0.0)")
         for t, e in temps:
             out(f"        {t} = {show(e)}")
         for i in range(nx):
