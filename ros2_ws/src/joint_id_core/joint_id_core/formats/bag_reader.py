@@ -156,7 +156,8 @@ def _messages(reader: Reader, connection: Connection) -> Iterator[Any]:
         count += 1
     if count < connection.msgcount:
         raise JointIdError(
-            f"{reader.path}: truncated, {connection.topic} has {count} of {connection.msgcount} messages: record it again"
+            f"{reader.path}: truncated, {connection.topic} has {count} of {connection.msgcount} messages: "
+            "record it again"
         )
 
 
@@ -181,7 +182,8 @@ def _read_topic(
             values = getattr(message, field)
             if len(values) not in (0, length):
                 raise JointIdError(
-                    f"{where}: message {number} has {len(values)} values of {field} for {length} joints: mend the publisher"
+                    f"{where}: message {number} has {len(values)} values of {field} for {length} joints: "
+                    "mend the publisher"
                 )
             value = float(values[index]) if len(values) else np.nan
             columns[name].append(value)

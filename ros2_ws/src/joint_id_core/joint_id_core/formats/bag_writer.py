@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.definitions import typestore
-from joint_id_core.formats.topics import MEASURED_BITS, RAW, SAMPLES, Topic
+from joint_id_core.formats.topics import JOINT_STATE, MEASURED_BITS, RAW, SAMPLES, Topic
 from joint_id_core.recording import Array, Recording
 
 _PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
@@ -55,7 +56,9 @@ def _check(path: Path, recordings: Mapping[str, Recording]) -> None:
     for joint, recording in recordings.items():
         extra = [name for name in recording.channels if name not in MEASURED_BITS]
         if extra:
-            raise JointIdError(f"{path}: no message carries {extra[0]} (joint {joint}): leave it out or write a CSV file")
+            raise JointIdError(
+                f"{path}: no message carries {extra[0]} (joint {joint}): leave it out or write a CSV file"
+            )
         if len(recording) and not 0 <= recording.time[0] <= recording.time[-1] < _MAX_STAMP:
             raise JointIdError(
                 f"{path}: joint {joint} runs from {recording.time[0]:.9g} to {recording.time[-1]:.9g} s, a stamp holds "
@@ -63,7 +66,7 @@ def _check(path: Path, recordings: Mapping[str, Recording]) -> None:
             )
 
 
-def _stamps(path: Path, joint: str, time: Array) -> Array:
+def _stamps(path: Path, joint: str, time: Array) -> NDArray[np.int64]:
     """Times as integer nanoseconds; whole seconds apart, so that large times keep their digits."""
     whole = np.floor(time)
     stamps = whole.astype(np.int64) * 10**9 + np.rint((time - whole) * 1e9).astype(np.int64)
@@ -102,7 +105,7 @@ def _messages(topic: Topic, stamp: int, rows: list[Row]) -> Iterator[Any]:
             arrays[field] = np.array([r[name][k] if name in r else np.nan for _, r, k in group] if present else [])
         if topic is SAMPLES:
             arrays["measured"] = mask
-        elif "effort" in types[topic.type].__dataclass_fields__:
+        elif topic.type == JOINT_STATE:
             arrays.setdefault("effort", np.array([]))
         time = types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
         header = types["std_msgs/msg/Header"](stamp=time, frame_id="")

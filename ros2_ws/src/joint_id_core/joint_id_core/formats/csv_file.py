@@ -82,11 +82,9 @@ def _table(path: Path) -> tuple[list[str], list[list[str]], list[int]]:
     filled = [(k, line) for k, line in enumerate(lines, 1) if line.strip()]
     if not filled:
         raise JointIdError(f"{path}: the file holds no line: record it again")
-    delimiter = max(";\t,", key=filled[0][1].count)
-    if delimiter in filled[0][1]:
-        table = [[cell.strip() for cell in row] for row in csv.reader((text for _, text in filled), delimiter=delimiter)]
-    else:
-        table = [line.split() for _, line in filled]
+    frequent = max(";\t,", key=filled[0][1].count)
+    delimiter = frequent if frequent in filled[0][1] else None
+    table = [_cells(line, delimiter) for _, line in filled]
     header, numbers = table[0], [k for k, _ in filled]
     if all(_is_number(cell) for cell in header):
         raise JointIdError(
@@ -101,6 +99,12 @@ def _table(path: Path) -> tuple[list[str], list[list[str]], list[int]]:
     if len(table) == 1:
         raise JointIdError(f"{path}: only a header ({', '.join(header)}), no samples: record it again")
     return header, table[1:], numbers[1:]
+
+
+def _cells(line: str, delimiter: str | None) -> list[str]:
+    """Cells of one line; None splits at spaces."""
+    cells = next(csv.reader([line], delimiter=delimiter)) if delimiter and '"' in line else line.split(delimiter)
+    return [cell.strip() for cell in cells]
 
 
 def _column(path: Path, name: str, index: int, rows: list[list[str]], numbers: list[int]) -> Array:
