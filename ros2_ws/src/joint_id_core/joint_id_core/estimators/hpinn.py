@@ -15,30 +15,32 @@ import numpy as np
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimate import Estimate, ParameterEstimate, Status, Verdict
+from joint_id_core.estimators.start import start_state
+from joint_id_core.estimators.substeps import stable_substeps
+from joint_id_core.identifiability import NOT_EXCITED_RATIO, POOR_NRMSE, PRIOR_RATIO
 from joint_id_core.models import Model
 from joint_id_core.options import check, option
+from joint_id_core.problem import Problem, UnusableError, prepare, unusable
 from joint_id_core.recording import Array, Recording
 
 if TYPE_CHECKING:
     from joint_id_core.hpinn import HPinn
 
-MIN_SAMPLES = 10
 LEVEL_SHARE = 0.1  # the loss has levelled off when its median over this last share of the epochs
-LEVEL_DROP = 0.05  # lies less than this part below its median over the share before
-POOR_NRMSE = 0.5  # a label whose free-run error exceeds this part of its standard deviation is not described
-TORSION = "torsion"  # the extra label dtheta = theta_m / N - q
+LEVEL_DROP = 0.05  # lies less than this part below its median over the same number of epochs before
+TORSION = "torsion"  # the paper's extra label dtheta = theta_m / N - q
 
 
 @dataclass(frozen=True)
 class HPinnOptions:
-    """Options of the H-PINN. The paper trains for 300 to 1000 epochs; it does not print its learning rates."""
+    """Options of the H-PINN. The paper trains for 300 to 1000 epochs and does not print its learning rates."""
 
     epochs: int = option(300, "training epochs, each one simulation of the whole record", lower=1)
-    learning_rate: float = option(0.01, "RMSProp step at the start, relative to each parameter's start value", lower=0.0)
+    learning_rate: float = option(0.01, "first RMSProp step, relative to each parameter's start value", lower=0.0)
     decay_at: tuple[float, ...] = option((0.5, 0.75, 0.9), "shares of the epochs at which the learning rate decays")
     decay_factor: float = option(0.3, "factor of each decay of the learning rate", lower=0.0, upper=1.0)
-    substeps: int = option(1, "Runge-Kutta steps a sample", lower=1, upper=1000)
-    friction: str = option("sign", "direction of Coulomb friction: sign as in the paper, or smoothed", choices=("sign", "tanh"))
+    substeps: int = option(0, "RK4 steps a sample, 1 in the paper; 0 finds a stable number", lower=0, upper=64)
+    friction: str = option("sign", "Coulomb friction: sign as in the paper, or smoothed", choices=("sign", "tanh"))
     torsion_label: bool = option(True, "add the torsion theta_m/N - q as a label where both angles are measured")
     bounds: str = option("", "intervals of parameters as name=lower:upper, separated by commas")
 
@@ -51,7 +53,7 @@ class HPinnOptions:
         """`bounds` by parameter.
 
         Raises:
-            JointIdError: text that is not name=lower:upper, an unknown parameter, or lower above upper.
+            JointIdError: text that is not name=lower:upper, an unknown parameter, or lower not below upper.
         """
         found = {}
         for item in filter(None, (part.strip() for part in self.bounds.split(","))):
@@ -61,92 +63,216 @@ class HPinnOptions:
             except ValueError:
                 raise JointIdError(f"option bounds: cannot read {item!r}: write name=lower:upper") from None
             if not lower < upper:
-                raise JointIdError(f"option bounds: {item!r} is empty: the lower end must be below the upper")
+                raise JointIdError(f"option bounds: {item!r} holds no value: put the lower end first")
             found[model.parameter(name).name] = (lower, upper)
         return found
 
 
 @dataclass(frozen=True)
-class _Data:
-    """What the network is trained on. `mix` (labels, states) maps states to labels, the torsion included."""
+class Labels:
+    """What the loss compares: `y` (T, m), NaN where not measured, and how it comes from the states.
 
-    time: Array
-    u: Array
-    x0: Array
+    `mix` (m, m - 1 or m) makes labels of the measured states: the identity, and a row for the torsion.
+    """
+
     names: tuple[str, ...]
-    labels: Array
+    y: Array
     mix: Array
-    notes: tuple[str, ...]
+    states: np.ndarray
+
+
+def make_labels(problem: Problem, torsion: bool) -> Labels:
+    """Labels of a problem, with the torsion where it is wanted and both angles are measured.
+
+    A label that is zero throughout is left out: Eq 2 gives it no finite weight.
+    """
+    used = [k for k in range(len(problem.labels)) if np.any(np.nan_to_num(problem.y[:, k]) != 0.0)]
+    names = tuple(problem.labels[k] for k in used)
+    mix, y = np.eye(len(names)), problem.y[:, used]
+    if torsion and {"motor_position", "link_position"} <= set(names):
+        row = np.zeros((1, len(names)))
+        row[0, names.index("motor_position")] = 1.0 / problem.p[problem.model.parameter_names.index("N")]
+        row[0, names.index("link_position")] = -1.0
+        mix, names = np.vstack([mix, row]), (*names, TORSION)
+        motor, link = (y[:, np.flatnonzero(row[0] > 0)[0]], y[:, np.flatnonzero(row[0] < 0)[0]])
+        y = np.column_stack([y, row[0].max() * motor - link])
+    return Labels(names, y, mix, problem.label_states[used])
 
 
 def fit_hpinn(
     model: Model,
     recording: Recording,
-    values: Mapping[str, float],
-    fixed: Collection[str],
+    values: Mapping[str, float] | None = None,
+    fixed: Collection[str] = (),
+    freed: Collection[str] = (),
     options: HPinnOptions | None = None,
-    progress: Callable[[int, int, float], None] | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> Estimate:
     """Train the H-PINN on a recording.
 
-    The result is the epoch of lowest loss. The covariance is that of the weighted least-squares minimum
-    (Gauss-Newton, sandwich form) with one noise level a label taken from its residuals; it holds for white residuals.
-    CONVERGED means that the loss has levelled off (`LEVEL_SHARE`, `LEVEL_DROP`) and that every label is described.
+    The result is the epoch of lowest loss. CONVERGED means that the loss has levelled off (`LEVEL_SHARE`,
+    `LEVEL_DROP`) and that every label is described. The covariance is that of the weighted least-squares minimum
+    with one noise level a label, taken from its residuals, and holds only for white residuals.
 
     Args:
-        model: the joint model.
-        recording: inputs without NaN; any measured subset of the states as labels.
-        values: start values of parameters, SI units; the model's nominal values for those left out.
-        fixed: names of the parameters that are held.
+        model: from `models.build`.
+        recording: inputs without NaN and at least one measured state.
+        values: start values (values of fixed parameters) that replace the nominal ones.
+        fixed, freed: names to hold although the table frees them, and the other way round.
         options: see `HPinnOptions`.
-        progress: called after each epoch with (epochs done, epochs in all, loss).
+        progress: called with a line of text now and then.
 
     Raises:
-        JointIdError: PyTorch is missing, NaN in an input, nothing left to train, or a bad value, name or bound.
+        JointIdError: torch is not installed, NaN in an input, misuse of names, values or bounds. Poor data
+            come back as an `Estimate` with a status.
     """
-    begin = clock.perf_counter()
+    begun = clock.perf_counter()
     options = options or HPinnOptions()
-    from joint_id_core.hpinn import HPinn  # needs torch, which is optional
+    from joint_id_core.hpinn import HPinn  # says so where torch is missing
 
-    start = model.values(values)
-    for name in fixed:
-        model.parameter(name)
-    trainable = tuple(name for name in model.parameter_names if name not in fixed)
-    if not trainable:
-        raise JointIdError(f"all parameters of {model.name} are fixed: free at least one")
-    net = HPinn(model, start, trainable, options.intervals(model), options.friction, options.substeps)  # type: ignore[arg-type]  # choices are checked
-
-    def result(status: Status, message: str, rows: dict[str, tuple[float, Verdict]], **fields: object) -> Estimate:
-        held = (float("nan"), Verdict.FIXED)
-        table = tuple(
-            ParameterEstimate(p.name, p.unit, net.values[p.name], *rows.get(p.name, held), initial=start[p.name])
-            for p in model.parameters
+    try:
+        problem = prepare(model, recording, values, fixed, freed)
+    except UnusableError as error:
+        return unusable(model, "hpinn", error, recording)
+    if problem.dropped:
+        raise JointIdError(
+            f"{recording.source}: {problem.dropped} samples have no {' or no '.join(model.input_names)}, and the hpinn "
+            "simulates the whole record: cut the record there, or choose the innovations estimator"
         )
-        span = (float(recording.time[0]), float(recording.time[-1])) if len(recording) else (float("nan"),) * 2
-        elapsed = clock.perf_counter() - begin
-        return Estimate(
-            model.name, "hpinn", status, message, table, start=span[0], end=span[1],
-            substeps=options.substeps, elapsed_s=elapsed, **fields,  # type: ignore[arg-type]  # Estimate fields
-        )  # fmt: skip
+    labels = make_labels(problem, options.torsion_label)
+    substeps = options.substeps or stable_substeps(problem, problem.p)
+    start = dict(zip(model.parameter_names, problem.p.tolist(), strict=True))
+    net = HPinn(model, start, problem.free, options.intervals(model), options.friction, substeps)  # type: ignore[arg-type]  # choices are checked
+    x0 = start_state(problem)[0]
+    history, finite = _train(net, problem, labels, x0, options, progress or (lambda _: None))
+    if not history:
+        message = f"{recording.source}: the simulation from the start values is not finite: {Status.DIVERGED.advice}"
+        return unusable(model, "hpinn", UnusableError(Status.DIVERGED, message), recording)
+    return _estimate(net, problem, labels, x0, start, history, finite, clock.perf_counter() - begun)
 
-    unknown = dict.fromkeys(trainable, (float("nan"), Verdict.NOT_EXCITED))
-    data = _prepare(model, recording, start, options.torsion_label)
-    if isinstance(data, tuple):
-        return result(*data, unknown)
-    history, finite = _train(net, data, options, progress)
-    if not np.isfinite(min(history, default=np.nan)):
-        cure = "raise substeps (the Runge-Kutta step may be unstable), or check units, N and start values"
-        return result(Status.DIVERGED, f"the simulation is not finite: {cure}", unknown, iterations=len(history))
 
-    predicted, jacobian = _predict(net, data)
-    free, covariance, noise = _covariance(net, data, predicted, jacobian)
-    rows = _verdicts(net, free, covariance)
-    nrmse = _nrmse(data, predicted)
-    status, message = _judge(history, finite, nrmse)
-    notes = [message, *data.notes, "standard deviations assume white residuals"]
-    if net.at_bound:
-        notes.append(f"at its bound: {', '.join(net.at_bound)}")
-    return result(
-        status, "; ".join(notes), rows, free=free, covariance=covariance, nrmse=nrmse, noise=noise,
-        iterations=len(history), samples=len(data.time), predictions=dict(zip(data.names, predicted.T, strict=True)),
+def _train(
+    net: HPinn, problem: Problem, labels: Labels, x0: Array, options: HPinnOptions, tell: Callable[[str], None]
+) -> tuple[list[float], bool]:
+    """RMSProp with piecewise constant learning rate (paper section III), constraints after every step.
+
+    Leaves the weights of the best epoch in `net`. Returns the loss of each epoch and whether all were finite.
+    """
+    import torch
+
+    from joint_id_core.hpinn import label_weights, wmse
+
+    # Keras defaults of RMSprop, which the paper used: forgetting factor and epsilon differ from torch's.
+    optimizer = torch.optim.RMSprop([net.weight], lr=options.learning_rate, alpha=0.9, eps=1e-7)
+    milestones = [round(share * options.epochs) for share in options.decay_at]
+    schedule = torch.optim.lr_scheduler.MultiStepLR(optimizer, milestones, options.decay_factor)
+    weights, y = torch.from_numpy(label_weights(labels.y)), torch.from_numpy(labels.y)
+    mix, start, history = torch.from_numpy(labels.mix), torch.from_numpy(x0), list[float]()
+    best, finite = net.weight.detach().clone(), True
+    for epoch in range(options.epochs):
+        optimizer.zero_grad()
+        loss = wmse(net(start, problem.time, problem.u)[:, labels.states] @ mix.T, y, weights)
+        loss.backward()  # type: ignore[no-untyped-call]  # torch leaves it untyped
+        finite = bool(torch.isfinite(loss)) and bool(torch.isfinite(net.weight.grad).all())
+        if not finite:
+            break
+        if loss.item() < min(history, default=np.inf):
+            best = net.weight.detach().clone()
+        history.append(loss.item())
+        if epoch % 50 == 0:
+            tell(f"epoch {epoch} of {options.epochs}, loss {history[-1]:.3g}")
+        optimizer.step()
+        schedule.step()
+        net.project()
+    with torch.no_grad():
+        net.weight.copy_(best)
+    return history, finite
+
+
+def _levelled_off(history: list[float]) -> bool:
+    share = max(1, round(LEVEL_SHARE * len(history)))
+    if len(history) < 2 * share + 1:
+        return False
+    last, before = np.median(history[-share:]), np.median(history[-2 * share : -share])
+    return bool(last >= (1.0 - LEVEL_DROP) * before)
+
+
+def _covariance(jacobian: Array, labels: Labels, weights: Array, residuals: Array) -> tuple[Array, Array]:
+    """Covariance of the minimum of the WMSE, and the noise standard deviation of each measured state.
+
+    `jacobian` (T, states, k) is that of the measured states. The loss weighs labels by Eq 2 and not by their
+    noise, and the torsion repeats noise of the two angles, so this is H^-1 S H^-1 with the
+    Gauss-Newton Hessian H and the score's covariance S, not H^-1 alone.
+    """
+    known = np.isfinite(labels.y)
+    by_label = np.einsum("ls,tsk->tlk", labels.mix, jacobian)
+    pull = known * (weights**2 / known.sum(0))
+    hessian = np.einsum("tl,tlk,tlj->kj", pull, by_label, by_label)
+    n = labels.mix.shape[1]
+    noise = np.sqrt(np.nanmean(residuals[:, :n] ** 2, axis=0))
+    score = np.einsum("tl,tlk,ls,s->tsk", pull, by_label, labels.mix, noise)
+    scale = np.sqrt(np.diag(hessian)) + 1e-300
+    inverse = np.linalg.pinv(hessian / np.outer(scale, scale), rcond=1e-13, hermitian=True) / np.outer(scale, scale)
+    return inverse @ np.einsum("tsk,tsj->kj", score, score) @ inverse, noise
+
+
+def _verdict(model: Model, name: str, value: float, sd: float) -> Verdict:
+    p = model.parameter(name)
+    ratio = sd / (p.spread * (value if p.positive else 1.0))
+    if not ratio <= NOT_EXCITED_RATIO:
+        return Verdict.NOT_EXCITED
+    return Verdict.PRIOR if ratio > PRIOR_RATIO else Verdict.ESTIMATED
+
+
+def _estimate(
+    net: HPinn, problem: Problem, labels: Labels, x0: Array, start: dict[str, float],
+    history: list[float], finite: bool, elapsed: float,
+) -> Estimate:  # fmt: skip
+    """Simulate with the trained parameters and turn what comes out into an `Estimate`."""
+    from joint_id_core.hpinn import label_weights
+
+    model, values = net.model, net.values
+    states, sensitivity = net.sensitivities(x0, problem.time, problem.u)
+    free = tuple(name for name in net.trainable if name not in net.at_bound)
+    columns = [net.trainable.index(name) for name in free]
+    predicted = states[:, labels.states] @ labels.mix.T
+    residuals = predicted - labels.y
+    jacobian = sensitivity[:, labels.states][:, :, columns]
+    covariance, noise = _covariance(jacobian, labels, label_weights(labels.y), residuals)
+    sd = dict(zip(free, np.sqrt(np.diag(covariance)), strict=True))
+    found = dict.fromkeys(model.parameter_names, Verdict.FIXED) | dict.fromkeys(net.at_bound, Verdict.AT_BOUND)
+    found |= {name: _verdict(model, name, values[name], s) for name, s in sd.items()}
+    rows = tuple(
+        ParameterEstimate(p.name, p.unit, values[p.name], float(sd.get(p.name, np.nan)), found[p.name], start[p.name])
+        for p in model.parameters
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        nrmse = np.sqrt(np.nanmean(residuals**2, axis=0)) / np.nanstd(labels.y, axis=0)
+    fit = dict(zip(labels.names, nrmse.tolist(), strict=True))
+    status, message = _judge(history, finite, fit, found)
+    return Estimate(
+        model.name, "hpinn", status, message, rows, free=free, covariance=covariance, nrmse=fit,
+        noise=dict(zip(labels.names, noise.tolist(), strict=False)), substeps=net.substeps, iterations=len(history),
+        elapsed_s=elapsed, start=float(problem.time[0]), end=float(problem.time[-1]), samples=len(problem.time),
+        predictions=dict(zip(labels.names, predicted.T, strict=True)),
     )  # fmt: skip
+
+
+def _judge(
+    history: list[float], finite: bool, nrmse: Mapping[str, float], found: Mapping[str, Verdict]
+) -> tuple[Status, str]:
+    worst = max(nrmse, key=lambda name: nrmse[name])
+    if not finite:
+        status, text = Status.DIVERGED, f"the simulation left the finite numbers at epoch {len(history)}: values are of the best epoch"
+    elif nrmse[worst] > POOR_NRMSE:
+        miss = f"the simulation of {worst} misses by {100 * nrmse[worst]:.0f} % of its variation"
+        status, text = Status.POOR_FIT, f"{miss}: {Status.POOR_FIT.advice}"
+    elif not _levelled_off(history):
+        status, text = Status.MAX_ITERATIONS, "the loss still falls: train for more epochs or at a higher learning rate"
+    else:
+        status, text = Status.CONVERGED, "the loss has levelled off"
+    text += "; standard deviations assume white residuals"
+    for verdict, words in ((Verdict.AT_BOUND, "at a bound"), (Verdict.NOT_EXCITED, "this motion does not show")):
+        names = [name for name, v in found.items() if v is verdict]
+        text += f"; {words}: {', '.join(names)}" if names else ""
+    return status, text

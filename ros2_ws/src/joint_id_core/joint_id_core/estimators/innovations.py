@@ -28,7 +28,7 @@ from joint_id_core.problem import Problem, UnusableError, prepare, unusable
 from joint_id_core.recording import Array, Recording
 
 ANNEALING = (1e6, 1e3)  # input noise times this: feedback from strong to optimal
-NOISE_ROUNDS = 6
+NOISE_ROUNDS = 8
 MAX_SUBSTEPS = 64
 EXTRA_STARTS = 6  # when states are not measured, the cost has several minima
 
@@ -56,7 +56,7 @@ def fit_innovations(
     freed: Collection[str] = (),
     options: InnovationsOptions | None = None,
     belief: Belief | None = None,
-    noise: tuple[Array, Array] | None = None,
+    previous: Estimate | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
     """Fit a model to a recording.
@@ -66,8 +66,8 @@ def fit_innovations(
         recording: inputs and at least one measured state.
         values: start values (values of fixed parameters) that replace the nominal ones.
         fixed, freed: names to hold although the table frees them, and the other way round.
-        belief: prior from earlier data; the fit then starts there without annealing.
-        noise: variances (labels, inputs) to start from.
+        belief: prior from earlier data; without it the start values with the spreads of the parameter table.
+        previous: a converged estimate of the same joint to start from, without annealing (warm start).
         progress: called with a line of text now and then.
 
     Raises:
@@ -84,7 +84,8 @@ def fit_innovations(
     extra = tuple(n for n in problem.free if n not in table_free)
     tell(f"preparing the compiled cell of {model.name}")
     fit = _Fit(problem, compile_model(model, "tanh", extra), options, belief, tell)
-    found = fit.run(noise)
+    found = fit.warm(previous) if previous is not None and previous.converged else None
+    found = found or fit.cold()
     if found is None:
         error = UnusableError(Status.DIVERGED, f"{recording.source}: {Status.DIVERGED.advice}")
         return unusable(model, "innovations", error, recording)
@@ -100,43 +101,54 @@ class _Fit:
         self.problem, self.kernel, self.options, self.tell = problem, kernel, options, tell
         self.recursion = Recursion(problem, kernel)
         self.coordinates = Coordinates(problem.model, problem.free)
-        self.warm = belief is not None
         self.belief = belief or Belief.before_data(problem)
-        self.R, self.q = label_noise(problem), input_noise(problem)
+        self.R, self.q = np.ones(len(problem.labels)), np.ones(len(problem.model.inputs))
         self.substeps = options.substeps
         self.iterations = 0
 
-    def run(self, noise: tuple[Array, Array] | None) -> Minimum | None:
-        """Anneal, fit noise levels and parameters in turn, refine the step."""
-        if noise is not None:
-            self.R, self.q = noise
-        found = self._from(self.belief.mean, () if self.warm else ANNEALING)
-        if not self.warm and len(self.problem.labels) < len(self.problem.model.states):
-            found = self._best_of_starts(found)
-        if found is None:
+    def warm(self, previous: Estimate) -> Minimum | None:
+        """Start from a previous estimate of the same quantities; None if it is of others or leads nowhere."""
+        levels = list(previous.noise.values())
+        if previous.free != self.problem.free or len(levels) != len(self.R) + len(self.q):
             return None
+        self.R, self.q = np.split(np.square(np.array(levels)), [len(self.R)])
+        self.substeps = self.options.substeps or previous.substeps
+        z = self.coordinates.z(np.array([previous[n].value for n in previous.free]))
+        found = self._from(self.coordinates.clip(z), ())
+        return self._settled(found) if found is not None else None
+
+    def cold(self) -> Minimum | None:
+        """Start from the belief: anneal, from several starts when states are not measured."""
+        self.R, self.q = label_noise(self.problem), input_noise(self.problem)
+        found = self._from(self.belief.mean, ANNEALING)
+        if len(self.problem.labels) < len(self.problem.model.states):
+            found = self._best_of_starts(found)
+        return self._settled(found) if found is not None else None
+
+    def _settled(self, found: Minimum) -> Minimum | None:
+        """Fit noise levels, parameters and step size in turn until none of them moves."""
         for k in range(NOISE_ROUNDS):
             self.tell(f"noise levels, round {k + 1}")
-            before = np.concatenate([self.R, self.q])
-            values = self.coordinates.values(found.z)
-            self.R, self.q = fit_noise(self.recursion, values, self.R, self.q, self.substeps)
+            before, steps = np.concatenate([self.R, self.q]), self.substeps
+            self.R, self.q = fit_noise(self.recursion, self.coordinates.values(found.z), self.R, self.q, steps)
             again = self._from(found.z, ())
             if again is None:
                 return None
+            # Too coarse a step looks like noise, so the step is judged before the noise levels are believed.
+            again = self._refined(again)
             shift = again.z - found.z
             found = again
             settled = np.all(np.abs(np.log(np.concatenate([self.R, self.q]) / before)) < 0.1)
-            if settled or shift @ found.hessian @ shift < 0.01:
+            if self.substeps == steps and (settled or shift @ found.hessian @ shift < 0.01):
                 break
-        return self._refined(found)
+        return found
 
     def _from(self, z: Array, annealing: tuple[float, ...]) -> Minimum | None:
         """Minimise from z through the annealing stages, the last one at the present noise levels."""
         found: Minimum | None = None
         for factor in (*annealing, 1.0):
-            if not self.options.substeps:
-                values = self.recursion.values(self.coordinates.values(z))
-                self.substeps = max(self.substeps, stable_substeps(self.problem, values))
+            if annealing and not self.options.substeps:  # without annealing the doubling test has set them
+                self.substeps = stable_substeps(self.problem, self.recursion.values(self.coordinates.values(z)))
             tolerance = 0.01 if factor == 1.0 else 1.0
             found = minimise(
                 self.recursion, self.coordinates, self.belief, z, self.R, self.q * factor,
@@ -149,14 +161,21 @@ class _Fit:
         return found
 
     def _best_of_starts(self, found: Minimum | None) -> Minimum | None:
-        """Repeat from scattered starts and keep the lowest cost."""
+        """Repeat from scattered starts and keep the lowest cost, until it has been reached twice."""
         rng = np.random.default_rng(0)
+        steps = self.substeps
         for k in range(EXTRA_STARTS):
             self.tell(f"start {k + 2} of {EXTRA_STARTS + 1}")
             scatter = 0.5 * self.coordinates.spread * rng.uniform(-1.0, 1.0, len(self.belief.mean))
             other = self._from(self.coordinates.clip(self.belief.mean + scatter), ANNEALING)
-            if other is not None and (found is None or other.cost < found.cost):
-                found = other
+            if other is None:
+                continue
+            again = found is not None and abs(other.cost - found.cost) < 1.0
+            if found is None or other.cost < found.cost:
+                found, steps = other, self.substeps
+            if again:
+                break
+        self.substeps = steps
         return found
 
     def _refined(self, found: Minimum) -> Minimum:
