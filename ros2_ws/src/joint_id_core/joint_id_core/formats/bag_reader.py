@@ -32,7 +32,7 @@ def read(path: Path, joint: str | None) -> Recording:
             repeat or go backwards.
     """
     seen: dict[str, None] = {}
-    with _opened(path) as reader:
+    with opened(path) as reader:
         parts = [_read_topic(path, reader, topic, c, joint, seen) for topic, c in _known(path, reader)]
     names = _named(path, seen)
     if joint is None and len(names) > 1:
@@ -53,7 +53,7 @@ def joints(path: Path) -> tuple[str, ...]:
         JointIdError: damaged or foreign bag, no known topic, wrong type, no joint named.
     """
     names: dict[str, None] = {}
-    with _opened(path) as reader:
+    with opened(path) as reader:
         for _, connection in _known(path, reader):
             for message in _messages(reader, connection):
                 names.update(dict.fromkeys(message.name))
@@ -73,7 +73,7 @@ def topics(path: Path) -> tuple[str, ...]:
     Raises:
         JointIdError: damaged or foreign bag.
     """
-    with _opened(path) as reader:
+    with opened(path) as reader:
         return _topics(reader)
 
 
@@ -82,7 +82,7 @@ def _topics(reader: Reader) -> tuple[str, ...]:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Reader]:
+def opened(path: Path) -> Iterator[Reader]:
     """An open reader; whatever the decoder trips over in damaged bytes becomes one clear error."""
     if path.is_dir() and not (path / "metadata.yaml").exists():
         raise JointIdError(
