@@ -1,0 +1,80 @@
+"""`joint-id record`: write live topics to an mcap bag.
+
+The messages stay the bytes that came over the wire. As rclpy and rosbags take a while to load, they are loaded when
+recording starts; importing this module, which `joint-id --help` does, costs nothing.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from joint_id_core.errors import JointIdError
+
+DRAIN_S = 1.0  # at most this long after the stop, what has arrived is still written
+
+
+def record(
+    output: Annotated[Path, typer.Argument(help="bag directory to create")],
+    topics: Annotated[list[str] | None, typer.Argument(help="topics (default: all)")] = None,
+    duration: Annotated[float | None, typer.Option(help="stop after this many s (default: at Ctrl-C)")] = None,
+) -> None:
+    """Record live topics to an mcap bag until Ctrl-C, SIGTERM or the end of --duration.
+
+    Topics may appear at any time. Nothing is overwritten.
+
+    Raises:
+        JointIdError: the path exists or cannot be written, a bad duration or topic name, no message arrived.
+    """
+    if output.exists():
+        raise JointIdError(f"{output} exists already: remove it or choose another name")
+    if not output.absolute().parent.is_dir():
+        raise JointIdError(f"{output}: its folder {output.absolute().parent} does not exist: create it")
+    if duration is not None and not duration > 0.0:
+        raise JointIdError(f"--duration {duration:g}: give more than 0 s")
+
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.signals import SignalHandlerOptions
+
+    from joint_id_ros.recorder import Recorder
+
+    # Own handlers: rclpy's would shut the context down under messages that are not yet written.
+    stopped: list[int] = []
+    previous = {s: signal.signal(s, lambda number, _: stopped.append(number)) for s in (signal.SIGINT, signal.SIGTERM)}
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    recorder = None
+    try:
+        recorder = Recorder(output, topics or [])
+        executor = SingleThreadedExecutor()
+        executor.add_node(recorder)
+        begin = shown = time.monotonic()
+        while not stopped and (duration is None or time.monotonic() - begin < duration):
+            executor.spin_once(timeout_sec=0.1)
+            if sys.stderr.isatty() and time.monotonic() - shown > 1.0:
+                shown = time.monotonic()
+                print(f"\r\x1b[K{recorder.summary}", end="", file=sys.stderr, flush=True)
+        end, count = time.monotonic() + DRAIN_S, -1
+        while recorder.count > count and time.monotonic() < end:
+            count = recorder.count
+            for _ in range(100):
+                executor.spin_once(timeout_sec=0.0)
+    finally:
+        if recorder is not None:
+            recorder.close()
+            recorder.destroy_node()
+        rclpy.try_shutdown()
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+    if sys.stderr.isatty():
+        print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+    if recorder.count == 0:
+        wanted = ", ".join(topics) if topics else "any topic"
+        raise JointIdError(f"no message arrived on {wanted}, nothing was written: check the names and ROS_DOMAIN_ID")
+    print(f"{output}: {recorder.summary}")
+    if recorder.silent:
+        print(f"joint-id: no message arrived on {', '.join(recorder.silent)}", file=sys.stderr)

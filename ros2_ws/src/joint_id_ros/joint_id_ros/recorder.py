@@ -1,0 +1,168 @@
+"""A node that subscribes to topics as raw bytes and writes them to a bag."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from joint_id_core.errors import JointIdError
+from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+DISCOVERY_S = 0.1
+NEVER = QosTime(2147483647, 4294967295)  # as rclcpp writes an infinite duration
+
+
+class Recorder(Node):
+    """Writes messages as they arrive; new topics are found while it runs.
+
+    Attributes:
+        count: messages written.
+    """
+
+    def __init__(self, output: Path, topics: list[str]) -> None:
+        super().__init__("record", start_parameter_services=False, enable_rosout=False)
+        self.count = 0
+        try:
+            self._wanted = {self.resolve_topic_name(topic) for topic in topics}
+        except (InvalidTopicNameException, ValueError) as error:
+            raise JointIdError(f"topic name: {' '.join(str(error).split())}") from None
+        self._output = output
+        self._writer: Writer | None = None
+        self._store = get_typestore(Stores.ROS2_JAZZY)
+        self._counts: dict[str, int] = {}
+        self._refused: set[str] = set()
+        self._discover()
+        # A steady clock: discovery must not wait for /clock.
+        self.create_timer(DISCOVERY_S, self._discover, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    @property
+    def summary(self) -> str:
+        """One line about what has been written."""
+        return f"{self.count} messages on {sum(n > 0 for n in self._counts.values())} topics"
+
+    @property
+    def silent(self) -> list[str]:
+        """Requested topics from which nothing was written."""
+        return sorted(t for t in self._wanted if not self._counts.get(t))
+
+    def close(self) -> None:
+        """Finish the bag."""
+        if self._writer is not None:
+            self._writer.close()
+            self._writer = None
+
+    def _discover(self) -> None:
+        """Subscribe to what is new, wanted and published."""
+        for topic, types in self.get_topic_names_and_types():
+            if topic in self._counts or topic in self._refused or (self._wanted and topic not in self._wanted):
+                continue
+            publishers = self.get_publishers_info_by_topic(topic)
+            if not publishers:
+                continue
+            try:
+                if len(types) != 1:
+                    raise JointIdError(f"it has several types ({', '.join(types)})")
+                self._subscribe(topic, types[0], publishers)
+            except JointIdError as error:
+                self._refused.add(topic)
+                print(f"joint-id: {topic} is left out: {error}", file=sys.stderr)
+
+    def _subscribe(self, topic: str, type_name: str, publishers: list[Any]) -> None:
+        message = _message_class(type_name)
+        register(self._store, type_name)
+        offered = [p.qos_profile for p in publishers]
+        # The strictest profile that every publisher can serve: none of them is missed.
+        reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in offered)
+        latched = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in offered)
+        qos = QoSProfile(
+            history=HistoryPolicy.KEEP_ALL,
+            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        )
+        self._counts[topic] = 0
+        connection: Any = None
+
+        def write(data: bytes, info: Any) -> None:
+            nonlocal connection
+            if connection is None:
+                connection = self._open().add_connection(
+                    topic, type_name, typestore=self._store, offered_qos_profiles=[_bag_qos(reliable, latched)]
+                )
+            self._open().write(connection, info["received_timestamp"], data)
+            self._counts[topic] += 1
+            self.count += 1
+
+        self.create_subscription(message, topic, write, qos, raw=True)
+
+    def _open(self) -> Writer:
+        """The bag, created with the first message so that a recording of nothing leaves nothing behind."""
+        if self._writer is None:
+            writer = Writer(self._output, version=9, storage_plugin=StoragePlugin.MCAP)
+            try:
+                writer.open()
+            except (OSError, WriterError) as error:
+                raise JointIdError(f"{self._output}: the bag cannot be created: {error}") from None
+            self._writer = writer
+        return self._writer
+
+
+def register(store: Typestore, type_name: str) -> None:
+    """Add a message type and the types of its fields, from the .msg files of the installed packages.
+
+    Raises:
+        JointIdError: the definition is not installed.
+    """
+    if type_name in store.fielddefs:
+        return
+    package, _, name = type_name.split("/")
+    try:
+        text = (Path(get_package_share_directory(package)) / "msg" / f"{name}.msg").read_text(encoding="utf-8")
+    except (PackageNotFoundError, OSError):
+        raise JointIdError(f"the definition of {type_name} is not installed") from None
+    found = get_types_from_msg(text, type_name)
+    for _, fields in found.values():
+        for _, description in fields:
+            for nested in _names(description):
+                register(store, nested)
+    store.register(found)
+
+
+def _names(description: Any) -> list[str]:
+    """Message types named in the description of a field (nested pairs of kind and content)."""
+    kind, content = description
+    if kind.name == "NAME":
+        return [content]
+    return _names(content[0]) if kind.name in ("ARRAY", "SEQUENCE") else []
+
+
+def _message_class(type_name: str) -> Any:
+    package, _, name = type_name.split("/")
+    try:
+        return getattr(import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError):
+        raise JointIdError(f"the message type {type_name} is not installed") from None
+
+
+def _bag_qos(reliable: bool, latched: bool) -> Qos:
+    """What the subscription asked for, in the words of the bag."""
+    return Qos(
+        history=QosHistory.KEEP_LAST if latched else QosHistory.UNKNOWN,
+        depth=1 if latched else 0,
+        reliability=QosReliability.RELIABLE if reliable else QosReliability.BEST_EFFORT,
+        durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+        deadline=NEVER,
+        lifespan=NEVER,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=NEVER,
+        avoid_ros_namespace_conventions=False,
+    )
