@@ -40,11 +40,12 @@ def write_bag(path: str | Path, recordings: Mapping[str, Recording], storage: st
     fits = all(set(r.channels) <= raw and not r.derived for r in recordings.values())
     used = {name for r in recordings.values() for name in r.channels}
     topics = [t for t in RAW if used & set(t.fields.values())] if fits else [SAMPLES]
+    rows = _rows(path, recordings)
     with Writer(path, version=9, storage_plugin=_PLUGINS[storage]) as writer:
         connections = {t.name: writer.add_connection(f"/{t.name}", t.type, typestore=store) for t in topics}
-        for stamp, rows in _rows(path, recordings):
+        for stamp in sorted(rows):
             for topic in topics:
-                for message in _messages(topic, stamp, rows):
+                for message in _messages(topic, stamp, rows[stamp]):
                     data = store.serialize_cdr(message, topic.type)
                     writer.write(connections[topic.name], stamp, data)
 
@@ -79,14 +80,13 @@ def _stamps(path: Path, joint: str, time: Array) -> NDArray[np.int64]:
 Row = tuple[str, Recording, int]
 
 
-def _rows(path: Path, recordings: Mapping[str, Recording]) -> Iterator[tuple[int, list[Row]]]:
-    """By stamp in ns, in order: which sample of which joint belongs to it."""
+def _rows(path: Path, recordings: Mapping[str, Recording]) -> dict[int, list[Row]]:
+    """By stamp in ns: which sample of which joint belongs to it."""
     rows: dict[int, list[Row]] = {}
     for joint, recording in recordings.items():
         for k, stamp in enumerate(_stamps(path, joint, recording.time).tolist()):
             rows.setdefault(stamp, []).append((joint, recording, k))
-    for stamp in sorted(rows):
-        yield stamp, rows[stamp]
+    return rows
 
 
 def _messages(topic: Topic, stamp: int, rows: list[Row]) -> Iterator[Any]:

@@ -1,0 +1,84 @@
+"""MAT files, and the EMPS benchmark where it is at hand."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+
+from joint_id_core import formats
+from joint_id_core.errors import JointIdError
+
+DATA = Path(__file__).resolve().parents[4].parent / "shared" / "data" / "emps" / "DATA_EMPS.mat"
+TIME = np.arange(5) * 0.1
+
+
+@pytest.fixture
+def mat(tmp_path):
+    def write(**variables):
+        path = tmp_path / "log.mat"
+        scipy.io.savemat(path, variables)
+        return path
+
+    return write
+
+
+def test_known_names_rows_or_columns(mat):
+    path = mat(time_s=TIME[:, None], link_position=TIME[None, :] ** 2, model="EMPS", table=np.zeros((5, 2)))
+    recording = formats.read(path)
+    np.testing.assert_array_equal(recording["link_position"], TIME**2)
+    assert formats.contents(path) == ("time_s", "link_position")
+    assert formats.joints(path) == ()
+
+
+def test_scalars_may_be_factors(mat):
+    path = mat(t=TIME, vir=np.arange(5), gtau=35.0)
+    recording = formats.read(path, mapping={"time_s": "t", "torque": "gtau*vir*2"})
+    np.testing.assert_array_equal(recording["torque"], 70.0 * np.arange(5))
+
+
+@pytest.mark.parametrize(
+    ("variables", "mapping", "message"),
+    [
+        ({"t": TIME, "q": TIME}, {}, r"log.mat: no known time_s among the columns t, q: .*--map time_s=t"),
+        ({"time_s": TIME, "current": TIME[:3]}, {}, r"log.mat: current has 3 values, time_s has 5"),
+        (
+            {"time_s": TIME, "a": TIME, "b": TIME[:4]},
+            {"torque": "a*b"},
+            r"log.mat: torque multiplies vectors of different lengths \(a has 5, b has 4\)",
+        ),
+        ({"time_s": TIME, "g": 2.0}, {"torque": "g"}, r"log.mat: torque has 1 values, time_s has 5"),
+        ({"name": "x"}, {}, r"log.mat: no real vector"),
+        ({"time_s": TIME[::-1], "current": TIME}, {}, r"log.mat: time goes backwards at sample 1"),
+    ],
+)
+def test_bad_contents(mat, variables, mapping, message):
+    with pytest.raises(JointIdError, match=message):
+        formats.read(mat(**variables), mapping=mapping)
+
+
+def test_damaged_files(tmp_path, mat):
+    path = mat(time_s=TIME, current=np.random.default_rng(0).normal(size=5))
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-60])
+    with pytest.raises(JointIdError, match=r"log.mat: not a readable MAT file"):
+        formats.read(path)
+    path.write_text("time_s,current\n" * 50)
+    with pytest.raises(JointIdError, match=r"log.mat: not a readable MAT file"):
+        formats.read(path)
+    path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(400))
+    with pytest.raises(
+        JointIdError, match=r"log.mat: MAT version 7.3 \(HDF5\) is not read: save it in MATLAB with -v7"
+    ):
+        formats.read(path)
+
+
+@pytest.mark.skipif(not DATA.exists(), reason="the EMPS benchmark is not at ../shared/data/emps")
+def test_emps():
+    recording = formats.read(DATA, mapping={"time_s": "t", "link_position": "qm", "torque": "gtau*vir"})
+    truth = scipy.io.loadmat(DATA)
+    assert len(recording) == 24841
+    assert recording.period == pytest.approx(1e-3, rel=1e-4)  # 1 kHz; the stamps themselves are rounded
+    assert recording.gaps == 0
+    np.testing.assert_array_equal(recording["link_position"], truth["qm"].ravel())
+    np.testing.assert_allclose(recording["torque"], (truth["vir"] * truth["gtau"]).ravel(), rtol=1e-15)

@@ -1,0 +1,62 @@
+"""What a Recording promises: strict checks, honest gaps, measured against derived."""
+
+import numpy as np
+import pytest
+
+from joint_id_core.errors import JointIdError
+from joint_id_core.recording import Recording
+
+TIME = np.array([0.0, 0.1, 0.2, 0.5, 0.6])
+
+
+def make(**channels):
+    return Recording(TIME, {name: np.asarray(values, float) for name, values in channels.items()}, source="log.csv")
+
+
+@pytest.mark.parametrize(
+    ("time", "message"),
+    [
+        ([0.0, 0.2, 0.1], r"log: time goes backwards at sample 2 \(0.2 s, then 0.1 s\): sort"),
+        ([0.0, 0.2, 0.2], r"log: time repeats at sample 2"),
+        ([0.0, np.nan, 0.2], r"log: time of sample 1 is nan"),
+        ([[0.0, 0.1]], r"log: time must be one-dimensional"),
+    ],
+)
+def test_time_must_increase(time, message):
+    with pytest.raises(JointIdError, match=message):
+        Recording(np.array(time), {}, source="log")
+
+
+def test_channels_are_checked():
+    with pytest.raises(JointIdError, match=r"log.csv: unknown channel 'speed': known are motor_position"):
+        make(speed=np.zeros(5))
+    with pytest.raises(JointIdError, match=r"log.csv: current has shape \(4,\), time has \(5,\)"):
+        make(current=np.zeros(4))
+    with pytest.raises(JointIdError, match=r"log.csv: current is infinite at sample 2 \(0.2 s\)"):
+        make(current=[0, 0, np.inf, 0, 0])
+
+
+def test_gaps_and_missing_values_are_kept():
+    recording = make(current=[0, 1, np.nan, 3, 4])
+    assert recording.period == pytest.approx(0.1)
+    assert recording.gaps == 1
+    assert recording.duration == pytest.approx(0.6)
+    assert np.isnan(recording["current"][2])
+    with pytest.raises(JointIdError, match=r"log.csv has no voltage: it has current"):
+        recording["voltage"]
+
+
+def test_measured_is_neither_derived_nor_empty():
+    recording = make(link_position=np.arange(5), current=np.full(5, np.nan))
+    recording = recording.with_channels({"link_velocity": np.ones(5)}, derived=True)
+    assert [recording.measured(n) for n in ("link_position", "link_velocity", "current")] == [True, False, False]
+    assert recording.with_channels({"link_velocity": np.zeros(5)}).measured("link_velocity")
+
+
+def test_window_is_half_open_and_keeps_the_marks():
+    recording = make(link_position=np.arange(5)).with_channels({"link_velocity": np.ones(5)}, derived=True)
+    part = recording.window(0.1, 0.5)
+    assert part.time.tolist() == [0.1, 0.2]
+    assert part["link_position"].tolist() == [1.0, 2.0]
+    assert part.derived == {"link_velocity"}
+    assert len(recording.window(7.0, 8.0)) == 0
