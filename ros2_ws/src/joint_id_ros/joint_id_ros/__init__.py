@@ -1,0 +1,1 @@
+"""ROS 2 nodes of joint_id: thin wrappers around `joint_id_core`."""

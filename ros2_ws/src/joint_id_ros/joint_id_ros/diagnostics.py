@@ -1,0 +1,90 @@
+"""Health of a node on /diagnostics, once a second."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+
+PERIOD_S = 1.0
+FOREIGN_S = 3600.0  # stamps that are further off come from another clock
+LOG_EVERY_S = 5.0  # one log line a kind of problem
+
+
+@dataclass
+class Health:
+    """What a node tells of itself: the worst level, a sentence, and values by name."""
+
+    level: bytes = DiagnosticStatus.OK
+    message: str = "ok"
+    values: dict[str, object] = field(default_factory=dict)
+
+
+class Diagnostics:
+    """Counts what comes in and what is wrong with it, logs it sparingly, and publishes it at 1 Hz.
+
+    The timer runs on the steady clock: with `use_sim_time` a clock that stands still must not hide the
+    report about it. Stamps come from the node's clock.
+    """
+
+    def __init__(self, node: Node, health: Callable[[], Health] = Health, source: str = "") -> None:
+        """`health` gives the node's own part; `source` is the topic that must deliver ("" for none)."""
+        self._node, self._health, self._source = node, health, source
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._timer = node.create_timer(PERIOD_S, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._since = time.monotonic()
+        self._received = self._before = 0
+        self._newest_ns: int | None = None
+        self._problems: Counter[str] = Counter()
+        self._recent: str = ""
+        self._logged: dict[str, float] = {}
+
+    def received(self, stamp_ns: int) -> None:
+        """Count a message with this stamp."""
+        self._received += 1
+        self._newest_ns = stamp_ns
+
+    def problem(self, kind: str, text: str, count: int = 1) -> None:
+        """Report something wrong with the data: counted by kind, in the next report, and in the log."""
+        self._problems[kind] += count
+        self._recent = text
+        now = time.monotonic()
+        if now - self._logged.get(kind, -LOG_EVERY_S) >= LOG_EVERY_S:
+            self._logged[kind] = now
+            self._node.get_logger().warning(text)
+
+    @property
+    def problems(self) -> Mapping[str, int]:
+        """Number of problems by kind since the start."""
+        return self._problems
+
+    def _publish(self) -> None:
+        health = self._health()
+        now = time.monotonic()
+        rate = (self._received - self._before) / (now - self._since)
+        self._since, self._before = now, self._received
+        clock = self._node.get_clock().now()
+        values: dict[str, object] = {"received": self._received, "rate [Hz]": f"{rate:.1f}"}
+        if self._newest_ns is not None:
+            lag = (clock.nanoseconds - self._newest_ns) * 1e-9
+            values["lag [s]"] = f"{lag:.4f}" if abs(lag) < FOREIGN_S else "stamps of another clock: see use_sim_time"
+        values |= {f"problems: {kind}": n for kind, n in sorted(self._problems.items())}
+        values |= health.values
+        level, message = health.level, health.message
+        if self._recent:
+            values["last problem"] = message = self._recent
+            level, self._recent = max(level, DiagnosticStatus.WARN), ""
+        elif self._source and rate == 0.0 and level == DiagnosticStatus.OK:
+            level, message = DiagnosticStatus.WARN, f"nothing received on {self._source} in the last second"
+        status = DiagnosticStatus(level=level, name=self._node.get_fully_qualified_name(), message=message)
+        status.hardware_id = "joint_id"
+        status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = clock.to_msg()
+        self._publisher.publish(array)

@@ -1,0 +1,130 @@
+"""Node `filter`: raw joint signals in, aligned samples with velocities and accelerations out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+
+from joint_id_core.errors import JointIdError
+from joint_id_core.filtering import FilterOptions
+from joint_id_core.formats.topics import RAW, Topic
+from joint_id_core.models.transmission import GEAR_RATIO
+from joint_id_core.options import check as check_options
+from joint_id_core.options import option
+from joint_id_core.streaming import FilteredSample, StreamingFilter
+from joint_id_msgs.msg import JointSamples, MotorTorques, MotorVoltages
+from joint_id_ros import conversions as convert
+from joint_id_ros.diagnostics import Diagnostics, Health
+from joint_id_ros.joining import Joiner
+from joint_id_ros.parameters import declare, read
+from joint_id_ros.qos import STREAM_IN, STREAM_OUT
+from joint_id_ros.running import run
+
+TYPES = {t.__name__: t for t in (JointState, MotorVoltages, MotorTorques)}
+
+
+@dataclass(frozen=True)
+class InputOptions:
+    """How the raw topics are read."""
+
+    effort_source: str = option(
+        "current",
+        "what the effort in link_states is: motor current in A, joint torque in Nm at the link, or that torque "
+        "without the part that holds gravity (identify it with a model without gravity)",
+        choices=("current", "torque", "gravity_free_torque"),
+    )
+    gear_ratio: float = option(
+        GEAR_RATIO, "gear ratio by which a joint torque is brought to the motor shaft", "1", 1e-6, 1e5
+    )
+    join_wait_s: float = option(
+        0.1, "how far the stamps of other topics may run ahead before a topic counts as not measured", "s", 0.0, 10.0
+    )
+
+    def __post_init__(self) -> None:
+        check_options(self)
+
+
+class FilterNode(Node):
+    """Joins the raw topics by stamp, passes them through the Butterworth differentiator, publishes joint_samples."""
+
+    def __init__(self) -> None:
+        super().__init__("filter")
+        self.finished = Future()
+        declare(self, InputOptions)
+        declare(self, FilterOptions)
+        self._input = read(self, InputOptions)
+        self._filter = StreamingFilter(read(self, FilterOptions))
+        self._joiner: Joiner[dict[str, convert.Row]] = Joiner([t.name for t in RAW], self._input.join_wait_s)
+        self._joints: dict[str, None] = {}
+        self._origin_ns: int | None = None
+        self._published = 0
+        self._diagnostics = Diagnostics(self, self._health, "link_states")
+        self._publisher = self.create_publisher(JointSamples, "joint_samples", STREAM_OUT)
+        for topic in RAW:
+            kind = TYPES[topic.type.rsplit("/", 1)[-1]]
+            callback: Callable[[Any], None] = partial(self._on_message, topic)
+            self.create_subscription(kind, topic.name, callback, STREAM_IN)
+
+    def _on_message(self, topic: Topic, message: Any) -> None:
+        stamp = convert.nanoseconds(message.header.stamp)
+        if topic is RAW[0]:
+            self._diagnostics.received(stamp)
+        try:
+            convert.check(topic, message)
+            complete = self._joiner.add(topic.name, stamp, convert.rows(topic, message))
+        except JointIdError as error:
+            self._diagnostics.problem("message left out", str(error))
+            return
+        for stamp, parts in complete:
+            self._push(stamp, parts)
+
+    def _push(self, stamp: int, parts: dict[str, dict[str, convert.Row]]) -> None:
+        """Filter all joints at one instant."""
+        if self._origin_ns is None:
+            self._origin_ns = stamp
+        for part in parts.values():
+            self._joints.update(dict.fromkeys(part))
+        channels: dict[str, np.ndarray] = {}
+        for part in parts.values():
+            for k, joint in enumerate(self._joints):
+                for name, value in part.get(joint, {}).items():
+                    channels.setdefault(name, np.full(len(self._joints), np.nan))[k] = value
+        if self._input.effort_source != "current" and "current" in channels:
+            torque = channels.pop("current") / self._input.gear_ratio
+            channels.setdefault("torque", torque)  # a torque given at the motor shaft is the more direct one
+        for sample in self._filter.push(convert.seconds(stamp, self._origin_ns), channels):
+            self._publish(sample)
+        while self._filter.events:
+            self._diagnostics.problem("filter", self._filter.events.popleft())
+
+    def _publish(self, sample: FilteredSample) -> None:
+        assert self._origin_ns is not None
+        joints = list(self._joints)[: len(next(iter(sample.channels.values())))]
+        stamp = convert.instant(sample.time, self._origin_ns)
+        self._publisher.publish(convert.to_samples(stamp, joints, sample.channels, sample.derived))
+        self._published += 1
+
+    def _health(self) -> Health:
+        values = {
+            "joints": ", ".join(self._joints),
+            "published": self._published,
+            "filter latency [s]": f"{self._filter.latency:.4f}",
+        }
+        values |= {f"filter: {kind}": count for kind, count in self._filter.counts.items()}
+        return Health(DiagnosticStatus.OK, "filtering", values)
+
+    def close(self) -> None:
+        """Nothing runs beside the callbacks."""
+
+
+def main() -> int:
+    """Run the node."""
+    return run("filter", FilterNode)

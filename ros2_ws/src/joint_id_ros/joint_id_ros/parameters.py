@@ -1,0 +1,83 @@
+"""ROS parameters made from an options dataclass (`joint_id_core.options.option`), so that no default is typed twice."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import Field, fields
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import InvalidParameterException, ParameterException
+from rclpy.node import Node
+
+from joint_id_core.errors import JointIdError
+
+Options = TypeVar("Options")
+
+INT64_MAX = 2**63 - 1
+# What rclpy raises for a value of the wrong type or out of range; its text says which and why.
+PARAMETER_ERRORS = (ParameterException, InvalidParameterException)
+
+
+def describe(option: Field[Any], read_only: bool = True) -> ParameterDescriptor:
+    """Descriptor of one option: meaning with its unit, range, choices."""
+    meta = option.metadata
+    unit = meta.get("unit", "")
+    description = meta.get("description", "") + (f" [{unit}]" if unit else "")
+    descriptor = ParameterDescriptor(name=option.name, description=description, read_only=read_only)
+    if choices := meta.get("choices"):
+        descriptor.additional_constraints = f"one of: {', '.join(map(str, choices))}"
+    lower, upper = meta.get("lower"), meta.get("upper")
+    if lower is None and upper is None:
+        return descriptor
+    if isinstance(option.default, float):
+        low, high = (-math.inf if lower is None else float(lower)), (math.inf if upper is None else float(upper))
+        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    elif isinstance(option.default, int):
+        low_int, high_int = (-INT64_MAX if lower is None else int(lower)), (INT64_MAX if upper is None else int(upper))
+        descriptor.integer_range = [IntegerRange(from_value=low_int, to_value=high_int, step=1)]
+    return descriptor
+
+
+def declare(node: Node, cls: type[Options], read_only: bool = True) -> None:
+    """Declare one ROS parameter for every option of a dataclass.
+
+    Raises:
+        PARAMETER_ERRORS: a value given at start has the wrong type or is out of range.
+    """
+    for f in fields(cls):  # type: ignore[arg-type]  # any dataclass
+        # An empty ROS list has no type: the empty tuple is declared as one empty string.
+        default = (list(f.default) or [""]) if isinstance(f.default, tuple) else f.default
+        node.declare_parameter(f.name, default, describe(f, read_only))
+
+
+def read(node: Node, cls: type[Options]) -> Options:
+    """Build the options from the declared parameters.
+
+    Raises:
+        JointIdError: a value outside its range or choices (options check themselves).
+    """
+    values = {}
+    for f in fields(cls):  # type: ignore[arg-type]  # any dataclass
+        value = node.get_parameter(f.name).value
+        values[f.name] = tuple(v for v in value if v) if isinstance(f.default, tuple) else value
+    return cls(**values)
+
+
+def assignments(texts: Iterable[str], parameter: str) -> dict[str, float]:
+    """Numbers by name from texts "NAME=VALUE".
+
+    Raises:
+        JointIdError: a text of another form; names the text and the ROS parameter.
+    """
+    values = {}
+    for text in texts:
+        name, equals, number = text.partition("=")
+        try:
+            values[name.strip()] = float(number)
+        except ValueError:
+            equals = ""
+        if not equals or not name.strip():
+            raise JointIdError(f'parameter {parameter}: {text!r} is not of the form NAME=VALUE, e.g. "N=101"')
+    return values

@@ -1,0 +1,107 @@
+"""The thread in which the identifier computes, so that no callback ever waits for a fit."""
+
+from __future__ import annotations
+
+import threading
+import traceback
+from collections import deque
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+
+from joint_id_core.errors import JointIdError
+from joint_id_core.estimate import Estimate
+from joint_id_core.online import OnlineIdentifier
+from joint_id_core.recording import Recording
+from joint_id_msgs.msg import JointSamples
+from joint_id_ros.conversions import nanoseconds, to_recordings
+
+POLL_S = 0.02  # how often the thread looks for samples: well below a hop, well above a sample
+
+
+@dataclass(frozen=True)
+class Callbacks:
+    """What the thread calls; all from the thread."""
+
+    estimated: Callable[[str, Estimate, int], None]  # joint, estimate, origin of its times in ns
+    problem: Callable[[str, str], None]  # kind, text
+
+
+class Worker:
+    """One `OnlineIdentifier` a joint, fed in a thread of its own.
+
+    All samples that arrived meanwhile go into one update: when fits take longer than a hop, windows are
+    skipped and the results stay current.
+    """
+
+    def __init__(self, make: Callable[[], OnlineIdentifier], joints: Collection[str], callbacks: Callbacks) -> None:
+        """`make` builds the identifier of a joint; `joints` empty means every joint that is seen."""
+        self._make, self._wanted, self._callbacks = make, tuple(joints), callbacks
+        self._identifiers: dict[str, OnlineIdentifier] = {}
+        self._pending: deque[JointSamples | None] = deque()
+        self._origin_ns: int | None = None
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="identifier")
+        self._thread.start()
+
+    @property
+    def backlog(self) -> int:
+        """Samples that wait."""
+        return len(self._pending)
+
+    def add(self, message: JointSamples) -> None:
+        """Hand over a sample that passed `conversions.check`, in order of its stamp."""
+        self._pending.append(message)
+
+    def restart(self) -> None:
+        """Forget everything before the next sample: a new run begins."""
+        self._pending.append(None)
+
+    def stop(self) -> None:
+        """End the thread; waits for a fit under way."""
+        self._stop.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._stop.wait(POLL_S):
+            batch: list[JointSamples] = []
+            while self._pending:
+                message = self._pending.popleft()
+                if message is None:
+                    self._identifiers.clear()
+                    self._origin_ns = None
+                    batch = []
+                else:
+                    batch.append(message)
+            if batch:
+                self._update(batch)
+
+    def _update(self, batch: list[JointSamples]) -> None:
+        if self._origin_ns is None:
+            self._origin_ns = nanoseconds(batch[0].header.stamp)
+        recordings = to_recordings(batch, self._origin_ns, "joint_samples")
+        for joint in self._wanted:
+            if joint not in recordings:
+                have = ", ".join(recordings)
+                self._callbacks.problem(
+                    "missing joint", f"joint {joint} is not in joint_samples (it has {have}): check parameter joints"
+                )
+        for joint, recording in recordings.items():
+            if not self._wanted or joint in self._wanted:
+                self._fit(joint, recording, self._origin_ns)
+            if self._stop.is_set():
+                return
+
+    def _fit(self, joint: str, recording: Recording, origin_ns: int) -> None:
+        try:
+            if joint not in self._identifiers:
+                self._identifiers[joint] = self._make()
+            estimate = self._identifiers[joint].update(recording)
+        except JointIdError as error:
+            self._callbacks.problem("samples left out", f"joint {joint}: {error}")
+        except Exception:  # a defect must not end the thread unseen
+            self._identifiers.pop(joint, None)
+            last = traceback.format_exc().strip().replace("\n", " | ")
+            self._callbacks.problem("internal error", f"joint {joint}: identifier started anew after: {last}")
+        else:
+            if estimate is not None:
+                self._callbacks.estimated(joint, estimate, origin_ns)

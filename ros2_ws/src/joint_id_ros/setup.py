@@ -1,0 +1,30 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+setup(
+    name="joint_id_ros",
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    package_data={"joint_id_ros": ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/joint_id_ros"]),
+        ("share/joint_id_ros", ["package.xml"]),
+        ("share/joint_id_ros/launch", glob("launch/*.launch.py")),
+    ],
+    install_requires=["setuptools", "numpy>=1.26", "joint_id_core"],
+    zip_safe=True,
+    maintainer="joint_id maintainers",
+    maintainer_email="maintainers@users.noreply.github.com",
+    description="ROS 2 nodes of joint_id: simulate, filter, identify and replay robot joints.",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "sim = joint_id_ros.sim:main",
+            "filter = joint_id_ros.filter:main",
+            "identifier = joint_id_ros.identifier:main",
+            "player = joint_id_ros.player:main",
+        ],
+        "joint_id.commands": ["record = joint_id_ros.record:record"],
+    },
+)
