@@ -66,7 +66,10 @@ class StreamingFilter:
 
     @property
     def latency(self) -> float:
-        """Time from the instant that a sample describes to its output, in s; NaN until the period is known."""
+        """Time from the instant that a sample describes to its output, in s; NaN until the period is known.
+
+        Jitter, holes and the first sample after a start may cost a period more.
+        """
         return (self._kernel.ahead + 4) * self.period + self._kernel.delay if self._kernel else float("nan")
 
     def push(self, time: float, channels: Mapping[str, ArrayLike]) -> list[FilteredSample]:
