@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+
 from joint_id_core.errors import JointIdError
 
 DRAIN_S = 1.0  # at most this long after the stop, what has arrived is still written

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
-from joint_id_core.errors import JointIdError
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
@@ -17,6 +16,8 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
+
+from joint_id_core.errors import JointIdError
 
 DISCOVERY_S = 0.1
 NEVER = QosTime(2147483647, 4294967295)  # as rclcpp writes an infinite duration
