@@ -1,0 +1,160 @@
+"""Nodes as separate processes, each test on a ROS domain of its own, and a probe that talks to them."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from ament_index_python.packages import get_package_prefix
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+
+from joint_id_ros.qos import STREAM_IN, STREAM_OUT
+
+PATIENCE_S = 60.0  # a limit for tests that hang, not a measure of speed
+_domains = itertools.count(os.getpid())
+
+
+class Process:
+    """A console script of joint_id_ros in its own process."""
+
+    def __init__(self, name: str, output: Path, environment: dict[str, str], arguments: list[str]) -> None:
+        script = Path(get_package_prefix("joint_id_ros")) / "lib/joint_id_ros" / name
+        self.name, self._output = name, output
+        with output.open("w") as file:
+            self._popen = subprocess.Popen(
+                [sys.executable, str(script), *arguments], stdout=file, stderr=subprocess.STDOUT, env=environment
+            )
+
+    @property
+    def text(self) -> str:
+        """What the process has printed so far."""
+        return self._output.read_text(errors="replace")
+
+    @property
+    def running(self) -> bool:
+        """Whether the process is there."""
+        return self._popen.poll() is None
+
+    def signal(self, number: signal.Signals) -> None:
+        """Send a signal to this process alone."""
+        self._popen.send_signal(number)
+
+    def wait(self) -> int:
+        """Exit code, once it has ended."""
+        return self._popen.wait(PATIENCE_S)
+
+    def stop(self) -> None:
+        """End it, however it feels."""
+        if self.running:
+            self._popen.send_signal(signal.SIGINT)
+            try:
+                self._popen.wait(20.0)
+            except subprocess.TimeoutExpired:
+                self._popen.kill()
+                self._popen.wait()
+
+
+class Probe(Node):
+    """A node in the test process."""
+
+    def __init__(self, context: Context) -> None:
+        super().__init__("probe", context=context)
+        self._executor = SingleThreadedExecutor(context=context)
+        self._executor.add_node(self)
+        self.diagnostics: list[Any] = []
+        self.create_subscription(DiagnosticArray, "/diagnostics", lambda m: self.diagnostics.extend(m.status), 10)
+
+    def collect(self, kind: Any, topic: str, qos: QoSProfile = STREAM_IN) -> list[Any]:
+        """A list that fills with the messages of a topic."""
+        messages: list[Any] = []
+        self.create_subscription(kind, topic, messages.append, qos)
+        return messages
+
+    def source(self, kind: Any, topic: str) -> Publisher:
+        """A publisher that has found its subscriber."""
+        publisher = self.create_publisher(kind, topic, STREAM_OUT)
+        self.until(lambda: publisher.get_subscription_count() > 0, f"a subscriber on {topic}")
+        return publisher
+
+    def until(self, condition: Callable[[], object], what: str) -> None:
+        """Spin until the condition holds; the test fails when it never does."""
+        end = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert time.monotonic() < end, f"waited in vain for {what}"
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def spin(self, seconds: float) -> None:
+        """Let messages come in for a while."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def told(self, node: str, text: str) -> Any:
+        """The first diagnostic status of a node whose message or values contain the text, else None."""
+        for status in self.diagnostics:
+            if status.name == f"/{node}" and any(
+                text in t for t in (status.message, *(v.value for v in status.values))
+            ):
+                return status
+        return None
+
+
+@pytest.fixture
+def domain() -> int:
+    """A ROS domain for this test alone."""
+    return 1 + next(_domains) % 100
+
+
+@pytest.fixture
+def start(tmp_path: Path, domain: int) -> Iterator[Callable[..., Process]]:
+    """Start nodes: `start("filter", "--ros-args", ..., gear_ratio=50.0)`; parameters are keywords."""
+    processes: list[Process] = []
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+
+    def begin(name: str, *ros_arguments: str, **parameters: object) -> Process:
+        arguments = [*ros_arguments]
+        for key, value in parameters.items():
+            arguments += ["-p", f"{key}:={_yaml(value)}"]
+        output = tmp_path / f"{len(processes)}_{name}.log"
+        processes.append(Process(name, output, environment, ["--ros-args", *arguments] if arguments else []))
+        return processes[-1]
+
+    yield begin
+    for process in processes:
+        process.stop()
+        print(f"--- {process.name} ---\n{process.text}")  # shown by pytest when the test fails
+
+
+@pytest.fixture
+def probe(domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Probe]:
+    """A node in this process, on the domain of the test."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    context = Context()
+    rclpy.init(context=context, domain_id=domain)
+    node = Probe(context)
+    yield node
+    node.destroy_node()
+    context.try_shutdown()
+
+
+def _yaml(value: object) -> str:
+    """A parameter value as the command line takes it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(f'"{v}"' if isinstance(v, str) else str(v) for v in value) + "]"
+    return str(value)
