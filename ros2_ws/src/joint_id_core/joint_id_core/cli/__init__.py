@@ -1,0 +1,45 @@
+"""The command line `joint-id`: a thin layer that turns options into calls of the library.
+
+Only light modules are imported here, so that `joint-id --help` answers at once. Other packages add commands through
+the entry-point group `joint_id.commands` (joint_id_ros: record); what is not installed is not shown.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib.metadata import entry_points
+
+import typer
+
+from joint_id_core.cli.fit import fit
+from joint_id_core.cli.group import OneLineErrors
+from joint_id_core.cli.info import info
+from joint_id_core.cli.simulate import simulate
+
+GROUP = "joint_id.commands"
+
+app = typer.Typer(
+    cls=OneLineErrors,
+    help="Identify the dynamics of robot joints: inertia, friction, stiffness, each with its uncertainty.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+app.command()(simulate)
+app.command()(info)
+app.command()(fit)
+
+
+def _add_commands_of_other_packages() -> None:
+    for entry in sorted(entry_points(group=GROUP), key=lambda e: e.name):
+        try:
+            app.command(entry.name)(entry.load())
+        except ImportError as error:
+            print(f"joint-id: command {entry.name} is left out, {entry.value} does not load: {error}", file=sys.stderr)
+
+
+def main() -> None:
+    """Entry point of the console script. Exit code 0: done, 1: the fit is not good, 2: bad input."""
+    _add_commands_of_other_packages()
+    app(prog_name="joint-id")

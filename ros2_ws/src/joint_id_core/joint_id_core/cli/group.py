@@ -1,0 +1,36 @@
+"""Bad input ends a command with exit code 2 and one line on stderr, without a traceback."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import typer
+from typer.core import TyperGroup
+
+from joint_id_core.errors import JointIdError
+
+# Typer comes with click or with a click of its own; either way this is the base of all usage errors.
+UsageError: type[Exception] = typer.BadParameter.__mro__[1]
+
+BAD_INPUT = 2
+
+
+class OneLineErrors(TyperGroup):
+    """A group of commands that reports misuse and unusable data in one line."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the chosen command."""
+        try:
+            return super().invoke(ctx)
+        except JointIdError as error:
+            complain(str(error))
+        except UsageError as error:
+            help_ = " ".join(filter(None, ("joint-id", ctx.invoked_subcommand, "--help")))
+            complain(f"{error.format_message()} See {help_}")  # type: ignore[attr-defined]  # see UsageError
+        raise typer.Exit(BAD_INPUT)
+
+
+def complain(message: str) -> None:
+    """Write one line to stderr."""
+    print(f"joint-id: {' '.join(message.split())}", file=sys.stderr)

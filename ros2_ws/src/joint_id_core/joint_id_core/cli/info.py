@@ -1,0 +1,81 @@
+"""`joint-id info`: what a recording holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from joint_id_core.cli.arguments import pairs, print_json
+
+if TYPE_CHECKING:
+    from joint_id_core.recording import Recording
+
+
+def info(
+    file: Annotated[Path, typer.Argument(help="CSV, MAT or bag")],
+    joint: Annotated[str | None, typer.Option(help="only this joint of a bag")] = None,
+    map_: Annotated[list[str] | None, typer.Option("--map", help="channel=column, as for fit")] = None,
+    json: Annotated[bool, typer.Option("--json", help="machine-readable result")] = False,
+) -> None:
+    """Show joints, channels, rate, gaps and missing values of a recording."""
+    from joint_id_core import formats
+    from joint_id_core.formats.mapping import TARGETS
+
+    mapping = pairs(map_ or (), "--map")
+    names: tuple[str | None, ...] = (joint,) if joint else (formats.joints(file) or (None,))
+    contents = formats.contents(file)
+    described = [_describe(formats.read(file, name, mapping)) for name in names]
+    columns = not formats.joints(file)
+    used = " ".join(mapping.values()).replace("*", " ").split()
+    unknown = [c for c in contents if c not in TARGETS and c not in used] if columns else []
+    if json:
+        print_json({"file": str(file), "contents": list(contents), "unknown": unknown, "joints": described})
+        return
+    print(f"{file}: {', '.join(contents)}")
+    for row in described:
+        _show(row)
+    if unknown:
+        print(f"not understood and left alone (name them with --map): {', '.join(unknown)}")
+
+
+def _describe(recording: Recording) -> dict[str, Any]:
+    """Facts about one joint; times in s, rate in Hz, values in SI units."""
+    import numpy as np
+
+    from joint_id_core.signals import CHANNELS
+
+    channels = []
+    for name, values in recording.channels.items():
+        finite = values[np.isfinite(values)]
+        channels.append(
+            {
+                "name": name,
+                "unit": CHANNELS[name].unit,
+                "derived": name in recording.derived,
+                "minimum": float(finite.min()) if finite.size else None,
+                "maximum": float(finite.max()) if finite.size else None,
+                "missing": int(values.size - finite.size),
+            }
+        )
+    return {
+        "joint": recording.joint,
+        "samples": len(recording),
+        "start_s": float(recording.time[0]) if len(recording) else None,
+        "duration_s": recording.duration,
+        "rate_hz": 1.0 / recording.period if len(recording) > 1 else None,
+        "gaps": recording.gaps,
+        "channels": channels,
+    }
+
+
+def _show(row: dict[str, Any]) -> None:
+    rate = f", {row['rate_hz']:.6g} Hz" if row["rate_hz"] else ""
+    name = f"joint {row['joint']}: " if row["joint"] else ""
+    print(f"\n{name}{row['samples']} samples, {row['duration_s']:.6g} s{rate}, {row['gaps']} gaps")
+    print(f"  {'channel':<20}{'minimum':>13}{'maximum':>13}  {'unit':<9}{'missing':>8}")
+    for c in row["channels"]:
+        low, high = (f"{v:.5g}" if v is not None else "-" for v in (c["minimum"], c["maximum"]))
+        mark = "  derived" if c["derived"] else ""
+        print(f"  {c['name']:<20}{low:>13}{high:>13}  {c['unit']:<9}{c['missing']:>8}{mark}")

@@ -1,0 +1,50 @@
+"""Options that choose and build a model, the same for every command."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import TYPE_CHECKING, Annotated, get_args
+
+import typer
+
+from joint_id_core.errors import JointIdError
+from joint_id_core.models import LAWS, MODELS, Model, build
+from joint_id_core.models.transmission import Actuation
+
+if TYPE_CHECKING:
+    from joint_id_core.recording import Recording
+
+Texts = list[str] | None
+MODEL_HELP = f"one of {', '.join(MODELS)}"
+SetOption = Annotated[Texts, typer.Option("--set", help="NAME=VALUE: start value, or value of a held parameter")]
+ActuationOption = Annotated[str | None, typer.Option(help="torque or current (default: torque if it is recorded)")]
+FrictionOption = Annotated[str | None, typer.Option(help=f"one of {', '.join(LAWS)}")]
+GravityOption = Annotated[bool, typer.Option("--gravity", help="the axis is not vertical: adds a_g, b_g")]
+KinematicErrorOption = Annotated[bool, typer.Option("--kinematic-error", help="of the gear: adds a_ke, phi_ke")]
+
+
+def drive_of(model: str, recording: Recording) -> str | None:
+    """The recorded drive signal, for a model that can be driven by torque or by current; None for the others."""
+    if model not in MODELS or "actuation" not in {f.name for f in fields(MODELS[model])}:
+        return None
+    return "torque" if recording.measured("torque") or not recording.measured("current") else "current"
+
+
+def build_model(name: str, actuation: str | None, friction: str | None, gravity: bool, kinematic_error: bool) -> Model:
+    """Build a model with the options that were given.
+
+    Raises:
+        JointIdError: unknown model, option or choice.
+    """
+    if actuation is not None and actuation not in get_args(Actuation):
+        raise JointIdError(f"unknown actuation {actuation!r}: choose one of {', '.join(get_args(Actuation))}")
+    options: dict[str, str | bool] = {}
+    if actuation is not None:
+        options["actuation"] = actuation
+    if friction is not None:
+        options["friction"] = friction
+    if gravity:
+        options["gravity"] = True
+    if kinematic_error:
+        options["kinematic_error"] = True
+    return build(name, **options)

@@ -1,0 +1,49 @@
+"""A picture of measurement, prediction and what is left."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from joint_id_core.errors import JointIdError
+from joint_id_core.estimate import Estimate
+from joint_id_core.models import Model
+from joint_id_core.problem import prepare
+from joint_id_core.recording import Recording
+
+
+def save(path: Path, model: Model, recording: Recording, estimate: Estimate) -> None:
+    """Draw every label with its prediction, and their difference below.
+
+    Raises:
+        JointIdError: matplotlib is not installed, no prediction to draw, or the file cannot be written.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise JointIdError("--plot needs matplotlib, which is not installed: install it, or leave --plot out") from None
+    held = set(model.parameter_names) - set(estimate.free)
+    problem = prepare(model, recording, estimate.values, held, estimate.free)
+    predictions = estimate.predictions or {}
+    if not predictions:
+        raise JointIdError(f"{recording.source}: the fit made no prediction, there is nothing to plot")
+    time = problem.time - problem.time[0]
+    figure = Figure(figsize=(9.0, 3.2 * len(predictions)), layout="constrained")
+    axes = figure.subplots(2 * len(predictions), 1, sharex=True, squeeze=False, height_ratios=[2, 1] * len(predictions))
+    for k, (name, predicted) in enumerate(predictions.items()):
+        measured = problem.y[:, problem.labels.index(name)]
+        unit = model.states[model.state_names.index(name)].unit
+        above, below = axes[2 * k, 0], axes[2 * k + 1, 0]
+        above.plot(time, measured, ".", markersize=2, color="0.6", label="measured")
+        above.plot(time, predicted, linewidth=1, color="C0", label="predicted")
+        above.set_ylabel(f"{name.replace('_', ' ')} [{unit}]")
+        above.legend(loc="upper right")
+        below.plot(time, np.asarray(predicted) - measured, linewidth=0.7, color="C3")
+        below.set_ylabel(f"error [{unit}]")
+    axes[0, 0].set_title(f"{model.name}, {estimate.status.value}: {recording.source}")
+    axes[-1, 0].set_xlabel("time [s]")
+    try:
+        figure.savefig(path, dpi=120)
+    except (OSError, ValueError) as error:
+        raise JointIdError(f"{path}: the picture cannot be written: {error}") from None
