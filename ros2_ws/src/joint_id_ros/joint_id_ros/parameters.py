@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import Field, fields
 from typing import Any, TypeVar
 
@@ -40,16 +40,26 @@ def describe(option: Field[Any], read_only: bool = True) -> ParameterDescriptor:
     return descriptor
 
 
-def declare(node: Node, cls: type[Options], read_only: bool = True) -> None:
-    """Declare one ROS parameter for every option of a dataclass.
+def declare(
+    node: Node,
+    cls: type[Options],
+    read_only: bool = True,
+    only: Collection[str] = (),
+    defaults: Mapping[str, object] | None = None,
+) -> None:
+    """Declare one ROS parameter for every option of a dataclass (or for those in `only`) that is not declared yet.
+
+    `defaults` replaces defaults that follow from other parameters.
 
     Raises:
         PARAMETER_ERRORS: a value given at start has the wrong type or is out of range.
     """
     for f in fields(cls):  # type: ignore[arg-type]  # any dataclass
         # An empty ROS list has no type: the empty tuple is declared as one empty string.
-        default = (list(f.default) or [""]) if isinstance(f.default, tuple) else f.default
-        node.declare_parameter(f.name, default, describe(f, read_only))
+        default = (defaults or {}).get(f.name, f.default)
+        default = (list(default) or [""]) if isinstance(default, tuple) else default
+        if not node.has_parameter(f.name) and (not only or f.name in only):
+            node.declare_parameter(f.name, default, describe(f, read_only))
 
 
 def read(node: Node, cls: type[Options]) -> Options:

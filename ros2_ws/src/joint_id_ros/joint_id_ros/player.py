@@ -10,7 +10,6 @@ from pathlib import Path
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.duration import Duration
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -25,7 +24,7 @@ from joint_id_ros.conversions import to_stamp
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.message_types import message_class
 from joint_id_ros.parameters import declare, read
-from joint_id_ros.qos import CLOCK, LATEST, REPLAY
+from joint_id_ros.qos import CLOCK, FLUSH, LATEST, REPLAY
 from joint_id_ros.running import run
 
 TICK_S = 0.002  # how often the player looks for messages that are due
@@ -122,7 +121,7 @@ class PlayerNode(Node):
             return
         if done:
             for publisher in self._must_match:
-                publisher.wait_for_all_acked(Duration(seconds=5))
+                publisher.wait_for_all_acked(FLUSH)
             self.get_logger().info(f"played {self._published} messages of {self._options.bag}")
             self.finished.set_result(None)
 

@@ -7,6 +7,7 @@ for readers that are late, so that a slow reader never holds up a robot; the pla
 waits for slow readers instead.
 """
 
+from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 DEPTH = 2000  # 4 s at 500 Hz: longer than any pause of a healthy reader
@@ -16,3 +17,4 @@ STREAM_OUT = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 REPLAY = STREAM_IN
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+FLUSH = Duration(seconds=5)  # longest wait for readers to have taken the last samples

@@ -1,0 +1,78 @@
+"""The joints that the node `sim` moves: what is simulated and how it is driven."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from joint_id_core.control import ControlledJoint, PositionController
+from joint_id_core.excitation import position_reference
+from joint_id_core.models import Electromechanical, HarmonicDrive, Model
+from joint_id_core.options import check, option
+from joint_id_core.simulation import JointSimulator
+
+
+@dataclass(frozen=True)
+class MotionOptions:
+    """How the joint is moved."""
+
+    voltage: float = option(12.0, "electromechanical: height of the voltage steps", "V", 0.0, 1e3)
+    step_s: float = option(0.5, "electromechanical: duration of a step, and of the rest after it", "s", 1e-3, 1e3)
+    amplitude: float = option(0.4, "harmonic_drive: peak of the reference of the link position", "rad", 0.0, 3.0)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+class Plant(Protocol):
+    """A moving joint."""
+
+    model: Model
+    values: dict[str, float]
+
+    def tick(self, dt: float) -> dict[str, float]:
+        """True states now and the inputs that are held from now on, by channel; moves on by `dt` in s.
+
+        Raises:
+            JointIdError: the simulation cannot go on.
+        """
+
+
+class StepResponses:
+    """Model 3 under voltage steps +V, 0, -V, 0, each of the same duration, so that the position stays bounded."""
+
+    def __init__(self, values: Mapping[str, float], motion: MotionOptions, seed: int) -> None:
+        self.model: Model = Electromechanical()
+        self.values = self.model.values(values)
+        self._motion = motion
+        self._joint = JointSimulator(self.model, self.values)
+
+    def tick(self, dt: float) -> dict[str, float]:
+        phase = int(self._joint.time / self._motion.step_s + 1e-6) % 4
+        inputs = {"voltage": self._motion.voltage * (1.0, 0.0, -1.0, 0.0)[phase]}
+        row = {**self._joint.state, **inputs}
+        self._joint.advance(dt, inputs)
+        return row
+
+
+class PositionControl:
+    """Model 2 under a position controller that follows a multisine; driven by the current that it reports."""
+
+    # The paper's Model 2 is driven by a torque; the torque constant that makes it from a current is Model 3's.
+    K_T = Electromechanical().parameter("k_t").nominal
+
+    def __init__(self, values: Mapping[str, float], motion: MotionOptions, seed: int) -> None:
+        self.model: Model = HarmonicDrive(actuation="current")
+        self.values = self.model.values({"k_t": self.K_T, **values})
+        reference = position_reference(motion.amplitude)
+        self._loop = ControlledJoint(self.model, PositionController(), reference, self.values, seed=seed)
+
+    def tick(self, dt: float) -> dict[str, float]:
+        return {**self._loop.joint.state, **self._loop.tick(dt)}
+
+
+PLANTS: dict[str, type[StepResponses] | type[PositionControl]] = {
+    Electromechanical.name: StepResponses,
+    HarmonicDrive.name: PositionControl,
+}
