@@ -48,7 +48,7 @@ class Sensors:
         """What the sensor of a channel shows for one value or for an array of them; NaN stays NaN."""
         std, size = self.noise.get(name, 0.0), self.quantum.get(name)
         shown: Any = value + std * rng.standard_normal(np.shape(value)) if std else value
-        return shown if size is None else np.round(shown / size) * size  # type: ignore[no-any-return]  # kind of value
+        return shown if size is None else np.round(shown / size) * size
 
     def measure(self, recording: Recording, seed: int = 0, keep: Iterable[str] | None = None) -> Recording:
         """The recording as measured, with only the channels in `keep` (default: all).
