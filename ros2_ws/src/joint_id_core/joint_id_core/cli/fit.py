@@ -61,6 +61,10 @@ def fit(
     from joint_id_core import estimators, formats, report
     from joint_id_core.estimate import Status
 
+    if plot is not None:
+        from joint_id_core.cli.plot import check
+
+        check(plot)
     mapping = pairs(map_ or (), "--map")
     recording = _window(formats.read(file, joint, mapping), start, end)
     drive = actuation or drive_of(model, recording)

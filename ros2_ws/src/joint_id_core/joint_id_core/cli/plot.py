@@ -13,16 +13,31 @@ from joint_id_core.problem import prepare
 from joint_id_core.recording import Recording
 
 
+def check(path: Path) -> None:
+    """Say before a long fit that its picture could not be saved.
+
+    Raises:
+        JointIdError: matplotlib is not installed, or the folder or the ending of `path` is of no use.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+    except ImportError:
+        raise JointIdError("--plot needs matplotlib, which is not installed: install it, or leave --plot out") from None
+    if not path.absolute().parent.is_dir():
+        raise JointIdError(f"{path}: its folder {path.absolute().parent} does not exist: create it")
+    known = FigureCanvasAgg.get_supported_filetypes()
+    if path.suffix.lower().lstrip(".") not in known:
+        raise JointIdError(f"{path}: not a picture format: end it in one of {', '.join(sorted(known))}")
+
+
 def save(path: Path, model: Model, recording: Recording, estimate: Estimate) -> None:
     """Draw every label with its prediction, and their difference below.
 
     Raises:
-        JointIdError: matplotlib is not installed, no prediction to draw, or the file cannot be written.
+        JointIdError: no prediction to draw, or the file cannot be written.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise JointIdError("--plot needs matplotlib, which is not installed: install it, or leave --plot out") from None
+    from matplotlib.figure import Figure
+
     held = set(model.parameter_names) - set(estimate.free)
     problem = prepare(model, recording, estimate.values, held, estimate.free)
     predictions = estimate.predictions or {}
@@ -45,5 +60,5 @@ def save(path: Path, model: Model, recording: Recording, estimate: Estimate) -> 
     axes[-1, 0].set_xlabel("time [s]")
     try:
         figure.savefig(path, dpi=120)
-    except (OSError, ValueError) as error:
+    except OSError as error:
         raise JointIdError(f"{path}: the picture cannot be written: {error}") from None

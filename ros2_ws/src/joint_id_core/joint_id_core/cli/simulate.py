@@ -24,8 +24,9 @@ if TYPE_CHECKING:
     from joint_id_core.models import Model
     from joint_id_core.recording import Array, Recording
 
-# Default voltage: steps of both signs and two heights, so that viscous and Coulomb friction can be told apart.
-STEPS_V = (12.0, 0.0, -12.0, 6.0, 0.0, -6.0)
+# Default voltage: steps of both signs and two heights, so that viscous and Coulomb friction can be told apart. None is
+# zero: a joint at rest sticks exactly, which the smoothed friction of the estimators follows only nearly.
+STEPS_V = (12.0, -12.0, 6.0, -6.0)
 STEP_S = 0.5
 
 
