@@ -23,7 +23,10 @@ NOT_EXCITED_RATIO = 0.95
 PRIOR_RATIO = 0.5
 # Lag-one autocorrelation of the innovations beyond which the standard deviations cannot be trusted.
 COLOURED = 0.3
-POOR_NRMSE = 0.5
+# Mean squared normalised innovation beyond which even the largest credible noise does not explain them.
+MOST_CHI2 = 1.5
+# Predictions that miss by as much as a constant would.
+POOR_NRMSE = 1.0
 
 
 def verdicts(
@@ -73,6 +76,8 @@ def judge(
     if coloured:
         worst = max(coloured, key=lambda n: abs(coloured[n]))
         reasons.append(f"residuals of {worst} are not white (lag-one autocorrelation {coloured[worst]:.2f})")
+    if chi2 > MOST_CHI2:
+        reasons.append(f"prediction errors are {np.sqrt(chi2):.1f} times what the sensors' noise allows")
     poor = {n: v for n, v in nrmse.items() if v > POOR_NRMSE}
     if poor:
         worst = max(poor, key=lambda n: poor[n])

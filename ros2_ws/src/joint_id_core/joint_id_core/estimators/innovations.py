@@ -126,20 +126,34 @@ class _Fit:
         return self._settled(found) if found is not None else None
 
     def _settled(self, found: Minimum) -> Minimum | None:
-        """Fit noise levels, parameters and step size in turn until none of them moves."""
+        """Fit noise levels, parameters and step size until none of them moves.
+
+        Too coarse a step looks like noise, and too low a noise level makes the step look too coarse: the
+        levels settle before the step is judged, and once more after it has changed.
+        """
+        while True:
+            settled = self._with_noise(found)
+            if settled is None:
+                return None
+            steps = self.substeps
+            found = self._refined(settled)
+            if self.substeps == steps:
+                return found
+
+    def _with_noise(self, found: Minimum) -> Minimum | None:
+        """Fit noise levels and parameters in turn at the present step size."""
         for k in range(NOISE_ROUNDS):
-            self.tell(f"noise levels, round {k + 1}")
-            before, steps = np.concatenate([self.R, self.q]), self.substeps
-            self.R, self.q = fit_noise(self.recursion, self.coordinates.values(found.z), self.R, self.q, steps)
+            self.tell(f"noise levels, round {k + 1}, {self.substeps} steps a sample")
+            before = np.concatenate([self.R, self.q])
+            values = self.coordinates.values(found.z)
+            self.R, self.q = fit_noise(self.recursion, values, self.R, self.q, self.substeps)
             again = self._from(found.z, ())
             if again is None:
                 return None
-            # Too coarse a step looks like noise, so the step is judged before the noise levels are believed.
-            again = self._refined(again)
             shift = again.z - found.z
             found = again
             settled = np.all(np.abs(np.log(np.concatenate([self.R, self.q]) / before)) < 0.1)
-            if self.substeps == steps and (settled or shift @ found.hessian @ shift < 0.01):
+            if settled or shift @ found.hessian @ shift < 0.01:
                 break
         return found
 
@@ -179,22 +193,21 @@ class _Fit:
         return found
 
     def _refined(self, found: Minimum) -> Minimum:
-        """Double the substeps until the step error moves no estimate by more than 0.1 sigma."""
-        while not self.options.substeps and self.substeps < MAX_SUBSTEPS:
-            finer = minimise(
-                self.recursion, self.coordinates, self.belief, found.z, self.R, self.q,
-                2 * self.substeps, 0.01, self.options.max_iterations,
-            )  # fmt: skip
-            if finer is None:
-                break
-            self.iterations += finer.iterations
-            sigma = np.sqrt(np.diag(np.linalg.inv(finer.hessian)))
-            moved = np.abs(finer.z - found.z) / sigma
-            if np.all(moved < 0.1):
-                break
-            self.substeps *= 2
-            found = finer
-        return found
+        """Double the substeps once if that moves an estimate by more than 0.1 sigma."""
+        if self.options.substeps or 2 * self.substeps > MAX_SUBSTEPS:
+            return found
+        finer = minimise(
+            self.recursion, self.coordinates, self.belief, found.z, self.R, self.q,
+            2 * self.substeps, 0.01, self.options.max_iterations,
+        )  # fmt: skip
+        if finer is None:
+            return found
+        self.iterations += finer.iterations
+        sigma = np.sqrt(np.diag(np.linalg.inv(finer.hessian)))
+        if np.all(np.abs(finer.z - found.z) < 0.1 * sigma):
+            return found
+        self.substeps *= 2
+        return finer
 
     def estimate(self, found: Minimum, elapsed: float) -> Estimate:
         """Turn the minimum into an `Estimate`."""

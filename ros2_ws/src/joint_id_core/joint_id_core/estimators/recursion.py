@@ -72,4 +72,6 @@ class Recursion:
     def run(self, free: Array, R: Array, q: Array, substeps: int) -> Pass:
         """Cost, residuals and sensitivities. The arrays are copies."""
         cost = self._run(free, R, q, substeps, len(self.kernel.sensitive))
+        if not np.isfinite(cost):
+            self._S.fill(1.0)  # a path that blew up; its cost tells the caller
         return Pass(cost, self._e / np.sqrt(self._S), self._J[:, :, self.columns], self._X.copy())

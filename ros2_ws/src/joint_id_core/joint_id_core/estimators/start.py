@@ -67,6 +67,18 @@ def label_noise(problem: Problem) -> Array:
     return np.array(levels)
 
 
+def noise_ceiling(values: Array) -> float:
+    """Largest credible noise variance of a measured motion: twice the rms of its third differences allows.
+
+    Noise cannot be larger than what the signal itself shows. Without this bound a wrong model can explain
+    itself by a sensor that is far worse than it is.
+    """
+    finite = values[np.isfinite(values)]
+    third = np.diff(finite, n=3)
+    level = float(np.mean(third**2)) / 20.0 if third.size else 0.0
+    return max(4.0 * level, 4.0 * label_floor(finite))
+
+
 def label_floor(values: Array) -> float:
     """Smallest credible noise variance of a label: quantisation if it shows, else 1e-7 of its range squared."""
     steps = np.abs(np.diff(values))

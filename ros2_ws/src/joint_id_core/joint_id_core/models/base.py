@@ -77,21 +77,36 @@ class Model:
         return tuple(p.name for p in self.parameters)
 
     @property
-    def friction_states(self) -> tuple[str, ...]:
-        """Velocity states on which Coulomb friction acts, found by asking the derivative itself."""
-        seen: list[str] = []
+    def smoothing(self) -> dict[str, str]:
+        """Velocity states on which Coulomb friction acts, with the parameter that smooths it.
+
+        Found by asking the derivative itself, so a model has nothing to declare twice.
+        """
+        seen: dict[str, str] = {}
+
+        class Named(float):
+            name: str
 
         class Recorder:
             def __getattr__(self, _: str) -> Any:
                 return lambda value: value
 
             def direction(self, velocity: str, w: Any, w_s: Any) -> float:
-                seen.append(velocity)
+                seen[velocity] = w_s.name
                 return 1.0
 
-        ones = SimpleNamespace(**dict.fromkeys(self.parameter_names, 1.0))
-        self.derivative([0.0] * len(self.states), [0.0] * len(self.inputs), ones, Recorder())  # type: ignore[arg-type]  # duck-typed ops
-        return tuple(seen)
+        p = SimpleNamespace()
+        for name in self.parameter_names:
+            value = Named(1.0)
+            value.name = name
+            setattr(p, name, value)
+        self.derivative([0.0] * len(self.states), [0.0] * len(self.inputs), p, Recorder())  # type: ignore[arg-type]  # duck-typed ops
+        return seen
+
+    @property
+    def friction_states(self) -> tuple[str, ...]:
+        """Velocity states on which Coulomb friction acts."""
+        return tuple(self.smoothing)
 
     def parameter(self, name: str) -> Parameter:
         """Return the parameter called `name`.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -24,6 +24,12 @@ from joint_id_core.models.transmission import (
 from joint_id_core.signals import Parameter, Signal, channel, positive
 
 
+def linear_spring_parameters() -> tuple[Parameter, ...]:
+    """The spring of Model 2 with its cubic part fixed at zero."""
+    rows = spring_parameters(k_1=5.164e3, k_2=0.0, c_1=18.938)
+    return tuple(replace(r, fixed=True) if r.name == "k_2" else r for r in rows)
+
+
 @dataclass(frozen=True)
 class MotorSide(Model):
     """Paper Eq 9 alone: states motor position and velocity, inputs drive, link position and velocity.
@@ -31,7 +37,8 @@ class MotorSide(Model):
     What the rest of the arm does reaches the motor only through the measured link motion, so this holds
     while every joint moves. tau_0 is a torque offset and dtheta_0 the twist at which the two encoders
     agree; the twist offset is fixed at zero unless it is freed, because an unmeasured motor position
-    carries it in its start value.
+    carries it in its start value. So is the cubic stiffness: around one working point it cannot be told from
+    the torque offset, and k_1 then is the stiffness at that point.
     """
 
     name = "motor_side"
@@ -59,7 +66,7 @@ class MotorSide(Model):
         return (
             positive("J_m", "kg m^2", "inertia of rotor and wave generator", 6e-5),
             *self._friction.parameters,
-            *spring_parameters(k_1=5.164e3, k_2=9.021e8, c_1=18.938),
+            *linear_spring_parameters(),
             Parameter("tau_0", "Nm", "torque offset at the motor", 0.0, -10.0, 10.0, spread=0.05),
             Parameter("dtheta_0", "rad", "twist offset between the encoders", 0.0, -7.0, 7.0, spread=0.01, fixed=True),
             gear_ratio(),
