@@ -1,8 +1,11 @@
-"""The functions a derivative may call (`models.Ops`), on plain floats."""
+"""The functions a derivative may call (`models.Ops`), on plain floats and on arrays."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
+
+import numpy as np
 
 
 class SmoothOps:
@@ -26,3 +29,17 @@ class SignOps(SmoothOps):
     def direction(velocity: str, w: float, w_s: float) -> float:
         """Sign of the velocity."""
         return (w > 0) - (w < 0)
+
+
+class ArrayOps:
+    """Smoothed Coulomb friction on NumPy arrays."""
+
+    sin = staticmethod(np.sin)
+    cos = staticmethod(np.cos)
+    exp = staticmethod(np.exp)
+    asinh = staticmethod(np.arcsinh)
+
+    @staticmethod
+    def direction(velocity: str, w: Any, w_s: Any) -> Any:
+        """Smoothed direction of sliding."""
+        return np.tanh(w / w_s)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from joint_id_core import rk4
 from joint_id_core.codegen import compile_model
 from joint_id_core.estimate import Estimate
 from joint_id_core.estimators.recursion import Recursion
 from joint_id_core.estimators.start import input_noise, label_noise
 from joint_id_core.models import Model
+from joint_id_core.prediction import drive, free_runs, nrmse, r_squared
 from joint_id_core.problem import prepare
 from joint_id_core.recording import Recording
 
@@ -36,15 +36,14 @@ def held_out(model: Model, recording: Recording, estimate: Estimate, horizon_s: 
     q = np.array([known.get(f"input {n}", v) for n, v in zip(model.input_names, input_noise(problem), strict=True)])
     substeps = max(1, estimate.substeps)
     states = recursion.run(problem.p[recursion.index], R, q, substeps).states
-    last = len(problem.time) - 1
-    block = max(1, round(horizon_s / problem.period))
-    X = states.copy()
-    for i in range(0, last, block):
-        j = min(i + block, last)
-        X[i + 1 : j + 1] = rk4.rollout(
-            kernel, states[i], problem.time[i : j + 1], problem.u[i : j + 1], problem.p, substeps
-        )[1:]
-    error = X[:, problem.label_states] - problem.y
-    with np.errstate(invalid="ignore", divide="ignore"):
-        nrmse = np.sqrt(np.nanmean(error**2, axis=0)) / np.nanstd(problem.y, axis=0)
-    return dict(zip(problem.labels, nrmse.tolist(), strict=True))
+    predictions = free_runs(kernel, problem, states, problem.p, substeps, horizon_s)
+    return nrmse(problem, predictions)
+
+
+def held_out_drive(model: Model, recording: Recording, estimate: Estimate) -> tuple[str, float] | None:
+    """How well the parameters explain the drive of another recording: its name and R^2, None where that has no meaning."""
+    predicted = drive(model, estimate.values, recording)
+    name = model.inputs[0].name
+    if predicted is None or name not in recording:
+        return None
+    return name, r_squared(recording[name], predicted)

@@ -76,11 +76,16 @@ def fit(
     result = report.as_dict(estimate)
     text = report.table(estimate)
     if validate is not None and estimate.predictions is not None:
-        from joint_id_core.validation import held_out
+        from joint_id_core.validation import held_out, held_out_drive
 
-        nrmse = held_out(built, formats.read(validate, joint, mapping), estimate)
+        other = formats.read(validate, joint, mapping)
+        nrmse = held_out(built, other, estimate)
         result["validation"] = [{"signal": name, "nrmse": value} for name, value in nrmse.items()]
         text += f"\nheld out, {validate}: " + ", ".join(f"{name} nrmse {v:.3g}" for name, v in nrmse.items())
+        explained = held_out_drive(built, other, estimate)
+        if explained is not None:
+            result["validation"].append({"signal": explained[0], "r_squared": explained[1]})
+            text += f", {explained[0]} R^2 {explained[1]:.4f}"
     if plot is not None and estimate.predictions is not None:
         from joint_id_core.cli.plot import save
 

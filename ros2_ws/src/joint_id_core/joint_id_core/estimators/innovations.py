@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from joint_id_core import rk4
+from joint_id_core import prediction
 from joint_id_core.codegen import Kernel, compile_model
 from joint_id_core.estimate import Estimate, ParameterEstimate, Status
 from joint_id_core.estimators.belief import Belief, Coordinates
@@ -224,11 +224,10 @@ class _Fit:
             ParameterEstimate(q.name, q.unit, float(v), float(std.get(q.name, np.nan)), rows[q.name], initial[q.name])
             for q, v in zip(model.parameters, p, strict=True)
         )
-        predictions = self._predict(found.last.states, p)
-        nrmse = {}
-        for k, name in enumerate(problem.labels):
-            error, spread = predictions[name] - problem.y[:, k], float(np.nanstd(problem.y[:, k]))
-            nrmse[name] = float(np.sqrt(np.nanmean(error**2)) / spread) if spread > 0 else float("nan")
+        predictions = prediction.free_runs(
+            self.kernel, problem, found.last.states, p, self.substeps, self.options.horizon_s
+        )
+        nrmse = prediction.nrmse(problem, predictions)
         judged = judge(problem, found, nrmse, rows)
         sigma = np.sqrt(np.concatenate([self.R, self.q]))
         return Estimate(
@@ -239,14 +238,3 @@ class _Fit:
             elapsed_s=elapsed, start=float(problem.time[0]), end=float(problem.time[-1]),
             samples=len(problem.time), predictions=predictions,
         )  # fmt: skip
-
-    def _predict(self, states: Array, p: Array) -> dict[str, Array]:
-        """Labels predicted `horizon_s` ahead at most: free runs restarted from the filtered state."""
-        problem = self.problem
-        block = max(1, round(self.options.horizon_s / problem.period))
-        X = states.copy()
-        for i in range(0, len(problem.time) - 1, block):
-            j = min(i + block, len(problem.time) - 1)
-            run = rk4.rollout(self.kernel, states[i], problem.time[i : j + 1], problem.u[i : j + 1], p, self.substeps)
-            X[i + 1 : j + 1] = run[1:]
-        return {name: X[:, problem.label_states[k]] for k, name in enumerate(problem.labels)}

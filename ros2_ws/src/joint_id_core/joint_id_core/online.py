@@ -1,0 +1,163 @@
+"""Identification while the robot moves: sliding windows, warm starts, and a memory of older windows."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from joint_id_core import estimators
+from joint_id_core.errors import JointIdError
+from joint_id_core.estimate import Estimate
+from joint_id_core.estimators.belief import Belief
+from joint_id_core.estimators.innovations import fit_innovations
+from joint_id_core.models import Model
+from joint_id_core.options import check, option
+from joint_id_core.problem import split_parameters
+from joint_id_core.recording import Recording
+
+
+@dataclass(frozen=True)
+class OnlineOptions:
+    """Options of the online identifier."""
+
+    window_s: float = option(2.0, "length of the window that is fitted", "s", lower=0.1, upper=600.0)
+    hop_s: float = option(0.5, "time between two fits", "s", lower=0.01, upper=600.0)
+    memory_s: float = option(
+        60.0, "time over which older windows are forgotten; 0 fits every window by itself", "s", lower=0.0, upper=1e6
+    )
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+class SlidingWindow:
+    """The latest samples of one joint."""
+
+    def __init__(self, length_s: float) -> None:
+        self._length = length_s
+        self._parts: deque[Recording] = deque()
+
+    @property
+    def end(self) -> float:
+        """Instant of the latest sample in s, -inf before the first."""
+        return float(self._parts[-1].time[-1]) if self._parts else -np.inf
+
+    @property
+    def start(self) -> float:
+        """Instant of the oldest sample kept in s."""
+        return float(self._parts[0].time[0]) if self._parts else np.inf
+
+    def append(self, samples: Recording) -> None:
+        """Add later samples.
+
+        Raises:
+            JointIdError: they are not later than what is there.
+        """
+        if not len(samples):
+            return
+        if samples.time[0] <= self.end:
+            raise JointIdError(
+                f"{samples.source}: time goes backwards from {self.end:.6f} s to {samples.time[0]:.6f} s: "
+                "these samples were left out"
+            )
+        self._parts.append(samples)
+        while self._parts[0].time[-1] < self.end - self._length:
+            self._parts.popleft()
+
+    def recording(self) -> Recording:
+        """The samples of the window as one recording; a channel that a part lacks is NaN there."""
+        parts = list(self._parts)
+        names = dict.fromkeys(n for part in parts for n in part.channels)
+        channels = {
+            n: np.concatenate([p.channels[n] if n in p else np.full(len(p), np.nan) for p in parts]) for n in names
+        }
+        derived = frozenset().union(*(p.derived for p in parts))
+        time = np.concatenate([p.time for p in parts])
+        return replace(parts[-1], time=time, channels=channels, derived=derived).window(self.end - self._length, np.inf)
+
+
+class OnlineIdentifier:
+    """Fits one joint again and again while samples arrive.
+
+    Each window starts from the last estimate (warm start). Its prior is the estimate whose window ended where
+    this one starts, its covariance grown by what `memory_s` forgets: so no sample counts twice, and what older
+    windows taught is kept (arrival cost). Windows without motion teach nothing and leave the memory as it is.
+
+    Args:
+        model: model of the joint.
+        values, fixed, freed: as in `estimators.fit`.
+        options: window, hop, memory.
+        estimator: "innovations", or another of `estimators.ESTIMATORS`, which then fits every window afresh.
+
+    Raises:
+        JointIdError: unknown estimator, parameter names or values.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        values: Mapping[str, float] | None = None,
+        fixed: Collection[str] = (),
+        options: OnlineOptions | None = None,
+        estimator: str = "innovations",
+        freed: Collection[str] = (),
+    ) -> None:
+        if estimator not in estimators.ESTIMATORS:
+            raise JointIdError(f"unknown estimator {estimator!r}: choose one of {', '.join(estimators.ESTIMATORS)}")
+        split_parameters(model, values or {}, fixed, freed)
+        self.model, self.options, self.estimator = model, options or OnlineOptions(), estimator
+        self._values, self._fixed, self._freed = dict(values or {}), tuple(fixed), tuple(freed)
+        self._window = SlidingWindow(self.options.window_s)
+        self._next_fit = -np.inf
+        self._last: Estimate | None = None
+        self._past: deque[Estimate] = deque()
+
+    def update(self, samples: Recording) -> Estimate | None:
+        """Take samples; fit and return the estimate when a hop has passed, else None.
+
+        Data that cannot be fitted give an estimate whose status says why.
+
+        Raises:
+            JointIdError: the samples are not later than those before; they are left out.
+        """
+        first = self._window.end == -np.inf
+        self._window.append(samples)
+        if not len(samples):
+            return None
+        if first:
+            self._next_fit = self._window.start + self.options.window_s
+        # Half a sample of slack: a window of 1000 samples ends one period before its length.
+        if self._window.end < self._next_fit - 1.5 * (samples.period if len(samples) > 1 else 0.0):
+            return None
+        self._next_fit = self._window.end + self.options.hop_s
+        return self._fit(self._window.recording())
+
+    def _fit(self, recording: Recording) -> Estimate:
+        if self.estimator != "innovations":
+            return estimators.fit(
+                self.model, recording, self._values, self._fixed, self._freed, estimator=self.estimator
+            )
+        estimate = fit_innovations(
+            self.model, recording, self._values, self._fixed, self._freed,
+            belief=self._belief(float(recording.time[0])), previous=self._last,
+        )  # fmt: skip
+        if estimate.converged:
+            self._last = estimate
+            self._past.append(estimate)
+        return estimate
+
+    def _belief(self, start: float) -> Belief | None:
+        """The newest estimate that ended before `start`, widened by the time since and by the window's length."""
+        if self.options.memory_s == 0.0:
+            return None
+        known: Estimate | None = None
+        while self._past and self._past[0].end <= start:
+            known = self._past.popleft()
+        if known is None:
+            return None
+        self._past.appendleft(known)
+        age = start - known.end + self.options.window_s
+        return Belief.after(known, self.model, inflation=float(np.exp(age / self.options.memory_s)))
