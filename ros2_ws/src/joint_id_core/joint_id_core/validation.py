@@ -9,7 +9,7 @@ from joint_id_core.estimate import Estimate
 from joint_id_core.estimators.recursion import Recursion
 from joint_id_core.estimators.start import input_noise, label_noise
 from joint_id_core.models import Model
-from joint_id_core.prediction import drive, free_runs, nrmse, r_squared
+from joint_id_core.prediction import drive, drive_r_squared, free_runs, nrmse
 from joint_id_core.problem import prepare
 from joint_id_core.recording import Recording
 
@@ -46,4 +46,4 @@ def held_out_drive(model: Model, recording: Recording, estimate: Estimate) -> tu
     name = model.inputs[0].name
     if predicted is None or name not in recording:
         return None
-    return name, r_squared(recording[name], predicted)
+    return name, drive_r_squared(recording.time, recording[name], predicted)
