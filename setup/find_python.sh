@@ -25,7 +25,7 @@ for candidate in ${PYTHON:-python3 python3.12 python3.11}; do
         exit 0
     fi
     reasons="$reasons
-  $path: $(echo "$reason" | tail -n 1)"
+  $path: $(echo "$reason" | head -n 1)"
 done
 echo "make setup: no usable Python 3.11 or 3.12 on PATH: install one, or name it with make PYTHON=/path/to/python3.12$reasons" >&2
 exit 1
