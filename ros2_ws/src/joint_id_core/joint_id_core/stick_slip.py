@@ -6,6 +6,7 @@ function of the state. A change of mode is an event, found on the dense output o
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 
@@ -122,15 +123,8 @@ class StickSlip:
         if mode * step.y_1[i] > 0.0:
             if not mode * step.stages[0][i] < 0.0 < mode * step.slope[i]:
                 return None
-            # It slows down and speeds up again: did it touch zero between? Search the minimum.
-            low, top = 0.0, 1.0
-            while top - low > 1e-6:
-                left, right = low + (top - low) * 0.382, low + (top - low) * 0.618
-                if mode * state(left)[i] < mode * state(right)[i]:
-                    top = right
-                else:
-                    low = left
-            high = 0.5 * (low + top)
+            # It slows down and speeds up again: did it touch zero between?
+            high = _peak(lambda theta: -mode * state(theta)[i], 0.0, 1.0)
             if not gone(high):
                 return None
         low = 0.0
@@ -147,12 +141,32 @@ class StickSlip:
         def gone(theta: float) -> bool:
             return self._leaves(velocity, state(theta), inputs(step.t + theta * step.h)) != 0
 
-        low = 0.0
-        for theta in (0.25, 0.5, 0.75, 1.0):
+        nodes = [0.0, 0.25, 0.5, 0.75, 1.0]
+        for mode in (1, -1):
+
+            def push(theta: float, mode: int = mode) -> float:
+                return mode * self._acceleration(velocity, mode, state(theta), inputs(step.t + theta * step.h))
+
+            values = [push(theta) for theta in nodes]
+            top = values.index(max(values))
+            if 0 < top < 4 and values[top] <= 0.0:
+                # It comes near and goes away again: did it get there between the nodes?
+                nodes[top] = _peak(push, nodes[top - 1], nodes[top + 1])
+        for low, theta in itertools.pairwise(nodes):
             if gone(theta):
                 return _bisect(gone, low, theta, step.h)
-            low = theta
         return None
+
+
+def _peak(f: Callable[[float], float], low: float, high: float) -> float:
+    """Where a function with one maximum between `low` and `high` has it, by golden section."""
+    while high - low > 1e-6:
+        left, right = low + (high - low) * 0.382, low + (high - low) * 0.618
+        if f(left) > f(right):
+            high = right
+        else:
+            low = left
+    return 0.5 * (low + high)
 
 
 def _bisect(gone: Callable[[float], bool], low: float, high: float, h: float) -> float:

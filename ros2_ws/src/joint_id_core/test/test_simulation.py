@@ -53,6 +53,7 @@ def test_first_order_hold_inputs_run_in_straight_lines_and_zero_order_ones_do_no
     time = uneven(60)
     rng = np.random.default_rng(3)
     u = np.column_stack([rng.normal(0, 0.1, time.size), rng.normal(0, 1e-3, time.size), rng.normal(0, 0.1, time.size)])
+    u[10:20], u[40:45] = u[10], u[40]  # constant for some samples, then on
     model, changes = MotorSide(), {"tau_fm": 0.0, "k_2": 0.0}
     p = model.values(changes)
     r = simulate(model, time, dict(zip(model.input_names, u.T, strict=True)), changes, rtol=1e-9)
@@ -79,6 +80,37 @@ def test_mass_under_coulomb_friction_stops_at_the_exact_place_and_time(w_0):
     joint.advance(5.0, {"torque": 4.999})
     assert joint.state["link_velocity"] == 0.0
     assert joint.state["link_position"] == pytest.approx(place, rel=1e-12)
+
+
+def test_the_instant_of_stopping_is_found_to_a_picosecond_within_a_long_step():
+    stop = 2.0 * 3.0 / 5.0
+    time = np.array([0.0, 0.5, stop - 1e-11, stop + 1e-11, 1.7, 3.0])
+    r = simulate(
+        RigidJoint(), time, {"torque": np.zeros(6)}, {"J": 2.0, "c": 0.0, "tau_f": 5.0}, {"link_velocity": 3.0}
+    )
+    assert 0.0 < r["link_velocity"][2] < 1e-10
+    np.testing.assert_array_equal(r["link_velocity"][3:], 0.0)
+
+
+def test_a_velocity_that_dips_to_zero_within_one_step_sticks_there():
+    # The force on the motor grows as 0.1 t through the damper: friction 0.02 stops it at 0.18 s, until 0.2 s.
+    changes = {"k_1": 0.0, "k_2": 0.0, "c_1": 1e-10, "c_m": 0.0, "tau_fm": 0.02, "N": 1.0, "J_m": 6e-5}
+    joint = JointSimulator(MotorSide(), changes, {"motor_velocity": 33.0}, rtol=1e-4)
+    held = {"torque": 0.0, "link_position": 0.0, "link_velocity": 0.0}
+    joint.advance(0.4, held, {"link_velocity": 0.4 * 1e9})
+    assert joint.state["motor_velocity"] == pytest.approx(0.1 * 0.2**2 / 2 / 6e-5, rel=1e-5)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_motor_that_a_swinging_link_just_tears_loose_is_not_missed(sign):
+    # The spring torque passes the friction for 0.2 ms only, within a step, at the turning point of the link.
+    changes = {"k_2": 0.0, "c_1": 0.0, "c_q": 0.0, "tau_fq": 0.0}
+    p = HarmonicDrive().values(changes)
+    peak = 1.0001 * p["tau_fm"] * p["N"] / p["k_1"]  # link angle
+    speed = sign * peak * math.sqrt(p["k_1"] / p["J_q"])
+    joint = JointSimulator(HarmonicDrive(), changes, {"link_velocity": speed})
+    joint.advance(0.03, {"torque": 0.0})
+    assert sign * joint.state["motor_position"] > 0.0
 
 
 def test_mass_under_coulomb_and_viscous_friction_stops_at_the_closed_form():
@@ -283,6 +315,21 @@ def test_sampling_does_not_change_the_motion_and_leaves_no_gap():
         np.testing.assert_allclose(b[name], a[name][kept], rtol=1e-12, atol=1e-15)
 
 
+def test_a_500_hz_tick_costs_few_evaluations_of_the_model():
+    calls = 0
+
+    class Counted(HarmonicDrive):
+        def derivative(self, x, u, p, ops):
+            nonlocal calls
+            calls += 1
+            return super().derivative(x, u, p, ops)
+
+    joint = JointSimulator(Counted())
+    for k in range(500):
+        joint.advance(2e-3, {"torque": 0.2 * math.sin(0.02 * k)})
+    assert calls < 500 * 25  # two to four steps of six evaluations a tick
+
+
 def test_the_recording_holds_states_and_inputs_as_measured_channels():
     time = np.arange(5) * 1e-3
     r = simulate(DCMotor(), time, {"voltage": np.arange(5.0)})
@@ -321,12 +368,12 @@ class Shaker(Model):
     name = "shaker"
     states = (channel("motor_position"), channel("link_position"), channel("motor_velocity"))
     inputs = ()
-    parameters = (positive("level", "Nm", "friction", 1.0),)
+    parameters = (positive("level", "Nm", "friction", 1.0), positive("w_s", "rad/s", "smoothing", 1.0))
 
     def derivative(self, x, u, p, ops):
         a, b, w = x
         omega = 2 * math.pi * 8e4
-        return (omega * b, -omega * a, 1.3 * a - p.level * ops.direction("motor_velocity", w, 1.0))
+        return (omega * b, -omega * a, 1.3 * a - p.level * ops.direction("motor_velocity", w, p.w_s))
 
 
 def test_endless_switching_ends_with_time_and_state():
