@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +13,7 @@ from sensor_msgs.msg import JointState
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.filtering import FilterOptions
-from joint_id_core.formats.topics import RAW, Topic
+from joint_id_core.formats.topics import RAW
 from joint_id_core.models.transmission import GEAR_RATIO
 from joint_id_core.options import check as check_options
 from joint_id_core.options import option
@@ -25,9 +23,12 @@ from joint_id_ros import conversions as convert
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.joining import Joiner
 from joint_id_ros.parameters import declare, read
-from joint_id_ros.qos import STREAM_IN, STREAM_OUT
+from joint_id_ros.qos import STREAM_OUT
 from joint_id_ros.running import run
+from joint_id_ros.streams import Streams
 
+TOPICS = {t.name: t for t in RAW}
+LEADING = "link_states"
 TYPES = {t.__name__: t for t in (JointState, MotorVoltages, MotorTorques)}
 
 
@@ -66,16 +67,15 @@ class FilterNode(Node):
         self._joints: dict[str, None] = {}
         self._origin_ns: int | None = None
         self._published = 0
-        self._diagnostics = Diagnostics(self, self._health, "link_states")
+        self._diagnostics = Diagnostics(self, self._health, LEADING)
         self._publisher = self.create_publisher(JointSamples, "joint_samples", STREAM_OUT)
-        for topic in RAW:
-            kind = TYPES[topic.type.rsplit("/", 1)[-1]]
-            callback: Callable[[Any], None] = partial(self._on_message, topic)
-            self.create_subscription(kind, topic.name, callback, STREAM_IN)
+        kinds = {topic.name: TYPES[topic.type.rsplit("/", 1)[-1]] for topic in RAW}
+        self._streams = Streams(self, kinds, self._on_message)
 
-    def _on_message(self, topic: Topic, message: Any) -> None:
+    def _on_message(self, name: str, message: Any) -> None:
+        topic = TOPICS[name]
         stamp = convert.nanoseconds(message.header.stamp)
-        if topic is RAW[0]:
+        if name == LEADING:
             self._diagnostics.received(stamp)
         try:
             convert.check(topic, message)
@@ -122,7 +122,8 @@ class FilterNode(Node):
         return Health(DiagnosticStatus.OK, "filtering", values)
 
     def close(self) -> None:
-        """Nothing runs beside the callbacks."""
+        """End the subscriptions."""
+        self._streams.close()
 
 
 def main() -> int:

@@ -9,7 +9,6 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from rclpy.subscription import Subscription
 from rclpy.task import Future
 
 from joint_id_core.errors import JointIdError
@@ -22,8 +21,9 @@ from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.joining import StampOrder
 from joint_id_ros.model_options import ModelOptions
 from joint_id_ros.parameters import declare, read
-from joint_id_ros.qos import LATEST, STREAM_IN
+from joint_id_ros.qos import LATEST
 from joint_id_ros.running import run
+from joint_id_ros.streams import Streams
 from joint_id_ros.worker import Callbacks, Worker
 
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
@@ -40,7 +40,7 @@ class IdentifierNode(LifecycleNode):
         self._model_options: ModelOptions | None = None
         self._online_options = OnlineOptions()
         self._worker: Worker | None = None
-        self._subscription: Subscription | None = None
+        self._streams: Streams | None = None
         self._order = StampOrder()
         self._latest: dict[str, JointEstimate] = {}
         self._fits: Counter[str] = Counter()
@@ -56,7 +56,12 @@ class IdentifierNode(LifecycleNode):
         assert self._model_options is not None
         options = self._model_options
         return OnlineIdentifier(
-            options.build(), options.values(), options.fixed(), self._online_options, options.estimator
+            options.build(),
+            options.values(),
+            options.fixed(),
+            self._online_options,
+            options.estimator,
+            options.free,
         )
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -79,7 +84,7 @@ class IdentifierNode(LifecycleNode):
         self._order = StampOrder()
         callbacks = Callbacks(self._on_estimate, self._diagnostics.problem)
         self._worker = Worker(self._make, self._model_options.joints, callbacks)
-        self._subscription = self.create_subscription(JointSamples, SAMPLES.name, self._on_samples, STREAM_IN)
+        self._streams = Streams(self, {SAMPLES.name: JointSamples}, self._on_samples)
         self.get_logger().info(f"identifying {self._model_options.model} with {self._model_options.estimator}")
         return super().on_activate(state)
 
@@ -103,9 +108,9 @@ class IdentifierNode(LifecycleNode):
 
     def close(self) -> None:
         """End the subscription and the thread."""
-        if self._subscription is not None:
-            self.destroy_subscription(self._subscription)
-            self._subscription = None
+        if self._streams is not None:
+            self._streams.close()
+            self._streams = None
         if self._worker is not None:
             self._worker.stop()
             self._worker = None
@@ -118,7 +123,7 @@ class IdentifierNode(LifecycleNode):
         reason = f"{changed[0]} is in use: deactivate and clean up, set it, then configure and activate again"
         return SetParametersResult(successful=False, reason=reason)
 
-    def _on_samples(self, message: JointSamples) -> None:
+    def _on_samples(self, topic: str, message: JointSamples) -> None:
         if self._worker is None:
             return
         stamp = convert.nanoseconds(message.header.stamp)

@@ -23,6 +23,7 @@ class ModelOptions:
     kinematic_error: bool = option(False, "whether the gear's kinematic error is modelled")
     set: tuple[str, ...] = option((), 'start values, and values of fixed parameters, as "NAME=VALUE"')
     fix: tuple[str, ...] = option((), 'parameters to hold, as "NAME" or "NAME=VALUE"')
+    free: tuple[str, ...] = option((), "parameters to estimate although the model holds them")
     autostart: bool = option(True, "configure and activate at start, without a lifecycle manager")
 
     def __post_init__(self) -> None:
