@@ -13,6 +13,11 @@ from numpy.typing import ArrayLike
 from joint_id_core.errors import JointIdError
 from joint_id_core.recording import Array
 
+# Default voltage: steps of both signs and two heights, so that viscous and Coulomb friction can be told apart. None is
+# zero: a joint at rest sticks exactly, which the smoothed friction of the estimators follows only nearly.
+STEPS_V = (12.0, -12.0, 6.0, -6.0)
+STEP_S = 0.5
+
 Phases = Literal["schroeder", "random"]
 
 

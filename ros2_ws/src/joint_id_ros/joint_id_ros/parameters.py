@@ -71,7 +71,7 @@ def read(node: Node, cls: type[Options]) -> Options:
     values = {}
     for f in fields(cls):  # type: ignore[arg-type]  # any dataclass
         value = node.get_parameter(f.name).value
-        values[f.name] = tuple(v for v in value if v) if isinstance(f.default, tuple) else value
+        values[f.name] = tuple(v for v in value if v != "") if isinstance(f.default, tuple) else value
     return cls(**values)
 
 

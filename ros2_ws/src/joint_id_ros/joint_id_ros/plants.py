@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from joint_id_core.control import ControlledJoint, PositionController
-from joint_id_core.excitation import position_reference
+from joint_id_core.errors import JointIdError
+from joint_id_core.excitation import STEP_S, STEPS_V, position_reference
 from joint_id_core.models import Electromechanical, HarmonicDrive, Model
 from joint_id_core.options import check, option
 from joint_id_core.simulation import JointSimulator
@@ -17,12 +18,14 @@ from joint_id_core.simulation import JointSimulator
 class MotionOptions:
     """How the joint is moved."""
 
-    voltage: float = option(12.0, "electromechanical: height of the voltage steps", "V", 0.0, 1e3)
-    step_s: float = option(0.5, "electromechanical: duration of a step, and of the rest after it", "s", 1e-3, 1e3)
+    steps_v: tuple[float, ...] = option(STEPS_V, "electromechanical: voltage steps, repeated", "V")
+    step_s: float = option(STEP_S, "electromechanical: duration of a step", "s", 1e-3, 1e3)
     amplitude: float = option(0.4, "harmonic_drive: peak of the reference of the link position", "rad", 0.0, 3.0)
 
     def __post_init__(self) -> None:
         check(self)
+        if not self.steps_v:
+            raise JointIdError("parameter steps_v is empty: give at least one voltage")
 
 
 class Plant(Protocol):
@@ -40,7 +43,7 @@ class Plant(Protocol):
 
 
 class StepResponses:
-    """Model 3 under voltage steps +V, 0, -V, 0, each of the same duration, so that the position stays bounded."""
+    """Model 3 under voltage steps that repeat; with steps that sum to zero the position stays bounded."""
 
     def __init__(self, values: Mapping[str, float], motion: MotionOptions, seed: int) -> None:
         self.model: Model = Electromechanical()
@@ -49,8 +52,8 @@ class StepResponses:
         self._joint = JointSimulator(self.model, self.values)
 
     def tick(self, dt: float) -> dict[str, float]:
-        phase = int(self._joint.time / self._motion.step_s + 1e-6) % 4
-        inputs = {"voltage": self._motion.voltage * (1.0, 0.0, -1.0, 0.0)[phase]}
+        steps = self._motion.steps_v
+        inputs = {"voltage": steps[int(self._joint.time / self._motion.step_s + 1e-6) % len(steps)]}
         row = {**self._joint.state, **inputs}
         self._joint.advance(dt, inputs)
         return row

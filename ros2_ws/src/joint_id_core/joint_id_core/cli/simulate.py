@@ -24,11 +24,6 @@ if TYPE_CHECKING:
     from joint_id_core.models import Model
     from joint_id_core.recording import Array, Recording
 
-# Default voltage: steps of both signs and two heights, so that viscous and Coulomb friction can be told apart. None is
-# zero: a joint at rest sticks exactly, which the smoothed friction of the estimators follows only nearly.
-STEPS_V = (12.0, -12.0, 6.0, -6.0)
-STEP_S = 0.5
-
 
 def simulate(
     model: Annotated[str, typer.Argument(help=MODEL_HELP)],
@@ -87,7 +82,7 @@ def _motion(model: Model, time: Array, truth: dict[str, float]) -> Recording:
     import numpy as np
 
     from joint_id_core.control import PositionController, simulate_closed_loop
-    from joint_id_core.excitation import multisine, position_reference
+    from joint_id_core.excitation import STEP_S, STEPS_V, multisine, position_reference
     from joint_id_core.models.transmission import GEAR_RATIO
     from joint_id_core.recording import Recording
     from joint_id_core.simulation import simulate as open_loop
