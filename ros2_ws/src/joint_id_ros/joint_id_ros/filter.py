@@ -46,7 +46,7 @@ class InputOptions:
         GEAR_RATIO, "gear ratio by which a joint torque is brought to the motor shaft", "1", 1e-6, 1e5
     )
     join_wait_s: float = option(
-        0.1, "how far the stamps of other topics may run ahead before a topic counts as not measured", "s", 0.0, 10.0
+        1.0, "how far the stamps of other topics may run ahead before a topic counts as not measured", "s", 0.0, 10.0
     )
 
     def __post_init__(self) -> None:

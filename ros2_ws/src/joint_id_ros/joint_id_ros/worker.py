@@ -17,6 +17,8 @@ from joint_id_ros.conversions import nanoseconds, to_recordings
 
 POLL_S = 0.02  # how often the thread looks for samples: well below a hop, well above a sample
 
+STOP_S = 2.0  # longest wait for the thread; launch and systemd kill a process that takes 5 s and more
+
 
 @dataclass(frozen=True)
 class Callbacks:
@@ -40,7 +42,7 @@ class Worker:
         self._pending: deque[JointSamples | None] = deque()
         self._origin_ns: int | None = None
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="identifier")
+        self._thread = threading.Thread(target=self._run, name="identifier", daemon=True)
         self._thread.start()
 
     @property
@@ -57,9 +59,9 @@ class Worker:
         self._pending.append(None)
 
     def stop(self) -> None:
-        """End the thread; waits for a fit under way."""
+        """End the thread. A fit or a compilation that takes longer than `STOP_S` is abandoned."""
         self._stop.set()
-        self._thread.join()
+        self._thread.join(STOP_S)
 
     def _run(self) -> None:
         while not self._stop.wait(POLL_S):
@@ -98,10 +100,11 @@ class Worker:
             estimate = self._identifiers[joint].update(recording)
         except JointIdError as error:
             self._callbacks.problem("samples left out", f"joint {joint}: {error}")
-        except Exception:  # a defect must not end the thread unseen
+        except Exception as error:  # a defect must not end the thread unseen
             self._identifiers.pop(joint, None)
-            last = traceback.format_exc().strip().replace("\n", " | ")
-            self._callbacks.problem("internal error", f"joint {joint}: identifier started anew after: {last}")
+            frame = traceback.extract_tb(error.__traceback__)[-1]
+            what = f"{type(error).__name__}: {' '.join(str(error).split())} ({frame.filename}:{frame.lineno})"
+            self._callbacks.problem("internal error", f"joint {joint}: identification starts anew after {what}")
         else:
-            if estimate is not None:
+            if estimate is not None and not self._stop.is_set():
                 self._callbacks.estimated(joint, estimate, origin_ns)
