@@ -17,7 +17,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.estimate import Estimate, ParameterEstimate, Status, Verdict
 from joint_id_core.estimators.start import start_state
 from joint_id_core.estimators.substeps import stable_substeps
-from joint_id_core.identifiability import NOT_EXCITED_RATIO, POOR_NRMSE, PRIOR_RATIO
+from joint_id_core.identifiability import NOT_EXCITED_RATIO, PRIOR_RATIO
 from joint_id_core.models import Model
 from joint_id_core.options import check, option
 from joint_id_core.problem import Problem, UnusableError, prepare, unusable
@@ -25,10 +25,16 @@ from joint_id_core.recording import Array, Recording
 
 if TYPE_CHECKING:
     from joint_id_core.hpinn import HPinn
+    from joint_id_core.training import Labels
 
-LEVEL_SHARE = 0.1  # the loss has levelled off when its median over this last share of the epochs
+LEVEL_SHARE = (
+    0.1  # the loss has levelled off when its median over this last share of the epochs (LEVEL_EPOCHS at least)
+)
+LEVEL_EPOCHS = 10
 LEVEL_DROP = 0.05  # lies less than this part below its median over the same number of epochs before
-TORSION = "torsion"  # the paper's extra label dtheta = theta_m / N - q
+POOR_NRMSE = 0.5  # of a label's own variation; a simulation that misses by more does not describe it
+STEP_LIMIT = 1.0  # largest |lambda h| of an RK4 step: the error of the fastest mode stays near 1 %
+MINIMUM_DISTANCE = 1.0  # standard deviations that a Gauss-Newton step may still move a parameter
 
 
 @dataclass(frozen=True)
@@ -37,7 +43,7 @@ class HPinnOptions:
 
     epochs: int = option(300, "training epochs, each one simulation of the whole record", lower=1)
     learning_rate: float = option(0.01, "first RMSProp step, relative to each parameter's start value", lower=0.0)
-    decay_at: tuple[float, ...] = option((0.5, 0.75, 0.9), "shares of the epochs at which the learning rate decays")
+    decay_at: tuple[float, ...] = option((0.4, 0.6, 0.8), "shares of the epochs at which the learning rate decays")
     decay_factor: float = option(0.3, "factor of each decay of the learning rate", lower=0.0, upper=1.0)
     substeps: int = option(0, "RK4 steps a sample, 1 in the paper; 0 finds a stable number", lower=0, upper=64)
     friction: str = option("sign", "Coulomb friction: sign as in the paper, or smoothed", choices=("sign", "tanh"))
@@ -68,37 +74,6 @@ class HPinnOptions:
         return found
 
 
-@dataclass(frozen=True)
-class Labels:
-    """What the loss compares: `y` (T, m), NaN where not measured, and how it comes from the states.
-
-    `mix` (m, m - 1 or m) makes labels of the measured states: the identity, and a row for the torsion.
-    """
-
-    names: tuple[str, ...]
-    y: Array
-    mix: Array
-    states: np.ndarray
-
-
-def make_labels(problem: Problem, torsion: bool) -> Labels:
-    """Labels of a problem, with the torsion where it is wanted and both angles are measured.
-
-    A label that is zero throughout is left out: Eq 2 gives it no finite weight.
-    """
-    used = [k for k in range(len(problem.labels)) if np.any(np.nan_to_num(problem.y[:, k]) != 0.0)]
-    names = tuple(problem.labels[k] for k in used)
-    mix, y = np.eye(len(names)), problem.y[:, used]
-    if torsion and {"motor_position", "link_position"} <= set(names):
-        row = np.zeros((1, len(names)))
-        row[0, names.index("motor_position")] = 1.0 / problem.p[problem.model.parameter_names.index("N")]
-        row[0, names.index("link_position")] = -1.0
-        mix, names = np.vstack([mix, row]), (*names, TORSION)
-        motor, link = (y[:, np.flatnonzero(row[0] > 0)[0]], y[:, np.flatnonzero(row[0] < 0)[0]])
-        y = np.column_stack([y, row[0].max() * motor - link])
-    return Labels(names, y, mix, problem.label_states[used])
-
-
 def fit_hpinn(
     model: Model,
     recording: Recording,
@@ -110,9 +85,11 @@ def fit_hpinn(
 ) -> Estimate:
     """Train the H-PINN on a recording.
 
-    The result is the epoch of lowest loss. CONVERGED means that the loss has levelled off (`LEVEL_SHARE`,
-    `LEVEL_DROP`) and that every label is described. The covariance is that of the weighted least-squares minimum
-    with one noise level a label, taken from its residuals, and holds only for white residuals.
+    The result is the epoch of lowest loss. CONVERGED means that every label is described, that the loss has
+    levelled off (`LEVEL_SHARE`, `LEVEL_DROP`) and that it did so at its minimum and not in a valley where
+    RMSProp creeps (`MINIMUM_DISTANCE`), because away from it the covariance is void. The covariance is that of
+    the weighted least-squares minimum with one noise level a label, taken from its residuals, and holds only
+    for white residuals.
 
     Args:
         model: from `models.build`.
@@ -128,7 +105,9 @@ def fit_hpinn(
     """
     begun = clock.perf_counter()
     options = options or HPinnOptions()
+    tell = progress or (lambda _: None)
     from joint_id_core.hpinn import HPinn  # says so where torch is missing
+    from joint_id_core.training import LearningRate, make_labels, train
 
     try:
         problem = prepare(model, recording, values, fixed, freed)
@@ -139,66 +118,34 @@ def fit_hpinn(
             f"{recording.source}: {problem.dropped} samples have no {' or no '.join(model.input_names)}, and the hpinn "
             "simulates the whole record: cut the record there, or choose the innovations estimator"
         )
+    intervals = options.intervals(model)
+    for name in intervals:
+        if name not in problem.free:
+            raise JointIdError(f"option bounds: {name} is fixed: free it or leave its interval out")
     labels = make_labels(problem, options.torsion_label)
-    substeps = options.substeps or stable_substeps(problem, problem.p)
+    substeps = options.substeps or stable_substeps(problem, problem.p, STEP_LIMIT)
     start = dict(zip(model.parameter_names, problem.p.tolist(), strict=True))
-    net = HPinn(model, start, problem.free, options.intervals(model), options.friction, substeps)  # type: ignore[arg-type]  # choices are checked
+    tell(f"preparing the compiled cell of {model.name}")
+    net = HPinn(model, start, problem.free, intervals, options.friction, substeps)  # type: ignore[arg-type]  # choices are checked
     x0 = start_state(problem)[0]
-    history, finite = _train(net, problem, labels, x0, options, progress or (lambda _: None))
+    rates = LearningRate(options.learning_rate, options.decay_at, options.decay_factor)
+    history, finite = train(net, problem, labels, x0, options.epochs, rates, tell)
     if not history:
         message = f"{recording.source}: the simulation from the start values is not finite: {Status.DIVERGED.advice}"
         return unusable(model, "hpinn", UnusableError(Status.DIVERGED, message), recording)
     return _estimate(net, problem, labels, x0, start, history, finite, clock.perf_counter() - begun)
 
 
-def _train(
-    net: HPinn, problem: Problem, labels: Labels, x0: Array, options: HPinnOptions, tell: Callable[[str], None]
-) -> tuple[list[float], bool]:
-    """RMSProp with piecewise constant learning rate (paper section III), constraints after every step.
-
-    Leaves the weights of the best epoch in `net`. Returns the loss of each epoch and whether all were finite.
-    """
-    import torch
-
-    from joint_id_core.hpinn import label_weights, wmse
-
-    # Keras defaults of RMSprop, which the paper used: forgetting factor and epsilon differ from torch's.
-    optimizer = torch.optim.RMSprop([net.weight], lr=options.learning_rate, alpha=0.9, eps=1e-7)
-    milestones = [round(share * options.epochs) for share in options.decay_at]
-    schedule = torch.optim.lr_scheduler.MultiStepLR(optimizer, milestones, options.decay_factor)
-    weights, y = torch.from_numpy(label_weights(labels.y)), torch.from_numpy(labels.y)
-    mix, start, history = torch.from_numpy(labels.mix), torch.from_numpy(x0), list[float]()
-    best, finite = net.weight.detach().clone(), True
-    for epoch in range(options.epochs):
-        optimizer.zero_grad()
-        loss = wmse(net(start, problem.time, problem.u)[:, labels.states] @ mix.T, y, weights)
-        loss.backward()  # type: ignore[no-untyped-call]  # torch leaves it untyped
-        finite = bool(torch.isfinite(loss)) and bool(torch.isfinite(net.weight.grad).all())
-        if not finite:
-            break
-        if loss.item() < min(history, default=np.inf):
-            best = net.weight.detach().clone()
-        history.append(loss.item())
-        if epoch % 50 == 0:
-            tell(f"epoch {epoch} of {options.epochs}, loss {history[-1]:.3g}")
-        optimizer.step()
-        schedule.step()
-        net.project()
-    with torch.no_grad():
-        net.weight.copy_(best)
-    return history, finite
-
-
 def _levelled_off(history: list[float]) -> bool:
-    share = max(1, round(LEVEL_SHARE * len(history)))
-    if len(history) < 2 * share + 1:
+    share = max(LEVEL_EPOCHS, round(LEVEL_SHARE * len(history)))
+    if len(history) <= 2 * share:
         return False
     last, before = np.median(history[-share:]), np.median(history[-2 * share : -share])
     return bool(last >= (1.0 - LEVEL_DROP) * before)
 
 
-def _covariance(jacobian: Array, labels: Labels, weights: Array, residuals: Array) -> tuple[Array, Array]:
-    """Covariance of the minimum of the WMSE, and the noise standard deviation of each measured state.
+def _minimum(jacobian: Array, labels: Labels, weights: Array, residuals: Array) -> tuple[Array, Array, Array]:
+    """Covariance of the minimum of the WMSE, noise of each measured state, and the Gauss-Newton step to that minimum.
 
     `jacobian` (T, states, k) is that of the measured states. The loss weighs labels by Eq 2 and not by their
     noise, and the torsion repeats noise of the two angles, so this is H^-1 S H^-1 with the
@@ -213,7 +160,8 @@ def _covariance(jacobian: Array, labels: Labels, weights: Array, residuals: Arra
     score = np.einsum("tl,tlk,ls,s->tsk", pull, by_label, labels.mix, noise)
     scale = np.sqrt(np.diag(hessian)) + 1e-300
     inverse = np.linalg.pinv(hessian / np.outer(scale, scale), rcond=1e-13, hermitian=True) / np.outer(scale, scale)
-    return inverse @ np.einsum("tsk,tsj->kj", score, score) @ inverse, noise
+    step = -inverse @ np.einsum("tl,tlk,tl->k", pull, by_label, np.nan_to_num(residuals))
+    return inverse @ np.einsum("tsk,tsj->kj", score, score) @ inverse, noise, step
 
 
 def _verdict(model: Model, name: str, value: float, sd: float) -> Verdict:
@@ -238,7 +186,7 @@ def _estimate(
     predicted = states[:, labels.states] @ labels.mix.T
     residuals = predicted - labels.y
     jacobian = sensitivity[:, labels.states][:, :, columns]
-    covariance, noise = _covariance(jacobian, labels, label_weights(labels.y), residuals)
+    covariance, noise, step = _minimum(jacobian, labels, label_weights(labels.y), residuals)
     sd = dict(zip(free, np.sqrt(np.diag(covariance)), strict=True))
     found = dict.fromkeys(model.parameter_names, Verdict.FIXED) | dict.fromkeys(net.at_bound, Verdict.AT_BOUND)
     found |= {name: _verdict(model, name, values[name], s) for name, s in sd.items()}
@@ -246,10 +194,11 @@ def _estimate(
         ParameterEstimate(p.name, p.unit, values[p.name], float(sd.get(p.name, np.nan)), found[p.name], start[p.name])
         for p in model.parameters
     )
-    with np.errstate(divide="ignore", invalid="ignore"):
-        nrmse = np.sqrt(np.nanmean(residuals**2, axis=0)) / np.nanstd(labels.y, axis=0)
+    spread = np.nanstd(labels.y, axis=0)
+    nrmse = np.sqrt(np.nanmean(residuals**2, axis=0)) / np.where(spread > 0.0, spread, np.nan)
     fit = dict(zip(labels.names, nrmse.tolist(), strict=True))
-    status, message = _judge(history, finite, fit, found)
+    away = {name: abs(d) / s if s > 0 else 0.0 for (name, s), d in zip(sd.items(), step, strict=True)}
+    status, message = _judge(history, finite, fit, found, away)
     return Estimate(
         model.name, "hpinn", status, message, rows, free=free, covariance=covariance, nrmse=fit,
         noise=dict(zip(labels.names, noise.tolist(), strict=False)), substeps=net.substeps, iterations=len(history),
@@ -259,16 +208,30 @@ def _estimate(
 
 
 def _judge(
-    history: list[float], finite: bool, nrmse: Mapping[str, float], found: Mapping[str, Verdict]
+    history: list[float],
+    finite: bool,
+    nrmse: Mapping[str, float],
+    found: Mapping[str, Verdict],
+    away: Mapping[str, float],
 ) -> tuple[Status, str]:
-    worst = max(nrmse, key=lambda name: nrmse[name])
+    worst = max(nrmse, key=lambda name: np.nan_to_num(nrmse[name]))
+    farthest = max(away, key=lambda name: away[name], default="")
     if not finite:
-        status, text = Status.DIVERGED, f"the simulation left the finite numbers at epoch {len(history)}: values are of the best epoch"
+        status, text = (
+            Status.DIVERGED,
+            f"the simulation left the finite numbers at epoch {len(history)}: values are of the best epoch",
+        )
+    elif not _levelled_off(history):
+        status, text = Status.MAX_ITERATIONS, "the loss still falls: train for more epochs or at a higher learning rate"
     elif nrmse[worst] > POOR_NRMSE:
         miss = f"the simulation of {worst} misses by {100 * nrmse[worst]:.0f} % of its variation"
         status, text = Status.POOR_FIT, f"{miss}: {Status.POOR_FIT.advice}"
-    elif not _levelled_off(history):
-        status, text = Status.MAX_ITERATIONS, "the loss still falls: train for more epochs or at a higher learning rate"
+    elif away.get(farthest, 0.0) > MINIMUM_DISTANCE:
+        text = (
+            f"the loss has levelled off, but Gauss-Newton sees its minimum {away[farthest]:.1f} standard deviations of "
+            f"{farthest} away: train for more epochs, or use the innovations estimator"
+        )
+        status = Status.MAX_ITERATIONS
     else:
         status, text = Status.CONVERGED, "the loss has levelled off"
     text += "; standard deviations assume white residuals"
