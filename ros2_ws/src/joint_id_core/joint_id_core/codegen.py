@@ -6,6 +6,7 @@ text of the model, of the generator and by the numba version, so it never has to
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import importlib.util
 import inspect
@@ -32,7 +33,8 @@ _SIGNATURES = {
     "rollout": f"void({_V}, {_V}, {_M}, {_V}, {_I}, {_M})",
     "rollout_sensitivities": f"void({_V}, {_V}, {_M}, {_V}, {_I}, {_M}, {_T}, {_T})",
     "innovations": f"float64({_V}, {_M}, {_V}, {_M}, {_M}, int64[::1], {_V}, {_V}, {_V}, {_V}, {_V}, {_I}, {_I}, "
-    f"{_M}, {_M}, {_M}, {_T})",
+    f"{_M}, {_M}, {_M}, {_T}, {_T}, {_T})",
+    "noise_score": f"void({_M}, int64[::1], {_M}, {_M}, {_T}, {_T}, {_V}, {_V})",
 }
 
 
@@ -96,13 +98,37 @@ def _source(model: Model, friction: str, sensitive: tuple[str, ...]) -> str:
     return head + text + loops
 
 
-def _load(path: Path) -> ModuleType:
+def _build(folder: Path, model: Model, friction: str, sensitive: tuple[str, ...]) -> ModuleType:
+    """Load the module in `folder`, after writing its source if it is not there."""
+    path = folder / "kernel.py"
+    if not path.exists():
+        log.info("compiling model %s once, about 15 s; the result is kept in %s", model.name, folder)
+        draft = path.with_suffix(".draft")
+        draft.write_text(_source(model, friction, sensitive))
+        draft.replace(path)
     spec = importlib.util.spec_from_file_location(f"joint_id_kernel_{path.parent.name}", path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)
+    missing = [name for name in _SIGNATURES if not hasattr(module, name)]
+    if missing:  # a file cut short by a full disk is still valid Python
+        raise ImportError(f"{path} has no {', '.join(missing)}")
     return module
+
+
+def _store(path: Path, text: str) -> None:
+    """Write a kernel's source in one go, so that another process never sees half of it."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        draft = path.with_suffix(f".{os.getpid()}")
+        draft.write_text(text)
+        draft.replace(path)
+    except OSError as error:
+        raise JointIdError(
+            f"cannot keep the compiled kernel in {path.parent} ({error.strerror}): "
+            "set JOINT_ID_CACHE_DIR to a folder that can be written"
+        ) from error
 
 
 @lru_cache(maxsize=64)
@@ -113,26 +139,22 @@ def compile_model(model: Model, friction: str = "tanh", extra: tuple[str, ...] =
     `friction` is "tanh" (smoothed) or "sign" (the paper's network).
 
     Raises:
-        JointIdError: unknown friction smoothing or parameter name in `extra`.
+        JointIdError: unknown friction smoothing or parameter name in `extra`; a cache that cannot be written.
     """
     if friction not in ("tanh", "sign"):
         raise JointIdError(f"unknown friction smoothing {friction!r}: choose tanh or sign")
     for name in extra:
         model.parameter(name)
     sensitive = tuple(p.name for p in model.parameters if not p.fixed or p.name in extra)
-    path = cache_directory() / f"{model.name}-{_key(model, friction, sensitive)}" / "kernel.py"
-    if not path.exists():
-        log.info("compiling model %s once, about 10 s; the result is kept in %s", model.name, path.parent)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        draft = path.with_suffix(f".{os.getpid()}")
-        draft.write_text(_source(model, friction, sensitive))
-        draft.replace(path)
-    try:
-        module = _load(path)
-    except Exception:  # whatever is wrong with a cached file, a fresh build is the cure
-        log.warning("the cached kernel in %s cannot be loaded: building it again", path.parent)
-        shutil.rmtree(path.parent, ignore_errors=True)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(_source(model, friction, sensitive))
-        module = _load(path)
+    folder = cache_directory() / f"{model.name}-{_key(model, friction, sensitive)}"
+    folder.mkdir(parents=True, exist_ok=True)
+    with open(folder.with_suffix(".lock"), "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # a second process waits for the first one's build instead of repeating it
+        try:
+            module = _build(folder, model, friction, sensitive)
+        except Exception as error:  # whatever is wrong with a cached file, a fresh build is the cure
+            log.warning("the cached kernel in %s cannot be loaded (%s): building it again", folder, error)
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir(parents=True)
+            module = _build(folder, model, friction, sensitive)
     return Kernel(model, friction, model.parameter_names, sensitive, module)

@@ -49,35 +49,45 @@ def verdicts(
 
 
 @dataclass(frozen=True)
+class Residuals:
+    """Statistics of the normalised innovations, and the reasons why they do not look like noise."""
+
+    chi2: float
+    whiteness: dict[str, float]
+    reasons: tuple[str, ...]
+
+
+def explained(problem: Problem, residuals: Array) -> Residuals:
+    """Test normalised innovations (T, labels): mean square and lag-one autocorrelation."""
+    present = np.isfinite(problem.y)
+    chi2 = float(np.sum(residuals[present] ** 2) / max(1, present.sum()))
+    whiteness = {}
+    for k, name in enumerate(problem.labels):
+        e = residuals[present[:, k], k]
+        energy = float(e @ e)
+        whiteness[name] = float(e[1:] @ e[:-1]) / energy if energy > 0 else 0.0
+    reasons = []
+    worst = max(whiteness, key=lambda n: abs(whiteness[n]))
+    if abs(whiteness[worst]) > COLOURED:
+        reasons.append(f"residuals of {worst} are not white (lag-one autocorrelation {whiteness[worst]:.2f})")
+    if chi2 > MOST_CHI2:
+        reasons.append(f"prediction errors are {np.sqrt(chi2):.1f} times what the sensors' noise allows")
+    return Residuals(chi2, whiteness, tuple(reasons))
+
+
+@dataclass(frozen=True)
 class Judgement:
     """Status of a fit with its reason in words, and the residual statistics behind it."""
 
     status: Status
     message: str
-    chi2: float
-    whiteness: dict[str, float]
+    residuals: Residuals
 
 
-def judge(
-    problem: Problem, found: Minimum, nrmse: Mapping[str, float], rows: Mapping[str, Verdict]
-) -> Judgement:
+def judge(problem: Problem, found: Minimum, nrmse: Mapping[str, float], rows: Mapping[str, Verdict]) -> Judgement:
     """Decide how the fit ended: converged, not converged, or converged to a model that does not describe the data."""
-    r = found.last.residuals
-    present = np.isfinite(problem.y)
-    chi2 = float(np.sum(r[present] ** 2) / max(1, present.sum()))
-    whiteness = {}
-    for k, name in enumerate(problem.labels):
-        e = r[present[:, k], k]
-        energy = float(e @ e)
-        whiteness[name] = float(e[1:] @ e[:-1]) / energy if energy > 0 else 0.0
-    unseen = [n for n, v in rows.items() if v in (Verdict.NOT_EXCITED, Verdict.PRIOR)]
-    reasons = []
-    coloured = {n: w for n, w in whiteness.items() if abs(w) > COLOURED}
-    if coloured:
-        worst = max(coloured, key=lambda n: abs(coloured[n]))
-        reasons.append(f"residuals of {worst} are not white (lag-one autocorrelation {coloured[worst]:.2f})")
-    if chi2 > MOST_CHI2:
-        reasons.append(f"prediction errors are {np.sqrt(chi2):.1f} times what the sensors' noise allows")
+    residuals = explained(problem, found.last.residuals)
+    reasons = list(residuals.reasons)
     poor = {n: v for n, v in nrmse.items() if v > POOR_NRMSE}
     if poor:
         worst = max(poor, key=lambda n: poor[n])
@@ -88,8 +98,9 @@ def judge(
         status, message = Status.POOR_FIT, f"{'; '.join(reasons)}: {Status.POOR_FIT.advice}"
     else:
         status, message = Status.CONVERGED, "converged"
+    unseen = [n for n, v in rows.items() if v in (Verdict.NOT_EXCITED, Verdict.PRIOR)]
     if unseen:
         message += f"; this motion does not show {', '.join(unseen)}"
     if problem.dropped:
         message += f"; {problem.dropped} samples without an input were left out"
-    return Judgement(status, message, chi2, whiteness)
+    return Judgement(status, message, residuals)

@@ -74,6 +74,8 @@ def innovations(
     e: Any,
     S: Any,
     J: Any,
+    K: Any,
+    F: Any,
 ) -> float:
     """Run the innovations form once over the record and return sum e^2/S + log S.
 
@@ -82,7 +84,8 @@ def innovations(
     variance added to the states per sample. gap (T): missing samples before the next one; over a gap the
     held input is uncertain by as much as it is seen to change. n_params: NP, or 0 to leave the sensitivities out.
     Receives X (T, NX) filtered states, e, S (T, NY) innovations and their variance (0, 1 where missing)
-    and J (T, NY, NP) the derivative of the predicted label by the parameters, divided by sqrt(S).
+    and J (T, NY, NP) the derivative of the predicted label by the parameters, divided by sqrt(S); K (T, NY, NX)
+    gains and F (T, NX, NX + NU) derivatives of the next state by state and input, as `noise_score` needs them.
     """
     c = np.empty(NC)
     constants(p, c)
@@ -90,7 +93,6 @@ def innovations(
     W = np.zeros((NX, NX + NU + NP))
     D = np.empty((NX, NX + NU + NP))
     Q = np.empty((NX, NX + NU + NP))
-    K = np.empty(NX)
     q_t = np.empty(NU)
     M = np.empty((NX, NX))
     x = x0.copy()
@@ -106,6 +108,8 @@ def innovations(
                 S[t, k] = 1.0
                 for j in range(n_params):
                     J[t, k, j] = 0.0
+                for m in range(NX):
+                    K[t, k, m] = 0.0
                 continue
             error = y[t, k] - x[i]
             variance = P[i, i] + R[k]
@@ -116,18 +120,18 @@ def innovations(
             for j in range(n_params):
                 J[t, k, j] = W[i, first + j] * root
             for m in range(NX):
-                K[m] = P[m, i] / variance
+                K[t, k, m] = P[m, i] / variance
             for m in range(NX):
-                x[m] += K[m] * error
+                x[m] += K[t, k, m] * error
                 if m != i:
                     for j in range(n_params):
-                        W[m, first + j] -= K[m] * W[i, first + j]
+                        W[m, first + j] -= K[t, k, m] * W[i, first + j]
             for j in range(n_params):
                 W[i, first + j] *= R[k] / variance  # 1 - K_i without cancellation
             for m in range(NX):
                 for n in range(NX):
                     if m != i and n != i:
-                        P[m, n] -= K[m] * P[i, n]
+                        P[m, n] -= K[t, k, m] * P[i, n]
             for n in range(NX):
                 if n != i:
                     P[i, n] *= R[k] / variance
@@ -159,4 +163,64 @@ def innovations(
                 P[m, n] = total
                 P[n, m] = total
             P[m, m] += Q_x[m]
+            for n in range(NX + NU):
+                F[t, m, n] = W[m, n]
     return cost
+
+
+def noise_score(y: Any, label: Any, e: Any, S: Any, K: Any, F: Any, score_R: Any, score_q: Any) -> None:
+    """Derivative of the cost of `innovations` by R (NY) and q (NU), from what that pass stored.
+
+    Exact score of a linear state-space model by the backward recursion of Koopman & Shephard, Biometrika 79
+    (1992); the dependence of the linearisation on the noise levels is left out.
+    """
+    r = np.zeros(NX)
+    N = np.zeros((NX, NX))
+    M = np.empty((NX, NX))
+    v = np.empty(NX)
+    score_R[:] = 0.0
+    score_q[:] = 0.0
+    for t in range(len(y) - 1, -1, -1):
+        if t < len(y) - 1:
+            for k in range(NU):
+                along = 0.0
+                spread = 0.0
+                for m in range(NX):
+                    g = F[t, m, NX + k]
+                    along += g * r[m]
+                    for n in range(NX):
+                        spread += g * N[m, n] * F[t, n, NX + k]
+                score_q[k] -= along * along - spread
+            for m in range(NX):
+                v[m] = 0.0
+                for n in range(NX):
+                    v[m] += F[t, n, m] * r[n]
+                    M[m, n] = 0.0
+                    for k in range(NX):
+                        M[m, n] += N[m, k] * F[t, k, n]
+            for m in range(NX):
+                r[m] = v[m]
+                for n in range(NX):
+                    N[m, n] = 0.0
+                    for k in range(NX):
+                        N[m, n] += F[t, k, m] * M[k, n]
+        for k in range(len(label) - 1, -1, -1):
+            if math.isnan(y[t, k]):
+                continue
+            i = label[k]
+            u = e[t, k] / S[t, k]
+            D = 1.0 / S[t, k]
+            for m in range(NX):
+                u -= K[t, k, m] * r[m]
+                v[m] = 0.0
+                for n in range(NX):
+                    v[m] += N[m, n] * K[t, k, n]
+            for m in range(NX):
+                D += K[t, k, m] * v[m]
+            score_R[k] -= u * u - D
+            r[i] += u
+            for m in range(NX):
+                N[m, i] -= v[m]
+            for n in range(NX):
+                N[i, n] -= v[n]
+            N[i, i] += D

@@ -21,7 +21,7 @@ from joint_id_core.estimators.noise import fit_noise
 from joint_id_core.estimators.recursion import Recursion
 from joint_id_core.estimators.start import input_noise, label_noise
 from joint_id_core.estimators.substeps import stable_substeps
-from joint_id_core.identifiability import judge, verdicts
+from joint_id_core.identifiability import explained, judge, verdicts
 from joint_id_core.models import Model
 from joint_id_core.options import check, option
 from joint_id_core.problem import Problem, UnusableError, prepare, unusable
@@ -30,6 +30,8 @@ from joint_id_core.recording import Array, Recording
 ANNEALING = (1e6, 1e3)  # input noise times this: feedback from strong to optimal
 NOISE_ROUNDS = 8
 MAX_SUBSTEPS = 64
+STEP_TOLERANCE = 1e-4  # in z: what a finer step may still change where the data know better than that
+SAME_COST = 2.0  # two starts that end this near to each other in cost have found the same minimum
 EXTRA_STARTS = 6  # when states are not measured, the cost has several minima
 
 
@@ -37,7 +39,7 @@ EXTRA_STARTS = 6  # when states are not measured, the cost has several minima
 class InnovationsOptions:
     """Options of the innovations estimator."""
 
-    max_iterations: int = option(100, "Gauss-Newton iterations in one stage", lower=1)
+    max_iterations: int = option(50, "Gauss-Newton iterations in one stage", lower=1)
     substeps: int = option(0, "RK4 steps a sample; 0 finds them", lower=0, upper=MAX_SUBSTEPS)
     horizon_s: float = option(0.1, "how far ahead the predictions look whose nrmse is reported", "s", lower=0.0)
 
@@ -118,11 +120,31 @@ class _Fit:
         return self._settled(found) if found is not None else None
 
     def cold(self) -> Minimum | None:
-        """Start from the belief: anneal, from several starts when states are not measured."""
+        """Start from the belief; when states are not measured, from others too until two agree and describe the data."""
+        found = self._annealed(self.belief.mean)
+        if len(self.problem.labels) == len(self.problem.model.states):
+            return found
+        best, levels, twice = found, (self.R, self.q, self.substeps), False
+        rng = np.random.default_rng(0)
+        for k in range(EXTRA_STARTS):
+            if twice and best is not None and not explained(self.problem, best.last.residuals).reasons:
+                break
+            self.tell(f"start {k + 2} of {EXTRA_STARTS + 1}")
+            scatter = 0.5 * self.coordinates.spread * rng.uniform(-1.0, 1.0, len(self.belief.mean))
+            other = self._annealed(self.coordinates.clip(self.belief.mean + scatter))
+            if other is None:
+                continue
+            twice = best is not None and (twice or abs(other.cost - best.cost) < SAME_COST)
+            if best is None or other.cost < best.cost:
+                twice = best is not None and abs(other.cost - best.cost) < SAME_COST
+                best, levels = other, (self.R, self.q, self.substeps)
+        self.R, self.q, self.substeps = levels
+        return best
+
+    def _annealed(self, z: Array) -> Minimum | None:
+        """One complete fit from z with rough noise levels: feedback from strong to optimal, then settle."""
         self.R, self.q = label_noise(self.problem), input_noise(self.problem)
-        found = self._from(self.belief.mean, ANNEALING)
-        if len(self.problem.labels) < len(self.problem.model.states):
-            found = self._best_of_starts(found)
+        found = self._from(z, ANNEALING)
         return self._settled(found) if found is not None else None
 
     def _settled(self, found: Minimum) -> Minimum | None:
@@ -174,26 +196,8 @@ class _Fit:
             z = found.z
         return found
 
-    def _best_of_starts(self, found: Minimum | None) -> Minimum | None:
-        """Repeat from scattered starts and keep the lowest cost, until it has been reached twice."""
-        rng = np.random.default_rng(0)
-        steps = self.substeps
-        for k in range(EXTRA_STARTS):
-            self.tell(f"start {k + 2} of {EXTRA_STARTS + 1}")
-            scatter = 0.5 * self.coordinates.spread * rng.uniform(-1.0, 1.0, len(self.belief.mean))
-            other = self._from(self.coordinates.clip(self.belief.mean + scatter), ANNEALING)
-            if other is None:
-                continue
-            again = found is not None and abs(other.cost - found.cost) < 1.0
-            if found is None or other.cost < found.cost:
-                found, steps = other, self.substeps
-            if again:
-                break
-        self.substeps = steps
-        return found
-
     def _refined(self, found: Minimum) -> Minimum:
-        """Double the substeps once if that moves an estimate by more than 0.1 sigma."""
+        """Double the substeps once if that moves an estimate by more than 0.1 sigma, or 0.01 % where sigma is less."""
         if self.options.substeps or 2 * self.substeps > MAX_SUBSTEPS:
             return found
         finer = minimise(
@@ -204,7 +208,7 @@ class _Fit:
             return found
         self.iterations += finer.iterations
         sigma = np.sqrt(np.diag(np.linalg.inv(finer.hessian)))
-        if np.all(np.abs(finer.z - found.z) < 0.1 * sigma):
+        if np.all(np.abs(finer.z - found.z) < np.maximum(0.1 * sigma, STEP_TOLERANCE)):
             return found
         self.substeps *= 2
         return finer
@@ -234,7 +238,7 @@ class _Fit:
             model=model.name, estimator="innovations", status=judged.status, message=judged.message,
             parameters=parameters, free=problem.free, covariance=covariance, nrmse=nrmse,
             noise=dict(zip((*problem.labels, *(f"input {n}" for n in model.input_names)), map(float, sigma), strict=True)),
-            chi2=judged.chi2, whiteness=judged.whiteness, substeps=self.substeps, iterations=self.iterations,
+            chi2=judged.residuals.chi2, whiteness=judged.residuals.whiteness, substeps=self.substeps, iterations=self.iterations,
             elapsed_s=elapsed, start=float(problem.time[0]), end=float(problem.time[-1]),
             samples=len(problem.time), predictions=predictions,
         )  # fmt: skip

@@ -22,15 +22,17 @@ def fit_noise(recursion: Recursion, free: Array, R: Array, q: Array, substeps: i
     n = len(R)
     inputs = zip(problem.model.inputs, problem.u.T, strict=True)
     limits = [(label_floor(c[np.isfinite(c)]), noise_ceiling(c)) for c in problem.y.T]
-    limits += [((1e-6 * s.scale) ** 2, noise_ceiling(c) if s.hold == "first" else np.inf) for s, c in inputs]
+    limits += [((1e-6 * s.scale) ** 2, noise_ceiling(c) if s.hold == "first" else (1e3 * s.scale) ** 2) for s, c in inputs]
     bounds = [(np.log(low), np.log(max(high, low))) for low, high in limits]
     start = np.clip(np.log(np.concatenate([R, q])), *np.array(bounds).T)
 
-    def cost(levels: Array) -> float:
+    def cost(levels: Array) -> tuple[float, Array]:
         v = np.exp(levels)
-        c = recursion.cost(free, v[:n], v[n:], substeps)
-        return c if np.isfinite(c) else 1e30
+        c, score_R, score_q = recursion.cost_and_score(free, v[:n], v[n:], substeps)
+        if not np.isfinite(c):
+            return 1e30, np.zeros_like(levels)
+        return c, v * np.concatenate([score_R, score_q])
 
-    found = minimize(cost, start, method="L-BFGS-B", bounds=bounds, options={"maxiter": 40, "ftol": 1e-10, "eps": 1e-4})
+    found = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 60, "ftol": 1e-9})
     v = np.exp(found.x)
     return v[:n], v[n:]

@@ -49,6 +49,7 @@ class Recursion:
         self._X = np.empty((T, n))
         self._e, self._S = np.empty((T, m)), np.empty((T, m))
         self._J = np.empty((T, m, len(kernel.sensitive)))
+        self._K, self._F = np.empty((T, m, n)), np.empty((T, n, n + problem.u.shape[1]))
 
     def values(self, free: Array) -> Array:
         """All parameter values with the free ones put in."""
@@ -61,13 +62,17 @@ class Recursion:
         return float(
             self.kernel.module.innovations(
                 self.x0, self.P0, a.time, a.u, a.y, a.label_states, a.gap, R, q, self.Q_x,
-                self.values(free), substeps, n_params, self._X, self._e, self._S, self._J,
+                self.values(free), substeps, n_params, self._X, self._e, self._S, self._J, self._K, self._F,
             )
         )  # fmt: skip
 
-    def cost(self, free: Array, R: Array, q: Array, substeps: int) -> float:
-        """Cost alone, without sensitivities."""
-        return self._run(free, R, q, substeps, 0)
+    def cost_and_score(self, free: Array, R: Array, q: Array, substeps: int) -> tuple[float, Array, Array]:
+        """Cost, without sensitivities, and its derivatives by R (labels,) and q (inputs,)."""
+        cost = self._run(free, R, q, substeps, 0)
+        score_R, score_q = np.empty(len(R)), np.empty(len(q))
+        a = self.problem
+        self.kernel.module.noise_score(a.y, a.label_states, self._e, self._S, self._K, self._F, score_R, score_q)
+        return cost, score_R, score_q
 
     def run(self, free: Array, R: Array, q: Array, substeps: int) -> Pass:
         """Cost, residuals and sensitivities. The arrays are copies."""
