@@ -1,7 +1,8 @@
 """Model -> SymPy -> one compiled module, cached on disk.
 
 The cache lives in $JOINT_ID_CACHE_DIR, else in joint_id under $XDG_CACHE_HOME or ~/.cache. It is keyed by the
-text of the model, of the generator and by the numba version, so it never has to be cleared; deleting it only costs a compilation.
+text of the model, of the generator and by the numba version, so it never has to be cleared; deleting it
+only costs a compilation.
 """
 
 from __future__ import annotations
@@ -94,7 +95,8 @@ def _source(model: Model, friction: str, sensitive: tuple[str, ...]) -> str:
     inline = f'@njit(fastmath={_FASTMATH}, error_model="numpy")\n'
     for name in ("constants", "step"):
         text = text.replace(f"def {name}(", f"{inline}def {name}(")
-    head = f'"""Generated for {model!r}, friction {friction}: do not edit."""\n\nimport math\n\nimport numpy as np\nfrom numba import njit\n\n'
+    head = f'"""Generated for {model!r}, friction {friction}: do not edit."""\n\n'
+    head += "import math\n\nimport numpy as np\nfrom numba import njit\n\n"
     return head + text + loops
 
 

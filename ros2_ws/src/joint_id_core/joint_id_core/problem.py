@@ -119,7 +119,8 @@ def prepare(
             raise UnusableError(
                 Status.MISSING_SIGNAL,
                 f"{recording.source} has no {name}, an input of model {model.name}: it has "
-                f"{', '.join(recording.channels) or 'nothing'}; record it, rename a column to it (--map), or use another model",
+                f"{', '.join(recording.channels) or 'nothing'}; record it, rename a column to it (--map), "
+                "or use another model",
             )
     u = np.column_stack(columns)
     usable = np.isfinite(u).all(axis=1)
@@ -143,7 +144,9 @@ def prepare(
     period = float(np.median(steps[:-1]))
     gap = np.maximum(np.round(steps / period) - 1.0, 0.0)
     index = np.array([model.state_names.index(n) for n in labels], dtype=np.int64)
-    return Problem(model, time, u, np.ascontiguousarray(y), labels, index, p, free, gap, int((~usable).sum()), recording)
+    return Problem(
+        model, time, u, np.ascontiguousarray(y), labels, index, p, free, gap, int((~usable).sum()), recording
+    )
 
 
 # Of the peak velocity of the record. A larger share of it blurs the Coulomb step into viscous friction (on
@@ -152,7 +155,7 @@ SMOOTHING_SHARE = 0.01
 
 
 def _smoothing(model: Model, recording: Recording) -> dict[str, float]:
-    """Smoothing velocities for this record: SMOOTHING_SHARE of the peak, within a tenth and all of the table's value."""
+    """Smoothing velocities for this record: a share of the peak, between a tenth of the table's value and all of it."""
     found = {}
     for velocity, name in model.smoothing.items():
         nominal = model.parameter(name).nominal

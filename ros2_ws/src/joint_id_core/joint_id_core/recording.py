@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from joint_id_core.errors import JointIdError
 from joint_id_core.signals import CHANNELS
 
-Array = NDArray[np.float64]
+Array = NDArray[np.float64]  # of any shape; docstrings say which
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,7 @@ class _Hoist:
         return expr.func(*[self(a) for a in expr.args]) if expr.args else expr
 
 
-class _Printer(PythonCodePrinter):  # type: ignore[misc]  # sympy ships no types
+class _Printer(PythonCodePrinter):
     """Python text in which small powers are products, as a compiler wants them."""
 
     def _print_Pow(self, expr: Any, rational: bool = False) -> str:
@@ -158,7 +158,7 @@ def step_text(model: Model, d: Derivative) -> str:
         for i in range(nx):
             if stage:
                 out(f"            d_{i} = D[{i}, j]")
-                out(f"            Q[{i}, j] = " + ("d_%d" % i if stage == 1 else f"Q[{i}, j] + {weight} * d_{i}"))
+                out(f"            Q[{i}, j] = " + (f"d_{i}" if stage == 1 else f"Q[{i}, j] + {weight} * d_{i}"))
             out(f"            y_{i} = W[{i}, j]" + (f" + {at} * hs * d_{i}" if stage else ""))
         for i in range(nx):
             out(f"            D[{i}, j] = {terms[i]}")

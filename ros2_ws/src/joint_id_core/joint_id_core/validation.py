@@ -41,7 +41,7 @@ def held_out(model: Model, recording: Recording, estimate: Estimate, horizon_s: 
 
 
 def held_out_drive(model: Model, recording: Recording, estimate: Estimate) -> tuple[str, float] | None:
-    """How well the parameters explain the drive of another recording: its name and R^2, None where that has no meaning."""
+    """Name of the drive and R^2 of its prediction on another recording; None where the model has no such drive."""
     predicted = drive(model, estimate.values, recording)
     name = model.inputs[0].name
     if predicted is None or name not in recording:

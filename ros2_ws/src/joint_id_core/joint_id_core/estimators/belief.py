@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from joint_id_core.estimate import Estimate
 from joint_id_core.models import Model
@@ -43,7 +44,7 @@ class Coordinates:
         """Nearest point within the bounds."""
         return np.clip(z, self.lower, self.upper)
 
-    def at_bound(self, z: Array) -> Array:
+    def at_bound(self, z: Array) -> NDArray[np.bool_]:
         """Which coordinates sit on a bound."""
         return (z <= self.lower) | (z >= self.upper)
 
@@ -61,7 +62,7 @@ class Belief:
         """The start values with the spreads of the model's parameter table."""
         coordinates = Coordinates(problem.model, problem.free)
         start = [problem.p[problem.model.parameter_names.index(n)] for n in problem.free]
-        return cls(problem.free, coordinates.z(np.array(start)), np.diag(coordinates.spread**-2.0))
+        return cls(problem.free, coordinates.z(np.array(start)), np.diag(np.power(coordinates.spread, -2.0)))
 
     @classmethod
     def after(cls, estimate: Estimate, model: Model, inflation: float = 1.0) -> Belief:
@@ -70,7 +71,7 @@ class Belief:
         z = coordinates.z(np.array([estimate[n].value for n in estimate.free]))
         scale = 1.0 / coordinates.slope(z)
         covariance = estimate.covariance * np.outer(scale, scale) * inflation
-        return cls(estimate.free, z, np.linalg.inv(covariance))
+        return cls(estimate.free, z, np.asarray(np.linalg.inv(covariance), dtype=float))
 
     def cost(self, z: Array) -> float:
         """Squared Mahalanobis distance of z."""

@@ -89,8 +89,8 @@ def fit_innovations(
     found = fit.warm(previous) if previous is not None and previous.converged else None
     found = found or fit.cold()
     if found is None:
-        error = UnusableError(Status.DIVERGED, f"{recording.source}: {Status.DIVERGED.advice}")
-        return unusable(model, "innovations", error, recording)
+        diverged = UnusableError(Status.DIVERGED, f"{recording.source}: {Status.DIVERGED.advice}")
+        return unusable(model, "innovations", diverged, recording)
     return fit.estimate(found, time.perf_counter() - begun)
 
 
@@ -120,7 +120,7 @@ class _Fit:
         return self._settled(found) if found is not None else None
 
     def cold(self) -> Minimum | None:
-        """Start from the belief; when states are not measured, from others too until two agree and describe the data."""
+        """Start from the belief; with unmeasured states from others too, until two agree and describe the data."""
         found = self._annealed(self.belief.mean)
         if len(self.problem.labels) == len(self.problem.model.states):
             return found
@@ -218,7 +218,7 @@ class _Fit:
         problem, model = self.problem, self.problem.model
         values = self.coordinates.values(found.z)
         p = self.recursion.values(values)
-        covariance_z = np.linalg.inv(found.hessian)
+        covariance_z = np.asarray(np.linalg.inv(found.hessian), dtype=float)
         slope = self.coordinates.slope(found.z)
         covariance = covariance_z * np.outer(slope, slope)
         rows = verdicts(model, problem.free, covariance_z, self.coordinates, found.z)
@@ -233,12 +233,14 @@ class _Fit:
         )
         nrmse = prediction.nrmse(problem, predictions)
         judged = judge(problem, found, nrmse, rows)
+        noisy = (*problem.labels, *(f"input {n}" for n in model.input_names))
         sigma = np.sqrt(np.concatenate([self.R, self.q]))
         return Estimate(
             model=model.name, estimator="innovations", status=judged.status, message=judged.message,
             parameters=parameters, free=problem.free, covariance=covariance, nrmse=nrmse,
-            noise=dict(zip((*problem.labels, *(f"input {n}" for n in model.input_names)), map(float, sigma), strict=True)),
-            chi2=judged.residuals.chi2, whiteness=judged.residuals.whiteness, substeps=self.substeps, iterations=self.iterations,
+            noise=dict(zip(noisy, map(float, sigma), strict=True)),
+            chi2=judged.residuals.chi2, whiteness=judged.residuals.whiteness,
+            substeps=self.substeps, iterations=self.iterations,
             elapsed_s=elapsed, start=float(problem.time[0]), end=float(problem.time[-1]),
             samples=len(problem.time), predictions=predictions,
         )  # fmt: skip

@@ -22,7 +22,9 @@ def fit_noise(recursion: Recursion, free: Array, R: Array, q: Array, substeps: i
     n = len(R)
     inputs = zip(problem.model.inputs, problem.u.T, strict=True)
     limits = [(label_floor(c[np.isfinite(c)]), noise_ceiling(c)) for c in problem.y.T]
-    limits += [((1e-6 * s.scale) ** 2, noise_ceiling(c) if s.hold == "first" else (1e3 * s.scale) ** 2) for s, c in inputs]
+    limits += [
+        ((1e-6 * s.scale) ** 2, noise_ceiling(c) if s.hold == "first" else (1e3 * s.scale) ** 2) for s, c in inputs
+    ]
     bounds = [(np.log(low), np.log(max(high, low))) for low, high in limits]
     start = np.clip(np.log(np.concatenate([R, q])), *np.array(bounds).T)
 

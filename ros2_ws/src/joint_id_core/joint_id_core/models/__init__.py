@@ -14,9 +14,7 @@ from joint_id_core.models.harmonic_drive import HarmonicDrive as HarmonicDrive
 from joint_id_core.models.motor_side import MotorSide as MotorSide
 from joint_id_core.models.rigid_joint import RigidJoint as RigidJoint
 
-MODELS: dict[str, type[Model]] = {
-    m.name: m for m in (DCMotor, HarmonicDrive, Electromechanical, RigidJoint, MotorSide)
-}
+MODELS: dict[str, type[Model]] = {m.name: m for m in (DCMotor, HarmonicDrive, Electromechanical, RigidJoint, MotorSide)}
 
 
 def build(name: str, **options: str | bool) -> Model:
@@ -30,7 +28,5 @@ def build(name: str, **options: str | bool) -> Model:
     known = {f.name for f in fields(MODELS[name])}
     for option in options:
         if option not in known:
-            raise JointIdError(
-                f"model {name} has no option {option!r}: it has {', '.join(sorted(known)) or 'none'}"
-            )
-    return MODELS[name](**options)  # type: ignore[arg-type]  # option names are checked above
+            raise JointIdError(f"model {name} has no option {option!r}: it has {', '.join(sorted(known)) or 'none'}")
+    return MODELS[name](**options)

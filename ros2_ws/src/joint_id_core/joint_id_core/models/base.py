@@ -100,7 +100,7 @@ class Model:
             value = Named(1.0)
             value.name = name
             setattr(p, name, value)
-        self.derivative([0.0] * len(self.states), [0.0] * len(self.inputs), p, Recorder())  # type: ignore[arg-type]  # duck-typed ops
+        self.derivative([0.0] * len(self.states), [0.0] * len(self.inputs), p, Recorder())
         return seen
 
     @property
@@ -117,9 +117,7 @@ class Model:
         for p in self.parameters:
             if p.name == name:
                 return p
-        raise JointIdError(
-            f"model {self.name} has no parameter {name!r}: it has {', '.join(self.parameter_names)}"
-        )
+        raise JointIdError(f"model {self.name} has no parameter {name!r}: it has {', '.join(self.parameter_names)}")
 
     def values(self, changes: Mapping[str, float] | None = None) -> dict[str, float]:
         """Nominal values of all parameters, with `changes` put in after a check of name and bounds.
