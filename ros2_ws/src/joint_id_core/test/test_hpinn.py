@@ -242,6 +242,7 @@ def test_covariance_is_that_of_least_squares():
     residual = velocity(J, c) - recording["link_velocity"]
     expected = np.mean(residual**2) * np.linalg.inv(jacobian.T @ jacobian)
     np.testing.assert_allclose(estimate.covariance, expected, rtol=1e-3)
+    assert abs(estimate.whiteness["link_velocity"]) < 3 / np.sqrt(len(recording)), "white noise went in"
     assert estimate.noise["link_velocity"] == pytest.approx(0.01, rel=0.15)
     assert abs(J - 1.5) < 3 * estimate["J"].std_dev and abs(c - 4.0) < 3 * estimate["c"].std_dev
 

@@ -198,10 +198,13 @@ def _estimate(
     nrmse = np.sqrt(np.nanmean(residuals**2, axis=0)) / np.where(spread > 0.0, spread, np.nan)
     fit = dict(zip(labels.names, nrmse.tolist(), strict=True))
     away = {name: abs(d) / s if s > 0 else 0.0 for (name, s), d in zip(sd.items(), step, strict=True)}
+    flat = np.nan_to_num(residuals)
+    lag = np.sum(flat[1:] * flat[:-1], axis=0) / np.maximum(np.sum(flat**2, axis=0), 1e-300)
     status, message = _judge(history, finite, fit, found, away)
     return Estimate(
         model.name, "hpinn", status, message, rows, free=free, covariance=covariance, nrmse=fit,
-        noise=dict(zip(labels.names, noise.tolist(), strict=False)), substeps=net.substeps, iterations=len(history),
+        noise=dict(zip(labels.names, noise.tolist(), strict=False)),  # the torsion has no noise of its own
+        whiteness=dict(zip(labels.names, lag.tolist(), strict=True)), substeps=net.substeps, iterations=len(history),
         elapsed_s=elapsed, start=float(problem.time[0]), end=float(problem.time[-1]), samples=len(problem.time),
         predictions=dict(zip(labels.names, predicted.T, strict=True)),
     )  # fmt: skip
