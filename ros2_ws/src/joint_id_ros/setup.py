@@ -20,10 +20,10 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "sim = joint_id_ros.sim:main",
-            "filter = joint_id_ros.filter:main",
-            "identifier = joint_id_ros.identifier:main",
-            "player = joint_id_ros.player:main",
+            "sim = joint_id_ros.running:sim",
+            "filter = joint_id_ros.running:filter",
+            "identifier = joint_id_ros.running:identifier",
+            "player = joint_id_ros.running:player",
         ],
         "joint_id.commands": ["record = joint_id_ros.record:record"],
     },

@@ -55,7 +55,7 @@ class Diagnostics:
         self._problems[kind] += count
         self._recent = text
         now = time.monotonic()
-        if now - self._logged.get(kind, -LOG_EVERY_S) >= LOG_EVERY_S and self._node.context.ok():
+        if now - self._logged.get(kind, -LOG_EVERY_S) >= LOG_EVERY_S:
             self._logged[kind] = now
             self._node.get_logger().warning(text)
 

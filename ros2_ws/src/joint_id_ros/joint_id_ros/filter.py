@@ -24,7 +24,6 @@ from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.joining import Joiner
 from joint_id_ros.parameters import declare, read
 from joint_id_ros.qos import STREAM_OUT
-from joint_id_ros.running import run
 from joint_id_ros.streams import Streams
 
 TOPICS = {t.name: t for t in RAW}
@@ -124,8 +123,3 @@ class FilterNode(Node):
     def close(self) -> None:
         """End the subscriptions."""
         self._streams.close()
-
-
-def main() -> int:
-    """Run the node."""
-    return run("filter", FilterNode)

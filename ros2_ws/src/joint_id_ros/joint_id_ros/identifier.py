@@ -22,7 +22,6 @@ from joint_id_ros.joining import StampOrder
 from joint_id_ros.model_options import ModelOptions
 from joint_id_ros.parameters import declare, read
 from joint_id_ros.qos import LATEST
-from joint_id_ros.running import run
 from joint_id_ros.streams import Streams
 from joint_id_ros.worker import Callbacks, Worker
 
@@ -163,8 +162,3 @@ class IdentifierNode(LifecycleNode):
                 bad.append(f"{name}: {joint.message}")
         level = DiagnosticStatus.WARN if bad else DiagnosticStatus.OK
         return Health(level, "; ".join(bad) or f"identified {len(self._latest)} joints", values)
-
-
-def main() -> int:
-    """Run the node."""
-    return run("identifier", IdentifierNode)

@@ -62,6 +62,7 @@ class StepResponses:
 class PositionControl:
     """Model 2 under a position controller that follows a multisine; driven by the current that it reports."""
 
+    MODEL = HarmonicDrive.name
     # The paper's Model 2 is driven by a torque; the torque constant that makes it from a current is Model 3's.
     K_T = Electromechanical().parameter("k_t").nominal
 

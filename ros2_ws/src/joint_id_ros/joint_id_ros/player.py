@@ -25,7 +25,6 @@ from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.message_types import message_class
 from joint_id_ros.parameters import declare, read
 from joint_id_ros.qos import CLOCK, FLUSH, LATEST, REPLAY
-from joint_id_ros.running import run
 
 TICK_S = 0.002  # how often the player looks for messages that are due
 SLICE_S = 0.02  # longest stay in one tick, so that signals and services are served
@@ -175,8 +174,3 @@ def _latched(connection: Connection) -> bool:
     """Whether late subscribers get the last message of this topic."""
     profiles = getattr(connection.ext, "offered_qos_profiles", [])
     return any(p.durability == QosDurability.TRANSIENT_LOCAL for p in profiles)
-
-
-def main() -> int:
-    """Run the node."""
-    return run("player", PlayerNode)

@@ -1,56 +1,91 @@
-"""Start, spin and stop of a node, the same for all."""
+"""Start, spin and stop of a node, the same for all.
+
+While a node starts, which takes a second of imports, a signal ends the process at once. From then on it
+only sets a flag that is looked at between callbacks: rclpy's own handlers would shut the context down in
+the middle of a callback, and Python's would raise KeyboardInterrupt there.
+"""
 
 from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Callable
-from typing import Protocol
-
-import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.task import Future
-
-from joint_id_core.errors import JointIdError
-from joint_id_ros.parameters import PARAMETER_ERRORS
+from importlib import import_module
+from typing import Any, Protocol
 
 BAD_INPUT = 2  # exit code
+POLL_S = 0.1  # longest time until a signal is noticed while nothing happens
 
 
 class Runnable(Protocol):
     """What `run` needs of a node beside rclpy's Node."""
 
-    finished: Future  # set when the node has nothing more to do; its result is None or a JointIdError
+    finished: Any  # rclpy Future, set when there is nothing more to do; its result is None or a JointIdError
 
     def close(self) -> None:
         """Stop threads and close files; called once, whatever ended the node."""
 
 
-def run(name: str, make: Callable[[], Runnable]) -> int:
-    """Run a node until SIGINT, SIGTERM or its own end and return the exit code.
+def run(name: str, kind: str) -> int:
+    """Run the node class `kind` of module `name` until SIGINT, SIGTERM or its own end; return the exit code.
 
     0 after a signal or a normal end, 2 after bad input, told in one line on stderr.
     """
-    # rclpy shuts the context down on both signals; without this Python adds a KeyboardInterrupt anywhere.
-    signal.signal(signal.SIGINT, lambda *_: None)
-    node: Runnable | None = None
-    code = 0
+    signals: list[int] = []
+    spinning = False
+
+    def note(number: int, _: object) -> None:
+        signals.append(number)
+        if not spinning:
+            raise SystemExit(0)
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, note)
+
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.signals import SignalHandlerOptions
+
+    from joint_id_core.errors import JointIdError
+    from joint_id_ros.parameters import PARAMETER_ERRORS
+
+    make = getattr(import_module(f"joint_id_ros.{name}"), kind)
+    node: Any = None
     try:
-        rclpy.init()
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         node = make()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        executor.spin_until_future_complete(node.finished)
+        spinning = True
+        while not signals and not node.finished.done():
+            executor.spin_once(timeout_sec=POLL_S)
         if node.finished.done() and node.finished.result() is not None:
             raise node.finished.result()
-    except ExternalShutdownException:
-        pass
+        return 0
     except (JointIdError, *PARAMETER_ERRORS) as error:
         print(f"{name}: {error}", file=sys.stderr)
-        code = BAD_INPUT
+        return BAD_INPUT
     finally:
         if node is not None:
             node.close()
-            node.destroy_node()  # type: ignore[attr-defined]  # rclpy's
+            node.destroy_node()
         rclpy.try_shutdown()
-    return code
+
+
+def sim() -> int:
+    """Entry point of the node `sim`."""
+    return run("sim", "SimNode")
+
+
+def filter() -> int:
+    """Entry point of the node `filter`."""
+    return run("filter", "FilterNode")
+
+
+def identifier() -> int:
+    """Entry point of the node `identifier`."""
+    return run("identifier", "IdentifierNode")
+
+
+def player() -> int:
+    """Entry point of the node `player`."""
+    return run("player", "PlayerNode")

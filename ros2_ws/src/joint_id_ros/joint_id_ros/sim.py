@@ -19,7 +19,6 @@ from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.parameters import assignments, declare, read
 from joint_id_ros.plants import PLANTS, MotionOptions
 from joint_id_ros.qos import FLUSH, LATEST, STREAM_OUT
-from joint_id_ros.running import run
 
 TICK_S = 0.004  # the node wakes up for two samples at 500 Hz: waking costs more than simulating
 CATCH_UP = 50  # samples in one go after a pause, so that signals are served meanwhile
@@ -144,11 +143,5 @@ class SimNode(Node):
 
     def close(self) -> None:
         """Wait until the last samples have arrived."""
-        if self.context.ok():
-            for publisher in self._streams:
-                publisher.wait_for_all_acked(FLUSH)
-
-
-def main() -> int:
-    """Run the node."""
-    return run("sim", SimNode)
+        for publisher in self._streams:
+            publisher.wait_for_all_acked(FLUSH)
