@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
+from typing import TextIO
 
 from joint_id_core import models, recursions
 from joint_id_core.errors import JointIdError
@@ -119,18 +120,18 @@ def _build(folder: Path, model: Model, friction: str, sensitive: tuple[str, ...]
     return module
 
 
-def _store(path: Path, text: str) -> None:
-    """Write a kernel's source in one go, so that another process never sees half of it."""
+def _locked(folder: Path) -> TextIO:
+    """Make the folder and lock it: a second process waits for the first one's build instead of repeating it."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        draft = path.with_suffix(f".{os.getpid()}")
-        draft.write_text(text)
-        draft.replace(path)
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = folder.with_suffix(".lock").open("w")
     except OSError as error:
         raise JointIdError(
-            f"cannot keep the compiled kernel in {path.parent} ({error.strerror}): "
+            f"cannot keep compiled kernels in {folder.parent} ({error.strerror}): "
             "set JOINT_ID_CACHE_DIR to a folder that can be written"
         ) from error
+    fcntl.flock(lock, fcntl.LOCK_EX)
+    return lock
 
 
 @lru_cache(maxsize=64)
@@ -149,9 +150,7 @@ def compile_model(model: Model, friction: str = "tanh", extra: tuple[str, ...] =
         model.parameter(name)
     sensitive = tuple(p.name for p in model.parameters if not p.fixed or p.name in extra)
     folder = cache_directory() / f"{model.name}-{_key(model, friction, sensitive)}"
-    folder.mkdir(parents=True, exist_ok=True)
-    with open(folder.with_suffix(".lock"), "w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)  # a second process waits for the first one's build instead of repeating it
+    with _locked(folder):
         try:
             module = _build(folder, model, friction, sensitive)
         except Exception as error:  # whatever is wrong with a cached file, a fresh build is the cure
