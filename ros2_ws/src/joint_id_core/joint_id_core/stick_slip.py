@@ -23,10 +23,11 @@ class ModeOps(SmoothOps):
 
     def __init__(self) -> None:
         self.modes: dict[str, int] = {}
+        self.smooth: frozenset[str] = frozenset()  # velocities whose friction vanishes at rest
 
     def direction(self, velocity: str, w: float, w_s: float) -> float:  # type: ignore[override]  # needs the instance
-        """Mode of the element that acts on the state called `velocity`."""
-        return self.modes[velocity]
+        """Mode of the element that acts on the state called `velocity`; its sign where friction vanishes at rest."""
+        return (w > 0.0) - (w < 0.0) if velocity in self.smooth else self.modes[velocity]
 
 
 class StickSlip:
@@ -48,6 +49,7 @@ class StickSlip:
             for v, i in self._index.items()
             if self._acceleration(v, 1, rest, none) != self._acceleration(v, -1, rest, none)
         }
+        self._ops.smooth = frozenset(self._index.keys() - self._elements.keys())
         self._stuck: tuple[int, ...] = ()
 
     def derivative(self, x: State, u: Sequence[float]) -> State:
