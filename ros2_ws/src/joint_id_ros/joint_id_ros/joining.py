@@ -23,9 +23,11 @@ class StampOrder:
         """Note a stamp; True when it jumps back to begin a new run.
 
         Raises:
-            JointIdError: the stamp repeats or is out of order; it is not noted.
+            JointIdError: the stamp is missing, repeats or is out of order; it is not noted.
         """
         last, restart = self.last_ns, False
+        if stamp_ns == 0 and last is not None:  # as the first of all it may be a recording that begins at zero
+            raise JointIdError(f"{topic}: the stamp is zero: stamp the messages when publishing")
         if last is not None and stamp_ns <= last:
             restart = last - stamp_ns > RESTART_NS
             if not restart:
@@ -60,10 +62,8 @@ class Joiner(Generic[Part]):
         """Take one message and return the stamps that became complete, each with its parts by topic.
 
         Raises:
-            JointIdError: the stamp is zero, out of order, or too late to be joined; the message is left out.
+            JointIdError: the stamp is missing, out of order, or too late to be joined; the message is left out.
         """
-        if stamp_ns == 0:
-            raise JointIdError(f"{topic}: the stamp is zero: stamp the messages when publishing")
         if self._orders[topic].restarts(topic, stamp_ns):
             self._start()
             self._orders[topic].restarts(topic, stamp_ns)

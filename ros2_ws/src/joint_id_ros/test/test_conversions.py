@@ -1,0 +1,129 @@
+"""Messages and core types hold the same numbers."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sensor_msgs.msg import JointState
+
+from joint_id_core.errors import JointIdError
+from joint_id_core.estimate import Estimate, ParameterEstimate, Status, Verdict
+from joint_id_core.formats.topics import MEASURED_BITS, RAW
+from joint_id_core.models import Electromechanical
+from joint_id_msgs.msg import JointEstimate, JointSamples
+from joint_id_msgs.msg import ParameterEstimate as ParameterMessage
+from joint_id_ros import conversions as convert
+
+LINKS = RAW[0]
+
+
+def test_channel_bits_status_and_verdict_codes_are_those_of_the_messages():
+    for channel, bit in MEASURED_BITS.items():
+        assert getattr(JointSamples, channel.upper()) == bit
+    for status in Status:
+        assert convert.STATUS_CODES[status] == getattr(JointEstimate, status.name) > 0
+    for verdict in Verdict:
+        assert convert.VERDICT_CODES[verdict] == getattr(ParameterMessage, verdict.name) > 0
+
+
+@given(st.integers(0, 2**31 * 10**9 - 1))
+def test_stamps_keep_every_nanosecond(instant):
+    assert convert.nanoseconds(convert.to_stamp(instant)) == instant
+
+
+@given(st.integers(0, 86_400 * 10**9), st.integers(0, 2 * 10**18))
+def test_seconds_since_an_origin_keep_every_nanosecond_of_a_day(offset, origin):
+    assert convert.instant(convert.seconds(origin + offset, origin), origin) == origin + offset
+
+
+def samples(joints, channels, derived, stamps):
+    return [
+        convert.to_samples(s, joints, {c: v[k] for c, v in channels.items()}, derived) for k, s in enumerate(stamps)
+    ]
+
+
+def test_samples_become_one_recording_a_joint():
+    rng = np.random.default_rng(0)
+    stamps = [10**18 + k * 2_000_000 for k in range(20)]
+    channels = {c: rng.normal(size=(20, 2)) for c in ("link_position", "link_velocity", "current")}
+    channels["voltage"] = np.full((20, 2), np.nan)
+    channels["current"][3, 1] = np.nan
+    messages = samples(["a", "b"], channels, {"link_velocity"}, stamps)
+    recordings = convert.to_recordings(messages, stamps[0], "joint_samples")
+    assert list(recordings) == ["a", "b"]
+    for k, joint in enumerate("ab"):
+        r = recordings[joint]
+        assert r.joint == joint and r.derived == {"link_velocity"}
+        assert set(r.channels) == {"link_position", "link_velocity", "current"}  # the voltage is nowhere known
+        np.testing.assert_allclose(r.time, np.arange(20) * 0.002, rtol=0, atol=1e-12)
+        for c in r.channels:
+            np.testing.assert_array_equal(r[c], channels[c][:, k])
+
+
+def test_a_joint_that_is_missing_in_some_messages_has_fewer_samples():
+    both = samples(["a", "b"], {"current": np.ones((3, 2))}, (), [1, 2, 3])
+    one = samples(["a"], {"current": np.ones((2, 1))}, (), [4, 5])
+    recordings = convert.to_recordings(both + one, 0, "joint_samples")
+    assert [len(recordings[j]) for j in "ab"] == [5, 3]
+
+
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [
+        ({"name": []}, "names no joint"),
+        ({"name": ["a", "a"], "position": [0.0, 0.0]}, "twice"),
+        ({"name": ["a"], "position": [0.0, 1.0]}, "2 values of position for 1 joints"),
+        ({"name": ["a"], "effort": [math.inf]}, "effort of joint a is infinite"),
+    ],
+)
+def test_messages_that_make_no_sense_are_refused_with_topic_and_reason(fields, text):
+    with pytest.raises(JointIdError, match=f"link_states: .*{text}"):
+        convert.check(LINKS, JointState(**fields))
+
+
+def test_empty_arrays_are_not_measured():
+    message = JointState(name=["a", "b"], position=[1.0, 2.0], effort=[3.0, math.nan])
+    convert.check(LINKS, message)
+    rows = convert.rows(LINKS, message)
+    assert rows["a"] == {"link_position": 1.0, "current": 3.0}
+    assert rows["b"]["link_position"] == 2.0 and math.isnan(rows["b"]["current"])
+
+
+def test_an_estimate_and_its_message_say_the_same():
+    origin = 5 * 10**18
+    estimate = Estimate(
+        "rigid_joint", "innovations", Status.POOR_FIT, "look here",
+        (ParameterEstimate("J", "kg m^2", 1.5, 0.1, Verdict.ESTIMATED),
+         ParameterEstimate("N", "1", 1.0, math.nan, Verdict.FIXED)),
+        free=("J",), covariance=np.array([[0.01]]), nrmse={"link_position": 0.02}, noise={"torque": 0.3},
+        chi2=1.1, substeps=2, iterations=7, elapsed_s=0.25, start=1.0, end=2.5, samples=750,
+    )  # fmt: skip
+    m = convert.to_estimate_message("elbow", estimate, origin)
+    assert (m.joint, m.model, m.estimator, m.message) == ("elbow", "rigid_joint", "innovations", "look here")
+    assert m.status == JointEstimate.POOR_FIT
+    assert convert.nanoseconds(m.window_start) == origin + 10**9
+    assert convert.nanoseconds(m.window_end) == origin + 25 * 10**8
+    j, n = m.parameters
+    assert (j.name, j.unit, j.value, j.std_dev, j.verdict) == ("J", "kg m^2", 1.5, 0.1, ParameterMessage.ESTIMATED)
+    assert math.isnan(n.std_dev) and n.verdict == ParameterMessage.FIXED
+    assert list(m.covariance) == [0.01] and list(m.free) == ["J"]
+    assert dict(zip(m.signal, m.noise_std, strict=True))["torque"] == 0.3
+    assert dict(zip(m.signal, m.nrmse, strict=True))["link_position"] == 0.02
+    assert (m.chi2, m.substeps, m.iterations, m.solve_time, m.samples) == (1.1, 2, 7, 0.25, 750)
+
+
+def test_an_estimate_without_data_has_stamps_too():
+    estimate = Estimate("rigid_joint", "innovations", Status.TOO_SHORT, "more data", ())
+    m = convert.to_estimate_message("elbow", estimate, 7 * 10**9)
+    assert m.status == JointEstimate.TOO_SHORT and m.window_end.sec == 7
+
+
+def test_the_truth_holds_every_parameter_as_fixed_without_deviation():
+    model = Electromechanical()
+    values = model.values({"k_1": 9000.0})
+    m = convert.to_truth_message("joint", model, values, 10**9)
+    assert {p.name: p.value for p in m.parameters} == values
+    assert {p.verdict for p in m.parameters} == {ParameterMessage.FIXED}
+    assert {p.std_dev for p in m.parameters} == {0.0}
