@@ -1,0 +1,168 @@
+"""The innovations recursion against an exact Kalman filter, and in its two limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from joint_id_core.codegen import compile_model
+from joint_id_core.estimators.recursion import Recursion
+from joint_id_core.models import build
+from joint_id_core.problem import prepare
+from joint_id_core.recording import Recording
+from joint_id_core.rk4 import rollout, rollout_sensitivities
+
+MODEL = build("dc_motor")
+TRUTH = MODEL.values({"tau_fc": 0.0})
+FREE = ("R", "k_b", "k_t", "c_b")
+NOISE = {"current": 0.05, "motor_velocity": 0.5}
+R = np.square(list(NOISE.values()))
+Q = np.square([0.3, 0.02])
+SUBSTEPS = 60  # RK4 then agrees with the matrix exponential, also over the gaps
+
+
+def discrete(p, dt):
+    """x' = A x + B u over dt with held inputs, by the matrix exponential."""
+    big = np.zeros((4, 4))
+    big[:2, :2] = [[-p["R"] / p["L"], -p["k_b"] / p["L"]], [p["k_t"] / p["J_r"], -p["c_b"] / p["J_r"]]]
+    big[:2, 2:] = np.diag([1 / p["L"], -1 / p["J_r"]])
+    whole = expm(big * dt)
+    return whole[:2, :2], whole[:2, 2:]
+
+
+def make_problem(seed=0, samples=250):
+    """The motor without Coulomb friction, so linear: noisy inputs and labels, some missing, two gaps."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(samples) * 1e-3
+    u = np.column_stack([6 * np.sign(np.sin(60 * time)) + 6, 0.02 * rng.standard_normal(samples)])
+    x = np.zeros((samples, 2))
+    A, B = discrete(TRUTH, 1e-3)
+    for k in range(samples - 1):
+        x[k + 1] = A @ x[k] + B @ (u[k] + np.sqrt(Q) * rng.standard_normal(2))
+    y = x + rng.standard_normal(x.shape) * np.sqrt(R)
+    y[rng.random(y.shape) < 0.1] = np.nan
+    keep = np.r_[0:80, 84:170, 171:samples]
+    channels = {"voltage": u[:, 0], "external_torque": u[:, 1], "current": y[:, 0], "motor_velocity": y[:, 1]}
+    record = Recording(time[keep], {n: v[keep] for n, v in channels.items()})
+    return prepare(MODEL, record, {"tau_fc": 0.0}, fixed=("tau_fc",))
+
+
+@pytest.fixture
+def recursion():
+    """With a start and a state noise that the Kalman filter below can be given as they are."""
+    made = Recursion(make_problem(), compile_model(MODEL))
+    made.x0, made.P0, made.Q_x = np.array([0.1, -0.4]), np.diag([0.3, 20.0]), np.array([1e-5, 1e-3])
+    return made
+
+
+def kalman(recursion, p, gains=None):
+    """Textbook filter with joint updates: -2 log L, whitened innovations, predictions, states, gains.
+
+    With `gains` these are used instead of its own, which is how the derivative with frozen gain is defined.
+    """
+    a = recursion.problem
+    x, P = recursion.x0, recursion.P0
+    cost, white, predicted, filtered, used, roots = 0.0, [], [], [], [], []
+    for k in range(len(a.time)):
+        seen = np.isfinite(a.y[k])
+        C = np.eye(2)[seen]
+        S = C @ P @ C.T + np.diag(R[seen])
+        e = a.y[k, seen] - x[seen]
+        K = P @ C.T @ np.linalg.inv(S) if gains is None else gains[k]
+        cost += e @ np.linalg.solve(S, e) + np.linalg.slogdet(S)[1]
+        root = np.linalg.cholesky(S)
+        white.append(np.linalg.solve(root, e))
+        roots.append(root)
+        predicted.append(x[seen])
+        used.append(K)
+        x, P = x + K @ e, (np.eye(2) - K @ C) @ P @ (np.eye(2) - K @ C).T + K @ np.diag(R[seen]) @ K.T
+        filtered.append(x)
+        if k + 1 < len(a.time):
+            A, B = discrete(p, a.time[k + 1] - a.time[k])
+            q = Q + a.gap[k] * (a.u[k + 1] - a.u[k]) ** 2
+            x, P = A @ x + B @ a.u[k], A @ P @ A.T + B @ np.diag(q) @ B.T + np.diag(recursion.Q_x)
+    return cost, np.concatenate(white), predicted, np.array(filtered), used, roots
+
+
+def free_values(p=TRUTH):
+    return np.array([p[n] for n in FREE])
+
+
+def test_cost_is_the_exact_likelihood_of_a_linear_model(recursion):
+    """-2 log L without its constant, missing labels and gaps included; so are innovations and states."""
+    assert np.isnan(recursion.problem.y).any() and recursion.problem.gap.sum() == 5
+    found = recursion.run(free_values(), R, Q, SUBSTEPS)
+    cost, white, _, filtered, _, _ = kalman(recursion, TRUTH)
+    assert found.cost == pytest.approx(cost, rel=1e-7)
+    np.testing.assert_allclose(found.residuals[np.isfinite(recursion.problem.y)], white, atol=1e-5)
+    np.testing.assert_allclose(found.states, filtered, atol=1e-6 * np.abs(filtered).max())
+
+
+def test_jacobian_is_the_derivative_with_frozen_gain(recursion):
+    """Against central differences of the Kalman filter whose gains are held while the parameters move."""
+    found = recursion.run(free_values(), R, Q, SUBSTEPS)
+    _, _, _, _, gains, roots = kalman(recursion, TRUTH)
+    seen = np.isfinite(recursion.problem.y)
+    for j, name in enumerate(FREE):
+        h = 1e-5 * TRUTH[name]
+        up, down = (kalman(recursion, {**TRUTH, name: TRUTH[name] + d}, gains)[2] for d in (h, -h))
+        slope = [np.linalg.solve(r, (a - b) / (2 * h)) for r, a, b in zip(roots, up, down, strict=True)]
+        exact = np.concatenate(slope)
+        np.testing.assert_allclose(found.jacobian[:, :, j][seen], exact, atol=1e-5 * np.abs(exact).max(), err_msg=name)
+
+
+def test_score_is_the_derivative_of_the_likelihood_by_the_noise_levels(recursion):
+    levels = np.concatenate([R, Q])
+    cost, *scores = recursion.cost_and_score(free_values(), R, Q, SUBSTEPS)
+    assert cost == pytest.approx(recursion.run(free_values(), R, Q, SUBSTEPS).cost, rel=1e-12)
+    for k, score in enumerate(np.concatenate(scores)):
+        step = np.eye(4)[k] * 1e-4 * levels
+        up, down = (
+            recursion.cost_and_score(free_values(), *np.split(v, 2), SUBSTEPS)[0]
+            for v in (levels + step, levels - step)
+        )
+        assert score == pytest.approx((up - down) / (2 * step[k]), rel=1e-5)
+
+
+def test_without_feedback_it_is_the_simulation_error(recursion):
+    """K = 0: residuals and Jacobian are those of the paper's network, the cost is weighted least squares."""
+    recursion.P0, recursion.Q_x = np.zeros((2, 2)), np.zeros(2)
+    a, p = recursion.problem, free_values() * [1.2, 0.9, 1.1, 1.5]
+    recursion.problem.gap[:] = 0.0  # over a gap the input is uncertain, which alone would feed labels back
+    found = recursion.run(p, R, np.zeros(2), 3)
+    arguments = (recursion.kernel, recursion.x0, a.time, a.u, recursion.values(p), 3)
+    X, _, Sp = rollout_sensitivities(*arguments)
+    error = a.y - X
+    np.testing.assert_allclose(found.residuals, np.nan_to_num(error) / np.sqrt(R), atol=1e-9)
+    np.testing.assert_allclose(found.states, rollout(*arguments), atol=1e-9)
+    seen = np.isfinite(a.y)
+    for j, name in enumerate(FREE):
+        column = Sp[:, :, recursion.kernel.sensitive.index(name)] / np.sqrt(R)
+        np.testing.assert_allclose(
+            found.jacobian[:, :, j], np.where(seen, column, 0.0), atol=1e-9 * np.abs(column).max()
+        )
+    squares = np.nansum(error**2 / R) + np.sum(seen * np.log(R))
+    assert found.cost == pytest.approx(squares, rel=1e-10)
+
+
+def test_with_full_feedback_it_is_the_one_step_equation_error(recursion):
+    """K = 1: every sample is predicted from the labels of the one before."""
+    a = recursion.problem
+    a.y[:] = np.nan_to_num(a.y)  # whatever the labels are
+    big = np.array([1e12, 1e12])
+    found = recursion.run(free_values(), R, big, 3)
+    np.testing.assert_allclose(found.states[1:], a.y[1:], atol=1e-6)
+    steps = [
+        rollout(recursion.kernel, a.y[k], a.time[k : k + 2], a.u[k : k + 2], recursion.values(free_values()), 3)[1]
+        for k in range(len(a.time) - 1)
+    ]
+    # The variance depends on the length of the step alone, so residuals are the errors over a constant.
+    ratio = ((a.y[1:] - np.array(steps)) / found.residuals[1:])[a.gap[:-1] == 0, 0][1:]
+    np.testing.assert_allclose(ratio, np.median(ratio), rtol=1e-5)
+
+
+def test_a_path_that_blows_up_says_so(recursion):
+    """A resistance far too large makes the step unstable: the cost is not finite, nothing crashes."""
+    cost = recursion.run(np.array([1e9, 1.0, 1.0, 1.0]), R, Q, 1).cost
+    assert not np.isfinite(cost)
