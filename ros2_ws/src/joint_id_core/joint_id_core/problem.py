@@ -105,7 +105,8 @@ def prepare(
             f"{recording.source} has {len(recording)} samples in this window, a fit needs {MIN_SAMPLES}: "
             "record longer or widen the window",
         )
-    recording = complete(recording)
+    if any(n not in recording for n in model.input_names if n not in model.optional_inputs):
+        recording = complete(recording)
     for name, w_s in _smoothing(model, recording).items():
         if name not in values:
             p[model.parameter_names.index(name)] = w_s
@@ -149,24 +150,36 @@ def prepare(
     )
 
 
-# Of the peak velocity of the record. A larger share of it blurs the Coulomb step into viscous friction (on
-# EMPS, 10 % of the peak moves F_v by 6 %), a smaller one needs a shorter step for nothing.
-SMOOTHING_SHARE = 0.01
-
-
 def _smoothing(model: Model, recording: Recording) -> dict[str, float]:
     """Smoothing velocities for this record: a share of the peak, between a tenth of the table's value and all of it."""
-    found = {}
+    found: dict[str, float] = {}
+    if not model.smoothing_share:
+        return found
     for velocity, name in model.smoothing.items():
         nominal = model.parameter(name).nominal
-        if velocity in recording and np.isfinite(recording[velocity]).any():
-            peak = float(np.nanmax(np.abs(recording[velocity])))
-            found[name] = float(np.clip(SMOOTHING_SHARE * peak, 0.1 * nominal, nominal))
+        peak = _peak(recording, velocity)
+        if np.isfinite(peak):
+            found[name] = float(np.clip(model.smoothing_share * peak, 0.1 * nominal, nominal))
     return found
 
 
+def _peak(recording: Recording, velocity: str) -> float:
+    """Largest speed in the record, from the position where it was not measured; NaN if neither was."""
+    if recording.measured(velocity):
+        return float(np.nanmax(np.abs(recording[velocity])))
+    position = velocity.replace("velocity", "position")
+    if not recording.measured(position):
+        return float("nan")
+    known = np.isfinite(recording[position])
+    time, values = recording.time[known], recording[position][known]
+    if len(time) < 10:
+        return float("nan")
+    # Over eight samples, so that the resolution of an encoder is not taken for speed.
+    return float(np.max(np.abs((values[8:] - values[:-8]) / (time[8:] - time[:-8]))))
+
+
 def _without_frozen(values: Array) -> Array:
-    """Readings that a sensor repeats although it resolves far finer become NaN.
+    """Zeros that a sensor repeats although it resolves far finer become NaN.
 
     Robots report a velocity of exactly zero below a threshold. That is no measurement of zero, and taken
     for one it makes the estimated noise of the sensor vanish. A quantised sensor is left as it is.
@@ -177,7 +190,7 @@ def _without_frozen(values: Array) -> Array:
         return values
     if float(np.min(moving)) > 1e-3 * float(np.median(moving)):
         return values
-    held = np.concatenate([[False], steps == 0.0])
+    held = np.concatenate([[False], (steps == 0.0) & (values[1:] == 0.0)])
     return np.where(held, np.nan, values)
 
 

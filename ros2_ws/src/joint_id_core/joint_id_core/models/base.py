@@ -33,6 +33,8 @@ class Model:
 
     name: ClassVar[str]
     summary: ClassVar[str]
+    # Smoothing velocity of Coulomb friction as a share of the record's peak speed; 0 leaves the table's value.
+    smoothing_share: ClassVar[float] = 0.0
 
     @property
     def states(self) -> tuple[Signal, ...]:
