@@ -60,7 +60,7 @@ class Sensors:
         """
         wanted = set(recording.channels) if keep is None else set(_known(keep))
         channels = {
-            name: self.reading(name, values, np.random.default_rng([seed, list(CHANNELS).index(name)]))
+            name: self.reading(name, values, np.random.default_rng([seed, 1 + list(CHANNELS).index(name)]))
             for name, values in recording.channels.items()
             if name in wanted
         }
