@@ -78,11 +78,33 @@ class Probe(Node):
         self.diagnostics: list[Any] = []
         self.create_subscription(DiagnosticArray, "/diagnostics", lambda m: self.diagnostics.extend(m.status), 10)
 
-    def collect(self, kind: Any, topic: str, qos: QoSProfile = STREAM_IN) -> list[Any]:
-        """A list that fills with the messages of a topic."""
+    def collect(self, kind: Any, topic: str, qos: QoSProfile = STREAM_IN, delay_s: float = 0.0) -> list[Any]:
+        """A list that fills with the messages of a topic, read with a delay before each.
+
+        One wake-up takes all that has arrived: the executor alone is slower than the nodes under test.
+        """
         messages: list[Any] = []
-        self.create_subscription(kind, topic, messages.append, qos)
+
+        def read(message: Any) -> None:
+            with subscription.handle:
+                taken = (message, None)
+                while taken is not None:
+                    time.sleep(delay_s)
+                    messages.append(taken[0])
+                    taken = subscription.handle.take_message(kind, False)
+
+        subscription = self.create_subscription(kind, topic, read, qos)
         return messages
+
+    def collect_headers(self) -> list[tuple[str, float]]:
+        """A list that fills with node name and stamp in s of every diagnostic report."""
+        found: list[tuple[str, float]] = []
+
+        def note(message: Any) -> None:
+            found.append((message.status[0].name, message.header.stamp.sec + message.header.stamp.nanosec * 1e-9))
+
+        self.create_subscription(DiagnosticArray, "/diagnostics", note, 10)
+        return found
 
     def source(self, kind: Any, topic: str) -> Publisher:
         """A publisher that has found its subscriber."""
