@@ -84,10 +84,28 @@ class Judgement:
     residuals: Residuals
 
 
-def judge(problem: Problem, found: Minimum, nrmse: Mapping[str, float], rows: Mapping[str, Verdict]) -> Judgement:
-    """Decide how the fit ended: converged, not converged, or converged to a model that does not describe the data."""
+def idle_drives(problem: Problem, q: Array) -> list[str]:
+    """Reasons for which a drive explains none of the motion: its noise, variance `q` (inputs,), exceeds itself."""
+    reasons = []
+    for signal, values, variance in zip(problem.model.inputs, problem.u.T, q, strict=True):
+        power = float(np.mean(values**2))
+        if signal.hold == "zero" and 0.0 < power < variance:
+            noise, rms = f"{np.sqrt(variance):.2g} {signal.unit}", f"{np.sqrt(power):.2g} {signal.unit}"
+            reasons.append(
+                f"the recorded {signal.name} (rms {rms}) does not cause this motion (it would need noise of {noise})"
+            )
+    return reasons
+
+
+def judge(
+    problem: Problem, found: Minimum, q: Array, nrmse: Mapping[str, float], rows: Mapping[str, Verdict]
+) -> Judgement:
+    """Decide how the fit ended: converged, not converged, or converged to a model that does not describe the data.
+
+    `q` is the variance of the inputs' noise that was found, shape (inputs,).
+    """
     residuals = explained(problem, found.last.residuals)
-    reasons = list(residuals.reasons)
+    reasons = [*residuals.reasons, *idle_drives(problem, q)]
     poor = {n: v for n, v in nrmse.items() if v > POOR_NRMSE}
     if poor:
         worst = max(poor, key=lambda n: poor[n])

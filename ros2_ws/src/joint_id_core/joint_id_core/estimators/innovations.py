@@ -232,7 +232,7 @@ class _Fit:
             self.kernel, problem, found.last.states, p, self.substeps, self.options.horizon_s
         )
         nrmse = prediction.nrmse(problem, predictions)
-        judged = judge(problem, found, nrmse, rows)
+        judged = judge(problem, found, self.q, nrmse, rows)
         noisy = (*problem.labels, *(f"input {n}" for n in model.input_names))
         sigma = np.sqrt(np.concatenate([self.R, self.q]))
         return Estimate(
