@@ -34,7 +34,7 @@ LEVEL_EPOCHS = 10
 LEVEL_DROP = 0.05  # lies less than this part below its median over the same number of epochs before
 POOR_NRMSE = 0.5  # of a label's own variation; a simulation that misses by more does not describe it
 STEP_LIMIT = 1.0  # largest |lambda h| of an RK4 step: the error of the fastest mode stays near 1 %
-MINIMUM_DISTANCE = 1.0  # standard deviations that a Gauss-Newton step may still move a parameter
+MINIMUM_DISTANCE = 1.0  # noise standard deviations from the minimum beyond which the message says how far training got
 
 
 @dataclass(frozen=True)
@@ -85,11 +85,10 @@ def fit_hpinn(
 ) -> Estimate:
     """Train the H-PINN on a recording.
 
-    The result is the epoch of lowest loss. CONVERGED means that every label is described, that the loss has
-    levelled off (`LEVEL_SHARE`, `LEVEL_DROP`) and that it did so at its minimum and not in a valley where
-    RMSProp creeps (`MINIMUM_DISTANCE`), because away from it the covariance is void. The covariance is that of
-    the weighted least-squares minimum with one noise level a label, taken from its residuals, and holds only
-    for white residuals.
+    The result is the epoch of lowest loss. CONVERGED means that every label is described and that the loss has
+    levelled off (`LEVEL_SHARE`, `LEVEL_DROP`). RMSProp often levels off in a narrow valley before the minimum, so
+    the covariance has two parts: that of the weighted least-squares minimum with one noise level a label, taken
+    from its residuals (white residuals assumed), and the square of the Gauss-Newton step that is left to it.
 
     Args:
         model: from `models.build`.
@@ -187,6 +186,10 @@ def _estimate(
     residuals = predicted - labels.y
     jacobian = sensitivity[:, labels.states][:, :, columns]
     covariance, noise, step = _minimum(jacobian, labels, label_weights(labels.y), residuals)
+    away = {
+        name: abs(d) / s if s > 0 else 0.0 for name, d, s in zip(free, step, np.sqrt(np.diag(covariance)), strict=True)
+    }
+    covariance = covariance + np.outer(step, step)
     sd = dict(zip(free, np.sqrt(np.diag(covariance)), strict=True))
     found = dict.fromkeys(model.parameter_names, Verdict.FIXED) | dict.fromkeys(net.at_bound, Verdict.AT_BOUND)
     found |= {name: _verdict(model, name, values[name], s) for name, s in sd.items()}
@@ -197,7 +200,6 @@ def _estimate(
     spread = np.nanstd(labels.y, axis=0)
     nrmse = np.sqrt(np.nanmean(residuals**2, axis=0)) / np.where(spread > 0.0, spread, np.nan)
     fit = dict(zip(labels.names, nrmse.tolist(), strict=True))
-    away = {name: abs(d) / s if s > 0 else 0.0 for (name, s), d in zip(sd.items(), step, strict=True)}
     flat = np.nan_to_num(residuals)
     lag = np.sum(flat[1:] * flat[:-1], axis=0) / np.maximum(np.sum(flat**2, axis=0), 1e-300)
     status, message = _judge(history, finite, fit, found, away)
@@ -229,14 +231,13 @@ def _judge(
     elif nrmse[worst] > POOR_NRMSE:
         miss = f"the simulation of {worst} misses by {100 * nrmse[worst]:.0f} % of its variation"
         status, text = Status.POOR_FIT, f"{miss}: {Status.POOR_FIT.advice}"
-    elif away.get(farthest, 0.0) > MINIMUM_DISTANCE:
-        text = (
-            f"the loss has levelled off, but Gauss-Newton sees its minimum {away[farthest]:.1f} standard deviations of "
-            f"{farthest} away: train for more epochs, or use the innovations estimator"
-        )
-        status = Status.MAX_ITERATIONS
     else:
         status, text = Status.CONVERGED, "the loss has levelled off"
+        if away.get(farthest, 0.0) > MINIMUM_DISTANCE:
+            text += (
+                f", {away[farthest]:.2g} noise standard deviations of {farthest} before the minimum that Gauss-Newton "
+                "sees; the standard deviations contain that distance: more epochs or the innovations estimator help"
+            )
     text += "; standard deviations assume white residuals"
     for verdict, words in ((Verdict.AT_BOUND, "at a bound"), (Verdict.NOT_EXCITED, "this motion does not show")):
         names = [name for name, v in found.items() if v is verdict]
