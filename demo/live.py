@@ -1,0 +1,145 @@
+"""What the demo sees of the running system: estimates and truth from their topics, and the table it shows of them."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import sys
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from joint_id_msgs.msg import JointEstimate, JointParams, ParameterEstimate
+from joint_id_ros.conversions import STATUS_CODES, VERDICT_CODES, nanoseconds
+from joint_id_ros.qos import LATEST
+
+VERDICTS = {code: verdict.value.replace("_", " ") for verdict, code in VERDICT_CODES.items()}
+STATUSES = {code: status.value.replace("_", " ") for status, code in STATUS_CODES.items()}
+HEAD = f"  {'':<9}{'unit':<10}{'estimate':>13} ± {'std dev':<9}{'truth':>11}{'error':>11}   verdict"
+PLAIN_EVERY = 10  # estimates between two tables where the terminal cannot be written over
+
+
+@dataclass
+class History:
+    """Estimates of one joint in the order in which they came, and the truth."""
+
+    truth: dict[str, float] = field(default_factory=dict)
+    begin_ns: int = 0  # stamp at which the motion began
+    estimates: list[JointEstimate] = field(default_factory=list)
+
+    def time(self, estimate: JointEstimate) -> float:
+        """End of an estimate's window in s of motion."""
+        return (nanoseconds(estimate.window_end) - self.begin_ns) / 1e9
+
+    def error(self, p: ParameterEstimate) -> float:
+        """Error of a parameter in its own standard deviations; NaN where there is none."""
+        return (p.value - self.truth.get(p.name, math.nan)) / p.std_dev if p.std_dev > 0.0 else math.nan
+
+
+def free(estimate: JointEstimate) -> list[ParameterEstimate]:
+    """The parameters that were estimated, in the model's order."""
+    return [p for p in estimate.parameters if p.name in estimate.free]
+
+
+class Watcher:
+    """Subscribes to `joint_params` and `truth` and fills a `History`."""
+
+    def __init__(self, domain: int) -> None:
+        self.history = History()
+        self._context = Context()
+        rclpy.init(context=self._context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = Node("demo", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._node.create_subscription(JointParams, "truth", self._on_truth, LATEST)
+        self._node.create_subscription(JointParams, "joint_params", self._on_params, LATEST)
+
+    def __enter__(self) -> Watcher:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def _on_truth(self, message: Any) -> None:
+        for joint in message.joints:
+            self.history.truth = {p.name: p.value for p in joint.parameters}
+            self.history.begin_ns = nanoseconds(joint.window_start)
+
+    def _on_params(self, message: Any) -> None:
+        self.history.estimates += message.joints
+
+    def identifier_listens(self) -> bool:
+        """Whether the identifier is ready for samples."""
+        return self._node.count_subscribers("joint_samples") > 0
+
+    def spin(self, seconds: float = 0.1) -> None:
+        """Take what has arrived, waiting for it at most this long."""
+        self._executor.spin_once(timeout_sec=seconds)
+
+
+def table(history: History, estimate: JointEstimate, title: str) -> list[str]:
+    """The estimate beside the truth, as lines of text."""
+    state = STATUSES.get(estimate.status, "?")
+    lines = [
+        f"{title}: {history.time(estimate):.1f} s of motion, estimate {len(history.estimates)}, {state}, "
+        f"fitted in {estimate.solve_time:.2f} s",
+        HEAD,
+    ]
+    for p in free(estimate):
+        truth, error = history.truth.get(p.name, math.nan), history.error(p)
+        lines.append(
+            f"  {p.name:<9}{p.unit:<10}{_rounded(p.value, p.std_dev):>13} ± {p.std_dev:<9.1e}{truth:>11.4g}"
+            f"{error:>+9.1f} σ   {VERDICTS.get(p.verdict, '?')}"
+        )
+    held = [f"{p.name} = {p.value:.4g}" for p in estimate.parameters if p.name not in estimate.free]
+    return [*lines, f"  held at known values: {', '.join(held)}"]
+
+
+def _rounded(value: float, std_dev: float) -> str:
+    """A value with the digits that its standard deviation leaves, and one more."""
+    if not (math.isfinite(value) and value and std_dev > 0.0):
+        return f"{value:.4g}"
+    digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(std_dev)) + 2
+    return f"{value:#.{min(max(digits, 2), 8)}g}"
+
+
+class Screen:
+    """Shows the table while it changes: written over in a terminal, appended now and then elsewhere."""
+
+    def __init__(self, title: str, begun: float) -> None:
+        """`begun` is the instant on time.monotonic() from which the wait for the first estimate counts."""
+        self._title, self._begun, self._live = title, begun, sys.stdout.isatty()
+        self._shown, self._lines = 0, 0
+
+    def show(self, history: History) -> None:
+        """Show what is new."""
+        if len(history.estimates) == self._shown or not history.truth:
+            return
+        latest, first = history.estimates[-1], self._shown == 0
+        self._shown = len(history.estimates)
+        if first:
+            print(f"first estimate after {time.monotonic() - self._begun:.1f} s", flush=True)
+        if self._live:
+            self._write_over(table(history, latest, self._title))
+        elif first or self._shown % PLAIN_EVERY == 0:
+            print("\n".join(table(history, latest, self._title)), flush=True)
+        else:
+            print(table(history, latest, self._title)[0], flush=True)
+
+    def finish(self, history: History) -> None:
+        """Leave the last table on the screen."""
+        if not self._live and history.estimates:
+            print("\n".join(table(history, history.estimates[-1], f"{self._title}, at the end")), flush=True)
+
+    def _write_over(self, lines: list[str]) -> None:
+        columns = shutil.get_terminal_size().columns - 1  # a line that wraps would count as two
+        up = f"\x1b[{self._lines}F" if self._lines else ""
+        print(up + "".join(f"\x1b[2K{line[:columns]}\n" for line in lines), end="", flush=True)
+        self._lines = len(lines)

@@ -1,0 +1,120 @@
+"""The nodes of the system as child processes that never outlive the demo."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import TracebackType
+
+from ament_index_python.packages import get_package_prefix
+
+PATIENCE_S = 10.0  # to end after SIGINT, then after SIGTERM
+TAIL = 15  # lines of a log that are shown when its process failed
+
+# The kernel ends a child whose parent is gone, even when the parent was killed and could not clean up.
+BOUND_TO_PARENT = ["setpriv", "--pdeathsig", "TERM"] if shutil.which("setpriv") else []
+
+
+class NodeFailedError(Exception):
+    """A child process ended that should not have; the text holds the end of its log."""
+
+
+class Nodes:
+    """Starts nodes on a ROS domain of their own, and ends all of them when the `with` block is left.
+
+    Every child is a session of its own: a Ctrl-C in the terminal reaches the demo alone, which then stops
+    the children in order, so that the recorder can finish its bag.
+    """
+
+    def __init__(self, logs: Path, domain: int) -> None:
+        """`logs` is the folder that receives what the processes print."""
+        logs.mkdir(parents=True, exist_ok=True)
+        self.logs = logs
+        self._environment = {
+            **os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        }  # fmt: skip
+        self._children: dict[str, subprocess.Popen[bytes]] = {}
+
+    def __enter__(self) -> Nodes:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.stop(*reversed(self._children))
+
+    def node(self, name: str, **parameters: object) -> None:
+        """Start a node of joint_id_ros with ROS parameters."""
+        arguments = [a for key, value in parameters.items() for a in ("-p", f"{key}:={_yaml(value)}")]
+        self._start(name, "joint_id_ros", name, ["--ros-args", *arguments] if arguments else [])
+
+    def record(self, bag: Path, topics: list[str]) -> None:
+        """Start `joint-id record`."""
+        self._start("record", "joint_id_core", "joint-id", ["record", str(bag), *topics])
+
+    def _start(self, name: str, package: str, program: str, arguments: list[str]) -> None:
+        # What `ros2 run` does; the launchers on the PATH are shells whose child a signal could miss.
+        script = Path(get_package_prefix(package)) / "lib" / package / program
+        with self._log(name).open("wb") as log:
+            self._children[name] = subprocess.Popen(
+                [*BOUND_TO_PARENT, sys.executable, str(script), *arguments],
+                stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
+                env=self._environment, start_new_session=True,
+            )  # fmt: skip
+
+    def _log(self, name: str) -> Path:
+        return self.logs / f"{name}.log"
+
+    def check(self, may_end: str = "") -> None:
+        """See that every process still runs.
+
+        Raises:
+            NodeFailedError: one ended that should not have, or with an error.
+        """
+        for name, child in self._children.items():
+            code = child.poll()
+            if code is not None and (code != 0 or name != may_end):
+                lines = self._log(name).read_text(errors="replace").splitlines()[-TAIL:]
+                raise NodeFailedError("\n  ".join([f"{name} ended with exit code {code}:", *lines]))
+
+    def ended(self, name: str) -> bool:
+        """Whether a node that ends by itself has done so.
+
+        Raises:
+            NodeFailedError: as `check`.
+        """
+        self.check(may_end=name)
+        return self._children[name].poll() is not None
+
+    def stop(self, *names: str) -> None:
+        """End these nodes one after the other, however they feel; the others go on."""
+        previous = signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not leave half of them
+        try:
+            for name in names:
+                _end(self._children.pop(name))
+        finally:
+            signal.signal(signal.SIGINT, previous)
+
+
+def _end(child: subprocess.Popen[bytes]) -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if child.poll() is None:
+            child.send_signal(number)
+            end = time.monotonic() + PATIENCE_S
+            while child.poll() is None and time.monotonic() < end:
+                time.sleep(0.02)
+    if child.poll() is None:
+        os.killpg(child.pid, signal.SIGKILL)  # the child leads its group
+        child.wait()
+
+
+def _yaml(value: object) -> str:
+    """A parameter value as the command line takes it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(f'"{v}"' for v in value) + "]"
+    return f'"{value}"' if isinstance(value, (str, Path)) else str(value)

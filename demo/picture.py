@@ -1,0 +1,152 @@
+"""The picture of the demo: predicted beside measured signals, and how the estimates converged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from live import History, free
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from joint_id_core import rk4
+from joint_id_core.codegen import compile_model
+from joint_id_core.errors import JointIdError
+from joint_id_core.estimators.recursion import Recursion
+from joint_id_core.estimators.start import input_noise, label_noise
+from joint_id_core.models import Model
+from joint_id_core.problem import prepare
+from joint_id_core.recording import Array, Recording
+from joint_id_core.signals import CHANNELS
+from joint_id_msgs.msg import JointEstimate, ParameterEstimate
+
+AHEAD_S = 2.0  # how far the simulation runs ahead of the data
+LEAD_S = 0.5  # data before that, from which the state at its start is filtered
+SIGNALS = ("current", "motor_velocity", "link_velocity", "link_position")  # the first `PANELS` that were measured
+PANELS = 3
+COLUMNS = 5
+Z_95 = 1.96  # standard deviations to either side that hold 95 %
+VIEW = 4.0  # height of a panel of convergence, in half widths of the band at a quarter of the time
+BLUE, ORANGE, GREY = "#1f5fa8", "#d9730d", "0.62"
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """The end of a recording, and its simulation by an estimate that had not seen it.
+
+    Attributes:
+        time: s of motion, shape (T,).
+        measured, simulated: by channel, shape (T,).
+        learned_s: s of motion at the end of the window of the estimate.
+    """
+
+    time: Array
+    measured: dict[str, Array]
+    simulated: dict[str, Array]
+    learned_s: float
+
+
+def predict(model: Model, recording: Recording, history: History) -> Prediction | None:
+    """Simulate the last `AHEAD_S` of a recording with the last estimate from before them; None if there is none.
+
+    The state at their start is filtered from the data before; from there on the simulation sees the inputs only.
+    """
+    begin = float(recording.time[-1]) - AHEAD_S
+    start = float(recording.time[0])  # the recording begins with the motion
+    earlier = [e for e in history.estimates if e.status == JointEstimate.CONVERGED and history.time(e) <= begin - start]
+    if not earlier:
+        return None
+    estimate = earlier[-1]
+    held = {p.name for p in estimate.parameters} - set(estimate.free)
+    values = {p.name: p.value for p in estimate.parameters}
+    problem = prepare(model, recording.window(begin - LEAD_S, np.inf), values, held, estimate.free)
+    kernel = compile_model(model)
+    recursion = Recursion(problem, kernel)
+    levels = dict(zip(estimate.signal, estimate.noise_std, strict=True))
+    R = [levels.get(n, v**0.5) ** 2 for n, v in zip(problem.labels, label_noise(problem), strict=True)]
+    q = [levels.get(f"input {n}", v**0.5) ** 2 for n, v in zip(model.input_names, input_noise(problem), strict=True)]
+    k = int(np.searchsorted(problem.time, begin))
+    state = recursion.run(problem.p[recursion.index], np.array(R), np.array(q), estimate.substeps).states[k]
+    X = rk4.rollout(kernel, state, problem.time[k:], problem.u[k:], problem.p, estimate.substeps)
+    names = [n for n in SIGNALS if n in problem.labels][:PANELS]
+    measured = {n: problem.y[k:, problem.labels.index(n)] for n in names}
+    simulated = {n: X[:, model.state_names.index(n)] for n in names}
+    return Prediction(problem.time[k:] - start, measured, simulated, history.time(estimate))
+
+
+def draw(path: Path, model: Model, recording: Recording, history: History) -> None:
+    """Save the picture.
+
+    Raises:
+        JointIdError: too short a run for a prediction, or the file cannot be written.
+    """
+    prediction = predict(model, recording, history)
+    if prediction is None:
+        raise JointIdError(f"no converged estimate {AHEAD_S:g} s before the end of the run: give a longer --duration")
+    names = [p.name for p in free(history.estimates[-1])]
+    rows = -(-len(names) // COLUMNS)
+    figure = Figure(figsize=(13.0, 4.0 + 2.2 * rows), layout="constrained")
+    above, below = figure.subfigures(2, 1, height_ratios=[3.4, 2.3 * rows], hspace=0.04)
+    _fit(above.subplots(1, len(prediction.measured), squeeze=False)[0], prediction)
+    above.suptitle(
+        f"Fit: {AHEAD_S:g} s simulated from the inputs alone, with the live estimate of {prediction.learned_s:.1f} s",
+        fontsize=12, fontweight="bold", x=0.01, ha="left",
+    )  # fmt: skip
+    panels = below.subplots(rows, COLUMNS, sharex=True, squeeze=False)
+    for panel in panels.ravel()[len(names) :]:
+        panel.set_visible(False)
+    for name, panel in zip(names, panels.ravel(), strict=False):
+        _convergence(panel, name, history)
+    for panel in panels.ravel()[max(0, len(names) - COLUMNS) : len(names)]:
+        panel.set_xlabel("motion [s]")
+        panel.tick_params(labelbottom=True)
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    below.legend(handles, labels, loc="upper right", ncols=3, frameon=False, fontsize=10)
+    below.suptitle(
+        "Convergence: estimates published while the joint moved", fontsize=12, fontweight="bold", x=0.01, ha="left"
+    )
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, dpi=110, facecolor="white")
+    except OSError as error:
+        raise JointIdError(f"{path}: the picture cannot be written: {error}") from None
+
+
+def _fit(panels: np.ndarray, prediction: Prediction) -> None:
+    for panel, (name, measured) in zip(panels, prediction.measured.items(), strict=True):
+        simulated = prediction.simulated[name]
+        panel.plot(prediction.time, measured, ".", markersize=3, color=GREY, label="measured")
+        panel.plot(prediction.time, simulated, linewidth=1.4, color=BLUE, label="simulated")
+        share = 100.0 * np.sqrt(np.nanmean((simulated - measured) ** 2)) / np.nanstd(measured)
+        panel.set_title(f"rms error {share:.2g} % of the signal", fontsize=9, color="0.35", loc="right")
+        panel.set_ylabel(f"{name.replace('_', ' ')} [{CHANNELS[name].unit}]")
+        panel.set_xlabel("motion [s]")
+        _plain(panel)
+    panels[0].legend(loc="best", fontsize=9, frameon=False, markerscale=3)
+
+
+def _convergence(panel: Axes, name: str, history: History) -> None:
+    """One parameter over time with its 95 % band; the view is set by the band once the first estimates are past."""
+    rows: list[tuple[float, ParameterEstimate]] = [
+        (history.time(e), p) for e in history.estimates for p in e.parameters if p.name == name and p.std_dev > 0.0
+    ]
+    time = np.array([t for t, _ in rows])
+    value, half = np.array([p.value for _, p in rows]), Z_95 * np.array([p.std_dev for _, p in rows])
+    panel.fill_between(time, value - half, value + half, color=BLUE, alpha=0.18, linewidth=0, label="95 % band")
+    panel.plot(time, value, ".-", color=BLUE, linewidth=1.2, markersize=4, label="estimate")
+    truth = history.truth[name]
+    panel.axhline(truth, color=ORANGE, linewidth=1.3, linestyle="--", label="truth")
+    reach = max(VIEW * half[len(half) // 4] / 2.0, 1.1 * float(np.max(np.abs(value[len(half) // 4 :] - truth))))
+    panel.set_ylim(truth - reach, truth + reach)
+    panel.set_title(f"{name} [{rows[-1][1].unit}]", fontsize=10)
+    panel.ticklabel_format(axis="y", style="sci", scilimits=(-3, 4), useOffset=False)
+    panel.locator_params(axis="y", nbins=4)
+    _plain(panel)
+
+
+def _plain(panel: Axes) -> None:
+    panel.spines[["top", "right"]].set_visible(False)
+    panel.grid(color="0.92", linewidth=0.8)
+    panel.set_axisbelow(True)
+    panel.tick_params(labelsize=8)
