@@ -20,7 +20,8 @@ def start_state(problem: Problem) -> tuple[Array, Array]:
 
     A measured state starts at its first label with a spread far above the label's own range, so that the
     label is not counted twice. An unmeasured one starts from the other side of the gear, with the spread of
-    the twist, or at zero with the spread that its signal is known for.
+    the twist, a velocity from the slope of its own position, or at zero with the spread that its signal is
+    known for.
     """
     model, recording = problem.model, problem.recording
     ratio = problem.p[model.parameter_names.index("N")] if "N" in model.parameter_names else 1.0
@@ -42,6 +43,9 @@ def start_state(problem: Problem) -> tuple[Array, Array]:
         elif name.startswith("link_") and f"motor_{name[5:]}" in known:
             sd = dict(_PARTNER.values()).get(name, signal.scale)
             value = known[f"motor_{name[5:]}"][0] / ratio
+        elif name.endswith("velocity") and name.replace("velocity", "position") in first:
+            # Around a wrong velocity Coulomb friction is linearised wrongly, and the first labels then look impossible.
+            value, sd = _slope(problem, name.replace("velocity", "position")), signal.scale
         elif name in recording and np.isfinite(recording[name]).any():
             value = float(recording[name][np.isfinite(recording[name])][0])
             sd = signal.scale
@@ -50,6 +54,13 @@ def start_state(problem: Problem) -> tuple[Array, Array]:
         mean.append(value)
         spread.append(sd)
     return np.array(mean), np.array(spread)
+
+
+def _slope(problem: Problem, name: str) -> float:
+    """Slope of the straight line through the first eight labels of a position, in its unit a second."""
+    values = problem.y[:, problem.labels.index(name)]
+    seen = np.flatnonzero(np.isfinite(values))[:8]
+    return float(np.polyfit(problem.time[seen] - problem.time[seen[0]], values[seen], 1)[0]) if len(seen) > 1 else 0.0
 
 
 def label_noise(problem: Problem) -> Array:
