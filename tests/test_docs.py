@@ -181,7 +181,6 @@ def test_the_readme_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     (shell,) = (body for kind, body in FENCE.findall(section) if kind == "sh")
     (python,) = (body for kind, body in FENCE.findall(section) if kind == "python")
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "bags").symlink_to(ROOT / "bags")
     lines = [words[1:] for line in shell.splitlines() if (words := shlex.split(line))[0] == "joint-id"]
     assert lines
     for words in lines:
