@@ -1,0 +1,257 @@
+"""Node `identifier`: true parameters from clean samples, and a clear word about everything else."""
+
+import numpy as np
+import pytest
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from robot_messages import NANO, stamp
+
+from joint_id_core.excitation import multisine
+from joint_id_core.models import build
+from joint_id_core.simulation import simulate
+from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples, ParameterEstimate
+from joint_id_ros.qos import LATEST
+
+RATE = 500
+TRUTH = {"J": 2.0, "c": 8.0, "tau_f": 3.0, "tau_0": 0.7}
+NOISE = {"link_position": 2e-5, "link_velocity": 1.5e-3, "torque": 0.05}
+
+
+@pytest.fixture(scope="module")
+def motion():
+    """A rigid joint that never rests for long, as rows of measured channels."""
+    time = np.arange(8 * RATE) / RATE
+    torque = multisine(time, 60.0, (0.5, 1.0, 1.5, 2.5, 4.0, 6.0), seed=1)
+    recording = simulate(build("rigid_joint"), time, {"torque": torque}, TRUTH)
+    rng = np.random.default_rng(2)
+    return {name: recording[name] + std * rng.standard_normal(len(time)) for name, std in NOISE.items()}
+
+
+@pytest.fixture
+def sample(motion):
+    """Build the message of sample k for named joints."""
+
+    def build_message(k, names=("joint",), begin=1000 * NANO):
+        message = JointSamples(name=list(names))
+        message.header.stamp = stamp(begin + k * NANO // RATE)
+        message.link_position = [motion["link_position"][k]] * len(names)
+        message.link_velocity = [motion["link_velocity"][k]] * len(names)
+        message.torque = [motion["torque"][k]] * len(names)
+        message.measured = JointSamples.LINK_POSITION | JointSamples.LINK_VELOCITY | JointSamples.TORQUE
+        return message
+
+    return build_message
+
+
+@pytest.fixture
+def identifying(start, probe):
+    """Start an identifier of a rigid joint and return what it publishes and a publisher of samples."""
+
+    def begin(**parameters):
+        found = probe.collect(JointParams, "joint_params", LATEST)
+        start("identifier", **{"model": "rigid_joint", "actuation": "torque", **parameters})
+        return found, probe.source(JointSamples, "joint_samples")
+
+    return begin
+
+
+def latest(found, name="joint"):
+    """The newest estimate of a joint, or None."""
+    joints = {j.joint: j for j in found[-1].joints} if found else {}
+    return joints.get(name)
+
+
+def assert_true(estimate):
+    """Every free parameter within 5 of its own standard deviations, and those small enough to say something."""
+    assert estimate.status == JointEstimate.CONVERGED, estimate.message
+    for p in estimate.parameters:
+        if p.name in TRUTH:
+            assert p.verdict == ParameterEstimate.ESTIMATED
+            assert abs(p.value - TRUTH[p.name]) < 5.0 * p.std_dev
+            assert p.std_dev < 0.1 * TRUTH[p.name]
+
+
+def publish(publisher, probe, messages):
+    """Publish at a pace that a busy machine can follow."""
+    for k, message in enumerate(messages):
+        publisher.publish(message)
+        if k % 50 == 49:
+            probe.spin(0.02)
+
+
+def test_two_joints_are_identified_and_published_together(identifying, probe, sample):
+    found, samples = identifying()
+    publish(samples, probe, [sample(k, ("elbow", "wrist")) for k in range(4 * RATE)])
+    probe.until(lambda: latest(found, "elbow") and latest(found, "wrist"), "estimates of both joints")
+    for name in ("elbow", "wrist"):
+        e = latest(found, name)
+        assert_true(e)
+        assert e.model == "rigid_joint" and e.estimator == "innovations"
+        assert len(e.covariance) == len(e.free) ** 2
+        assert (e.window_end.sec * NANO + e.window_end.nanosec) - (
+            e.window_start.sec * NANO + e.window_start.nanosec
+        ) == pytest.approx(2 * NANO, abs=0.1 * NANO)
+    newest = max(j.window_end.sec * NANO + j.window_end.nanosec for j in found[-1].joints)
+    assert found[-1].header.stamp.sec * NANO + found[-1].header.stamp.nanosec == newest
+
+
+def test_a_late_subscriber_gets_the_last_estimate(identifying, probe, sample):
+    found, samples = identifying()
+    publish(samples, probe, [sample(k) for k in range(2 * RATE + 50)])
+    probe.until(lambda: latest(found), "an estimate")
+    probe.spin(1.0)
+    late = probe.collect(JointParams, "joint_params", LATEST)
+    probe.until(lambda: late, "the last estimate")
+    assert repr(late[0]) == repr(found[-1])  # NaN, as of fixed parameters, equals nothing
+
+
+def test_only_the_chosen_joints_are_identified_and_a_missing_one_is_named(identifying, probe, sample):
+    found, samples = identifying(joints=["elbow", "shoulder"])
+    publish(samples, probe, [sample(k, ("elbow", "wrist")) for k in range(3 * RATE)])
+    probe.until(lambda: latest(found, "elbow"), "an estimate")
+    text = "joint shoulder is not in joint_samples (it has elbow, wrist)"
+    probe.until(lambda: probe.told("identifier", text), "word of the missing joint")
+    assert [j.joint for j in found[-1].joints] == ["elbow"]
+
+
+def repeated(message):
+    message.header.stamp = stamp(message.header.stamp.sec * NANO + message.header.stamp.nanosec - NANO // RATE)
+
+
+def wrong_length(message):
+    message.torque = [1.0, 2.0, 3.0]
+
+
+def infinite(message):
+    message.link_position = [float("inf")]
+
+
+def unnamed(message):
+    message.name = []
+
+
+BAD = {
+    repeated: "the stamp repeats",
+    wrong_length: "3 values of torque for 1 joints",
+    infinite: "link_position of joint joint is infinite",
+    unnamed: "names no joint",
+}
+
+
+def test_bad_samples_are_reported_and_identification_goes_on(identifying, probe, sample):
+    found, samples = identifying()
+    for k, (spoil, text) in enumerate(BAD.items()):
+        publish(samples, probe, [sample(i) for i in range(k * RATE, (k + 1) * RATE)])
+        bad = sample((k + 1) * RATE)
+        spoil(bad)
+        samples.publish(bad)
+        probe.until(lambda text=text: probe.told("identifier", text), f"a diagnostic with {text!r}")
+    publish(samples, probe, [sample(i) for i in range(4 * RATE, 6 * RATE)])
+    probe.until(lambda: found and found[-1].header.stamp.sec >= 1005, "an estimate of the last samples")
+    assert_true(latest(found))
+
+
+def test_nan_samples_are_missing_ones(identifying, probe, sample):
+    found, samples = identifying()
+    messages = [sample(k) for k in range(4 * RATE)]
+    for k in range(100, 4 * RATE, 7):
+        messages[k].link_position = [float("nan")]
+        messages[k + 2 if k + 2 < len(messages) else k].torque = [float("nan")]
+    publish(samples, probe, messages)
+    probe.until(lambda: latest(found), "an estimate")
+    assert_true(latest(found))
+
+
+def test_a_joint_that_does_not_move_is_told_so_and_identified_when_it_does(identifying, probe, sample):
+    found, samples = identifying()
+    still = [sample(k) for k in range(3 * RATE)]
+    for message in still:
+        message.link_position, message.link_velocity, message.torque = [0.5], [0.0], [0.0]
+    publish(samples, probe, still)
+    probe.until(lambda: latest(found), "an estimate")
+    assert latest(found).status == JointEstimate.NO_MOTION
+    assert "move the joint" in latest(found).message
+    probe.until(lambda: probe.told("identifier", "move the joint"), "a diagnostic")
+    publish(samples, probe, [sample(k) for k in range(3 * RATE, 7 * RATE)])
+    probe.until(lambda: latest(found).status == JointEstimate.CONVERGED, "an estimate in motion")
+
+
+def test_a_model_whose_input_is_not_there_says_which(identifying, probe, sample):
+    found, samples = identifying(actuation="current", set=["k_t=0.1"])
+    publish(samples, probe, [sample(k) for k in range(3 * RATE)])
+    probe.until(lambda: latest(found), "an estimate")
+    assert latest(found).status == JointEstimate.MISSING_SIGNAL
+    assert "current" in latest(found).message
+
+
+def test_a_second_run_with_earlier_stamps_is_identified_anew(identifying, probe, sample):
+    found, samples = identifying()
+    publish(samples, probe, [sample(k) for k in range(3 * RATE)])
+    probe.until(lambda: latest(found), "an estimate of the first run")
+    publish(samples, probe, [sample(k, begin=500 * NANO) for k in range(3 * RATE)])
+    probe.until(lambda: found[-1].header.stamp.sec < 600, "an estimate of the second run")
+    assert_true(latest(found))
+    probe.until(lambda: probe.told("identifier", "identification starts anew"), "a report")
+
+
+def call(probe, kind, service, request):
+    """Result of a service of the identifier."""
+    client = probe.create_client(kind, f"/identifier/{service}")
+    probe.until(client.service_is_ready, service)
+    future = client.call_async(request)
+    probe.until(future.done, service)
+    return future.result()
+
+
+def change(probe, transition):
+    return call(probe, ChangeState, "change_state", ChangeState.Request(transition=Transition(id=transition))).success
+
+
+def set_parameter(probe, name, value):
+    message = Parameter(name, value=value).to_parameter_msg()
+    request = SetParameters.Request(parameters=[message])
+    return call(probe, SetParameters, "set_parameters", request).results[0]
+
+
+def test_a_bad_configuration_is_told_in_one_line_and_the_node_stays(start, probe):
+    process = start("identifier", model="rigid_joint", actuation="torque", set=["mass=3"])
+    first = "model rigid_joint has no parameter 'mass': it has J, c"
+    probe.until(lambda: probe.told("identifier", first), "a diagnostic")
+    assert probe.told("identifier", first).level == b"\x02"
+    set_parameter(probe, "set", [""])
+    for name, bad, good, text in (
+        ("model", "flexible", "rigid_joint", "option model = 'flexible': choose one of"),
+        ("set", ["J=-1"], [""], "parameter J = -1 kg m^2 is outside its bounds"),
+        ("set", ["J"], [""], "'J' is not of the form NAME=VALUE"),
+        ("fix", ["weight"], [""], "model rigid_joint has no parameter 'weight'"),
+        ("actuation", "current", "torque", "model rigid_joint needs k_t"),
+        ("kinematic_error", True, False, "model rigid_joint has no option 'kinematic_error'"),
+        ("estimator", "magic", "innovations", "option estimator = 'magic'"),
+    ):
+        assert set_parameter(probe, name, bad).successful
+        assert not change(probe, Transition.TRANSITION_CONFIGURE)
+        assert set_parameter(probe, name, good).successful
+        assert len([line for line in process.text.splitlines() if text in line]) == 1
+    assert change(probe, Transition.TRANSITION_CONFIGURE)
+    assert "Traceback" not in process.text
+
+
+def test_a_lifecycle_manager_mends_the_configuration_and_starts_the_node(start, probe, sample):
+    start("identifier", model="rigid_joint", actuation="torque", set=["mass=3"], autostart=False)
+    found = probe.collect(JointParams, "joint_params", LATEST)
+    assert not change(probe, Transition.TRANSITION_CONFIGURE)
+    assert set_parameter(probe, "set", ["J=1.0"]).successful
+    assert change(probe, Transition.TRANSITION_CONFIGURE)
+    refused = set_parameter(probe, "set", ["J=2.0"])
+    assert not refused.successful and "deactivate and clean up" in refused.reason
+    assert change(probe, Transition.TRANSITION_ACTIVATE)
+    assert call(probe, GetState, "get_state", GetState.Request()).current_state.id == State.PRIMARY_STATE_ACTIVE
+    samples = probe.source(JointSamples, "joint_samples")
+    publish(samples, probe, [sample(k) for k in range(3 * RATE)])
+    probe.until(lambda: latest(found), "an estimate")
+    assert change(probe, Transition.TRANSITION_DEACTIVATE)
+    assert change(probe, Transition.TRANSITION_CLEANUP)
+    assert set_parameter(probe, "set", ["J=2.0"]).successful
+    assert change(probe, Transition.TRANSITION_CONFIGURE) and change(probe, Transition.TRANSITION_ACTIVATE)
