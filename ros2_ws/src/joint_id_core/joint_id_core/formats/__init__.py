@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from types import ModuleType
 
 from joint_id_core.errors import JointIdError
-from joint_id_core.formats import bag_reader, csv_file, mat_file
-from joint_id_core.formats.bag_writer import write_bag
+from joint_id_core.formats import csv_file, mat_file
 from joint_id_core.formats.csv_file import write_csv
 from joint_id_core.recording import Recording
 
@@ -39,7 +39,7 @@ def read(path: str | Path, joint: str | None = None, mapping: Mapping[str, str] 
         return mat_file.read(path, joint or "", mapping or {})
     if mapping:
         raise JointIdError(f"{path}: a mapping ({', '.join(mapping)}) is for CSV and MAT files: leave it out for a bag")
-    return bag_reader.read(path, joint)
+    return _bags().read(path, joint)
 
 
 def joints(path: str | Path) -> tuple[str, ...]:
@@ -49,7 +49,7 @@ def joints(path: str | Path) -> tuple[str, ...]:
         JointIdError: unreadable or damaged file.
     """
     path = Path(path)
-    return bag_reader.joints(path) if _kind(path) == "bag" else ()
+    return _bags().joints(path) if _kind(path) == "bag" else ()
 
 
 def contents(path: str | Path) -> tuple[str, ...]:
@@ -62,7 +62,28 @@ def contents(path: str | Path) -> tuple[str, ...]:
     kind = _kind(path)
     if kind == "csv":
         return csv_file.columns(path)
-    return mat_file.variables(path) if kind == "mat" else bag_reader.topics(path)
+    return mat_file.variables(path) if kind == "mat" else _bags().topics(path)
+
+
+def write_bag(path: str | Path, recordings: Mapping[str, Recording], storage: str = "mcap") -> None:
+    """Write the recordings of several joints, by joint name, as one bag; see `bag_writer.write_bag`.
+
+    Raises:
+        JointIdError: the path exists, a recording cannot be written, or rosbags is not installed.
+    """
+    _bags()
+    from joint_id_core.formats import bag_writer
+
+    bag_writer.write_bag(path, recordings, storage)
+
+
+def _bags() -> ModuleType:
+    """The bag reader. Only bags need rosbags, so nodes and CSV files do without it."""
+    try:
+        from joint_id_core.formats import bag_reader
+    except ModuleNotFoundError as error:
+        raise JointIdError(f"bags need the Python package rosbags ({error}): pip install rosbags") from None
+    return bag_reader
 
 
 def _kind(path: Path) -> str:
