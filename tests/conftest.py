@@ -24,7 +24,7 @@ from rclpy.qos import QoSProfile
 
 from joint_id_ros.qos import STREAM_IN, STREAM_OUT
 
-PATIENCE_S = 60.0  # a limit for tests that hang, not a measure of speed
+PATIENCE_S = 180.0  # a limit for tests that hang, not a measure of speed: the first fit of a model compiles it
 _domains = itertools.count(os.getpid())
 
 

@@ -25,6 +25,7 @@ from joint_id_ros.qos import LATEST
 from joint_id_ros.streams import Streams
 from joint_id_ros.worker import Callbacks, Worker
 
+SLOW_S = 3.0  # a fit that takes longer is worth a word
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
 
@@ -160,5 +161,7 @@ class IdentifierNode(LifecycleNode):
             values[f"{name}: estimated"] = f"{found} of {len(joint.free)} parameters"
             if joint.status != JointEstimate.CONVERGED:
                 bad.append(f"{name}: {joint.message}")
+        if self._worker.busy_s > SLOW_S:
+            bad.append(f"a fit takes {self._worker.busy_s:.0f} s so far (the first one of a model compiles it)")
         level = DiagnosticStatus.WARN if bad else DiagnosticStatus.OK
         return Health(level, "; ".join(bad) or f"identified {len(self._latest)} joints", values)

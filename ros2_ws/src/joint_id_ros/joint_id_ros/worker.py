@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 import traceback
 from collections import deque
 from collections.abc import Callable, Collection
@@ -41,6 +42,7 @@ class Worker:
         self._identifiers: dict[str, OnlineIdentifier] = {}
         self._pending: deque[JointSamples | None] = deque()
         self._origin_ns: int | None = None
+        self._begun: float | None = None
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="identifier", daemon=True)
         self._thread.start()
@@ -49,6 +51,11 @@ class Worker:
     def backlog(self) -> int:
         """Samples that wait."""
         return len(self._pending)
+
+    @property
+    def busy_s(self) -> float:
+        """How long the fit under way has taken so far, in s; 0 when there is none."""
+        return time.monotonic() - self._begun if self._begun is not None else 0.0
 
     def add(self, message: JointSamples) -> None:
         """Hand over a sample that passed `conversions.check`, in order of its stamp."""
@@ -95,6 +102,7 @@ class Worker:
 
     def _fit(self, joint: str, recording: Recording, origin_ns: int) -> None:
         try:
+            self._begun = time.monotonic()
             if joint not in self._identifiers:
                 self._identifiers[joint] = self._make()
             estimate = self._identifiers[joint].update(recording)
@@ -108,3 +116,5 @@ class Worker:
         else:
             if estimate is not None and not self._stop.is_set():
                 self._callbacks.estimated(joint, estimate, origin_ns)
+        finally:
+            self._begun = None
