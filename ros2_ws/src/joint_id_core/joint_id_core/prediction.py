@@ -53,9 +53,9 @@ def drive(model: Model, values: dict[str, float], recording: Recording) -> Array
         The drive at every sample, shape (T,), NaN where the motion is not known; None where the model's drive
         is a voltage or the motion of a state was not recorded.
     """
-    recording = complete(recording)
     if model.inputs[0].name not in ("torque", "current"):
         return None
+    recording = complete(recording, _band(recording.time, FilterOptions().cutoff_hz))
     wanted = [n for n in (*model.state_names, *model.input_names[1:]) if n not in model.optional_inputs]
     if not all(n in recording for n in wanted):
         return None
@@ -70,10 +70,15 @@ def drive(model: Model, values: dict[str, float], recording: Recording) -> Array
     return None
 
 
+def _band(time: Array, cutoff_hz: float) -> FilterOptions:
+    """A filter with this cutoff, or the highest one that the sampling allows with some margin."""
+    return FilterOptions(cutoff_hz=min(cutoff_hz, 0.4 / float(np.median(np.diff(time)))))
+
+
 def drive_r_squared(time: Array, measured: Array, predicted: Array, band_hz: float = DRIVE_BAND_HZ) -> float:
     """Coefficient of determination of a predicted drive below `band_hz`, over the samples where both are known."""
     known = np.isfinite(measured) & np.isfinite(predicted)
-    options = FilterOptions(cutoff_hz=band_hz)
+    options = _band(time, band_hz)
     a, b = (differentiate(time[known], v[known], options)[0] for v in (measured, predicted))
     usable = np.isfinite(a) & np.isfinite(b)
     residual, spread = (a - b)[usable], a[usable] - np.mean(a[usable])

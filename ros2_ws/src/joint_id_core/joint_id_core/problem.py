@@ -134,11 +134,13 @@ def prepare(
         )
     y = np.column_stack([_without_frozen(recording[n]) for n in labels])[usable]
     u, time = u[usable], recording.time[usable]
-    if len(time) < MIN_SAMPLES or np.isfinite(y).any(axis=1).sum() < MIN_SAMPLES:
+    seen = int(np.isfinite(y).any(axis=1).sum())
+    if seen < MIN_SAMPLES:
         raise UnusableError(
             Status.TOO_SHORT,
-            f"{recording.source}: only {len(time)} samples have all inputs ({', '.join(model.input_names)}), "
-            f"a fit needs {MIN_SAMPLES}: look for missing values with `joint-id info`",
+            f"{recording.source}: only {len(time)} samples have all inputs ({', '.join(model.input_names)}) and only "
+            f"{seen} of these a label ({', '.join(labels)}), a fit needs {MIN_SAMPLES}: look for missing values with "
+            "`joint-id info`",
         )
     _require_motion(recording.source, labels, y)
     steps = np.diff(time, append=time[-1])
