@@ -1,0 +1,122 @@
+"""From a recording to the arrays of a fit: labels, inputs, smoothing, gaps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from joint_id_core.errors import JointIdError
+from joint_id_core.estimate import Status, Verdict
+from joint_id_core.models import build
+from joint_id_core.problem import UnusableError, prepare, split_parameters, unusable
+from joint_id_core.recording import Recording
+
+TIME = np.arange(200) / 100
+RIGID = build("rigid_joint")
+
+
+def record(**changes) -> Recording:
+    channels = {"link_position": np.sin(3 * TIME), "torque": np.cos(3 * TIME)}
+    return Recording(TIME, channels | changes)
+
+
+def test_labels_are_the_measured_states_and_inputs_keep_their_order():
+    problem = prepare(RIGID, record(link_velocity=3 * np.cos(3 * TIME), current=TIME))
+    assert problem.labels == ("link_position", "link_velocity")
+    np.testing.assert_array_equal(problem.label_states, [0, 1])
+    np.testing.assert_array_equal(problem.u[:, 0], np.cos(3 * TIME))
+    assert not problem.u[:, 1].any(), "external torque is zero where it is not recorded"
+    assert problem.free == ("J", "c", "tau_f", "tau_0")
+
+
+def test_a_derived_velocity_is_no_label():
+    derived = record().with_channels({"link_velocity": 3 * np.cos(3 * TIME)}, derived=True)
+    assert prepare(RIGID, derived).labels == ("link_position",)
+
+
+def test_motor_side_takes_a_link_velocity_that_was_not_measured_from_its_position():
+    time = np.arange(1000) / 500
+    q = 0.2 * np.sin(3 * time)
+    recording = Recording(time, {"link_position": q, "motor_velocity": 60.6 * np.cos(3 * time), "torque": np.cos(time)})
+    problem = prepare(build("motor_side"), recording)
+    middle = slice(100, 900)
+    np.testing.assert_allclose(problem.u[middle, 2], 0.6 * np.cos(3 * problem.time[middle]), atol=1e-4)
+    assert problem.labels == ("motor_velocity",)
+
+
+def test_a_missing_input_sample_makes_the_step_longer():
+    torque = np.cos(3 * TIME)
+    torque[50:53] = np.nan
+    problem = prepare(RIGID, record(torque=torque))
+    assert problem.dropped == 3
+    assert len(problem.time) == 197
+    assert problem.time[50] - problem.time[49] == pytest.approx(0.04)
+    assert problem.gap[49] == 3.0
+    assert problem.gap.sum() == 3.0
+    assert problem.period == pytest.approx(0.01)
+
+
+def test_smoothing_of_friction_follows_the_speed_unless_it_is_given():
+    w_s = {}
+    for speed in (1e-3, 0.3, 1e3):
+        problem = prepare(
+            RIGID, record(link_position=speed / 3 * np.sin(3 * TIME), link_velocity=speed * np.cos(3 * TIME))
+        )
+        w_s[speed] = problem.p[RIGID.parameter_names.index("w_s")]
+    nominal = RIGID.parameter("w_s").nominal
+    assert w_s[1e-3] == pytest.approx(0.1 * nominal)
+    assert w_s[0.3] == pytest.approx(0.003)
+    assert w_s[1e3] == pytest.approx(nominal)
+    given = prepare(RIGID, record(), {"w_s": 0.5})
+    assert given.p[RIGID.parameter_names.index("w_s")] == 0.5
+
+
+def test_frozen_zeros_of_a_robot_are_no_measurement_but_encoder_steps_are():
+    fine = 3 * np.cos(3 * TIME) + 1e-6 * np.random.default_rng(0).standard_normal(200)
+    frozen = np.where(np.abs(fine) < 1.0, 0.0, fine)
+    frozen[5:8] = frozen[5] + np.array([0.0, 1e-7, 2e-7])
+    y = prepare(RIGID, record(link_velocity=frozen)).y[:, 1]
+    repeated = np.concatenate([[False], (frozen[1:] == 0.0) & (frozen[:-1] == 0.0)])
+    assert repeated.sum() > 20
+    np.testing.assert_array_equal(np.isnan(y), repeated)
+    steps = np.round(np.sin(3 * TIME) / 0.05) * 0.05
+    assert np.isfinite(prepare(RIGID, record(link_position=steps)).y).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "status"),
+    [
+        ({"link_position": np.full(200, 1.0)}, Status.NO_MOTION),
+        ({"link_position": np.full(200, np.nan)}, Status.MISSING_SIGNAL),
+        ({"torque": np.full(200, np.nan)}, Status.MISSING_SIGNAL),
+        ({"link_position": np.where(np.arange(200) < 160, np.nan, TIME)}, Status.TOO_SHORT),
+    ],
+)
+def test_unusable_data_say_why(change, status):
+    with pytest.raises(UnusableError) as error:
+        prepare(RIGID, record(**change))
+    assert error.value.status is status
+    assert "recording" in str(error.value) and "\n" not in str(error.value)
+    estimate = unusable(RIGID, "innovations", error.value, record(**change))
+    assert estimate.status is status and not estimate.converged
+    assert [p.name for p in estimate.parameters] == list(RIGID.parameter_names)
+    assert all(np.isnan(p.std_dev) for p in estimate.parameters)
+    assert estimate["N"].verdict is Verdict.FIXED
+
+
+def test_too_few_labels_are_told_apart_from_too_few_inputs():
+    """The message names what is missing: here the inputs are complete."""
+    with pytest.raises(UnusableError) as error:
+        prepare(RIGID, record(link_position=np.where(np.arange(200) < 160, np.nan, TIME)))
+    assert "only 40 of these a label (link_position)" in str(error.value)
+
+
+def test_fixed_and_freed_names():
+    p, free = split_parameters(RIGID, {"J": 2.0}, ("c",), ("N",))
+    assert free == ("J", "tau_f", "tau_0", "N")
+    assert p[RIGID.parameter_names.index("J")] == 2.0
+    with pytest.raises(JointIdError, match="no parameter 'k_9'"):
+        split_parameters(RIGID, {}, ("k_9",), ())
+    current = build("rigid_joint", actuation="current")
+    with pytest.raises(JointIdError, match=r"needs k_t .* --set k_t"):
+        split_parameters(current, {}, (), ())
