@@ -1,7 +1,6 @@
 """The whole system at work: a simulated joint is identified live, then again from the bag recorded of it.
 
     make demo                                           or, in a sourced workspace: python demo/demo.py
-    python demo/demo.py --model harmonic_drive --duration 30
 
 Every node is a process of its own; they talk over DDS, on a ROS domain that only this run uses.
 """
@@ -18,6 +17,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import numpy as np
 from live import History, Screen, Watcher, free
 from nodes import NodeFailedError, Nodes
 
@@ -34,6 +34,7 @@ READY_S = 60.0  # longest wait for a node that starts, or that should have ended
 LAST_S = 15.0  # longest wait for the last estimate once the motion has ended
 MIN_DURATION_S = 6.0  # a window for the estimate of the picture, and the motion that it predicts
 HONEST = 3.0  # standard deviations; a larger error is pointed out
+START_FACTOR = 2.0  # by which start values are wrong, at most: the table's values are those of the simulation
 
 
 def main() -> int:
@@ -47,7 +48,7 @@ def main() -> int:
         model = PLANTS[args.model]({}, MotionOptions(), 0).model
         _compile(model)
         live = _act_1(args, model, begun)
-        replayed = _act_2(args)
+        replayed = _act_2(args, model)
         print("\nAct 3, the picture: fit and convergence", flush=True)
         from picture import draw  # here, so that nobody waits for matplotlib before the first estimate
 
@@ -87,6 +88,7 @@ def _compile(model: Model) -> None:
 def _act_1(args: argparse.Namespace, model: Model, begun: float) -> History:
     """Sim, filter, identifier and recorder; returns what was estimated."""
     print(f"Act 1, live: sim -> filter -> identifier, {args.duration:g} s of {args.model}, recorded at the same time")
+    print(f"The start values of the identifier are wrong by a factor of up to {START_FACTOR:g}.", flush=True)
     args.out.mkdir(parents=True, exist_ok=True)
     topics = ["link_states", "motor_states", "truth", *(["motor_voltages"] if "voltage" in model.input_names else [])]
     with (
@@ -96,7 +98,7 @@ def _act_1(args: argparse.Namespace, model: Model, begun: float) -> History:
     ):
         bag = Path(folder) / "recording"
         nodes.node("filter")
-        _start_identifier(nodes, watcher, args.model)
+        _start_identifier(nodes, watcher, model)
         nodes.record(bag, topics)
         # The joint moves when filter and recorder listen: nothing of its motion is lost.
         nodes.node("sim", model=args.model, duration=args.duration, wait_subscribers=2)
@@ -106,25 +108,27 @@ def _act_1(args: argparse.Namespace, model: Model, begun: float) -> History:
         return watcher.history
 
 
-def _act_2(args: argparse.Namespace) -> History:
+def _act_2(args: argparse.Namespace, model: Model) -> History:
     """Player, filter and identifier, on the clock of the bag."""
     bag = args.out / "recording"
-    print(f"\nAct 2, from the bag just recorded: player -> filter -> identifier, {bag}")
+    print(f"\nAct 2, from the bag just recorded: player -> filter -> identifier, {bag}", flush=True)
     screen = Screen("replayed", time.monotonic())
     with Nodes(args.out / "logs/replay", _domain()) as nodes, Watcher(_domain()) as watcher:
         nodes.node("filter", use_sim_time=True)
-        _start_identifier(nodes, watcher, args.model, use_sim_time=True)
+        _start_identifier(nodes, watcher, model, use_sim_time=True)
         nodes.node("player", bag=bag)
         _follow(nodes, watcher, "player", args.duration, screen)
         return watcher.history
 
 
-def _start_identifier(nodes: Nodes, watcher: Watcher, model: str, **parameters: object) -> None:
-    """Start the identifier for the model that the sim moves, and wait until it listens."""
-    if model == PositionControl.MODEL:
+def _start_identifier(nodes: Nodes, watcher: Watcher, model: Model, **parameters: object) -> None:
+    """Start the identifier from wrong values, and wait until it listens."""
+    rng = np.random.default_rng(0)
+    wrong = {p.name: p.nominal * START_FACTOR ** rng.uniform(-1.0, 1.0) for p in model.parameters if not p.fixed}
+    if model.name == PositionControl.MODEL:
         # The torque constant is known of a motor; a motion under position control cannot show it.
-        parameters["set"] = [f"k_t={PositionControl.K_T!r}"]
-    nodes.node("identifier", model=model, **parameters)
+        wrong["k_t"] = PositionControl.K_T
+    nodes.node("identifier", model=model.name, set=[f"{n}={v:.6g}" for n, v in wrong.items()], **parameters)
     limit = time.monotonic() + READY_S
     while not watcher.identifier_listens():
         nodes.check()
@@ -155,9 +159,7 @@ def _replace(new: Path, place: Path) -> None:
     """Put the finished recording in the place of an older one, which stays until the new one is complete."""
     if place.exists():
         if not (place / "metadata.yaml").is_file():
-            raise JointIdError(
-                f"{place} is no recording, so it is not replaced: move it or choose another --out"
-            )
+            raise JointIdError(f"{place} is no recording, so it is not replaced: move it or choose another --out")
         shutil.rmtree(place)
     new.rename(place)
 
@@ -185,13 +187,15 @@ def _summary(args: argparse.Namespace, live: History, replayed: History, elapsed
         sigma, name = max((abs(history.error(p)), p.name) for p in _last(history) if p.std_dev > 0.0)
         note = "" if sigma <= HONEST else ": more than the standard deviation explains"
         print(f"  {title}: {len(history.estimates)} estimates, largest error at the end {sigma:.1f} σ ({name}){note}")
-    print(f"  recording: {args.out / 'recording'}\n  picture:   {args.picture}\n  logs:      {args.out / 'logs'}")
+    bag = args.out / "recording"
+    print(f"  recording: {bag}\n  picture:   {args.picture}\n  logs:      {args.out / 'logs'}")
     drive = f" --set k_t={PositionControl.K_T!r}" if args.model == PositionControl.MODEL else ""
+    other = next(name for name in PLANTS if name != args.model)
     print(
         f"  done in {elapsed:.0f} s. To try next:\n"
-        f"    .venv/bin/joint-id fit {args.out / 'recording'} --model {args.model}{drive}\n"
-        f"    .venv/bin/joint-id info {args.out / 'recording'}\n"
-        f"    make demo ARGS='--model harmonic_drive --duration 30'"
+        f"    .venv/bin/joint-id fit {bag} --model {args.model}{drive}\n"
+        f"    .venv/bin/joint-id info {bag}\n"
+        f"    setup/run python demo/demo.py --model {other} --duration 30"
     )
 
 

@@ -87,20 +87,19 @@ def draw(path: Path, model: Model, recording: Recording, history: History) -> No
     names = [p.name for p in free(history.estimates[-1])]
     rows = -(-len(names) // COLUMNS)
     figure = Figure(figsize=(13.0, 4.0 + 2.2 * rows), layout="constrained")
-    above, below = figure.subfigures(2, 1, height_ratios=[3.4, 2.3 * rows], hspace=0.04)
+    above, below = np.ravel(figure.subfigures(2, 1, height_ratios=[3.4, 2.3 * rows], hspace=0.04))
     _fit(above.subplots(1, len(prediction.measured), squeeze=False)[0], prediction)
     above.suptitle(
         f"Fit: {AHEAD_S:g} s simulated from the inputs alone, with the live estimate of {prediction.learned_s:.1f} s",
         fontsize=12, fontweight="bold", x=0.01, ha="left",
     )  # fmt: skip
-    panels = below.subplots(rows, COLUMNS, sharex=True, squeeze=False)
+    panels = below.subplots(rows, COLUMNS, squeeze=False)
     for panel in panels.ravel()[len(names) :]:
         panel.set_visible(False)
     for name, panel in zip(names, panels.ravel(), strict=False):
         _convergence(panel, name, history)
-    for panel in panels.ravel()[max(0, len(names) - COLUMNS) : len(names)]:
-        panel.set_xlabel("motion [s]")
-        panel.tick_params(labelbottom=True)
+        panel.set_xlim(0.0, float(recording.duration))
+        panel.set_xlabel("motion [s]", fontsize=9)
     handles, labels = panels[0, 0].get_legend_handles_labels()
     below.legend(handles, labels, loc="upper right", ncols=3, frameon=False, fontsize=10)
     below.suptitle(
@@ -117,7 +116,7 @@ def _fit(panels: np.ndarray, prediction: Prediction) -> None:
     for panel, (name, measured) in zip(panels, prediction.measured.items(), strict=True):
         simulated = prediction.simulated[name]
         panel.plot(prediction.time, measured, ".", markersize=3, color=GREY, label="measured")
-        panel.plot(prediction.time, simulated, linewidth=1.4, color=BLUE, label="simulated")
+        panel.plot(prediction.time, simulated, linewidth=1.3, color=BLUE, label="simulated")
         share = 100.0 * np.sqrt(np.nanmean((simulated - measured) ** 2)) / np.nanstd(measured)
         panel.set_title(f"rms error {share:.2g} % of the signal", fontsize=9, color="0.35", loc="right")
         panel.set_ylabel(f"{name.replace('_', ' ')} [{CHANNELS[name].unit}]")
