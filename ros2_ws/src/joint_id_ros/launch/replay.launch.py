@@ -35,7 +35,7 @@ ARGUMENTS = [
     DeclareLaunchArgument(
         "params_file",
         default_value="",
-        description="parameter file that goes before these arguments, e.g. from config/",
+        description="parameter file that overrides these arguments, e.g. from config/",
     ),
 ]
 

@@ -1,0 +1,100 @@
+"""Parameter files name parameters that exist, with values that are allowed; layouts name fields that exist."""
+
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+import yaml
+from sensor_msgs.msg import JointState
+
+from joint_id_core.filtering import FilterOptions
+from joint_id_core.models import build
+from joint_id_core.online import OnlineOptions
+from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples, ParameterEstimate
+from joint_id_ros.filter import InputOptions
+from joint_id_ros.model_options import ModelOptions
+from joint_id_ros.plants import MotionOptions
+from joint_id_ros.player import PlayerOptions
+from joint_id_ros.sim import SimOptions
+
+CONFIG = Path(__file__).resolve().parent.parent / "config"
+OPTIONS = {
+    "sim": (SimOptions, MotionOptions),
+    "filter": (InputOptions, FilterOptions),
+    "identifier": (ModelOptions, OnlineOptions),
+    "player": (PlayerOptions,),
+}
+TOPICS = {"joint_params": JointParams, "truth": JointParams, "joint_samples": JointSamples, "link_states": JointState}
+NESTED = {"joint_id_msgs/JointEstimate": JointEstimate, "joint_id_msgs/ParameterEstimate": ParameterEstimate}
+
+
+@pytest.mark.parametrize("path", sorted(CONFIG.glob("*.yaml")), ids=lambda p: p.name)
+def test_a_parameter_file_builds_the_options_of_its_nodes(path):
+    for node, content in yaml.safe_load(path.read_text()).items():
+        given = dict(content["ros__parameters"])
+        given.pop("use_sim_time", None)
+        if node == "/**/player":
+            given["bag"] = "given on the command line"
+        for options in OPTIONS[node.removeprefix("/**/")]:
+            own = {f.name: f for f in fields(options) if f.name in given}
+            for name, f in own.items():
+                # A number without a point is an integer to ROS and refused for a parameter in floating point.
+                assert type(given[name]) is (list if isinstance(f.default, tuple) else type(f.default)), name
+            built = options(**{n: tuple(v) if isinstance(v := given.pop(n), list) else v for n in own})
+            if isinstance(built, ModelOptions):
+                built.build().values(built.values())
+        assert not given, f"{node} has no parameter {', '.join(given)}"
+
+
+@pytest.mark.parametrize("name", ["demo_electromechanical", "demo_harmonic_drive"])
+def test_a_parameter_file_reaches_the_node_in_any_namespace(start, probe, name):
+    process = start("identifier", "--params-file", str(CONFIG / f"{name}.yaml"), "-r", "__ns:=/left/arm")
+    model = name.removeprefix("demo_")
+    probe.until(lambda: f"identifying {model} with" in process.text, "the identifier")
+
+
+def resolve(path):
+    """Follow a path such as /topic.joints[0].parameters[:]{name=="k_1"}.value through the message types."""
+    topic, *names = [p for p in re.split(r"[./]", path) if p]
+    kind = TOPICS[topic]
+    for name in names:
+        field = re.match(r"\w+", name)[0]
+        text = kind.get_fields_and_field_types()[field]
+        assert ("[" in name) == text.startswith("sequence<"), f"{path}: {field} is {text}"
+        inner = text.removeprefix("sequence<").removesuffix(">")
+        for condition in re.findall(r"\{(\w+)==", name):
+            assert condition in NESTED[inner].get_fields_and_field_types()
+        kind = NESTED.get(inner, kind)
+    return inner if names else None
+
+
+def test_the_foxglove_layout_shows_fields_that_exist():
+    layout = json.loads((CONFIG / "foxglove.json").read_text())
+    panels = layout["configById"]
+    values = [p["value"] for panel in panels.values() for p in panel.get("paths", [])]
+    assert len(values) > 5
+    for value in values:
+        assert resolve(value) in ("double", "uint8")
+    resolve(panels["RawMessages!params"]["topicPath"])
+    assert panels["DiagnosticSummary!nodes"]["topicToRender"] == "/diagnostics"
+
+    def leaves(node):
+        return {node} if isinstance(node, str) else leaves(node["first"]) | leaves(node["second"])
+
+    assert leaves(layout["layout"]) == set(panels)
+
+
+def test_the_plotjuggler_layout_shows_fields_that_exist_and_the_parameters_it_names():
+    root = ElementTree.parse(CONFIG / "plotjuggler.xml").getroot()
+    names = build("electromechanical").parameter_names
+    for area in root.iter("DockArea"):
+        for curve in area.iter("curve"):
+            path = curve.get("name")
+            assert resolve(path) in ("double", "uint8")
+            if found := re.search(r"parameters\[(\d+)\]", path):
+                assert names[int(found[1])] in area.get("name").split()
+    topics = [topic.get("name").strip("/") for topic in root.iter("topic")]
+    assert topics and set(topics) <= set(TOPICS)
