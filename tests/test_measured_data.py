@@ -1,0 +1,111 @@
+"""Public measurements through the command line, as a user would run it: published values and held-out prediction.
+
+The data are not part of the project; they are expected beside it, in ../shared/data.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+DATA = Path(__file__).resolve().parents[2] / "shared/data"
+EMPS = DATA / "emps"
+UR3E = DATA / "ur3e/wave_currentData_100v_40a.csv"
+HALF_S = 27.9  # of the 55.8 s of the UR3e log
+
+pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"measured data are not there: {DATA}")
+
+
+def fit(*arguments: object, expect: tuple[int, ...] = (0,)) -> dict[str, Any]:
+    """Run `joint-id fit ... --json` in a process of its own and return what it printed."""
+    program = shutil.which("joint-id", path=os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"])))
+    assert program is not None, "the console script joint-id is not installed"
+    command = [program, "fit", *map(str, arguments), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=540, check=False)
+    assert done.returncode in expect, done.stderr
+    return dict(json.loads(done.stdout))
+
+
+def by_name(result: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    return {p["name"]: p for p in result["parameters"]}
+
+
+@pytest.fixture(scope="module")
+def emps() -> dict[str, Any]:
+    """The EMPS benchmark (Janot, Gautier, Brunot 2019): identified on one record, validated on the one with pulses."""
+    mapping = ("--map", "time_s=t", "--map", "link_position=qm", "--map", "torque=gtau*vir")
+    return fit(
+        EMPS / "DATA_EMPS.mat", "--model", "rigid_joint", *mapping, "--validate", EMPS / "DATA_EMPS_PULSES.mat"
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "published"), [("J", 95.1089), ("c", 203.5034), ("tau_f", 20.3935), ("tau_0", -3.1648)]
+)
+def test_emps_has_the_published_parameters(emps, name, published):
+    """Within 1 % or two standard deviations of the published values; M, F_v, F_c and the offset."""
+    found = by_name(emps)[name]
+    assert found["verdict"] == "estimated"
+    error = abs(found["value"] - published)
+    assert error < 0.01 * abs(published) or error < 2.0 * found["std_dev"], found
+    assert 0.0 < found["std_dev"] < 0.02 * abs(published)
+
+
+def test_emps_predicts_the_record_with_force_pulses(emps):
+    assert emps["status"] == "converged"
+    held_out = {v["signal"]: v for v in emps["validation"]}
+    assert held_out["link_position"]["nrmse"] < 0.002
+    assert held_out["torque"]["r_squared"] > 0.99
+
+
+def ur3e(joint: int, *arguments: object, file: Path = UR3E, **kwargs: Any) -> dict[str, Any]:
+    mapping = {"time_s": "timestamp", "link_position": f"actual_q_{joint}", "current": f"actual_current_{joint}"}
+    pairs = [text for name, column in mapping.items() for text in ("--map", f"{name}={column}")]
+    return fit(file, *pairs, "--actuation", "current", *arguments, **kwargs)
+
+
+def test_ur3e_elbow_stiffness_of_two_halves_agrees():
+    """The elbow is held still and disturbed by the shoulder; link position and motor velocity are all there is."""
+    model = ("--model", "motor_side", "--set", "k_t=0.0802", "--map", "motor_velocity=101*actual_qd_2")
+    halves = [ur3e(2, *model, *part) for part in (("--end", HALF_S), ("--start", HALF_S))]
+    a, b = (by_name(half)["k_1"] for half in halves)
+    assert [half["status"] for half in halves] == ["converged", "converged"]
+    assert a["verdict"] == b["verdict"] == "estimated"
+    spread = (a["std_dev"] ** 2 + b["std_dev"] ** 2) ** 0.5
+    assert abs(a["value"] - b["value"]) < 2.0 * spread, (a, b)
+    assert 3.9e3 < a["value"] < 4.7e3 and 3.9e3 < b["value"] < 4.7e3
+    assert max(a["std_dev"], b["std_dev"]) < 200.0
+
+
+def test_ur3e_shoulder_predicts_the_current_of_the_held_out_half(tmp_path):
+    """Gravity, friction and inertia from the first half of the log explain the second."""
+    lines = [line for line in UR3E.read_text().splitlines() if line.strip()]
+    start = float(lines[1].split()[0])
+    later = [line for line in lines[1:] if float(line.split()[0]) - start >= HALF_S]
+    second = tmp_path / "second_half.csv"
+    second.write_text("\n".join([lines[0], *later]) + "\n")
+    assert len(later) > 3000
+    model = ("--model", "rigid_joint", "--gravity", "--set", "N=101", "--set", "k_t=0.1")
+    velocity = ("--map", "link_velocity=actual_qd_1")
+    result = ur3e(1, *model, *velocity, "--end", HALF_S, "--validate", second, expect=(0, 1))
+    held_out = {v["signal"]: v for v in result["validation"]}
+    assert held_out["current"]["r_squared"] >= 0.99
+    found = by_name(result)
+    gravity = (found["a_g"]["value"] ** 2 + found["b_g"]["value"] ** 2) ** 0.5
+    assert gravity == pytest.approx(16.0, rel=0.15), "Nm, as known from a rough fit of this log"
+
+
+def test_ur3e_shoulder_is_repeatable_or_called_poor():
+    """The moving shoulder strains the model: its stiffness agrees between the halves, or the fit is not a success."""
+    model = ("--model", "motor_side", "--set", "k_t=0.1005", "--map", "motor_velocity=101*actual_qd_1")
+    halves = [ur3e(1, *model, *part, expect=(0, 1)) for part in (("--end", HALF_S), ("--start", HALF_S))]
+    a, b = (by_name(half)["k_1"] for half in halves)
+    if all(half["status"] == "converged" for half in halves):
+        assert abs(a["value"] - b["value"]) < 3.0 * (a["std_dev"] ** 2 + b["std_dev"] ** 2) ** 0.5, (a, b)
