@@ -31,7 +31,7 @@ from joint_id_ros.plants import PLANTS, MotionOptions, PositionControl
 
 ROOT = Path(__file__).resolve().parent.parent
 READY_S = 60.0  # longest wait for a node that starts, or that should have ended
-LAST_S = 15.0  # longest wait for the last estimate once the motion has ended
+LAST_S = 30.0  # longest wait for the last estimate once the motion has ended
 MIN_DURATION_S = 6.0  # a window for the estimate of the picture, and the motion that it predicts
 HONEST = 3.0  # standard deviations; a larger error is pointed out
 START_FACTOR = 2.0  # by which start values are wrong, at most: the table's values are those of the simulation

@@ -91,12 +91,14 @@ class Nodes:
 
     def stop(self, *names: str) -> None:
         """End these nodes one after the other, however they feel; the others go on."""
-        previous = signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not leave half of them
+        # A second Ctrl-C must not leave half of them.
+        previous = {n: signal.signal(n, signal.SIG_IGN) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
         try:
             for name in names:
                 _end(self._children.pop(name))
         finally:
-            signal.signal(signal.SIGINT, previous)
+            for number, handler in previous.items():
+                signal.signal(number, handler)
 
 
 def _end(child: subprocess.Popen[bytes]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from live import History, free
@@ -33,12 +34,12 @@ BLUE, ORANGE, GREY = "#1f5fa8", "#d9730d", "0.62"
 
 @dataclass(frozen=True)
 class Prediction:
-    """The end of a recording, and its simulation by an estimate that had not seen it.
+    """The end of a recording, and its simulation with an estimate.
 
     Attributes:
         time: s of motion, shape (T,).
         measured, simulated: by channel, shape (T,).
-        learned_s: s of motion at the end of the window of the estimate.
+        learned_s: end of the estimate's window in s of motion.
     """
 
     time: Array
@@ -47,17 +48,21 @@ class Prediction:
     learned_s: float
 
 
-def predict(model: Model, recording: Recording, history: History) -> Prediction | None:
-    """Simulate the last `AHEAD_S` of a recording with the last estimate from before them; None if there is none.
+def predict(model: Model, recording: Recording, history: History) -> Prediction:
+    """Simulate the last `AHEAD_S` of a recording with the last estimate from before them.
 
     The state at their start is filtered from the data before; from there on the simulation sees the inputs only.
+    A busy machine may have no estimate so early: then the last one is taken, and the picture tells its time.
+
+    Raises:
+        JointIdError: no estimate converged.
     """
     begin = float(recording.time[-1]) - AHEAD_S
     start = float(recording.time[0])  # the recording begins with the motion
-    earlier = [e for e in history.estimates if e.status == JointEstimate.CONVERGED and history.time(e) <= begin - start]
-    if not earlier:
-        return None
-    estimate = earlier[-1]
+    good = [e for e in history.estimates if e.status == JointEstimate.CONVERGED]
+    if not good:
+        raise JointIdError("no picture: no live estimate converged")
+    estimate = ([e for e in good if history.time(e) <= begin - start] or good)[-1]
     held = {p.name for p in estimate.parameters} - set(estimate.free)
     values = {p.name: p.value for p in estimate.parameters}
     problem = prepare(model, recording.window(begin - LEAD_S, np.inf), values, held, estimate.free)
@@ -79,18 +84,17 @@ def draw(path: Path, model: Model, recording: Recording, history: History) -> No
     """Save the picture.
 
     Raises:
-        JointIdError: too short a run for a prediction, or the file cannot be written.
+        JointIdError: no estimate converged, or the file cannot be written.
     """
     prediction = predict(model, recording, history)
-    if prediction is None:
-        raise JointIdError(f"no converged estimate {AHEAD_S:g} s before the end of the run: give a longer --duration")
     names = [p.name for p in free(history.estimates[-1])]
     rows = -(-len(names) // COLUMNS)
     figure = Figure(figsize=(13.0, 4.0 + 2.2 * rows), layout="constrained")
-    above, below = np.ravel(figure.subfigures(2, 1, height_ratios=[3.4, 2.3 * rows], hspace=0.04))
+    halves: Any = figure.subfigures(2, 1, height_ratios=[3.4, 2.3 * rows], hspace=0.04)
+    above, below = halves
     _fit(above.subplots(1, len(prediction.measured), squeeze=False)[0], prediction)
     above.suptitle(
-        f"Fit: {AHEAD_S:g} s simulated from the inputs alone, with the live estimate of {prediction.learned_s:.1f} s",
+        f"Fit: {AHEAD_S:g} s simulated from the inputs alone, with what was known after {prediction.learned_s:.1f} s",
         fontsize=12, fontweight="bold", x=0.01, ha="left",
     )  # fmt: skip
     panels = below.subplots(rows, COLUMNS, squeeze=False)
