@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import shutil
 import sys
+import textwrap
 import time
 from dataclasses import dataclass, field
 from typing import Any
@@ -21,7 +22,8 @@ from joint_id_ros.qos import LATEST
 
 VERDICTS = {code: verdict.value.replace("_", " ") for verdict, code in VERDICT_CODES.items()}
 STATUSES = {code: status.value.replace("_", " ") for status, code in STATUS_CODES.items()}
-HEAD = f"  {'':<9}{'unit':<10}{'estimate':>13} ± {'std dev':<9}{'truth':>11}{'error':>11}   verdict"
+HEAD = f"  {'':<9}{'unit':<9}{'estimate':>12} ± {'std dev':<8}{'truth':>10}{'error':>10}   verdict"
+WIDTH = 79  # of a narrow terminal
 PLAIN_EVERY = 10  # estimates between two tables where the terminal cannot be written over
 
 
@@ -95,11 +97,12 @@ def table(history: History, estimate: JointEstimate, title: str) -> list[str]:
     for p in free(estimate):
         truth, error = history.truth.get(p.name, math.nan), history.error(p)
         lines.append(
-            f"  {p.name:<9}{p.unit:<10}{_rounded(p.value, p.std_dev):>13} ± {p.std_dev:<9.1e}{truth:>11.4g}"
-            f"{error:>+9.1f} σ   {VERDICTS.get(p.verdict, '?')}"
+            f"  {p.name:<9}{p.unit:<9}{_rounded(p.value, p.std_dev):>12} ± {p.std_dev:<8.1e}{truth:>10.4g}"
+            f"{error:>+8.1f} σ   {VERDICTS.get(p.verdict, '?')}"
         )
     held = [f"{p.name} = {p.value:.4g}" for p in estimate.parameters if p.name not in estimate.free]
-    return [*lines, f"  held at known values: {', '.join(held)}"]
+    text = f"held at known values: {', '.join(held)}"
+    return [*lines, *textwrap.wrap(text, WIDTH, initial_indent="  ", subsequent_indent="  ")]
 
 
 def _rounded(value: float, std_dev: float) -> str:
