@@ -18,6 +18,9 @@ from joint_id_core.options import check, option
 from joint_id_core.problem import split_parameters
 from joint_id_core.recording import Recording
 
+# Growth of the drive's noise from one window to the next at which the memory is doubted.
+SURPRISE = 2.0
+
 
 @dataclass(frozen=True)
 class OnlineOptions:
@@ -84,7 +87,9 @@ class OnlineIdentifier:
 
     Each window starts from the last estimate (warm start). Its prior is the estimate whose window ended where
     this one starts, its covariance grown by what `memory_s` forgets: so no sample counts twice, and what older
-    windows taught is kept (arrival cost). Windows without motion teach nothing and leave the memory as it is.
+    windows taught is kept (arrival cost). Windows without motion teach nothing and leave the memory as it is. When
+    a window needs far more noise than the last one, it is fitted by itself as well; if that explains it, the joint has
+    changed (a load was picked up, say) and the memory is dropped.
 
     Args:
         model: model of the joint.
@@ -144,10 +149,22 @@ class OnlineIdentifier:
             self.model, recording, self._values, self._fixed, self._freed,
             belief=self._belief(float(recording.time[0])), previous=self._last,
         )  # fmt: skip
+        if self._last is not None and self._drive_noise(estimate) > SURPRISE * self._drive_noise(self._last):
+            alone = fit_innovations(self.model, recording, self._values, self._fixed, self._freed)
+            if alone.converged and SURPRISE * self._drive_noise(alone) < self._drive_noise(estimate):
+                self._past.clear()
+                estimate = replace(
+                    alone, message=f"{alone.message}; the joint has changed: older windows are forgotten"
+                )
         if estimate.converged:
             self._last = estimate
             self._past.append(estimate)
         return estimate
+
+    def _drive_noise(self, estimate: Estimate) -> float:
+        """Noise of the drive that the estimate needs: what a wrong memory is explained by. Inf after a failed fit."""
+        drive = self.model.inputs[0]
+        return max(estimate.noise.get(f"input {drive.name}", np.inf), 1e-3 * drive.scale)
 
     def _belief(self, start: float) -> Belief | None:
         """The newest estimate that ended before `start`, widened by the time since and by the window's length."""

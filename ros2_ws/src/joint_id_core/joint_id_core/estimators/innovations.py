@@ -120,11 +120,10 @@ class _Fit:
         return self._settled(found) if found is not None else None
 
     def cold(self) -> Minimum | None:
-        """Start from the belief; with unmeasured states from others too, until two agree and describe the data."""
+        """Start from the belief; from others too until one describes the data, or two with unmeasured states."""
         found = self._annealed(self.belief.mean)
-        if len(self.problem.labels) == len(self.problem.model.states):
-            return found
-        best, levels, twice = found, (self.R, self.q, self.substeps), False
+        best, levels = found, (self.R, self.q, self.substeps)
+        twice = len(self.problem.labels) == len(self.problem.model.states)  # one minimum, as a rule
         rng = np.random.default_rng(0)
         for k in range(EXTRA_STARTS):
             if twice and best is not None and not explained(self.problem, best.last.residuals).reasons:
