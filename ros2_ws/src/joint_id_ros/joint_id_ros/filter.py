@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
@@ -27,6 +29,7 @@ from joint_id_ros.qos import STREAM_OUT
 from joint_id_ros.streams import Streams
 
 TOPICS = {t.name: t for t in RAW}
+RELEASE_S = 0.2  # how often samples are looked for that wait for a topic in vain
 LEADING = "link_states"
 TYPES = {t.__name__: t for t in (JointState, MotorVoltages, MotorTorques)}
 
@@ -44,9 +47,7 @@ class InputOptions:
     gear_ratio: float = option(
         GEAR_RATIO, "gear ratio by which a joint torque is brought to the motor shaft", "1", 1e-6, 1e5
     )
-    join_wait_s: float = option(
-        1.0, "how far the stamps of other topics may run ahead before a topic counts as not measured", "s", 0.0, 10.0
-    )
+    join_wait_s: float = option(1.0, "how long a topic is awaited before it counts as not measured", "s", 0.0, 10.0)
 
     def __post_init__(self) -> None:
         check_options(self)
@@ -65,14 +66,16 @@ class FilterNode(Node):
         self._joiner: Joiner[dict[str, convert.Row]] = Joiner([t.name for t in RAW], self._input.join_wait_s)
         self._joints: dict[str, None] = {}
         self._origin_ns: int | None = None
-        self._published = 0
+        self._published = self._silent_periods = 0
         self._diagnostics = Diagnostics(self, self._health, LEADING)
         self._publisher = self.create_publisher(JointSamples, "joint_samples", STREAM_OUT)
         kinds = {topic.name: TYPES[topic.type.rsplit("/", 1)[-1]] for topic in RAW}
+        self.create_timer(RELEASE_S, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._streams = Streams(self, kinds, self._on_message)
 
     def _on_message(self, name: str, message: Any) -> None:
         topic = TOPICS[name]
+        self._silent_periods = 0
         stamp = convert.nanoseconds(message.header.stamp)
         if name == LEADING:
             self._diagnostics.received(stamp)
@@ -83,6 +86,14 @@ class FilterNode(Node):
             self._diagnostics.problem("message left out", str(error))
             return
         for stamp, parts in complete:
+            self._push(stamp, parts)
+
+    def _on_timer(self) -> None:
+        """Give up waiting when no topic speaks. One silent period may only mean that this process was held up."""
+        self._silent_periods += 1
+        if self._silent_periods < 2:
+            return
+        for stamp, parts in self._joiner.release(idle=True):
             self._push(stamp, parts)
 
     def _push(self, stamp: int, parts: dict[str, dict[str, convert.Row]]) -> None:

@@ -1,0 +1,71 @@
+"""A public UR3e log, replayed from a bag through player, filter and identifier."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from joint_id_core.formats import write_bag
+from joint_id_core.recording import Recording
+from joint_id_msgs.msg import JointEstimate, JointParams
+from joint_id_ros.qos import LATEST
+
+ROOT = Path(__file__).resolve().parent.parent
+LOG = ROOT.parent / "shared/data/ur3e/wave_currentData_100v_40a.csv"
+CONFIG = ROOT / "config/ur3e_replay.yaml"
+RATIO = 101.0
+JOINTS = {1: "shoulder", 2: "elbow", 3: "wrist_1"}
+
+pytestmark = pytest.mark.skipif(not LOG.exists(), reason=f"public UR3e log not at {LOG}")
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    """The log as a bag: what the controller reports of three joints, gaps included."""
+    log = np.genfromtxt(LOG, names=True)
+    recordings = {
+        name: Recording(
+            log["timestamp"],
+            {
+                "link_position": log[f"actual_q_{k}"],
+                "motor_velocity": RATIO * log[f"actual_qd_{k}"],
+                "current": log[f"actual_current_{k}"],
+            },
+        )
+        for k, name in JOINTS.items()
+    }
+    path = tmp_path_factory.mktemp("ur3e") / "bag"
+    write_bag(path, recordings)
+    return path
+
+
+def stiffness(estimate):
+    """Value and standard deviation of k_1 in Nm/rad."""
+    p = next(p for p in estimate.parameters if p.name == "k_1")
+    return p.value, p.std_dev
+
+
+def test_the_stiffness_of_the_elbow_is_the_same_in_both_halves(start, probe, bag):
+    found = probe.collect(JointParams, "joint_params", LATEST)
+    parameters = ("--params-file", str(CONFIG))
+    # Each half by itself, in one window.
+    start("identifier", *parameters, window_s=27.0, hop_s=27.0, memory_s=0.0)
+    start("filter", *parameters)
+    probe.until(lambda: probe.count_subscribers("joint_samples") == 1, "the identifier")
+    player = start("player", *parameters, bag=bag, rate=5.0)
+    probe.until(lambda: len(found) == 2, "an estimate of each half")
+    first, second = (m.joints[0] for m in found)
+    assert (
+        first.joint
+        == second.joint
+        == yaml.safe_load(CONFIG.read_text())["/**/identifier"]["ros__parameters"]["joints"][0]
+    )
+    assert first.window_end.sec <= second.window_start.sec
+    assert first.status == second.status == JointEstimate.CONVERGED
+    (a, std_a), (b, std_b) = stiffness(first), stiffness(second)
+    assert abs(a - b) < 1.96 * np.hypot(std_a, std_b)
+    for value, std in ((a, std_a), (b, std_b)):
+        assert 4.2e3 - 2 * std < value < 4.5e3 + 2 * std  # a prototype found 4467 +- 75 and 4247 +- 85
+        assert std < 150.0
+    assert player.wait() == 0
