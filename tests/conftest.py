@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import fcntl
 import itertools
 import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -25,7 +27,6 @@ from rclpy.qos import QoSProfile
 from joint_id_ros.qos import STREAM_IN, STREAM_OUT
 
 PATIENCE_S = 180.0  # a limit for tests that hang, not a measure of speed: the first fit of a model compiles it
-_domains = itertools.count(os.getpid())
 
 
 class Process:
@@ -136,9 +137,17 @@ class Probe(Node):
 
 
 @pytest.fixture
-def domain() -> int:
-    """A ROS domain for this test alone."""
-    return 1 + next(_domains) % 100
+def domain() -> Iterator[int]:
+    """A ROS domain for this test alone, also among test runs at the same time on this machine."""
+    first = os.getpid()
+    for number in itertools.cycle(1 + (first + k) % 100 for k in range(100)):
+        with (Path(tempfile.gettempdir()) / f"joint_id_domain_{number}.lock").open("w") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            yield number
+            return
 
 
 @pytest.fixture
