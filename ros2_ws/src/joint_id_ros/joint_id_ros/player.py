@@ -10,6 +10,7 @@ from pathlib import Path
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.duration import Duration
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -24,10 +25,11 @@ from joint_id_ros.conversions import to_stamp
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.message_types import message_class
 from joint_id_ros.parameters import declare, read
-from joint_id_ros.qos import CLOCK, FLUSH, LATEST, REPLAY
+from joint_id_ros.qos import CLOCK, LATEST, REPLAY
 
 TICK_S = 0.002  # how often the player looks for messages that are due
 SLICE_S = 0.02  # longest stay in one tick, so that signals and services are served
+LINGER_S = 60.0  # longest wait at the end for readers that are behind
 CLOCK_S = 0.01  # steps of /clock, in s of wall time
 
 # What our own nodes compute from the bag again, or what belongs to the run that was recorded.
@@ -70,6 +72,7 @@ class PlayerNode(Node):
         self._clock_told = 0.0
         self._created = time.monotonic()
         self._begun: float | None = None
+        self._ended: float | None = None
         self._bag_start = self._reader.start_time
         self._published = self._held_up = 0
         self._diagnostics = Diagnostics(self, self._health)
@@ -119,10 +122,18 @@ class PlayerNode(Node):
             self.finished.set_result(error)
             return
         if done:
-            for publisher in self._must_match:
-                publisher.wait_for_all_acked(FLUSH)
-            self.get_logger().info(f"played {self._published} messages of {self._options.bag}")
-            self.finished.set_result(None)
+            self._end(now)
+
+    def _end(self, now: float) -> None:
+        """Finish when the readers have all there is, asked at every tick so that signals are served meanwhile."""
+        self._ended = self._ended or now
+        acknowledged = all(p.wait_for_all_acked(Duration()) for p in self._must_match)
+        if not acknowledged and now - self._ended < LINGER_S:
+            return
+        if not acknowledged:
+            self.get_logger().warning(f"a reader has not taken its last messages in {LINGER_S:g} s")
+        self.get_logger().info(f"played {self._published} messages of {self._options.bag}")
+        self.finished.set_result(None)
 
     def _play(self, now: float) -> bool:
         """Publish what is due; True at the end of the bag."""

@@ -17,4 +17,4 @@ STREAM_OUT = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 REPLAY = STREAM_IN
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-FLUSH = Duration(seconds=5)  # longest wait for readers to have taken the last samples
+FLUSH = Duration(seconds=1)  # longest wait for readers to have taken the last samples
