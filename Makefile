@@ -11,7 +11,8 @@ BUILD_INPUTS := $(shell find $(WS)/src -type f \( -name '*.msg' -o -name CMakeLi
 BUILD_TOOLS := setup/build.sh setup/launchers.py setup/drop_missing_includes.cmake
 
 PACKAGES := $(wildcard $(WS)/src/joint_id_core/joint_id_core $(WS)/src/joint_id_ros/joint_id_ros)
-TESTS := $(wildcard $(WS)/src/joint_id_core/test $(WS)/src/joint_id_ros/test tests)
+UNIT_TESTS := $(wildcard $(WS)/src/joint_id_core/test)
+NODE_TESTS := $(wildcard $(WS)/src/joint_id_ros/test tests)
 
 .PHONY: all setup test lint demo clean
 all: setup
@@ -31,9 +32,10 @@ $(WS)/install/.built: $(VENV)/.installed $(BUILD_INPUTS) $(BUILD_TOOLS)
 	@sh setup/build.sh $(VENV)
 	@touch $@
 
-# One pytest run, the quick unit tests first.
+# The unit tests of the library share two cores; nodes that stream at 500 Hz run one test at a time.
 test: setup
-	$(RUN) python -m pytest --durations=15 $(TESTS)
+	$(RUN) python -m pytest -n 2 --dist worksteal --durations=10 $(UNIT_TESTS)
+	$(RUN) python -m pytest --durations=10 $(NODE_TESTS)
 
 lint: setup
 	$(RUN) ruff check .
