@@ -69,3 +69,35 @@ def test_the_stiffness_of_the_elbow_is_the_same_in_both_halves(start, probe, bag
         assert 4.2e3 - 2 * std < value < 4.5e3 + 2 * std  # a prototype found 4467 +- 75 and 4247 +- 85
         assert std < 150.0
     assert player.wait() == 0
+
+
+def two_windows(start, probe, bag, joint, **parameters):
+    """Estimates of one joint over two windows that share neither samples nor memory, and what k_t they assume."""
+    found = probe.collect(JointParams, "joint_params", LATEST)
+    windows = {"window_s": 25.0, "hop_s": 25.0, "memory_s": 0.0}
+    start("identifier", "--params-file", str(CONFIG), joints=[joint], **windows, **parameters)
+    start("filter", "--params-file", str(CONFIG))
+    probe.until(lambda: probe.count_subscribers("joint_samples") == 1, "the identifier")
+    start("player", "--params-file", str(CONFIG), bag=bag, rate=5.0)
+    probe.until(lambda: len(found) >= 2, f"two estimates of the {joint}")
+    return [m.joints[0] for m in found[:2]]
+
+
+@pytest.mark.parametrize(("joint", "k_t"), [("shoulder", 0.1), ("wrist_1", 0.0802)])
+def test_other_joints_are_repeatable_or_published_as_bad(start, probe, bag, joint, k_t):
+    first, second = two_windows(start, probe, bag, joint, set=["N=101", f"k_t={k_t}"])
+    print(joint, [(e.status, e.message, stiffness(e)) for e in (first, second)])
+    if first.status == second.status == JointEstimate.CONVERGED:
+        (a, std_a), (b, std_b) = stiffness(first), stiffness(second)
+        assert abs(a - b) < 3.0 * np.hypot(std_a, std_b)
+    else:
+        assert all(e.message for e in (first, second))
+
+
+def test_the_shoulder_as_a_rigid_joint_shows_its_gravity_and_friction(start, probe, bag):
+    options = {"model": "rigid_joint", "gravity": True, "set": ["N=101", "k_t=0.1"]}
+    for estimate in two_windows(start, probe, bag, "shoulder", **options):
+        values = {p.name: p.value for p in estimate.parameters}
+        print(estimate.status, estimate.message, values)
+        assert abs(values["a_g"]) == pytest.approx(16.0, rel=0.1)
+        assert values["tau_f"] / RATIO == pytest.approx(0.045, rel=0.15)
