@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from joint_id_core.errors import JointIdError
+from joint_id_ros.message_types import message_class
 
 DISCOVERY_S = 0.1
 NEVER = QosTime(2147483647, 4294967295)  # as rclcpp writes an infinite duration
@@ -79,7 +79,7 @@ class Recorder(Node):
                 print(f"joint-id: {topic} is left out: {error}", file=sys.stderr)
 
     def _subscribe(self, topic: str, type_name: str, publishers: list[Any]) -> None:
-        message = _message_class(type_name)
+        message = message_class(type_name)
         register(self._store, type_name)
         offered = [p.qos_profile for p in publishers]
         # The strictest profile that every publisher can serve: none of them is missed.
@@ -144,14 +144,6 @@ def _names(description: Any) -> list[str]:
     if kind.name == "NAME":
         return [content]
     return _names(content[0]) if kind.name in ("ARRAY", "SEQUENCE") else []
-
-
-def _message_class(type_name: str) -> Any:
-    package, _, name = type_name.split("/")
-    try:
-        return getattr(import_module(f"{package}.msg"), name)
-    except (ImportError, AttributeError):
-        raise JointIdError(f"the message type {type_name} is not installed") from None
 
 
 def _bag_qos(reliable: bool, latched: bool) -> Qos:
