@@ -261,3 +261,13 @@ def test_a_lifecycle_manager_mends_the_configuration_and_starts_the_node(start, 
     assert change(probe, Transition.TRANSITION_CLEANUP)
     assert set_parameter(probe, "set", ["J=2.0"]).successful
     assert change(probe, Transition.TRANSITION_CONFIGURE) and change(probe, Transition.TRANSITION_ACTIVATE)
+
+
+def test_a_transition_that_is_not_possible_is_refused_and_the_node_goes_on(start, probe):
+    process = start("identifier", model="rigid_joint", actuation="torque", autostart=False)
+    assert not change(probe, Transition.TRANSITION_ACTIVATE)
+    assert "is not possible: the node is unconfigured" in process.text
+    assert change(probe, Transition.TRANSITION_CONFIGURE)
+    assert not change(probe, Transition.TRANSITION_DEACTIVATE)
+    assert change(probe, Transition.TRANSITION_INACTIVE_SHUTDOWN)
+    probe.until(lambda: probe.told("identifier", "shut down"), "a report")

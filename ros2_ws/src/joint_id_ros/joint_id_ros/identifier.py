@@ -3,13 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import fields
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rcl_interfaces.msg import SetParametersResult
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.parameter import Parameter
-from rclpy.task import Future
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimate import Estimate
@@ -19,41 +14,35 @@ from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples
 from joint_id_ros import conversions as convert
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.joining import StampOrder
+from joint_id_ros.lifecycle import ManagedNode
 from joint_id_ros.model_options import ModelOptions
-from joint_id_ros.parameters import declare, read
+from joint_id_ros.parameters import read
 from joint_id_ros.qos import LATEST
 from joint_id_ros.streams import Streams
 from joint_id_ros.worker import Callbacks, Worker
 
 SLOW_S = 3.0  # a fit that takes longer is worth a word
-SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
 
-class IdentifierNode(LifecycleNode):
+class IdentifierNode(ManagedNode):
     """Fits the model of every joint over sliding windows in a thread and publishes all joints' latest estimates."""
 
     def __init__(self) -> None:
-        super().__init__("identifier")
-        self.finished = Future()
-        declare(self, ModelOptions, read_only=False)
-        declare(self, OnlineOptions, read_only=False)
-        self._model_options: ModelOptions | None = None
+        super().__init__("identifier", ModelOptions, OnlineOptions)
+        self._model_options = ModelOptions()
         self._online_options = OnlineOptions()
         self._worker: Worker | None = None
         self._streams: Streams | None = None
         self._order = StampOrder()
         self._latest: dict[str, JointEstimate] = {}
         self._fits: Counter[str] = Counter()
-        self._not_ready = "not configured yet"
         self._diagnostics = Diagnostics(self, self._health, "joint_samples")
         self._publisher = self.create_lifecycle_publisher(JointParams, "joint_params", LATEST)
-        self.add_on_set_parameters_callback(self._on_parameters)
-        if self.get_parameter("autostart").value and self.trigger_configure() == SUCCESS:
-            self.trigger_activate()
+        if self.get_parameter("autostart").value:
+            self.start()
 
     def _make(self) -> OnlineIdentifier:
         """The identifier of one joint."""
-        assert self._model_options is not None
         options = self._model_options
         return OnlineIdentifier(
             options.build(),
@@ -64,47 +53,20 @@ class IdentifierNode(LifecycleNode):
             options.free,
         )
 
-    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def prepare(self) -> None:
         """Read the parameters and check all of them by building an identifier."""
-        try:
-            self._model_options = read(self, ModelOptions)
-            self._online_options = read(self, OnlineOptions)
-            self._make()
-        except JointIdError as error:
-            self._model_options, self._not_ready = None, f"not configured: {error}"
-            self.get_logger().error(f"{self._not_ready}; set the parameter and configure again")
-            return FAILURE
-        self._not_ready = "configured, not active"
-        return SUCCESS
+        self._model_options = read(self, ModelOptions)
+        self._online_options = read(self, OnlineOptions)
+        self._make()
 
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Start the thread and listen."""
-        assert self._model_options is not None
-        self._not_ready = ""
+    def begin(self) -> None:
+        """Start the thread and listen; estimates of an earlier run are forgotten."""
         self._order = StampOrder()
+        self._latest.clear()
         callbacks = Callbacks(self._on_estimate, self._diagnostics.problem)
         self._worker = Worker(self._make, self._model_options.joints, callbacks)
         self._streams = Streams(self, {SAMPLES.name: JointSamples}, self._on_samples)
         self.get_logger().info(f"identifying {self._model_options.model} with {self._model_options.estimator}")
-        return super().on_activate(state)
-
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop listening and computing; the estimates are forgotten."""
-        self.close()
-        self._latest.clear()
-        self._not_ready = "configured, not active"
-        return super().on_deactivate(state)
-
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Forget the configuration, so that parameters can be changed."""
-        self._model_options, self._not_ready = None, "not configured"
-        return SUCCESS
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop for good."""
-        self.close()
-        self._not_ready = "shut down"
-        return SUCCESS
 
     def close(self) -> None:
         """End the subscription and the thread."""
@@ -114,14 +76,6 @@ class IdentifierNode(LifecycleNode):
         if self._worker is not None:
             self._worker.stop()
             self._worker = None
-
-    def _on_parameters(self, changes: list[Parameter]) -> SetParametersResult:
-        own = {f.name for f in (*fields(ModelOptions), *fields(OnlineOptions))}
-        changed = [p.name for p in changes if p.name in own]
-        if self._model_options is None or not changed:
-            return SetParametersResult(successful=True)
-        reason = f"{changed[0]} is in use: deactivate and clean up, set it, then configure and activate again"
-        return SetParametersResult(successful=False, reason=reason)
 
     def _on_samples(self, topic: str, message: JointSamples) -> None:
         if self._worker is None:
@@ -149,8 +103,8 @@ class IdentifierNode(LifecycleNode):
         self._publisher.publish(message)
 
     def _health(self) -> Health:
-        if self._not_ready or self._worker is None:
-            return Health(DiagnosticStatus.ERROR, self._not_ready or "stopped")
+        if self.not_ready or self._worker is None:
+            return Health(DiagnosticStatus.ERROR, self.not_ready or "stopped")
         values: dict[str, object] = {f"fits: {status}": n for status, n in sorted(self._fits.items())}
         values["backlog"] = self._worker.backlog
         bad = []

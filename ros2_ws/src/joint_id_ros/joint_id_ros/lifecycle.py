@@ -1,0 +1,133 @@
+"""What the lifecycle nodes share: parameters that are fixed while in use, a start without a manager, no silent end."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
+from rclpy.task import Future
+
+from joint_id_core.errors import JointIdError
+from joint_id_ros.parameters import declare
+
+SUCCESS, FAILURE, ERROR = (getattr(TransitionCallbackReturn, name) for name in ("SUCCESS", "FAILURE", "ERROR"))
+
+
+class ManagedNode(LifecycleNode):
+    """A lifecycle node whose work is in `prepare`, `begin` and `close`.
+
+    Its parameters come from options dataclasses. From configuring to cleaning up they cannot be set.
+    """
+
+    def __init__(self, name: str, *options: type) -> None:
+        super().__init__(name)
+        self.finished = Future()
+        self.not_ready = "not configured yet"  # why the node does nothing; "" while it works
+        self._configured = False
+        self._own = {f.name for cls in options for f in fields(cls)}
+        for cls in options:
+            declare(self, cls, read_only=False)
+        self.add_on_set_parameters_callback(self._on_parameters)
+        self._change_state = self._service_change_state.callback
+        self._service_change_state.callback = self._on_change_state
+
+    def prepare(self) -> None:
+        """Read and check the parameters.
+
+        Raises:
+            JointIdError: what is wrong; the node stays unconfigured.
+        """
+        raise NotImplementedError
+
+    def begin(self) -> None:
+        """Start to work."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """Stop to work, end threads; called more than once, and from every state."""
+        raise NotImplementedError
+
+    def remedy(self, error: JointIdError) -> str:
+        """What to do about an error of `prepare`."""
+        return "set the parameter and configure again"
+
+    def start(self) -> bool:
+        """Configure and activate without a lifecycle manager; whether that went well."""
+        return self.trigger_configure() == SUCCESS and self.trigger_activate() == SUCCESS
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Check every parameter; they are fixed from now on."""
+        result = self._step(self.prepare)
+        if result == SUCCESS:
+            self._configured, self.not_ready = True, "configured, not active"
+        return result
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let publishers publish, then work."""
+        super().on_activate(state)
+        result = self._step(self.begin)
+        if result == SUCCESS:
+            self.not_ready = ""
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop, then let publishers publish no more."""
+        self._end("configured, not active")
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let the parameters be set again."""
+        self._configured, self.not_ready = False, "not configured"
+        return SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop for good."""
+        self._end("shut down")
+        return SUCCESS
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Back to unconfigured."""
+        self._end("not configured after an internal error: see the log")
+        self._configured = False
+        return SUCCESS
+
+    def _end(self, why: str) -> None:
+        self.not_ready = why
+        self.close()
+
+    def _step(self, step: Callable[[], None]) -> TransitionCallbackReturn:
+        """Result of one step; rclpy would swallow what it raises."""
+        try:
+            step()
+        except JointIdError as error:
+            self.not_ready = f"not configured: {error}"
+            self.get_logger().error(f"{self.not_ready}; {self.remedy(error)}")
+            return FAILURE
+        except Exception:
+            self.get_logger().error(traceback.format_exc())
+            return ERROR
+        return SUCCESS
+
+    def _on_change_state(self, request: Any, response: Any) -> Any:
+        """Answer a lifecycle manager; rclpy would end the node at a transition that its state does not allow."""
+        try:
+            return self._change_state(request, response)
+        except rclpy_implementation.RCLError:
+            _, label = self._state_machine.current_state
+            asked = request.transition.label or request.transition.id
+            self.get_logger().error(f"transition {asked} is not possible: the node is {label}")
+            response.success = False
+            return response
+
+    def _on_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+        changed = [p.name for p in changes if p.name in self._own]
+        if not self._configured or not changed:
+            return SetParametersResult(successful=True)
+        reason = f"{changed[0]} is in use: deactivate and clean up, set it, then configure and activate again"
+        return SetParametersResult(successful=False, reason=reason)
