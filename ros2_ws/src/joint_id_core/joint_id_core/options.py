@@ -24,14 +24,17 @@ def option(
 def check(options: Any) -> None:
     """Check every field of an options dataclass against its range; call it in `__post_init__`.
 
+    Of a tuple every element is checked.
+
     Raises:
         JointIdError: a value outside its range or choices; names the option, the value and the range.
     """
     for f in fields(options):
-        value, meta = getattr(options, f.name), f.metadata
-        if meta.get("choices") and value not in meta["choices"]:
-            raise JointIdError(f"option {f.name} = {value!r}: choose one of {', '.join(meta['choices'])}")
-        lower, upper = meta.get("lower"), meta.get("upper")
-        if (lower is not None and not value >= lower) or (upper is not None and not value <= upper):
-            span = f"[{'-inf' if lower is None else lower}, {'inf' if upper is None else upper}]"
-            raise JointIdError(f"option {f.name} = {value} {meta['unit']}: must be in {span}")
+        meta = f.metadata
+        for value in (v if isinstance(v := getattr(options, f.name), tuple) else (v,)):
+            if meta.get("choices") and value not in meta["choices"]:
+                raise JointIdError(f"option {f.name} = {value!r}: choose one of {', '.join(meta['choices'])}")
+            lower, upper = meta.get("lower"), meta.get("upper")
+            if (lower is not None and not value >= lower) or (upper is not None and not value <= upper):
+                span = f"[{'-inf' if lower is None else lower}, {'inf' if upper is None else upper}]"
+                raise JointIdError(f"option {f.name} = {value} {meta['unit']}: must be in {span}")

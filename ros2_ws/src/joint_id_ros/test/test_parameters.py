@@ -27,7 +27,8 @@ class Sample:
     count: int = option(3, "a count", lower=1)
     law: str = option("a", "a law", choices=("a", "b"))
     names: tuple[str, ...] = option((), "names")
-    steps: tuple[float, ...] = option((1.0, 0.0), "steps")
+    steps: tuple[float, ...] = option((1.0, 0.0), "steps", lower=-10.0)
+    laws: tuple[str, ...] = option((), "laws", choices=("a", "b"))
 
     def __post_init__(self) -> None:
         check(self)
@@ -70,7 +71,18 @@ def test_descriptors_hold_meaning_unit_range_and_choices(make):
     assert law.additional_constraints == "one of: a, b"
 
 
-@pytest.mark.parametrize("overrides", [{"gain": 9.0}, {"gain": "high"}, {"count": 0}, {"law": "c"}])
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        {"gain": 9.0},
+        {"gain": "high"},
+        {"count": 0},
+        {"law": "c"},
+        {"steps": [0.0, -11.0]},
+        {"steps": [float("nan")]},
+        {"laws": ["a", "c"]},
+    ],
+)
 def test_a_value_of_the_wrong_type_or_range_is_refused_by_name(make, overrides):
     node = make(**overrides)
     with pytest.raises((JointIdError, *PARAMETER_ERRORS), match=next(iter(overrides))):
