@@ -45,7 +45,8 @@ def test_a_parameter_file_builds_the_options_of_its_nodes(path):
                 assert type(given[name]) is (list if isinstance(f.default, tuple) else type(f.default)), name
             built = options(**{n: tuple(v) if isinstance(v := given.pop(n), list) else v for n in own})
             if isinstance(built, ModelOptions):
-                built.build().values(built.values())
+                for joint in built.expected or ("",):
+                    built.build().values(built.values(joint))
         assert not given, f"{node} has no parameter {', '.join(given)}"
 
 

@@ -116,6 +116,30 @@ def test_only_the_chosen_joints_are_identified_and_a_missing_one_is_named(identi
     assert [j.joint for j in found[-1].joints] == ["elbow"]
 
 
+def test_each_joint_has_its_own_torque_constant(identifying, probe, sample):
+    constants = {"elbow": 0.08, "wrist": 0.05}
+    joints = tuple(constants)
+    texts = ["k_t=0.08", "N=1", "wrist.k_t=0.05"]
+    found, samples = identifying(actuation="current", set=texts, joints=joints)
+    messages = [sample(k, joints) for k in range(4 * RATE)]
+    for message in messages:
+        message.current = [message.torque[0] / k_t for k_t in constants.values()]
+        message.torque, message.measured = [], message.measured ^ (JointSamples.TORQUE | JointSamples.CURRENT)
+    publish(samples, probe, messages)
+    probe.until(lambda: latest(found, "elbow") and latest(found, "wrist"), "estimates of both joints")
+    for name, k_t in constants.items():
+        assert_true(latest(found, name))
+        assert {p.name: p.value for p in latest(found, name).parameters}["k_t"] == k_t
+
+
+def test_a_joint_that_only_a_value_names_and_that_is_not_there_is_told(identifying, probe, sample):
+    found, samples = identifying(set=["shoulder.J=3"])
+    publish(samples, probe, [sample(k, ("elbow",)) for k in range(2 * RATE + 50)])
+    probe.until(lambda: latest(found, "elbow"), "an estimate")
+    text = "joint shoulder is not in joint_samples (it has elbow): check parameters joints, set, fix, free"
+    probe.until(lambda: probe.told("identifier", text), "word of the missing joint")
+
+
 def repeated(message):
     message.header.stamp = stamp(message.header.stamp.sec * NANO + message.header.stamp.nanosec - NANO // RATE)
 
@@ -231,6 +255,7 @@ def test_a_bad_configuration_is_told_in_one_line_and_the_node_stays(start, probe
         ("model", "flexible", "rigid_joint", "option model = 'flexible': choose one of"),
         ("set", ["J=-1"], [""], "parameter J = -1 kg m^2 is outside its bounds"),
         ("set", ["J"], [""], "'J' is not of the form NAME=VALUE"),
+        ("set", ["elbow.mass=1"], [""], "joint elbow: model rigid_joint has no parameter 'mass'"),
         ("fix", ["weight"], [""], "model rigid_joint has no parameter 'weight'"),
         ("actuation", "current", "torque", "model rigid_joint needs k_t"),
         ("kinematic_error", True, False, "model rigid_joint has no option 'kinematic_error'"),

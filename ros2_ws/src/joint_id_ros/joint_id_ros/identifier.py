@@ -41,32 +41,37 @@ class IdentifierNode(ManagedNode):
         if self.get_parameter("autostart").value:
             self.start()
 
-    def _make(self) -> OnlineIdentifier:
+    def _make(self, joint: str) -> OnlineIdentifier:
         """The identifier of one joint."""
         options = self._model_options
         return OnlineIdentifier(
             options.build(),
-            options.values(),
-            options.fixed(),
+            options.values(joint),
+            options.fixed(joint),
             self._online_options,
             options.estimator,
-            options.free,
+            options.freed(joint),
         )
 
     def prepare(self) -> None:
-        """Read the parameters and check all of them by building an identifier."""
+        """Read the parameters and check all of them by building the identifiers."""
         self._model_options = read(self, ModelOptions)
         self._online_options = read(self, OnlineOptions)
-        self._make()
+        for joint in self._model_options.expected or ("",):
+            try:
+                self._make(joint)
+            except JointIdError as error:
+                raise JointIdError(f"joint {joint}: {error}" if joint else str(error)) from None
 
     def begin(self) -> None:
         """Start the thread and listen; estimates of an earlier run are forgotten."""
         self._order = StampOrder()
         self._latest.clear()
         callbacks = Callbacks(self._on_estimate, self._diagnostics.problem)
-        self._worker = Worker(self._make, self._model_options.joints, callbacks)
+        options = self._model_options
+        self._worker = Worker(self._make, options.joints, options.expected, callbacks)
         self._streams = Streams(self, {SAMPLES.name: JointSamples}, self._on_samples)
-        self.get_logger().info(f"identifying {self._model_options.model} with {self._model_options.estimator}")
+        self.get_logger().info(f"identifying {options.model} with {options.estimator}")
 
     def close(self) -> None:
         """End the subscription and the thread."""

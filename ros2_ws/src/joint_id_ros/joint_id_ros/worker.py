@@ -36,9 +36,19 @@ class Worker:
     skipped and the results stay current.
     """
 
-    def __init__(self, make: Callable[[], OnlineIdentifier], joints: Collection[str], callbacks: Callbacks) -> None:
-        """`make` builds the identifier of a joint; `joints` empty means every joint that is seen."""
-        self._make, self._wanted, self._callbacks = make, tuple(joints), callbacks
+    def __init__(
+        self,
+        make: Callable[[str], OnlineIdentifier],
+        joints: Collection[str],
+        expected: Collection[str],
+        callbacks: Callbacks,
+    ) -> None:
+        """Start the thread.
+
+        `make` builds the identifier of a joint; `joints` empty means every joint that is seen; it is a problem when
+        one of those `expected` is not.
+        """
+        self._make, self._wanted, self._expected, self._callbacks = make, tuple(joints), tuple(expected), callbacks
         self._identifiers: dict[str, OnlineIdentifier] = {}
         self._pending: deque[JointSamples | None] = deque()
         self._origin_ns: int | None = None
@@ -88,11 +98,12 @@ class Worker:
         if self._origin_ns is None:
             self._origin_ns = nanoseconds(batch[0].header.stamp)
         recordings = to_recordings(batch, self._origin_ns, "joint_samples")
-        for joint in self._wanted:
+        for joint in self._expected:
             if joint not in recordings:
                 have = ", ".join(recordings)
                 self._callbacks.problem(
-                    "missing joint", f"joint {joint} is not in joint_samples (it has {have}): check parameter joints"
+                    "missing joint",
+                    f"joint {joint} is not in joint_samples (it has {have}): check parameters joints, set, fix, free",
                 )
         for joint, recording in recordings.items():
             if not self._wanted or joint in self._wanted:
@@ -104,7 +115,7 @@ class Worker:
         try:
             self._begun = time.monotonic()
             if joint not in self._identifiers:
-                self._identifiers[joint] = self._make()
+                self._identifiers[joint] = self._make(joint)
             estimate = self._identifiers[joint].update(recording)
         except JointIdError as error:
             self._callbacks.problem("samples left out", f"joint {joint}: {error}")

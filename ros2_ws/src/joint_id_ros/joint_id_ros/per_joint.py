@@ -1,0 +1,48 @@
+"""Texts that say something of a model's parameter, for all joints ("k_t=0.1") or for one ("elbow_joint.k_t=0.08")."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from joint_id_core.errors import JointIdError
+
+# The name of a joint may itself hold dots; that of a model's parameter does not.
+_TEXT = re.compile(r"\s*(?:(?P<joint>[^=]*[^=.\s])\.)?(?P<name>[^=.\s]+)\s*(?:=(?P<value>.*))?")
+_FORMS = {"set": ("NAME=VALUE", "k_t=0.1"), "fix": ("NAME or NAME=VALUE", "tau_fq=0"), "free": ("NAME", "k_2")}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One text of the ROS parameters `set`, `fix` and `free`, taken apart.
+
+    Attributes:
+        joint: the joint that it is for; "" for all joints.
+        name: parameter of the model.
+        value: the number given, in the unit of the parameter; None where none is given.
+    """
+
+    joint: str
+    name: str
+    value: float | None
+
+
+def parse(text: str, parameter: str) -> Entry:
+    """Take a text of a ROS parameter ("set", "fix" or "free") apart.
+
+    Raises:
+        JointIdError: a text of another form; names the parameter and the text.
+    """
+    found, value = _TEXT.fullmatch(text), None
+    try:
+        value = float(found["value"]) if found and found["value"] is not None else None
+    except ValueError:
+        found = None
+    misplaced = (parameter == "set" and value is None) or (parameter == "free" and value is not None)
+    if found is None or misplaced:
+        form, example = _FORMS[parameter]
+        raise JointIdError(
+            f'parameter {parameter}: {text!r} is not of the form {form}, e.g. "{example}" for all joints '
+            f'or "elbow_joint.{example}" for one'
+        )
+    return Entry(found["joint"] or "", found["name"], value)
