@@ -14,6 +14,7 @@ import typer
 from joint_id_core.cli.fit import fit
 from joint_id_core.cli.group import OneLineErrors
 from joint_id_core.cli.info import info
+from joint_id_core.cli.robot_emulator import EPILOG, robot_emulator
 from joint_id_core.cli.simulate import simulate
 
 GROUP = "joint_id.commands"
@@ -29,6 +30,7 @@ app = typer.Typer(
 app.command()(simulate)
 app.command()(info)
 app.command()(fit)
+app.command(epilog=EPILOG)(robot_emulator)
 
 
 def _add_commands_of_other_packages() -> None:

@@ -1,0 +1,78 @@
+"""`joint-id robot-emulator`: a robot controller to try things out on, and to test clients against."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from joint_id_core.emulator.faults import COMMANDS, usage
+from joint_id_core.errors import JointIdError
+from joint_id_core.rtde.fields import FIELDS, JOINTS, PORT, register_type
+
+EPILOG = "\b\nCommands, one a line on standard input:\n" + "\n".join(
+    f"  {usage(c):<20}{c.meaning}" for c in COMMANDS.values()
+)
+
+
+def robot_emulator(
+    host: Annotated[str, typer.Option(help="address to listen at")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="TCP port; 0: any that is free", min=0, max=65535)] = PORT,
+    robot: Annotated[str, typer.Option(help="ur3e, ur5e or ur10e: sizes of the joints")] = "ur3e",
+    version: Annotated[str, typer.Option(help="of the controller; it decides which fields there are")] = "5.13.0",
+    without: Annotated[list[str] | None, typer.Option(help="field that the controller does not have")] = None,
+    slow_start: Annotated[float, typer.Option(help="s after power-up in which it listens but answers nothing")] = 0.0,
+    seed: Annotated[int, typer.Option(help="of noise and faults", min=0)] = 0,
+    moving: Annotated[str, typer.Option(help="joints that move: all, none, or numbers from 0 to 5 as 0,2")] = "all",
+    amplitude: Annotated[float, typer.Option(help="peak of the motion in rad")] = 0.3,
+    truth: Annotated[Path | None, typer.Option(help="YAML file to write the true parameters to")] = None,
+) -> None:
+    """Be a robot controller on the network: RTDE at 500 Hz, six simulated joints, faults on demand.
+
+    Prints `ready on HOST:PORT` when it listens. As on a rig with encoders of its own, output_double_register_24..29
+    hold the motor positions in rad and 30..35 the motor velocities in rad/s, both at the motor shaft. The joints and
+    their parameters are made up.
+    """
+    numbers = _version(version)
+    which = _joints(moving)
+    for name in without or ():
+        if name not in FIELDS and register_type(name) is None:
+            raise JointIdError(f"--without {name}: no such field, known are {', '.join(FIELDS)} and registers")
+    if not (math.isfinite(slow_start) and slow_start >= 0.0):
+        raise JointIdError(f"--slow-start {slow_start:g}: give a time in s, 0 or more")
+    if not 0.0 <= amplitude <= 3.0:
+        raise JointIdError(f"--amplitude {amplitude:g}: give rad from 0 to 3")
+
+    from joint_id_core.emulator.emulator import Emulator
+    from joint_id_core.emulator.robots import build_joints
+
+    joints = build_joints(robot)
+    emulator = Emulator(joints, which, amplitude, numbers, without or (), seed, host, port, slow_start)
+    if truth is not None:
+        import yaml
+
+        try:
+            truth.write_text(yaml.safe_dump({j.name: j.values for j in joints}, sort_keys=False))
+        except OSError as error:
+            raise JointIdError(f"--truth {truth}: {error.strerror}: choose a file that can be written") from None
+    emulator.run()
+
+
+def _version(text: str) -> tuple[int, ...]:
+    """Major, minor, bugfix and build."""
+    parts = text.split(".")
+    if not 2 <= len(parts) <= 4 or not all(p.isdecimal() and len(p) < 10 for p in parts):
+        raise JointIdError(f"--version {text}: write it as 5.13.0")
+    return (*map(int, parts), *(0,) * (4 - len(parts)))
+
+
+def _joints(text: str) -> frozenset[int]:
+    """Indices of the joints that move."""
+    if text in ("all", "none"):
+        return frozenset(range(JOINTS if text == "all" else 0))
+    parts = text.split(",")
+    if not all(p.strip().isdecimal() and int(p) < JOINTS for p in parts):
+        raise JointIdError(f"--moving {text}: write all, none, or numbers from 0 to {JOINTS - 1} as 0,2")
+    return frozenset(map(int, parts))

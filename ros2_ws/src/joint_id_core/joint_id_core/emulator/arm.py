@@ -1,0 +1,159 @@
+"""Six simulated joints under position control, each following its own multisine."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from joint_id_core.control import PositionController
+from joint_id_core.emulator.robots import Joint
+from joint_id_core.excitation import position_reference
+from joint_id_core.models import HarmonicDrive
+from joint_id_core.simulation import JointSimulator
+
+TICK_S = 0.002  # of the control loop
+START_S, STOP_S = 0.5, 0.2  # s, from rest to the full speed of the reference, and back
+_OFFSET_S = 0.1  # s, time constant with which a reference that was set on the joint returns to its course
+
+Six = list[float]
+
+
+class Reference:
+    """Positions that the joints follow, along one path that is run through faster or slower.
+
+    `pace` is the speed along the path, 1 in normal motion; it goes up and down smoothly, so the joints start from
+    rest and stop without a jump. Attributes `q`, `qd`, `qdd` hold the present reference (rad, rad/s, rad/s^2) of six
+    joints.
+
+    Args:
+        home: middle of the motion in rad, by joint.
+        moving: the joints that move.
+        amplitude: peak of the motion in rad.
+    """
+
+    def __init__(self, home: Sequence[float], moving: Collection[int], amplitude: float) -> None:
+        waves = [position_reference(amplitude if j in moving else 0.0, seed=1 + j) for j in range(len(home))]
+        omega = 2.0 * math.pi * np.array(waves[0].frequencies)  # the same tones for every joint
+        self._turn = 1j * omega
+        self._phasors = np.array([w.amplitudes for w in waves]) * np.exp(1j * np.array([w.phases for w in waves]))
+        self._derivatives = np.stack([np.ones_like(omega), 1j * omega, -(omega**2)], axis=1)
+        self._home = np.array(home)
+        self._offset = np.zeros(len(home))
+        self._path = 0.0  # s along the path
+        self._ramp = 0.0  # 0: stands still, 1: full speed
+        self.q: Six
+        self.qd: Six
+        self.qdd: Six
+        self._evaluate(0.0)
+
+    @property
+    def pace(self) -> float:
+        """Speed along the path: 0 stands still, 1 full speed."""
+        return self._ramp * self._ramp * (3.0 - 2.0 * self._ramp)
+
+    def tick(self, go: bool) -> None:
+        """One tick on: towards full speed, or else towards a stop."""
+        before, ramp = self.pace, self._ramp
+        self._ramp = min(1.0, ramp + TICK_S / START_S) if go else max(0.0, ramp - TICK_S / STOP_S)
+        if self._ramp == 0.0 and ramp == 0.0 and not self._offset.any():
+            return
+        self._path += 0.5 * (before + self.pace) * TICK_S
+        self._offset *= math.exp(-TICK_S / _OFFSET_S)
+        self._offset[abs(self._offset) < 1e-9] = 0.0
+        self._evaluate((self.pace - before) / TICK_S)
+
+    def set_on(self, q: Sequence[float]) -> None:
+        """Begin anew from rest at positions `q` in rad, from where the reference returns to its course."""
+        self._ramp, self._offset = 0.0, np.zeros(len(q))
+        self._evaluate(0.0)
+        self._offset = np.array(q) - self.q
+        self._evaluate(0.0)
+
+    def _evaluate(self, change_of_pace: float) -> None:
+        phasors = self._phasors * np.exp(self._turn * self._path)
+        value, rate, acceleration = (phasors @ self._derivatives).real.T
+        pace, back = self.pace, 1.0 / _OFFSET_S
+        self.q = (self._home + value + self._offset).tolist()
+        self.qd = (rate * pace - self._offset * back).tolist()
+        self.qdd = (acceleration * pace**2 + rate * change_of_pace + self._offset * back**2).tolist()
+
+
+class Arm:
+    """Six joints that do not act on each other, in still air without gravity.
+
+    A tick is `decide` (the controllers look at the joints and set their currents) and then `advance`; between the two
+    the attributes are what holds at this instant: `motor_position`, `motor_velocity` (at the shaft),
+    `link_position`, `link_velocity` in SI units, and `current` in A, which lasts until the next tick.
+
+    Raises:
+        JointIdError: an amplitude that is not finite.
+    """
+
+    def __init__(self, joints: Sequence[Joint], moving: Collection[int], amplitude: float) -> None:
+        self.joints = tuple(joints)
+        self.reference = Reference([j.home for j in joints], moving, amplitude)
+        self.braked = False
+        c = PositionController()
+        self._control = [PositionController(j.size * c.k_p, j.size * c.k_d, j.size * c.limit) for j in joints]
+        self._model = HarmonicDrive(actuation="current")
+        self._ratio = [j.values["N"] for j in joints]
+        self._k_t = [j.values["k_t"] for j in joints]
+        self.link_position: Six = list(self.reference.q)
+        self.motor_position: Six = [q * n for q, n in zip(self.link_position, self._ratio, strict=True)]
+        self.current: Six = [0.0] * len(joints)
+        self._rest()
+        self._simulators = self._at_rest()
+
+    def _rest(self) -> None:
+        self.motor_velocity: Six = [0.0] * len(self.joints)
+        self.link_velocity: Six = [0.0] * len(self.joints)
+
+    def _at_rest(self) -> list[JointSimulator]:
+        """Simulators of the joints where they are now, not moving."""
+        places = zip(self.joints, self.motor_position, self.link_position, strict=True)
+        return [
+            JointSimulator(self._model, j.values, {"motor_position": theta, "link_position": q})
+            for j, theta, q in places
+        ]
+
+    def brake(self) -> None:
+        """Brakes on, motors off: the joints stand still where they are."""
+        self.braked = True
+        self._rest()
+        self.current = [0.0] * len(self.joints)
+
+    def release(self) -> None:
+        """Brakes off, motors on: the joints are held where they are and return to their course."""
+        self.braked = False
+        self._simulators = self._at_rest()
+        self.reference.set_on(self.link_position)
+
+    def decide(self, go: bool) -> None:
+        """Set the currents of this tick; `go` lets the reference run, else it stops and the joints hold."""
+        if self.braked:
+            return
+        self.reference.tick(go)
+        reference = self.reference
+        for i, control in enumerate(self._control):
+            torque = control.torque(
+                reference.q[i], reference.qd[i], self.link_position[i], self.motor_velocity[i] / self._ratio[i]
+            )
+            self.current[i] = torque / self._k_t[i]
+
+    def advance(self) -> None:
+        """Move on by one tick under the currents that are set.
+
+        Raises:
+            JointIdError: the simulation cannot go on.
+        """
+        if self.braked:
+            return
+        for i, simulator in enumerate(self._simulators):
+            simulator.advance(TICK_S, {"current": self.current[i]})
+            x = simulator.state
+            self.motor_position[i] = x["motor_position"]
+            self.link_position[i] = x["link_position"]
+            self.motor_velocity[i] = x["motor_velocity"]
+            self.link_velocity[i] = x["link_velocity"]

@@ -1,0 +1,179 @@
+"""What the controller of the emulated robot knows and reports: its clock, modes, sensors and registers."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from joint_id_core.emulator.arm import TICK_S, Arm
+from joint_id_core.emulator.robots import Joint
+from joint_id_core.rtde.fields import FIELDS, JOINTS, TYPES, register_type
+from joint_id_core.rtde.modes import JointMode, RobotMode, SafetyMode
+from joint_id_core.rtde.packets import Value
+from joint_id_core.sensors import ur_robot_sensors
+
+REGISTERS = 48
+MOTOR_POSITION_REGISTER, MOTOR_VELOCITY_REGISTER = 24, 30  # the first of six output_double_register_..
+
+# Bits of the status fields. Source: Universal Robots, RTDE guide.
+POWER_ON, PROGRAM_RUNNING = 1 << 0, 1 << 1
+NORMAL_MODE, PROTECTIVE_STOPPED, STOPPED_DUE_TO_SAFETY = 1 << 0, 1 << 2, 1 << 10
+
+# Made up: a joint of the size of Table V has these; others lose heat and store it in proportion to their size.
+_AMBIENT, _WARMEST_START = 25.0, 30.0  # deg C
+_HEAT_CAPACITY, _COOLING = 2000.0, 1.0  # J/K, W/K: time constant 33 minutes
+_RESISTANCE = 0.5  # ohm
+_RAIL, _RAIL_DROP, _RAIL_NOISE = 48.0, 0.05, 0.05  # V, ohm, V
+
+_NOISE_BLOCK = 512  # ticks for which noise is drawn at once
+
+
+class Controller:
+    """A controller from power-up on. `values` holds every field and register as reported at this tick.
+
+    Args:
+        joints: of the robot.
+        moving: indices of the joints that move.
+        amplitude: peak of their motion in rad.
+        version: of the controller, (major, minor, ...).
+        without: fields that it lacks although its version has them.
+        seed: of the noise.
+    """
+
+    def __init__(
+        self,
+        joints: Sequence[Joint],
+        moving: Collection[int],
+        amplitude: float,
+        version: tuple[int, ...],
+        without: Collection[str] = (),
+        seed: int = 0,
+    ) -> None:
+        self.arm = Arm(joints, moving, amplitude)
+        self.version = version
+        self.stopped = False
+        self.clock_offset = 0.0
+        self.ticks = 0
+        self._without = frozenset(without)
+        self._rng = np.random.default_rng(seed)
+        values = {name: np.array([j.values[name] for j in joints]) for name in joints[0].values}
+        self._ratio, self._k_t = values["N"], values["k_t"]
+        self._inertia = values["J_q"] + self._ratio**2 * values["J_m"]
+        self._c_m, self._c_q = values["c_m"], values["c_q"]
+        self._tau_fm, self._tau_fq = values["tau_fm"], values["tau_fq"]
+        self._size = np.array([j.size for j in joints])
+        self._temperature = np.linspace(_AMBIENT, _WARMEST_START, len(joints))
+        sensors = [ur_robot_sensors(n) for n in self._ratio.tolist()]
+        rows = ("link_position", "motor_position", "motor_velocity", "current")
+        self._std = np.array([[s.noise[row] for s in sensors] for row in rows])
+        self._step = np.array([[s.quantum[row] for s in sensors] for row in rows[:2]])
+        self._noise = np.empty((0, len(rows) + 1, JOINTS))
+        self.values: dict[str, Value | Sequence[float]] = {}
+        for f in FIELDS.values():
+            count = TYPES[f.type][1]
+            self.values[f.name] = 0.0 if count == 1 else [0.0] * count
+        for direction in ("input", "output"):
+            for kind in ("int", "double"):
+                self.values.update({f"{direction}_{kind}_register_{k}": 0 for k in range(REGISTERS)})
+
+    def type_of(self, name: str) -> str | None:
+        """Type of an output field; None where this controller does not have it."""
+        if name in self._without:
+            return None
+        if name in FIELDS:
+            return FIELDS[name].type if FIELDS[name].sent_by(self.version) else None
+        return register_type(name)
+
+    @staticmethod
+    def input_type_of(name: str) -> str | None:
+        """Type of an input field; None where there is none of this name."""
+        return register_type(name) if name.startswith("input_") else None
+
+    def power(self, on: bool) -> bool:
+        """Switch the arm on or off; False where it was so already."""
+        if on is not self.arm.braked:
+            return False
+        if on:
+            self.arm.release()
+        else:
+            self.arm.brake()
+        return True
+
+    def protective_stop(self, stop: bool) -> bool:
+        """Stop the joints, or let them go on; False where it was so already."""
+        changed, self.stopped = self.stopped is not stop, stop
+        return changed
+
+    def tick(self) -> None:
+        """Set the currents of this tick; `values` still holds what was reported before, see `report`."""
+        self.arm.decide(go=not self.stopped)
+
+    def advance(self) -> None:
+        """Move on to the next tick.
+
+        Raises:
+            JointIdError: the simulation cannot go on.
+        """
+        self._warm_up()
+        self.arm.advance()
+        self.ticks += 1
+
+    def _warm_up(self) -> None:
+        """Copper loss and friction heat a joint, the air cools it."""
+        arm = self.arm
+        heat = 0.0
+        if not arm.braked:
+            current, w_m, w_q = np.array((arm.current, arm.motor_velocity, arm.link_velocity))
+            w_m, w_q = abs(w_m), abs(w_q)
+            friction = w_m * (self._tau_fm + self._c_m * w_m) + w_q * (self._tau_fq + self._c_q * w_q)
+            heat = _RESISTANCE * current * current + friction
+        cooling = _COOLING * self._size * (self._temperature - _AMBIENT)
+        self._temperature += (heat - cooling) * (TICK_S / _HEAT_CAPACITY) / self._size
+
+    def report(self) -> None:
+        """Read the sensors and put everything into `values`; between `tick` and `advance`."""
+        arm, values = self.arm, self.values
+        values["timestamp"] = self.ticks * TICK_S + self.clock_offset
+        values["target_q"], values["target_qd"], values["target_qdd"] = (
+            arm.reference.q, arm.reference.qd, arm.reference.qdd,
+        )  # fmt: skip
+        moment = self._inertia * arm.reference.qdd
+        values["target_moment"] = moment.tolist()
+        values["target_current"] = (moment / (self._ratio * self._k_t)).tolist()
+        values["joint_control_output"] = arm.current
+        values["joint_temperatures"] = self._temperature.tolist()
+        values["speed_scaling"] = arm.reference.pace
+        self._report_modes()
+        if arm.braked:
+            # The joints' electronics are off: the last positions stand, without noise.
+            still = [0.0] * JOINTS
+            values["actual_qd"] = values["actual_current"] = values["actual_current_as_torque"] = still
+            values["actual_joint_voltage"] = values["target_moment"] = values["target_current"] = still
+            self._fill_registers(MOTOR_VELOCITY_REGISTER, still)
+            return
+        if not len(self._noise):
+            self._noise = self._rng.standard_normal((_NOISE_BLOCK, *self._noise.shape[1:]))
+        noise, self._noise = self._noise[0], self._noise[1:]
+        shown = np.array((arm.link_position, arm.motor_position, arm.motor_velocity, arm.current))
+        shown += noise[:4] * self._std
+        shown[:2] = np.round(shown[:2] / self._step) * self._step
+        values["actual_qd"] = (shown[2] / self._ratio).tolist()
+        values["actual_current_as_torque"] = (shown[3] * self._k_t * self._ratio).tolist()
+        values["actual_joint_voltage"] = (_RAIL - _RAIL_DROP * abs(shown[3]) + _RAIL_NOISE * noise[4]).tolist()
+        rows = shown.tolist()
+        values["actual_q"], values["actual_current"] = rows[0], rows[3]
+        self._fill_registers(MOTOR_POSITION_REGISTER, rows[1])
+        self._fill_registers(MOTOR_VELOCITY_REGISTER, rows[2])
+
+    def _fill_registers(self, first: int, six: Sequence[float]) -> None:
+        for i, value in enumerate(six, first):
+            self.values[f"output_double_register_{i}"] = value
+
+    def _report_modes(self) -> None:
+        values, on = self.values, not self.arm.braked
+        values["robot_mode"] = RobotMode.RUNNING if on else RobotMode.POWER_OFF
+        values["joint_mode"] = [JointMode.RUNNING if on else JointMode.POWER_OFF] * JOINTS
+        values["safety_mode"] = SafetyMode.PROTECTIVE_STOP if self.stopped else SafetyMode.NORMAL
+        values["robot_status_bits"] = (POWER_ON if on else 0) | (PROGRAM_RUNNING if on and not self.stopped else 0)
+        values["safety_status_bits"] = PROTECTIVE_STOPPED | STOPPED_DUE_TO_SAFETY if self.stopped else NORMAL_MODE

@@ -1,0 +1,223 @@
+"""The emulator as a process: the clock that drives it, and the faults that are asked for on standard input."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import sys
+import time
+from collections.abc import Callable, Collection, Sequence
+from selectors import EVENT_READ, SelectSelector
+from types import FrameType
+
+from joint_id_core.emulator.arm import TICK_S
+from joint_id_core.emulator.controller import Controller
+from joint_id_core.emulator.faults import parse
+from joint_id_core.emulator.robots import Joint
+from joint_id_core.emulator.server import Server
+from joint_id_core.errors import JointIdError
+
+_BEHIND_S = 1.0  # a clock that lags more than this is not caught up with
+_BURST = 50  # late ticks in one go, so that clients are served meanwhile
+
+
+class Emulator:
+    """A robot in real time: tick k is due at its start plus k times 2 ms, however late ticks before it were.
+
+    Late ticks are caught up in a burst, each with its own timestamp. When the machine is more than 1 s behind, the
+    schedule is moved: the robot's clock then goes on without a jump but lags behind the true time.
+
+    Args:
+        joints: of the robot.
+        moving: indices of those that move.
+        amplitude: peak of their motion in rad.
+        version: of the controller.
+        without: fields that it lacks.
+        seed: of all that is random.
+        host: address to listen at.
+        port: TCP port; 0 takes any that is free.
+        slow_start: s after each start in which connections are taken but nothing is answered.
+
+    Raises:
+        JointIdError: bad values, cannot listen there.
+    """
+
+    def __init__(
+        self,
+        joints: Sequence[Joint],
+        moving: Collection[int],
+        amplitude: float,
+        version: tuple[int, ...],
+        without: Collection[str],
+        seed: int,
+        host: str,
+        port: int,
+        slow_start: float,
+    ) -> None:
+        self._new_controller: Callable[[], Controller] = lambda: Controller(
+            joints, moving, amplitude, version, without, seed
+        )
+        self._slow_start = slow_start
+        self._selector = SelectSelector()  # the one whose waiting is finer than 1 ms, and that takes any input file
+        self._controller = self._new_controller()
+        self._server = Server(host, port, self._controller, self._selector, seed)
+        self._random = random.Random(seed)
+        self._commands = b""
+        self._start = self._silent_until = 0.0
+        self._off_until: float | None = None  # during a power cycle
+        self._told = False
+        self._ended = False
+
+    def run(self) -> None:
+        """Serve until told to end, by the command `quit`, SIGINT or SIGTERM.
+
+        Raises:
+            JointIdError: the simulation cannot go on.
+        """
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._end)
+        if sys.stdin is not None and not sys.stdin.closed:
+            self._selector.register(sys.stdin.fileno(), EVENT_READ, self._read_commands)
+        self._power_up(time.monotonic())
+        host, port = self._server.address
+        _say(f"ready on {host}:{port}")
+        try:
+            while not self._ended:
+                wait = self._off_until - time.monotonic() if self._off_until is not None else self._run_due_ticks()
+                for key, _ in self._selector.select(max(0.0, wait)):
+                    key.data(time.monotonic())
+                if self._off_until is not None and time.monotonic() >= self._off_until:
+                    self._controller = self._server.controller = self._new_controller()
+                    self._power_up(time.monotonic())
+        finally:
+            self._server.close()
+            self._selector.close()
+
+    def _end(self, _signal: int, _frame: FrameType | None) -> None:
+        self._ended = True
+
+    def _power_up(self, now: float) -> None:
+        self._off_until = None
+        self._start, self._silent_until = now, now + self._slow_start
+        self._server.listen()
+
+    def _run_due_ticks(self) -> float:
+        """Run the ticks that are due; return the time in s until the next one."""
+        now = time.monotonic()
+        due = self._start + self._controller.ticks * TICK_S
+        if now - due > _BEHIND_S:
+            if not self._told:
+                self._told = True
+                _complain(
+                    f"{now - due:.1f} s behind: the machine is too slow or was stopped; the clock goes on from here"
+                )
+            self._start += now - due
+            due = now
+        for _ in range(_BURST):
+            if due > now:
+                break
+            self._tick(now)
+            due = self._start + self._controller.ticks * TICK_S
+        return due - time.monotonic()
+
+    def _tick(self, now: float) -> None:
+        controller, server = self._controller, self._server
+        controller.tick()
+        if now >= self._silent_until:
+            if server.streaming:
+                controller.report()
+                server.publish(controller.ticks)
+            server.flush(now)
+        controller.advance()
+
+    def _read_commands(self, now: float) -> None:
+        data = os.read(sys.stdin.fileno(), 65536)
+        if not data:
+            self._selector.unregister(sys.stdin.fileno())
+            data = b"\n"  # a last line may lack its end
+        *lines, self._commands = (self._commands + data).split(b"\n")
+        for line in lines:
+            if line.strip() and not self._ended:
+                try:
+                    self._carry_out(*parse(line.decode("utf-8", "replace")), now)
+                except JointIdError as error:
+                    _complain(str(error))
+
+    def _carry_out(self, name: str, value: float, now: float) -> None:
+        """Do what a command says, and say so in one line that begins with the command."""
+        if self._off_until is not None and name != "quit":
+            raise JointIdError(f"command {name}: the controller is off, for another {self._off_until - now:.1f} s")
+        done = getattr(self, f"_{name.replace('-', '_')}")(value, now)
+        _say(f"{name}: {done} (controller time {self._controller.ticks * TICK_S:.3f} s)")
+
+    def _drop(self, value: float, now: float) -> str:
+        return self._spoil("drop", int(value), "not sent")
+
+    def _zero(self, value: float, now: float) -> str:
+        return self._spoil("zero", int(value), "all zero")
+
+    def _nan(self, value: float, now: float) -> str:
+        return self._spoil("nan", int(value), "with NaN in actual_q")
+
+    def _spoil(self, how: str, count: int, what: str) -> str:
+        clients = [c for c in self._server.connections if c.streaming]
+        for output in (o for c in clients for o in c.outputs):
+            setattr(output, how, getattr(output, how) + count)
+        return f"next {count} samples {what}, clients {len(clients)}"
+
+    def _stall(self, value: float, now: float) -> str:
+        self._silent_until = max(self._silent_until, now + value)
+        return f"nothing is sent for {value:g} s"
+
+    def _kill(self, value: float, now: float) -> str:
+        return f"{self._server.cut()} connections cut"
+
+    def _power_cycle(self, value: float, now: float) -> str:
+        count = self._server.cut()
+        self._server.stop_listening()
+        self._off_until = now + value
+        return f"{count} connections cut, back in {value:g} s"
+
+    def _power_off(self, value: float, now: float) -> str:
+        return "brakes on" if self._controller.power(False) else "was off already"
+
+    def _power_on(self, value: float, now: float) -> str:
+        return "brakes off" if self._controller.power(True) else "was on already"
+
+    def _protective_stop(self, value: float, now: float) -> str:
+        return "the joints stop" if self._controller.protective_stop(True) else "was stopped already"
+
+    def _unlock(self, value: float, now: float) -> str:
+        return "the joints go on" if self._controller.protective_stop(False) else "was not stopped"
+
+    def _clock_jump(self, value: float, now: float) -> str:
+        self._controller.clock_offset += value
+        return f"{value:+g} s"
+
+    def _garbage(self, value: float, now: float) -> str:
+        data = self._random.randbytes(int(value))
+        for connection in self._server.connections:
+            connection.insert(data)
+        return f"{len(data)} random bytes"
+
+    def _fragment(self, value: float, now: float) -> str:
+        self._server.fragment = bool(value)
+        return "on" if value else "off"
+
+    def _quit(self, value: float, now: float) -> str:
+        self._ended = True
+        return "the end"
+
+
+def _say(text: str) -> None:
+    """One line on standard output; whoever read it may be gone."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        # Python would complain again when it flushes at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _complain(text: str) -> None:
+    print(f"robot-emulator: {text}", file=sys.stderr, flush=True)

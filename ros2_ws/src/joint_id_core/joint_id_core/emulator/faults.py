@@ -1,0 +1,90 @@
+"""The commands that the emulator takes while it runs: what can go wrong with a robot, on demand."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from joint_id_core.errors import JointIdError
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command: its name, its argument as written in the help, the argument's default, what it does.
+
+    `argument` is "" (none), "N" (a count), "S" (seconds, not negative), "+-S" (seconds) or "on|off". NaN as default:
+    the argument must be given.
+    """
+
+    name: str
+    meaning: str
+    argument: str = ""
+    default: float = math.nan
+
+
+COMMANDS: dict[str, Command] = {
+    c.name: c
+    for c in (
+        Command("drop", "the next N samples are not sent", "N", 1),
+        Command("stall", "nothing is sent for S s, the connections stay", "S", 2.0),
+        Command("kill", "all connections are cut"),
+        Command("power-cycle", "all is cut, no connection for S s, then back with the clock at zero", "S", 3.0),
+        Command("power-off", "motors off, brakes on: robot and joint modes POWER_OFF, current zero"),
+        Command("power-on", "brakes off, motors on: the joints go on from where they are"),
+        Command("protective-stop", "safety mode PROTECTIVE_STOP, the joints stop and hold"),
+        Command("unlock", "end of the protective stop: the joints go on"),
+        Command("zero", "every value of the next N samples is zero", "N", 1),
+        Command("nan", "actual_q of the next N samples is NaN", "N", 1),
+        Command("clock-jump", "the controller's clock jumps by S s", "+-S"),
+        Command("garbage", "N random bytes in the stream", "N", 64),
+        Command("fragment", "packets are split and glued at random", "on|off"),
+        Command("quit", "the emulator ends"),
+    )
+}
+_LARGEST_COUNT, _LONGEST_S = 1_000_000, 1e6
+
+
+def parse(line: str) -> tuple[str, float]:
+    """Name and argument of a command line; the argument is NaN where the command has none, 1 or 0 for on and off.
+
+    Raises:
+        JointIdError: unknown command, an argument that is missing, too much or out of range.
+    """
+    name, *arguments = line.split()
+    if name not in COMMANDS:
+        raise JointIdError(f"unknown command {name!r}: the commands are {', '.join(COMMANDS)}")
+    command = COMMANDS[name]
+    if len(arguments) > (1 if command.argument else 0):
+        raise JointIdError(f"command {line.strip()!r}: write {usage(command)}")
+    if not arguments:
+        if command.argument and math.isnan(command.default):
+            raise JointIdError(f"command {name} needs an argument: write {usage(command)}")
+        return name, command.default
+    return name, _argument(command, arguments[0])
+
+
+def usage(command: Command) -> str:
+    """How a command is written, e.g. `drop [N=1]`."""
+    if not command.argument:
+        return command.name
+    given = command.argument if math.isnan(command.default) else f"[{command.argument}={command.default:g}]"
+    return f"{command.name} {given}"
+
+
+def _argument(command: Command, text: str) -> float:
+    if command.argument == "on|off":
+        if text in ("on", "off"):
+            return float(text == "on")
+    else:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        whole = command.argument != "N" or (value.is_integer() and 1 <= value <= _LARGEST_COUNT)
+        if whole and abs(value) <= _LONGEST_S and (value >= 0.0 or command.argument == "+-S"):
+            return value
+    raise JointIdError(f"command {command.name} {text}: write {usage(command)}, e.g. {_example(command)}")
+
+
+def _example(command: Command) -> str:
+    return {"N": f"{command.name} 3", "on|off": f"{command.name} on"}.get(command.argument, f"{command.name} 1.5")
