@@ -51,7 +51,10 @@ class JointSimulator:
         self.time = 0.0
         self._rtol = rtol
         self._atol = [_ABSOLUTE * rtol * s.scale for s in model.states]
-        self._x = _ordered(model, "state", model.state_names, x0 or {}, frozenset(model.state_names))
+        # Models build these anew whenever they are asked.
+        self._state_names, self._input_names = model.state_names, model.input_names
+        self._optional = model.optional_inputs
+        self._x = _ordered(model, "state", self._state_names, x0 or {}, frozenset(self._state_names))
         checked = model.values(values)
         try:
             self._friction = StickSlip(model, SimpleNamespace(**checked))
@@ -69,7 +72,7 @@ class JointSimulator:
     @property
     def state(self) -> dict[str, float]:
         """Present state by channel name, SI units."""
-        return dict(zip(self.model.state_names, self._x, strict=True))
+        return dict(zip(self._state_names, self._x, strict=True))
 
     @property
     def modes(self) -> dict[str, int]:
@@ -87,14 +90,14 @@ class JointSimulator:
         """
         if not (math.isfinite(dt) and dt > 0.0):
             raise JointIdError(f"cannot advance by {dt} s: the time step must be positive")
-        u_0 = _ordered(self.model, "input", self.model.input_names, u, self.model.optional_inputs)
+        u_0 = _ordered(self.model, "input", self._input_names, u, self._optional)
         u_1 = u_0
         if end:
             for s in self.model.inputs:
                 if s.name in end and s.hold == "zero":
                     raise JointIdError(f"input {s.name} is held between samples: it has no end value")
-            merged = {**dict(zip(self.model.input_names, u_0, strict=True)), **end}
-            u_1 = _ordered(self.model, "input", self.model.input_names, merged, frozenset())
+            merged = {**dict(zip(self._input_names, u_0, strict=True)), **end}
+            u_1 = _ordered(self.model, "input", self._input_names, merged, frozenset())
         self._run(dt, u_0, u_1)
 
     def _run(
@@ -119,6 +122,11 @@ class JointSimulator:
             while t < dt:
                 if self._slope is None:
                     self._slope = derivative(t, self._x)
+                if rates is None and not any(self._slope):
+                    # An equilibrium under constant inputs lasts: nothing to integrate, no event to look for.
+                    out += [list(self._x) for _ in samples[len(out) :]]
+                    self.time = begun + dt
+                    break
                 taken = self._attempt(derivative, t, self._slope, dt)
                 steps += 1
                 if steps > _GRACE_STEPS and t < steps * _MEAN_STEP:
