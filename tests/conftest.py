@@ -18,11 +18,16 @@ import pytest
 import rclpy
 from ament_index_python.packages import get_package_prefix
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
+from robot_process import Robot
 
 from joint_id_ros.qos import STREAM_IN, STREAM_OUT
 
@@ -77,6 +82,7 @@ class Probe(Node):
         self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self)
         self.diagnostics: list[Any] = []
+        self._clients_by_service: dict[str, Any] = {}
         self.create_subscription(DiagnosticArray, "/diagnostics", lambda m: self.diagnostics.extend(m.status), 10)
 
     def collect(self, kind: Any, topic: str, qos: QoSProfile = STREAM_IN, delay_s: float = 0.0) -> list[Any]:
@@ -126,6 +132,30 @@ class Probe(Node):
         while time.monotonic() < end:
             self._executor.spin_once(timeout_sec=0.05)
 
+    def call(self, kind: Any, service: str, request: Any) -> Any:
+        """Result of a service."""
+        if service not in self._clients_by_service:
+            client = self._clients_by_service[service] = self.create_client(kind, service)
+            self.until(client.service_is_ready, service)
+            self.spin(0.5)  # an answer is lost when it comes before the server has found the client's reader
+        future = self._clients_by_service[service].call_async(request)
+        self.until(future.done, service)
+        return future.result()
+
+    def change(self, node: str, transition: str) -> bool:
+        """Ask a lifecycle node to "configure", "activate", ...; whether it did."""
+        request = ChangeState.Request(transition=Transition(label=transition))
+        return bool(self.call(ChangeState, f"/{node}/change_state", request).success)
+
+    def state(self, node: str) -> str:
+        """State of a lifecycle node."""
+        return str(self.call(GetState, f"/{node}/get_state", GetState.Request()).current_state.label)
+
+    def set_parameter(self, node: str, name: str, value: object) -> Any:
+        """Set a parameter of a node; the result says whether it took it, else why not."""
+        request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
+        return self.call(SetParameters, f"/{node}/set_parameters", request).results[0]
+
     def told(self, node: str, text: str) -> Any:
         """The first diagnostic status of a node whose message or values contain the text, else None."""
         for status in self.diagnostics:
@@ -168,6 +198,21 @@ def start(tmp_path: Path, domain: int) -> Iterator[Callable[..., Process]]:
     for process in processes:
         process.stop()
         print(f"--- {process.name} ---\n{process.text}")  # shown by pytest when the test fails
+
+
+@pytest.fixture
+def robot() -> Iterator[Callable[..., Robot]]:
+    """Start emulated robots: `robot("--version", "3.15")`."""
+    robots: list[Robot] = []
+
+    def begin(*arguments: str, port: int = 0) -> Robot:
+        robots.append(Robot(*arguments, port=port))
+        return robots[-1]
+
+    yield begin
+    for one in robots:
+        one.stop()
+        print("--- robot ---", *one.lines, *one.complaints, sep="\n")  # shown by pytest when the test fails
 
 
 @pytest.fixture

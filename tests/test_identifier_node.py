@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from lifecycle_msgs.msg import State, Transition
-from lifecycle_msgs.srv import ChangeState, GetState
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from robot_messages import NANO, stamp
 
 from joint_id_core.excitation import multisine
@@ -220,37 +218,12 @@ def test_a_second_run_with_earlier_stamps_is_identified_anew(identifying, probe,
     probe.until(lambda: probe.told("identifier", "identification starts anew"), "a report")
 
 
-CLIENTS = {}
-
-
-def call(probe, kind, service, request):
-    """Result of a service of the identifier."""
-    if (probe, service) not in CLIENTS:
-        client = probe.create_client(kind, f"/identifier/{service}")
-        probe.until(client.service_is_ready, service)
-        probe.spin(0.5)  # an answer is lost when it comes before the server has found the client's reader
-        CLIENTS[probe, service] = client
-    future = CLIENTS[probe, service].call_async(request)
-    probe.until(future.done, service)
-    return future.result()
-
-
-def change(probe, transition):
-    return call(probe, ChangeState, "change_state", ChangeState.Request(transition=Transition(id=transition))).success
-
-
-def set_parameter(probe, name, value):
-    message = Parameter(name, value=value).to_parameter_msg()
-    request = SetParameters.Request(parameters=[message])
-    return call(probe, SetParameters, "set_parameters", request).results[0]
-
-
 def test_a_bad_configuration_is_told_in_one_line_and_the_node_stays(start, probe):
     process = start("identifier", model="rigid_joint", actuation="torque", set=["mass=3"])
     first = "model rigid_joint has no parameter 'mass': it has J, c"
     probe.until(lambda: probe.told("identifier", first), "a diagnostic")
     assert probe.told("identifier", first).level == b"\x02"
-    set_parameter(probe, "set", [""])
+    probe.set_parameter("identifier", "set", [""])
     for name, bad, good, text in (
         ("model", "flexible", "rigid_joint", "option model = 'flexible': choose one of"),
         ("set", ["J=-1"], [""], "parameter J = -1 kg m^2 is outside its bounds"),
@@ -261,38 +234,40 @@ def test_a_bad_configuration_is_told_in_one_line_and_the_node_stays(start, probe
         ("kinematic_error", True, False, "model rigid_joint has no option 'kinematic_error'"),
         ("estimator", "magic", "innovations", "option estimator = 'magic'"),
     ):
-        assert set_parameter(probe, name, bad).successful
-        assert not change(probe, Transition.TRANSITION_CONFIGURE)
-        assert set_parameter(probe, name, good).successful
+        assert probe.set_parameter("identifier", name, bad).successful
+        assert not probe.change("identifier", "configure")
+        assert probe.set_parameter("identifier", name, good).successful
         assert len([line for line in process.text.splitlines() if text in line]) == 1
-    assert change(probe, Transition.TRANSITION_CONFIGURE)
+    assert probe.change("identifier", "configure")
     assert "Traceback" not in process.text
 
 
 def test_a_lifecycle_manager_mends_the_configuration_and_starts_the_node(start, probe, sample):
     start("identifier", model="rigid_joint", actuation="torque", set=["mass=3"], autostart=False)
     found = probe.collect(JointParams, "joint_params", LATEST)
-    assert not change(probe, Transition.TRANSITION_CONFIGURE)
-    assert set_parameter(probe, "set", ["J=1.0"]).successful
-    assert change(probe, Transition.TRANSITION_CONFIGURE)
-    refused = set_parameter(probe, "set", ["J=2.0"])
+    assert not probe.change("identifier", "configure")
+    assert probe.set_parameter("identifier", "set", ["J=1.0"]).successful
+    assert probe.change("identifier", "configure")
+    refused = probe.set_parameter("identifier", "set", ["J=2.0"])
     assert not refused.successful and "deactivate and clean up" in refused.reason
-    assert change(probe, Transition.TRANSITION_ACTIVATE)
-    assert call(probe, GetState, "get_state", GetState.Request()).current_state.id == State.PRIMARY_STATE_ACTIVE
+    assert probe.change("identifier", "activate")
+    assert probe.state("identifier") == "active"
     samples = probe.source(JointSamples, "joint_samples")
     publish(samples, probe, [sample(k) for k in range(3 * RATE)])
     probe.until(lambda: latest(found), "an estimate")
-    assert change(probe, Transition.TRANSITION_DEACTIVATE)
-    assert change(probe, Transition.TRANSITION_CLEANUP)
-    assert set_parameter(probe, "set", ["J=2.0"]).successful
-    assert change(probe, Transition.TRANSITION_CONFIGURE) and change(probe, Transition.TRANSITION_ACTIVATE)
+    assert probe.change("identifier", "deactivate")
+    assert probe.change("identifier", "cleanup")
+    assert probe.set_parameter("identifier", "set", ["J=2.0"]).successful
+    assert probe.change("identifier", "configure") and probe.change("identifier", "activate")
 
 
 def test_a_transition_that_is_not_possible_is_refused_and_the_node_goes_on(start, probe):
     process = start("identifier", model="rigid_joint", actuation="torque", autostart=False)
-    assert not change(probe, Transition.TRANSITION_ACTIVATE)
-    assert "is not possible: the node is unconfigured" in process.text
-    assert change(probe, Transition.TRANSITION_CONFIGURE)
-    assert not change(probe, Transition.TRANSITION_DEACTIVATE)
-    assert change(probe, Transition.TRANSITION_INACTIVE_SHUTDOWN)
+    for transition in (Transition(id=Transition.TRANSITION_ACTIVATE), Transition(label="activate"), Transition(id=99)):
+        request = ChangeState.Request(transition=transition)
+        assert not probe.call(ChangeState, "/identifier/change_state", request).success
+    assert "transition 3 is not possible: the node is unconfigured" in process.text
+    assert probe.change("identifier", "configure")
+    assert not probe.change("identifier", "deactivate")
+    assert probe.change("identifier", "shutdown")
     probe.until(lambda: probe.told("identifier", "shut down"), "a report")
