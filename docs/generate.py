@@ -24,7 +24,7 @@ from joint_id_core.formats.topics import RAW
 from joint_id_core.models import LAWS, MODELS, Model, build
 from joint_id_core.online import OnlineOptions
 from joint_id_core.signals import CHANNELS, Parameter
-from joint_id_ros.filter import InputOptions
+from joint_id_ros.inputs import InputOptions
 from joint_id_ros.model_options import ModelOptions
 from joint_id_ros.plants import MotionOptions
 from joint_id_ros.player import PlayerOptions
@@ -87,7 +87,8 @@ def option_table(options: Sequence[type]) -> str:
     rows = []
     for f in (f for cls in options for f in fields(cls)):
         meta = f.metadata
-        allowed = ", ".join(f"`{c}`" for c in meta["choices"])
+        typed = [c or '""' for c in meta["choices"]]
+        allowed = ", ".join(f"`{c}`" for c in typed)
         if not allowed and (meta["lower"] is not None or meta["upper"] is not None):
             low, high = (f"{v:g}" if v is not None else "" for v in (meta["lower"], meta["upper"]))
             allowed = f"{low} to {high}" if low and high else f"at least {low}" if low else f"at most {high}"

@@ -14,7 +14,7 @@ from joint_id_core.filtering import FilterOptions
 from joint_id_core.models import build
 from joint_id_core.online import OnlineOptions
 from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples, ParameterEstimate
-from joint_id_ros.filter import InputOptions
+from joint_id_ros.inputs import InputOptions
 from joint_id_ros.model_options import ModelOptions
 from joint_id_ros.plants import MotionOptions
 from joint_id_ros.player import PlayerOptions

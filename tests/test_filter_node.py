@@ -107,6 +107,37 @@ def test_joint_torque_comes_to_the_motor_shaft(filtering, probe):
     assert s.torque[0] == pytest.approx(2.0 * link_position(instant(s) / NANO) / 50.0, rel=1e-12)
 
 
+def test_a_motor_velocity_in_link_states_is_a_measured_motor_velocity(filtering, probe):
+    samples, links = filtering(velocity_source="motor_over_gear_ratio")
+    for t in instants(300):
+        message = link_state(t)
+        message.velocity = [link_velocity(t / NANO)]
+        links.publish(message)
+    probe.until(lambda: len(samples) > 200, "samples")
+    s = samples[150]
+    t = instant(s) / NANO
+    assert s.measured == JointSamples.LINK_POSITION | JointSamples.MOTOR_VELOCITY | JointSamples.CURRENT
+    assert s.motor_velocity[0] == RATIO * link_velocity(t)
+    # Derived from the position, each from its own side of the gear.
+    assert s.link_velocity[0] == pytest.approx(link_velocity(t), abs=1e-4)
+    assert s.motor_acceleration[0] == pytest.approx(RATIO * link_acceleration(t), abs=0.1)
+
+
+def test_an_effort_that_is_not_stated_ends_the_filter_with_one_line_and_exit_code_2(start, probe):
+    process = start("filter", "-r", "link_states:=/arm/joint_states")
+    assert process.wait() == 2
+    (line,) = process.text.strip().splitlines()
+    assert line.startswith("filter: ") and "effort_source" in line and "/arm/joint_states" in line
+
+
+@pytest.mark.parametrize("arguments", [("-r", "__ns:=/left/arm"), ("-r", "link_states:=/left/arm/link_states")])
+def test_our_own_topic_in_a_namespace_needs_no_effort_source(start, probe, arguments):
+    start("filter", *arguments)
+    probe.source(JointState, "/left/arm/link_states")
+    probe.until(lambda: any(v.key == "effort" and v.value == "current" for s in probe.diagnostics for v in s.values),
+                "what the filter takes the effort for")  # fmt: skip
+
+
 def wrong_length(message):
     message.position = [0.0, 1.0]
 

@@ -31,10 +31,15 @@ def check(options: Any) -> None:
     """
     for f in fields(options):
         meta = f.metadata
-        for value in (v if isinstance(v := getattr(options, f.name), tuple) else (v,)):
+        for value in v if isinstance(v := getattr(options, f.name), tuple) else (v,):
             if meta.get("choices") and value not in meta["choices"]:
-                raise JointIdError(f"option {f.name} = {value!r}: choose one of {', '.join(meta['choices'])}")
+                raise JointIdError(f"option {f.name} = {value!r}: choose one of {names(meta['choices'])}")
             lower, upper = meta.get("lower"), meta.get("upper")
             if (lower is not None and not value >= lower) or (upper is not None and not value <= upper):
                 span = f"[{'-inf' if lower is None else lower}, {'inf' if upper is None else upper}]"
                 raise JointIdError(f"option {f.name} = {value} {meta['unit']}: must be in {span}")
+
+
+def names(choices: tuple[str, ...]) -> str:
+    """Choices as a person types them."""
+    return ", ".join(choice or '""' for choice in choices)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,13 +15,11 @@ from sensor_msgs.msg import JointState
 from joint_id_core.errors import JointIdError
 from joint_id_core.filtering import FilterOptions
 from joint_id_core.formats.topics import RAW
-from joint_id_core.models.transmission import GEAR_RATIO
-from joint_id_core.options import check as check_options
-from joint_id_core.options import option
 from joint_id_core.streaming import FilteredSample, StreamingFilter
 from joint_id_msgs.msg import JointSamples, MotorTorques, MotorVoltages
 from joint_id_ros import conversions as convert
 from joint_id_ros.diagnostics import Diagnostics, Health
+from joint_id_ros.inputs import LINK_STATES, InputOptions
 from joint_id_ros.joining import Joiner
 from joint_id_ros.parameters import declare, read
 from joint_id_ros.qos import STREAM_OUT
@@ -30,27 +27,7 @@ from joint_id_ros.streams import Streams
 
 TOPICS = {t.name: t for t in RAW}
 RELEASE_S = 0.2  # how often samples are looked for that wait for a topic in vain
-LEADING = "link_states"
 TYPES = {t.__name__: t for t in (JointState, MotorVoltages, MotorTorques)}
-
-
-@dataclass(frozen=True)
-class InputOptions:
-    """How the raw topics are read."""
-
-    effort_source: str = option(
-        "current",
-        "what the effort in link_states is: motor current in A, joint torque in Nm at the link, or that torque "
-        "without the part that holds gravity (identify it with a model without gravity)",
-        choices=("current", "torque", "gravity_free_torque"),
-    )
-    gear_ratio: float = option(
-        GEAR_RATIO, "gear ratio by which a joint torque is brought to the motor shaft", "1", 1e-6, 1e5
-    )
-    join_wait_s: float = option(1.0, "how long a topic is awaited before it counts as not measured", "s", 0.0, 10.0)
-
-    def __post_init__(self) -> None:
-        check_options(self)
 
 
 class FilterNode(Node):
@@ -61,13 +38,13 @@ class FilterNode(Node):
         self.finished = Future()
         declare(self, InputOptions)
         declare(self, FilterOptions)
-        self._input = read(self, InputOptions)
+        self._input = read(self, InputOptions).for_topic(self.resolve_topic_name(LINK_STATES))
         self._filter = StreamingFilter(read(self, FilterOptions))
         self._joiner: Joiner[dict[str, convert.Row]] = Joiner([t.name for t in RAW], self._input.join_wait_s)
         self._joints: dict[str, None] = {}
         self._origin_ns: int | None = None
         self._published = self._silent_periods = 0
-        self._diagnostics = Diagnostics(self, self._health, LEADING)
+        self._diagnostics = Diagnostics(self, self._health, LINK_STATES)
         self._publisher = self.create_publisher(JointSamples, "joint_samples", STREAM_OUT)
         kinds = {topic.name: TYPES[topic.type.rsplit("/", 1)[-1]] for topic in RAW}
         self.create_timer(RELEASE_S, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -77,7 +54,7 @@ class FilterNode(Node):
         topic = TOPICS[name]
         self._silent_periods = 0
         stamp = convert.nanoseconds(message.header.stamp)
-        if name == LEADING:
+        if name == LINK_STATES:
             self._diagnostics.received(stamp)
         try:
             convert.check(topic, message)
@@ -107,10 +84,8 @@ class FilterNode(Node):
             for k, joint in enumerate(self._joints):
                 for name, value in part.get(joint, {}).items():
                     channels.setdefault(name, np.full(len(self._joints), np.nan))[k] = value
-        if self._input.effort_source != "current" and "current" in channels:
-            torque = channels.pop("current") / self._input.gear_ratio
-            channels.setdefault("torque", torque)  # a torque given at the motor shaft is the more direct one
-        for sample in self._filter.push(convert.seconds(stamp, self._origin_ns), channels):
+        time = convert.seconds(stamp, self._origin_ns)
+        for sample in self._filter.push(time, self._input.channels(channels)):
             self._publish(sample)
         while self._filter.events:
             self._diagnostics.problem("filter", self._filter.events.popleft())
@@ -125,6 +100,7 @@ class FilterNode(Node):
     def _health(self) -> Health:
         values = {
             "joints": ", ".join(self._joints),
+            "effort": self._input.effort_source,
             "published": self._published,
             "filter latency [s]": f"{self._filter.latency:.4f}",
         }

@@ -12,6 +12,7 @@ from rclpy.exceptions import InvalidParameterException, ParameterException
 from rclpy.node import Node
 
 from joint_id_core.errors import JointIdError
+from joint_id_core.options import names
 
 Options = TypeVar("Options")
 
@@ -27,7 +28,7 @@ def describe(option: Field[Any], read_only: bool = True) -> ParameterDescriptor:
     description = meta.get("description", "") + (f" [{unit}]" if unit else "")
     descriptor = ParameterDescriptor(name=option.name, description=description, read_only=read_only)
     if choices := meta.get("choices"):
-        descriptor.additional_constraints = f"one of: {', '.join(map(str, choices))}"
+        descriptor.additional_constraints = f"one of: {names(choices)}"
     lower, upper = meta.get("lower"), meta.get("upper")
     if lower is None and upper is None:
         return descriptor

@@ -7,7 +7,9 @@ from launch_ros.actions import Node
 
 from joint_id_core.estimators import ESTIMATORS
 from joint_id_core.models import LAWS, MODELS
+from joint_id_ros.inputs import EFFORTS, LINK_STATES, VELOCITIES, InputOptions
 
+DEFAULTS = InputOptions()
 ARGUMENTS = [
     DeclareLaunchArgument("bag", description="bag to play: a directory, or a bare .mcap or .db3 file"),
     DeclareLaunchArgument("rate", default_value="1.0", description="speed; 0: as fast as the nodes keep up"),
@@ -23,13 +25,24 @@ ARGUMENTS = [
         "estimator", default_value=ESTIMATORS[0], choices=list(ESTIMATORS), description="estimation method"
     ),
     DeclareLaunchArgument(
-        "effort_source",
-        default_value="current",
-        choices=["current", "torque", "gravity_free_torque"],
-        description="what the effort in link_states is",
+        "link_states", default_value=LINK_STATES, description="topic of the link states, e.g. joint_states"
     ),
     DeclareLaunchArgument(
-        "gear_ratio", default_value="101.0", description="gear ratio, for an effort that is a torque"
+        "effort_source",
+        default_value=DEFAULTS.effort_source,
+        choices=["", *EFFORTS],
+        description="what the effort in the link states is; needed for a topic that is not called link_states",
+    ),
+    DeclareLaunchArgument(
+        "velocity_source",
+        default_value=DEFAULTS.velocity_source,
+        choices=list(VELOCITIES),
+        description="what the velocity in the link states is",
+    ),
+    DeclareLaunchArgument(
+        "gear_ratio",
+        default_value=str(DEFAULTS.gear_ratio),
+        description="gear ratio, for an effort that is a torque and for a velocity that is motor_over_gear_ratio",
     ),
     DeclareLaunchArgument("namespace", default_value="", description="namespace of all nodes, one a robot"),
     DeclareLaunchArgument(
@@ -49,7 +62,12 @@ def nodes(context: LaunchContext) -> list[Node]:
 
     effort = given["effort_source"]
     parameters: dict[str, dict[str, object]] = {
-        "filter": {"effort_source": effort, "gear_ratio": float(given["gear_ratio"]), "use_sim_time": True},
+        "filter": {
+            "effort_source": effort,
+            "velocity_source": given["velocity_source"],
+            "gear_ratio": float(given["gear_ratio"]),
+            "use_sim_time": True,
+        },
         "identifier": {
             "model": given["model"],
             "joints": texts("joints"),
@@ -58,12 +76,13 @@ def nodes(context: LaunchContext) -> list[Node]:
             "friction": given["friction"],
             "gravity": given["gravity"] == "true",
             "estimator": given["estimator"],
-            "actuation": "current" if effort == "current" else "torque",
+            "actuation": "current" if effort in ("", "current") else "torque",
             "use_sim_time": True,
         },
         "player": {"bag": given["bag"], "rate": float(given["rate"])},
     }
     file = [given["params_file"]] if given["params_file"] else []
+    remaps = {"filter": [(LINK_STATES, given[LINK_STATES])]}
     return [
         Node(
             package="joint_id_ros",
@@ -72,6 +91,7 @@ def nodes(context: LaunchContext) -> list[Node]:
             namespace=given["namespace"],
             output="screen",
             parameters=[own, *file],
+            remappings=remaps.get(name, []),
         )
         for name, own in parameters.items()
     ]

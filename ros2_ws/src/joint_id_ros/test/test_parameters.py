@@ -11,7 +11,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.filtering import FilterOptions
 from joint_id_core.online import OnlineOptions
 from joint_id_core.options import check, option
-from joint_id_ros.filter import InputOptions
+from joint_id_ros.inputs import InputOptions
 from joint_id_ros.model_options import ModelOptions
 from joint_id_ros.parameters import PARAMETER_ERRORS, assignments, declare, read
 from joint_id_ros.plants import MotionOptions

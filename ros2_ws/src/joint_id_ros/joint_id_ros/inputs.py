@@ -1,0 +1,78 @@
+"""What the numbers in the filter's raw topics mean."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from joint_id_core.errors import JointIdError
+from joint_id_core.models.transmission import GEAR_RATIO
+from joint_id_core.options import check, option
+
+LINK_STATES = "link_states"
+EFFORTS = ("current", "torque", "gravity_free_torque")
+VELOCITIES = ("link", "motor_over_gear_ratio")
+
+
+@dataclass(frozen=True)
+class InputOptions:
+    """How the raw topics are read."""
+
+    effort_source: str = option(
+        "",
+        "what the effort in link_states is: motor current in A, joint torque in Nm at the link, or that torque "
+        "without the part that holds gravity (identify it with a model without gravity); may be left empty, which "
+        "means current, unless link_states is remapped to a topic of another name",
+        choices=("", *EFFORTS),
+    )
+    velocity_source: str = option(
+        "link",
+        "what the velocity in link_states is: that of the link, or that of the motor divided by the gear ratio, as "
+        "UR robots report it",
+        choices=VELOCITIES,
+    )
+    gear_ratio: float = option(
+        GEAR_RATIO,
+        "gear ratio by which a joint torque is brought to the motor shaft, and motor_over_gear_ratio as well",
+        "1",
+        1e-6,
+        1e5,
+    )
+    join_wait_s: float = option(1.0, "how long a topic is awaited before it counts as not measured", "s", 0.0, 10.0)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    def for_topic(self, topic: str) -> InputOptions:
+        """The options with an effort that is known, when link_states is read from `topic` (all remaps applied).
+
+        On a topic of our own name the effort is by definition the current. A topic of another name comes from a
+        program of others, of whose efforts we know nothing.
+
+        Raises:
+            JointIdError: the effort of such a topic is not stated.
+        """
+        if self.effort_source:
+            return self
+        if topic.rsplit("/", 1)[-1] != LINK_STATES:
+            raise JointIdError(
+                f"parameter effort_source is empty, and {LINK_STATES} is read from {topic}: say what the effort there "
+                f"is ({', '.join(EFFORTS)}). The driver of UR robots publishes currents or torques, depending on its "
+                "version and settings, and a wrong choice makes every result wrong"
+            )
+        return replace(self, effort_source="current")
+
+    def channels(self, raw: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Channels by name, motor quantities at the motor shaft, from those that carry what stood in link_states.
+
+        What another topic gives directly stays as it is.
+        """
+        channels = dict(raw)
+        if self.effort_source != "current" and "current" in channels:
+            torque = channels.pop("current") / self.gear_ratio
+            channels.setdefault("torque", torque)
+        if self.velocity_source != "link" and "link_velocity" in channels:
+            velocity = channels.pop("link_velocity") * self.gear_ratio
+            channels.setdefault("motor_velocity", velocity)
+        return channels
