@@ -55,10 +55,8 @@ class Reference:
 
     def tick(self, go: bool) -> None:
         """One tick on: towards full speed, or else towards a stop."""
-        before, ramp = self.pace, self._ramp
-        self._ramp = min(1.0, ramp + TICK_S / START_S) if go else max(0.0, ramp - TICK_S / STOP_S)
-        if self._ramp == 0.0 and ramp == 0.0 and not self._offset.any():
-            return
+        before = self.pace
+        self._ramp = min(1.0, self._ramp + TICK_S / START_S) if go else max(0.0, self._ramp - TICK_S / STOP_S)
         self._path += 0.5 * (before + self.pace) * TICK_S
         self._offset *= math.exp(-TICK_S / _OFFSET_S)
         self._offset[abs(self._offset) < 1e-9] = 0.0

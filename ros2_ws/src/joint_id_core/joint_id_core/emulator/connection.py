@@ -36,7 +36,7 @@ class Controller(Protocol):
 
 @dataclass
 class Output:
-    """A recipe of outputs with its rate, and the samples that are yet to be spoilt."""
+    """A recipe of outputs with its rate, and how many of the next samples are yet to be spoilt."""
 
     recipe: Recipe
     every: int  # ticks
@@ -99,16 +99,15 @@ class Connection:
             except ProtocolError as error:
                 self._end(str(error), now)
 
-    def publish(self, tick: int, fragment: bool) -> None:
+    def publish(self, tick: int) -> None:
         """Queue the sample of this tick; a client that is behind loses it whole."""
         if not self.streaming or self._ends_at is not None:
             return
+        if self._blocked_since is not None or len(self._waiting) > _MOST_WAITING:
+            return
         for output in self.outputs:
-            if tick % output.every:
-                continue
-            packet = output.packet(self._controller.values)
-            if not self._waiting or (fragment and len(self._waiting) < _MOST_WAITING):
-                self._waiting += packet
+            if tick % output.every == 0:
+                self._waiting += output.packet(self._controller.values)
 
     def insert(self, data: bytes) -> None:
         """Queue bytes that are no packet."""
@@ -133,18 +132,16 @@ class Connection:
         except OSError:
             self.close()
             return
-        if sent:
-            del self._waiting[:sent]
+        del self._waiting[:sent]
+        if sent == len(data):
             self._blocked_since = None
-        else:
-            self._blocked_since = now if self._blocked_since is None else self._blocked_since
-            if now - self._blocked_since > READ_TIMEOUT_S:
-                print(
-                    f"robot-emulator: {self.peer} is cut off: it has not read for {READ_TIMEOUT_S:g} s",
-                    file=sys.stderr,
-                    flush=True,
-                )
-                self.close()
+            if self._ends_at is not None and not self._waiting:
+                self.sock.shutdown(socket.SHUT_WR)
+        elif sent or self._blocked_since is None:
+            self._blocked_since = now
+        elif now - self._blocked_since > READ_TIMEOUT_S:
+            _tell(f"{self.peer} is cut off: it has not read for {READ_TIMEOUT_S:g} s")
+            self.close()
 
     def _answer(self, packet: Packet) -> None:
         """Answer a request.
@@ -160,7 +157,7 @@ class Connection:
         elif kind == packets.CONTROLLER_VERSION:
             self._reply(kind, struct.pack(">4I", *self._controller.version))
         elif kind == packets.TEXT:
-            print(f"robot-emulator: {self.peer} says {_text_of(payload)!r}", file=sys.stderr, flush=True)
+            _tell(f"{self.peer} says {_text_of(payload)!r}")
         elif not self._agreed:
             raise ProtocolError(f"request {chr(kind)!r} before protocol version {packets.VERSION} was agreed on")
         elif kind == packets.OUTPUTS:
@@ -224,7 +221,7 @@ class Connection:
 
     def _end(self, why: str, now: float) -> None:
         """Tell the client why, and end the connection once it has had time to read that."""
-        print(f"robot-emulator: {self.peer} is cut off: {why}", file=sys.stderr, flush=True)
+        _tell(f"{self.peer} is cut off: {why}")
         message, source = why.encode()[:255], b"robot-emulator"
         payload = bytes([len(message)]) + message + bytes([len(source)]) + source + bytes([_ERROR_LEVEL])
         self._waiting += encode(packets.TEXT, payload)
@@ -271,3 +268,7 @@ def _text_of(payload: bytes) -> str:
     if not 0 < length < len(payload):
         raise ProtocolError(f"text message of {length} characters in a packet of {len(payload)} bytes")
     return payload[1 : 1 + length].decode("utf-8", "replace")
+
+
+def _tell(text: str) -> None:
+    print(f"robot-emulator: {text}", file=sys.stderr, flush=True)

@@ -22,7 +22,7 @@ NORMAL_MODE, PROTECTIVE_STOPPED, STOPPED_DUE_TO_SAFETY = 1 << 0, 1 << 2, 1 << 10
 
 # Made up: a joint of the size of Table V has these; others lose heat and store it in proportion to their size.
 _AMBIENT, _WARMEST_START = 25.0, 30.0  # deg C
-_HEAT_CAPACITY, _COOLING = 2000.0, 1.0  # J/K, W/K: time constant 33 minutes
+_HEAT_CAPACITY, _COOLING = 800.0, 0.4  # J/K, W/K: time constant 33 minutes
 _RESISTANCE = 0.5  # ohm
 _RAIL, _RAIL_DROP, _RAIL_NOISE = 48.0, 0.05, 0.05  # V, ohm, V
 

@@ -19,6 +19,7 @@ from joint_id_core.emulator.server import Server
 from joint_id_core.errors import JointIdError
 
 _BEHIND_S = 1.0  # a clock that lags more than this is not caught up with
+_LONGEST_WAIT_S = 0.1  # a signal does not end a wait
 _BURST = 50  # late ticks in one go, so that clients are served meanwhile
 
 
@@ -85,7 +86,7 @@ class Emulator:
         try:
             while not self._ended:
                 wait = self._off_until - time.monotonic() if self._off_until is not None else self._run_due_ticks()
-                for key, _ in self._selector.select(max(0.0, wait)):
+                for key, _ in self._selector.select(min(max(0.0, wait), _LONGEST_WAIT_S)):
                     key.data(time.monotonic())
                 if self._off_until is not None and time.monotonic() >= self._off_until:
                     self._controller = self._server.controller = self._new_controller()

@@ -38,8 +38,15 @@ class Server:
         self.address: tuple[str, int] = self._listener.getsockname()[:2]
 
     def listen(self) -> None:
-        """Begin to take connections."""
-        self._listener.listen()
+        """Begin to take connections.
+
+        Raises:
+            JointIdError: another program has begun to listen there.
+        """
+        try:
+            self._listener.listen()
+        except OSError as error:
+            raise _cannot_listen(*self.address, error) from None
         self._listener.setblocking(False)
         self._selector.register(self._listener, EVENT_READ, self._accept)
 
@@ -67,7 +74,7 @@ class Server:
     def publish(self, tick: int) -> None:
         """Send the sample of a tick to all who take it."""
         for connection in self.connections:
-            connection.publish(tick, self.fragment)
+            connection.publish(tick)
 
     def flush(self, now: float) -> None:
         """Send what waits."""
@@ -108,5 +115,9 @@ def _bound(host: str, port: int) -> socket.socket:
         listener.bind((host, port))
     except (OSError, OverflowError) as error:
         listener.close()
-        raise JointIdError(f"cannot listen at {host}:{port}: {error}: choose another --host or --port") from None
+        raise _cannot_listen(host, port, error) from None
     return listener
+
+
+def _cannot_listen(host: str, port: int, error: Exception) -> JointIdError:
+    return JointIdError(f"cannot listen at {host}:{port}: {error}: choose another --host or --port")
