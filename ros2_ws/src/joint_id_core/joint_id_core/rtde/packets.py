@@ -7,7 +7,7 @@ Source: Universal Robots, Real-Time Data Exchange (RTDE) guide.
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from joint_id_core.rtde.errors import ProtocolError
@@ -43,28 +43,30 @@ class PacketReader:
     def __init__(self) -> None:
         self._rest = bytearray()
 
-    def feed(self, data: bytes) -> list[Packet]:
-        """The packets that are complete now, in order.
+    def feed(self, data: bytes) -> Iterator[Packet]:
+        """The packets that are complete now, in order; to be read to the end.
 
         Raises:
-            ProtocolError: a size that no packet has, or an unknown kind. The place of the next packet is then
-                unknown for ever: what came before in `data` is dropped too, and so must be the connection.
+            ProtocolError: after the packets before it, a size that no packet has, or an unknown kind. The place of
+                the next packet is then unknown for ever: the connection must be dropped.
         """
         self._rest += data
-        packets, at = [], 0
-        while len(self._rest) - at >= _HEADER.size:
-            size, kind = _HEADER.unpack_from(self._rest, at)
-            if size < _HEADER.size or kind not in KINDS:
-                raise ProtocolError(
-                    f"not RTDE: a packet of kind {kind} and {size} bytes (known kinds: {sorted(KINDS)}): "
-                    "check that the port is the robot's RTDE port"
-                )
-            if len(self._rest) - at < size:
-                break
-            packets.append(Packet(kind, bytes(self._rest[at + _HEADER.size : at + size])))
-            at += size
-        del self._rest[:at]
-        return packets
+        at = 0
+        try:
+            while len(self._rest) - at >= _HEADER.size:
+                size, kind = _HEADER.unpack_from(self._rest, at)
+                if size < _HEADER.size or kind not in KINDS:
+                    raise ProtocolError(
+                        f"not RTDE: a packet of kind {kind} and {size} bytes (known kinds: {sorted(KINDS)}): "
+                        "check that the port is the robot's RTDE port"
+                    )
+                if len(self._rest) - at < size:
+                    break
+                packet = Packet(kind, bytes(self._rest[at + _HEADER.size : at + size]))
+                at += size
+                yield packet
+        finally:
+            del self._rest[:at]
 
 
 class Recipe:

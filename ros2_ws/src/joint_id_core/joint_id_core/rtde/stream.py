@@ -1,0 +1,267 @@
+"""The samples of a robot without end: a thread that reads, tells of what is lost, and connects again."""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+from joint_id_core.errors import JointIdError
+from joint_id_core.options import check, option
+from joint_id_core.rtde.client import Client, Sample
+from joint_id_core.rtde.errors import ProtocolError, RefusedError, RobotError, UnreachableError
+from joint_id_core.rtde.loss import LossCounter
+
+log = logging.getLogger(__name__)
+
+_LEAST_PERIODS = 5  # without a sample before the stream is taken as stalled, however slow it is
+_TELL_EVERY_S = 1.0  # events that may come with every sample
+_JOIN_S = 2.0
+
+
+@dataclass(frozen=True)
+class StreamOptions:
+    """When a connection is given up, and how soon the next one is tried."""
+
+    stall_s: float = option(0.5, "silence after which the connection is given up (at least 5 samples)", "s", 0.02, 60.0)
+    backoff_s: float = option(
+        0.1, "wait before the first try to connect again; doubles with every try", "s", 0.01, 60.0
+    )
+    backoff_max_s: float = option(5.0, "longest wait between two tries", "s", 0.01, 600.0)
+
+    def __post_init__(self) -> None:
+        check(self)
+        if self.backoff_max_s < self.backoff_s:
+            raise JointIdError(
+                f"option backoff_max_s = {self.backoff_max_s} s is less than backoff_s = {self.backoff_s} s"
+            )
+
+
+class StreamState(Enum):
+    """What the stream is doing."""
+
+    CONNECTING = "connecting"
+    STREAMING = "streaming"
+    WAITING = "waiting to connect again"
+    STOPPED = "stopped"
+
+
+@dataclass(frozen=True)
+class StreamStatus:
+    """The stream at one instant.
+
+    Attributes:
+        state: what it is doing.
+        version: of the controller, (major, minor, bugfix, build); () before the first connection.
+        received: samples since the start.
+        lost: samples that are missing by their time stamps; what was not sent while there was no connection is not
+            among them.
+        reconnects: connections after the first that brought samples.
+        age_s: s since the newest sample; inf before the first.
+        error: what is wrong; "" while streaming.
+    """
+
+    state: StreamState
+    version: tuple[int, ...]
+    received: int
+    lost: int
+    reconnects: int
+    age_s: float
+    error: str
+
+
+class RobotStream:
+    """Reads in a thread of its own and never gives up until it is stopped.
+
+    Every connection is a new client, so that each asks for the same fields and rate.
+
+    Args:
+        make: makes a client.
+        rate: samples a second that the clients ask for.
+        options: see `StreamOptions`.
+        on_samples: called with the samples that have arrived, in order.
+        on_event: called with a kind and a text when something changes: "connected", "unreachable", "refused",
+            "not RTDE", "connection lost", "stalled", "samples lost", "clock jumped", "message" (a text of the
+            controller), "internal error" (an exception, also one of the callbacks; the stream goes on).
+            Kinds that could come with every sample come once a second.
+
+    Both are called from the stream's thread.
+    """
+
+    def __init__(
+        self,
+        make: Callable[[], Client],
+        rate: float,
+        options: StreamOptions,
+        on_samples: Callable[[list[Sample]], None],
+        on_event: Callable[[str, str], None],
+    ) -> None:
+        self._make, self._rate, self._options = make, rate, options
+        self._on_samples, self._on_event = on_samples, on_event
+        self._stall_s = max(options.stall_s, _LEAST_PERIODS / rate)
+        self._thread = threading.Thread(target=self._run, name="rtde", daemon=True)
+        self._stopping = threading.Event()
+        self._untold_loss = 0
+        self._told_at: dict[str, float] = {}  # by kind of event, time.monotonic()
+        self._lock = threading.Lock()  # guards what follows
+        self._client: Client | None = None
+        self._state, self._error = StreamState.CONNECTING, ""
+        self._version: tuple[int, ...] = ()
+        self._received = self._lost = self._connections = 0
+        self._newest_at = -math.inf  # time.monotonic()
+
+    def start(self) -> None:
+        """Begin; once only."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the connection and the thread, within 2 s; any number of times. No callback begins after it returns."""
+        self._stopping.set()
+        with self._lock:
+            client = self._client
+        if client is not None:
+            client.close()
+        if self._thread.is_alive() and self._thread is not threading.current_thread():
+            self._thread.join(_JOIN_S)
+
+    @property
+    def status(self) -> StreamStatus:
+        """The stream now; from any thread."""
+        with self._lock:
+            return StreamStatus(
+                state=StreamState.STOPPED if self._stopping.is_set() else self._state,
+                version=self._version,
+                received=self._received,
+                lost=self._lost,
+                reconnects=max(0, self._connections - 1),
+                age_s=time.monotonic() - self._newest_at,
+                error=self._error,
+            )
+
+    def _run(self) -> None:
+        wait_s = 0.0
+        while not self._stopping.wait(wait_s):
+            try:
+                self._follow_one_connection()
+                continue  # was told to stop
+            except RobotError as error:
+                kind, text = _kind(error, self._state), str(error)
+                refused = isinstance(error, RefusedError)
+            except Exception as error:
+                kind, text, refused = "internal error", _where(error), False
+            streamed = self._state is StreamState.STREAMING
+            longest = self._options.backoff_max_s
+            if refused:
+                wait_s = longest
+                text += f"; trying again every {longest:g} s"
+            else:
+                wait_s = self._options.backoff_s if streamed or not wait_s else min(2.0 * wait_s, longest)
+            known = text == self._error
+            with self._lock:
+                self._state, self._error = StreamState.WAITING, text
+            if not known:
+                self._tell(kind, text)
+
+    def _follow_one_connection(self) -> None:
+        """Connect and pass on what comes, until told to stop.
+
+        Raises:
+            RobotError: why the connection is over.
+        """
+        with self._lock:
+            if self._stopping.is_set():  # `stop` has closed the client before this one
+                return
+            self._state = StreamState.CONNECTING
+            client = self._client = self._make()
+        try:
+            client.open()
+            client.start()
+            losses = LossCounter(self._rate)
+            while not self._stopping.is_set():
+                samples = client.read(self._stall_s)
+                now = time.monotonic()
+                while client.messages:
+                    self._tell("message", client.messages.popleft())
+                if samples:
+                    if self._state is not StreamState.STREAMING:
+                        self._connected(client.version, now)
+                    self._count(samples, losses, now)
+                    self._call(self._on_samples, samples)
+                elif not self._stopping.is_set():
+                    raise _StalledError(f"no sample for {self._stall_s:g} s: the robot or the network is silent")
+        finally:
+            client.close()
+
+    def _connected(self, version: tuple[int, ...], now: float) -> None:
+        silence_s = now - self._newest_at
+        with self._lock:
+            self._state, self._error, self._version = StreamState.STREAMING, "", version
+            self._connections += 1
+        text = f"controller {'.'.join(map(str, version)) or 'of unknown version'} sends at {self._rate:g} Hz"
+        self._tell("connected", text if silence_s == math.inf else f"{text}, after {silence_s:.3f} s without samples")
+
+    def _count(self, samples: list[Sample], losses: LossCounter, now: float) -> None:
+        lost, jumped = 0, False
+        for sample in samples:
+            missing = losses.count(sample.values["timestamp"], now)  # type: ignore[arg-type]  # is a DOUBLE
+            if missing is None:
+                jumped = True
+            else:
+                lost += missing
+        with self._lock:
+            self._received += len(samples)
+            self._lost += lost
+            self._newest_at = now
+        self._untold_loss += lost
+        if jumped:
+            self._tell("clock jumped", "the controller's clock jumped")
+        if self._untold_loss and self._is_due("samples lost", now):
+            self._tell("samples lost", f"{self._untold_loss} samples lost, {self._lost} since the start")
+            self._untold_loss = 0
+
+    def _is_due(self, kind: str, now: float) -> bool:
+        """Whether an event of a kind that may come with every sample is to be told."""
+        if now < self._told_at.get(kind, -math.inf) + _TELL_EVERY_S:
+            return False
+        self._told_at[kind] = now
+        return True
+
+    def _tell(self, kind: str, text: str) -> None:
+        self._call(self._on_event, kind, text)
+
+    def _call(self, callback: Callable[..., None], *args: object) -> None:
+        """Call back unless told to stop; what the callback raises ends nothing."""
+        if self._stopping.is_set():
+            return
+        try:
+            callback(*args)
+        except Exception as error:
+            if callback == self._on_event:
+                log.exception("event %s", args)
+            elif self._is_due("internal error", time.monotonic()):
+                self._tell("internal error", _where(error))
+
+
+class _StalledError(UnreachableError):
+    """Connected, but no samples."""
+
+
+def _kind(error: RobotError, state: StreamState) -> str:
+    if isinstance(error, _StalledError):
+        return "stalled"
+    if isinstance(error, RefusedError):
+        return "refused"
+    if isinstance(error, ProtocolError):
+        return "not RTDE"
+    return "connection lost" if state is StreamState.STREAMING else "unreachable"
+
+
+def _where(error: Exception) -> str:
+    """An exception with the place that raised it, in one line."""
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__} in {frame.name} ({frame.filename}:{frame.lineno}): {' '.join(str(error).split())}"
