@@ -15,7 +15,7 @@ from joint_id_core.simulation import JointSimulator
 
 TICK_S = 0.002  # of the control loop
 START_S, STOP_S = 0.5, 0.2  # s, from rest to the full speed of the reference, and back
-_OFFSET_S = 0.1  # s, time constant with which a reference that was set on the joint returns to its course
+_DETOUR_S = 0.1  # s, time constant with which joints that were held elsewhere return to their course
 
 Six = list[float]
 
@@ -40,7 +40,7 @@ class Reference:
         self._phasors = np.array([w.amplitudes for w in waves]) * np.exp(1j * np.array([w.phases for w in waves]))
         self._derivatives = np.stack([np.ones_like(omega), 1j * omega, -(omega**2)], axis=1)
         self._home = np.array(home)
-        self._offset = np.zeros(len(home))
+        self._detour = np.zeros((3, len(home)))  # position and its derivatives along the path, dies away
         self._path = 0.0  # s along the path
         self._ramp = 0.0  # 0: stands still, 1: full speed
         self.q: Six
@@ -57,25 +57,26 @@ class Reference:
         """One tick on: towards full speed, or else towards a stop."""
         before = self.pace
         self._ramp = min(1.0, self._ramp + TICK_S / START_S) if go else max(0.0, self._ramp - TICK_S / STOP_S)
-        self._path += 0.5 * (before + self.pace) * TICK_S
-        self._offset *= math.exp(-TICK_S / _OFFSET_S)
-        self._offset[abs(self._offset) < 1e-9] = 0.0
+        forward = 0.5 * (before + self.pace) * TICK_S
+        self._path += forward
+        self._detour *= math.exp(-forward / _DETOUR_S)
         self._evaluate((self.pace - before) / TICK_S)
 
-    def set_on(self, q: Sequence[float]) -> None:
-        """Begin anew from rest at positions `q` in rad, from where the reference returns to its course."""
-        self._ramp, self._offset = 0.0, np.zeros(len(q))
-        self._evaluate(0.0)
-        self._offset = np.array(q) - self.q
+    def begin_at(self, q: Sequence[float]) -> None:
+        """Stand still at positions `q` in rad; from there the joints return to their course."""
+        self._ramp = 0.0
+        course = (self._phasors @ np.exp(self._turn * self._path)).real + self._home
+        away = np.array(q) - course
+        self._detour = np.stack([away, -away / _DETOUR_S, away / _DETOUR_S**2])
         self._evaluate(0.0)
 
     def _evaluate(self, change_of_pace: float) -> None:
         phasors = self._phasors * np.exp(self._turn * self._path)
-        value, rate, acceleration = (phasors @ self._derivatives).real.T
-        pace, back = self.pace, 1.0 / _OFFSET_S
-        self.q = (self._home + value + self._offset).tolist()
-        self.qd = (rate * pace - self._offset * back).tolist()
-        self.qdd = (acceleration * pace**2 + rate * change_of_pace + self._offset * back**2).tolist()
+        value, rate, curvature = (phasors @ self._derivatives).real.T + self._detour
+        pace = self.pace
+        self.q = (self._home + value).tolist()
+        self.qd = (rate * pace).tolist()
+        self.qdd = (curvature * pace**2 + rate * change_of_pace).tolist()
 
 
 class Arm:
@@ -119,6 +120,7 @@ class Arm:
     def brake(self) -> None:
         """Brakes on, motors off: the joints stand still where they are."""
         self.braked = True
+        self.reference.begin_at(self.link_position)
         self._rest()
         self.current = [0.0] * len(self.joints)
 
@@ -126,13 +128,11 @@ class Arm:
         """Brakes off, motors on: the joints are held where they are and return to their course."""
         self.braked = False
         self._simulators = self._at_rest()
-        self.reference.set_on(self.link_position)
 
-    def decide(self, go: bool) -> None:
-        """Set the currents of this tick; `go` lets the reference run, else it stops and the joints hold."""
+    def decide(self) -> None:
+        """Set the currents of this tick."""
         if self.braked:
             return
-        self.reference.tick(go)
         reference = self.reference
         for i, control in enumerate(self._control):
             torque = control.torque(
@@ -140,8 +140,8 @@ class Arm:
             )
             self.current[i] = torque / self._k_t[i]
 
-    def advance(self) -> None:
-        """Move on by one tick under the currents that are set.
+    def advance(self, go: bool) -> None:
+        """Move on by one tick under the currents that are set; `go` lets the reference run, else it stops and holds.
 
         Raises:
             JointIdError: the simulation cannot go on.
@@ -155,3 +155,4 @@ class Arm:
             self.link_position[i] = x["link_position"]
             self.motor_velocity[i] = x["motor_velocity"]
             self.link_velocity[i] = x["link_velocity"]
+        self.reference.tick(go)

@@ -107,7 +107,7 @@ class Controller:
 
     def tick(self) -> None:
         """Set the currents of this tick; `values` still holds what was reported before, see `report`."""
-        self.arm.decide(go=not self.stopped)
+        self.arm.decide()
 
     def advance(self) -> None:
         """Move on to the next tick.
@@ -116,7 +116,7 @@ class Controller:
             JointIdError: the simulation cannot go on.
         """
         self._warm_up()
-        self.arm.advance()
+        self.arm.advance(go=not self.stopped)
         self.ticks += 1
 
     def _warm_up(self) -> None:
@@ -145,22 +145,18 @@ class Controller:
         values["joint_temperatures"] = self._temperature.tolist()
         values["speed_scaling"] = arm.reference.pace
         self._report_modes()
-        if arm.braked:
-            # The joints' electronics are off: the last positions stand, without noise.
-            still = [0.0] * JOINTS
-            values["actual_qd"] = values["actual_current"] = values["actual_current_as_torque"] = still
-            values["actual_joint_voltage"] = values["target_moment"] = values["target_current"] = still
-            self._fill_registers(MOTOR_VELOCITY_REGISTER, still)
-            return
         if not len(self._noise):
             self._noise = self._rng.standard_normal((_NOISE_BLOCK, *self._noise.shape[1:]))
         noise, self._noise = self._noise[0], self._noise[1:]
         shown = np.array((arm.link_position, arm.motor_position, arm.motor_velocity, arm.current))
+        rail = _RAIL - _RAIL_DROP * abs(shown[3]) + _RAIL_NOISE * noise[4]
+        if arm.braked:  # the joints' electronics are off: the last positions stand
+            noise, rail = np.zeros_like(noise), np.zeros(JOINTS)
         shown += noise[:4] * self._std
         shown[:2] = np.round(shown[:2] / self._step) * self._step
         values["actual_qd"] = (shown[2] / self._ratio).tolist()
         values["actual_current_as_torque"] = (shown[3] * self._k_t * self._ratio).tolist()
-        values["actual_joint_voltage"] = (_RAIL - _RAIL_DROP * abs(shown[3]) + _RAIL_NOISE * noise[4]).tolist()
+        values["actual_joint_voltage"] = rail.tolist()
         rows = shown.tolist()
         values["actual_q"], values["actual_current"] = rows[0], rows[3]
         self._fill_registers(MOTOR_POSITION_REGISTER, rows[1])
