@@ -79,7 +79,6 @@ class Connection:
         self._blocked_since: float | None = None
         self._ends_at: float | None = None
         sock.setblocking(False)
-        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
 
     def receive(self, now: float) -> None:
@@ -132,8 +131,9 @@ class Connection:
         except OSError:
             self.close()
             return
+        all_sent = sent == len(data)  # before the next line, which may shorten both
         del self._waiting[:sent]
-        if sent == len(data):
+        if all_sent:
             self._blocked_since = None
             if self._ends_at is not None and not self._waiting:
                 self.sock.shutdown(socket.SHUT_WR)
