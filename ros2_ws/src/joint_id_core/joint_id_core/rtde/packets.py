@@ -57,8 +57,7 @@ class PacketReader:
                 size, kind = _HEADER.unpack_from(self._rest, at)
                 if size < _HEADER.size or kind not in KINDS:
                     raise ProtocolError(
-                        f"not RTDE: a packet of kind {kind} and {size} bytes (known kinds: {sorted(KINDS)}): "
-                        "check that the port is the robot's RTDE port"
+                        f"not RTDE: a packet of kind {kind} and {size} bytes (known kinds: {sorted(KINDS)})"
                     )
                 if len(self._rest) - at < size:
                     break

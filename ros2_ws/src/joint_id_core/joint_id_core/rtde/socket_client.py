@@ -190,7 +190,8 @@ class SocketClient:
         try:
             self._packets.extend(self._reader.feed(data))
         except ProtocolError as error:
-            self._broken = error  # what came before is still good
+            port = "" if self._recipe.types else ": check that the port is the robot's RTDE port"
+            self._broken = ProtocolError(f"{self._robot}: {error}{port}")  # what came before is still good
         return True
 
     def _samples(self) -> list[Sample]:
@@ -203,12 +204,12 @@ class SocketClient:
             else:
                 try:
                     if kind != packets.DATA:
-                        raise ProtocolError(f"{self._robot}: packet of kind {chr(kind)!r} among the samples")
+                        raise ProtocolError(f"packet of kind {chr(kind)!r} among the samples")
                     samples.append(Sample(self._received_ns, self._recipe.unpack(payload)))
-                except ProtocolError:
+                except ProtocolError as error:
                     if samples:
                         break
-                    raise
+                    raise ProtocolError(f"{self._robot}: {error}") from None
             self._packets.popleft()
         return samples
 

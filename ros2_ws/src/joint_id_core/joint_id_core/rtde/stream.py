@@ -206,20 +206,19 @@ class RobotStream:
         self._tell("connected", text if silence_s == math.inf else f"{text}, after {silence_s:.3f} s without samples")
 
     def _count(self, samples: list[Sample], losses: LossCounter, now: float) -> None:
-        lost, jumped = 0, False
+        lost = 0
         for sample in samples:
-            missing = losses.count(sample.values["timestamp"], now)  # type: ignore[arg-type]  # is a DOUBLE
-            if missing is None:
-                jumped = True
-            else:
+            timestamp: float = sample.values["timestamp"]  # type: ignore[assignment]  # is a DOUBLE
+            missing = losses.count(timestamp, now)
+            if missing is not None:
                 lost += missing
+            elif self._is_due("clock jumped", now):
+                self._tell("clock jumped", f"the controller's clock jumped, to {timestamp:.3f} s")
         with self._lock:
             self._received += len(samples)
             self._lost += lost
             self._newest_at = now
         self._untold_loss += lost
-        if jumped:
-            self._tell("clock jumped", "the controller's clock jumped")
         if self._untold_loss and self._is_due("samples lost", now):
             self._tell("samples lost", f"{self._untold_loss} samples lost, {self._lost} since the start")
             self._untold_loss = 0
