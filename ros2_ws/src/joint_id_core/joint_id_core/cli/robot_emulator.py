@@ -19,12 +19,12 @@ EPILOG = "\b\nCommands, one a line on standard input:\n" + "\n".join(
 
 def robot_emulator(
     host: Annotated[str, typer.Option(help="address to listen at")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="TCP port; 0: any that is free", min=0, max=65535)] = PORT,
+    port: Annotated[int, typer.Option(help="TCP port; 0: any that is free")] = PORT,
     robot: Annotated[str, typer.Option(help="ur3e, ur5e or ur10e: sizes of the joints")] = "ur3e",
     version: Annotated[str, typer.Option(help="of the controller; it decides which fields there are")] = "5.13.0",
     without: Annotated[list[str] | None, typer.Option(help="field that the controller does not have")] = None,
     slow_start: Annotated[float, typer.Option(help="s after power-up in which it listens but answers nothing")] = 0.0,
-    seed: Annotated[int, typer.Option(help="of noise and faults", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="of noise and faults")] = 0,
     moving: Annotated[str, typer.Option(help="joints that move: all, none, or numbers from 0 to 5 as 0,2")] = "all",
     amplitude: Annotated[float, typer.Option(help="peak of the motion in rad")] = 0.3,
     truth: Annotated[Path | None, typer.Option(help="YAML file to write the true parameters to")] = None,
@@ -42,6 +42,8 @@ def robot_emulator(
             raise JointIdError(f"--without {name}: no such field, known are {', '.join(FIELDS)} and registers")
     if not (math.isfinite(slow_start) and slow_start >= 0.0):
         raise JointIdError(f"--slow-start {slow_start:g}: give a time in s, 0 or more")
+    if seed < 0:
+        raise JointIdError(f"--seed {seed}: give a number from 0 on")
     if not 0.0 <= amplitude <= 3.0:
         raise JointIdError(f"--amplitude {amplitude:g}: give rad from 0 to 3")
 

@@ -58,6 +58,7 @@ class Server:
         if len(self.connections) >= _MOST_CLIENTS:
             sock.close()
             return
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection = Connection(sock, f"{peer[0]}:{peer[1]}", self.controller, self._held)
         self.connections.append(connection)
         self._selector.register(sock, EVENT_READ, lambda now: self._receive(connection, now))
