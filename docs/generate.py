@@ -60,7 +60,7 @@ def tables() -> dict[str, str]:
     made |= {f"estimator-{name}": option_table((options,)) for name, options in ESTIMATORS.items()}
     made |= {f"model-{name}": parameter_table(build(name).parameters) for name in MODELS}
     made |= {f"options-{name}": added_table(name) for name in MODELS}
-    made |= {f"command-{name}": command_table(name) for name in ("fit", "simulate", "info", "record")}
+    made |= {f"command-{name}": command_table(name) for name in ("fit", "simulate", "info", "record", "robot-emulator")}
     made |= {f"message-{p.stem}": f"```\n{p.read_text().rstrip()}\n```" for p in MESSAGES.glob("*.msg")}
     return made | {"models": model_table(), "channels": channel_table(), "statuses": status_table()}
 
