@@ -23,7 +23,9 @@ from joint_id_core.filtering import FilterOptions
 from joint_id_core.formats.topics import RAW
 from joint_id_core.models import LAWS, MODELS, Model, build
 from joint_id_core.online import OnlineOptions
+from joint_id_core.rtde.stream import StreamOptions
 from joint_id_core.signals import CHANNELS, Parameter
+from joint_id_ros.driver_options import DriverOptions
 from joint_id_ros.inputs import InputOptions
 from joint_id_ros.model_options import ModelOptions
 from joint_id_ros.plants import MotionOptions
@@ -38,6 +40,7 @@ NODES: dict[str, tuple[type, ...]] = {
     "filter": (InputOptions, FilterOptions),
     "identifier": (ModelOptions, OnlineOptions),
     "player": (PlayerOptions,),
+    "driver": (DriverOptions, StreamOptions),
 }
 ESTIMATORS: dict[str, type] = {"innovations": InnovationsOptions, "hpinn": HPinnOptions}
 BLOCK = re.compile(r"(<!-- generated: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from ament_index_python.packages import get_package_prefix
@@ -62,39 +63,89 @@ class Robot:
                 self._popen.wait()
 
 
-class Reader:
-    """Reads the same stream as the driver, as plainly as can be: `samples` holds one tuple of numbers a packet."""
+class Connection:
+    """A client that has agreed on the protocol, as plain as can be."""
 
-    def __init__(self, port: int, fields: Sequence[str], rate: float = 500.0) -> None:
-        self.samples: list[tuple[float, ...]] = []
+    def __init__(self, port: int) -> None:
         self._socket = socket.create_connection(("127.0.0.1", port), 10.0)
         self._file = self._socket.makefile("rb")
-        assert self._ask(b"V", struct.pack(">H", 2)) == b"\x01"
-        types = self._ask(b"O", struct.pack(">d", rate) + ",".join(fields).encode())[1:].decode().split(",")
-        self._layout = struct.Struct(">x" + "".join({"DOUBLE": "d", "VECTOR6D": "6d", "INT32": "i"}[t] for t in types))
-        assert self._ask(b"S", b"") == b"\x01"
-        threading.Thread(target=self._run, daemon=True).start()
+        assert self.ask(b"V", struct.pack(">H", 2)) == b"\x01"
 
-    def _ask(self, kind: bytes, payload: bytes) -> bytes:
-        self._socket.sendall(struct.pack(">Hc", 3 + len(payload), kind) + payload)
-        answer, content = self._packet()
+    def ask(self, kind: bytes, payload: bytes = b"") -> bytes:
+        """Answer to a request."""
+        self.send(kind, payload)
+        answer, content = self.packet()
         assert answer == kind, (answer, content)
         return content
 
-    def _packet(self) -> tuple[bytes, bytes]:
+    def send(self, kind: bytes, payload: bytes) -> None:
+        """A packet to the robot."""
+        self._socket.sendall(struct.pack(">Hc", 3 + len(payload), kind) + payload)
+
+    def packet(self) -> tuple[bytes, bytes]:
+        """Kind and content of the next packet from the robot."""
         size, kind = struct.unpack(">Hc", self._file.read(3))
         return kind, self._file.read(size - 3)
 
-    def _run(self) -> None:
-        try:
-            while True:
-                kind, content = self._packet()
-                if kind == b"U":
-                    self.samples.append(self._layout.unpack(content))
-        except (OSError, ValueError, struct.error):
-            return  # closed
-
     def close(self) -> None:
         """End the connection."""
-        self._socket.shutdown(socket.SHUT_RDWR)
+        with suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
         self._socket.close()
+
+
+class Reader(Connection):
+    """Reads doubles and vectors of six, beginning with `timestamp`: `samples` holds one tuple of numbers a packet."""
+
+    def __init__(self, port: int, fields: Sequence[str]) -> None:
+        super().__init__(port)
+        self.samples: list[tuple[float, ...]] = []
+        types = self.ask(b"O", struct.pack(">d", 500.0) + ",".join(("timestamp", *fields)).encode())[1:].decode()
+        layout = struct.Struct(">x" + "".join({"DOUBLE": "d", "VECTOR6D": "6d"}[t] for t in types.split(",")))
+        assert self.ask(b"S") == b"\x01"
+        threading.Thread(target=self._run, args=(layout,), daemon=True).start()
+
+    def _run(self, layout: struct.Struct) -> None:
+        with suppress(OSError, ValueError, struct.error):  # closed, or what comes is not RTDE
+            while True:
+                kind, content = self.packet()
+                if kind == b"U":
+                    self.samples.append(layout.unpack(content))
+
+
+class Wire:
+    """Stands between one client and a robot, and notes the kinds of the packets that the client sends."""
+
+    def __init__(self, host: str, port: int, robot_port: int) -> None:
+        self.kinds: list[bytes] = []
+        self._robot_port = robot_port
+        self._server = socket.create_server((host, port))
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def _run(self) -> None:
+        with suppress(OSError):  # closed
+            while True:
+                client, _ = self._server.accept()
+                robot = socket.create_connection(("127.0.0.1", self._robot_port))
+                for source, sink, note in ((client, robot, True), (robot, client, False)):
+                    threading.Thread(target=self._pass_on, args=(source, sink, note), daemon=True).start()
+
+    def _pass_on(self, source: socket.socket, sink: socket.socket, note: bool) -> None:
+        rest = b""
+        with suppress(OSError):
+            while data := source.recv(65536):
+                sink.sendall(data)
+                rest = rest + data if note else b""
+                while len(rest) >= 3:
+                    size, kind = struct.unpack_from(">Hc", rest)
+                    if len(rest) < size:
+                        break
+                    self.kinds.append(kind)
+                    rest = rest[size:]
+        for end in (source, sink):
+            with suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        """Take no more connections."""
+        self._server.close()

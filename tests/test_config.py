@@ -13,7 +13,9 @@ from sensor_msgs.msg import JointState
 from joint_id_core.filtering import FilterOptions
 from joint_id_core.models import build
 from joint_id_core.online import OnlineOptions
+from joint_id_core.rtde.stream import StreamOptions
 from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples, ParameterEstimate
+from joint_id_ros.driver_options import DriverOptions
 from joint_id_ros.inputs import InputOptions
 from joint_id_ros.model_options import ModelOptions
 from joint_id_ros.plants import MotionOptions
@@ -26,6 +28,7 @@ OPTIONS = {
     "filter": (InputOptions, FilterOptions),
     "identifier": (ModelOptions, OnlineOptions),
     "player": (PlayerOptions,),
+    "driver": (DriverOptions, StreamOptions),
 }
 TOPICS = {"joint_params": JointParams, "truth": JointParams, "joint_samples": JointSamples, "link_states": JointState}
 NESTED = {"joint_id_msgs/JointEstimate": JointEstimate, "joint_id_msgs/ParameterEstimate": ParameterEstimate}

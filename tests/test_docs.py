@@ -78,7 +78,7 @@ def test_a_wrong_table_is_noticed(generator: ModuleType) -> None:
     assert generator.rewrite(page.replace("`50.0`", "`40.0`")) == page
 
 
-@pytest.mark.parametrize("node", ["sim", "filter", "identifier", "player"])
+@pytest.mark.parametrize("node", ["sim", "filter", "identifier", "player", "driver"])
 def test_every_node_parameter_is_declared_with_the_default_of_its_page(generator: ModuleType, node: str) -> None:
     rclpy = pytest.importorskip("rclpy", reason="needs the built workspace")
     from joint_id_ros.parameters import declare

@@ -1,6 +1,7 @@
 """Every node ends cleanly on SIGINT and SIGTERM, in the middle of its work as well."""
 
 import signal
+import socket
 
 import numpy as np
 import pytest
@@ -8,15 +9,18 @@ import pytest
 from joint_id_core.formats import write_bag
 from joint_id_core.recording import Recording
 
-NODES = ("sim", "filter", "identifier", "player")
+NODES = ("sim", "filter", "identifier", "player", "driver")
 
 
 @pytest.fixture
-def parameters(tmp_path):
+def parameters(tmp_path, request, robot):
     """What each node needs to start."""
     t = 1.0 + np.arange(5000) * 0.002
     write_bag(tmp_path / "bag", {"joint": Recording(t, {"link_position": np.sin(t)})})
-    return {"player": {"bag": tmp_path / "bag", "wait_s": 0.0}}
+    given = {"player": {"bag": tmp_path / "bag", "wait_s": 0.0}}
+    if request.node.callspec.params["name"] == "driver":
+        given["driver"] = {"robot_ip": "127.0.0.1", "port": robot("--moving", "none").port}
+    return given
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -28,6 +32,18 @@ def test_a_signal_ends_the_node_with_exit_code_0(start, probe, parameters, name,
     assert process.wait() == 0
     assert "Traceback" not in process.text
     assert "rror" not in process.text
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_driver_that_waits_for_the_answer_of_a_mute_host(start, probe, number):
+    with socket.create_server(("127.0.0.1", 0)) as host:
+        # No try ends by itself before the signal comes.
+        process = start("driver", robot_ip="127.0.0.1", port=host.getsockname()[1], timeout=10.0)
+        probe.until(lambda: probe.told("driver", "not configured yet"), "the node's diagnostics")
+        process.signal(number)
+        assert process.wait() == 0
+    assert "Traceback" not in process.text
+    assert "not configured: " not in process.text
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -24,6 +24,7 @@ setup(
             "filter = joint_id_ros.running:filter",
             "identifier = joint_id_ros.running:identifier",
             "player = joint_id_ros.running:player",
+            "driver = joint_id_ros.running:driver",
         ],
         "joint_id.commands": ["record = joint_id_ros.record:record"],
     },

@@ -89,3 +89,8 @@ def identifier() -> int:
 def player() -> int:
     """Entry point of the node `player`."""
     return run("player", "PlayerNode")
+
+
+def driver() -> int:
+    """Entry point of the node `driver`."""
+    return run("driver", "DriverNode")
