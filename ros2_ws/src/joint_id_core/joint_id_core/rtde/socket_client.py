@@ -18,6 +18,7 @@ from joint_id_core.rtde.rates import sent_rate
 
 _CHUNK = 65536  # bytes taken at once; a second of samples is a few times that
 _MESSAGES_KEPT = 100
+_WAKE_EVERY_S = 0.01
 
 
 class SocketClient:
@@ -75,10 +76,13 @@ class SocketClient:
             sock = self._sock
         if sock is None:
             return
-        with suppress(OSError):  # not connected, or no more
-            sock.shutdown(socket.SHUT_RDWR)  # wakes a thread that waits on it
-        with self._in_use:
-            sock.close()
+        held = False
+        while not held:
+            with suppress(OSError):  # not connected, or no more
+                sock.shutdown(socket.SHUT_RDWR)  # wakes a thread that waits on it, unless that is only about to connect
+            held = self._in_use.acquire(timeout=_WAKE_EVERY_S)
+        sock.close()
+        self._in_use.release()
 
     def _connect(self) -> None:
         """Connect to the first of the host's addresses that answers."""
@@ -87,10 +91,8 @@ class SocketClient:
         try:
             addresses = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
         except (OSError, ValueError) as error:  # ValueError: no name can look like this
-            why = getattr(error, "strerror", None) or error
-            raise UnreachableError(
-                f"{host!r} is not known as a host ({why}): check the robot's name or address"
-            ) from None
+            why = f"{getattr(error, 'strerror', None) or error}: check the robot's name or address"
+            raise UnreachableError(f"host {host!r} is not known: {why}") from None
         why = ""
         for family, kind, protocol, _, address in addresses:
             sock = socket.socket(family, kind, protocol)

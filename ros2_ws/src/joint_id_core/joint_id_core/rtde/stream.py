@@ -154,6 +154,8 @@ class RobotStream:
                 refused = isinstance(error, RefusedError)
             except Exception as error:
                 kind, text, refused = "internal error", _where(error), False
+            if self._stopping.is_set():  # the error is that of a client that was closed
+                return
             streamed = self._state is StreamState.STREAMING
             longest = self._options.backoff_max_s
             if refused:
