@@ -8,13 +8,9 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.models.transmission import GEAR_RATIO
 from joint_id_core.options import check, option
 from joint_id_core.rtde.clients import CLIENTS
-from joint_id_core.rtde.fields import JOINTS, PORT
+from joint_id_core.rtde.fields import JOINT_NAMES, JOINTS, PORT
 from joint_id_msgs.msg import RobotSignals
 
-# As the robot's own descriptions and drivers name them.
-UR_JOINTS = (
-    "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint",
-)  # fmt: skip
 EXTRA_FIELDS = tuple(f for f in RobotSignals.get_fields_and_field_types() if f not in ("header", "name"))
 
 
@@ -31,7 +27,7 @@ class DriverOptions:
     )
     rate: float = option(500.0, "samples a second; CB3 robots send at most 125, e-Series robots 500", "Hz", 1.0, 500.0)
     timeout: float = option(2.0, "longest wait for the connection and for each answer", "s", 0.1, 10.0)
-    joints: tuple[str, ...] = option(UR_JOINTS, "names of the six joints, from the base to the tool")
+    joints: tuple[str, ...] = option(JOINT_NAMES, "names of the six joints, from the base to the tool")
     gear_ratio: tuple[float, ...] = option((GEAR_RATIO,), "gear ratio of all joints, or one a joint", "1", 1e-6, 1e5)
     link_position_source: str = option("actual_q", "field or six registers in rad at the link; empty: not measured")
     motor_velocity_source: str = option(

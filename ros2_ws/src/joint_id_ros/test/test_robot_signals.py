@@ -3,9 +3,9 @@
 import pytest
 
 from joint_id_core.errors import JointIdError
-from joint_id_core.rtde.fields import FIELDS
+from joint_id_core.rtde.fields import FIELDS, JOINT_NAMES
 from joint_id_msgs.msg import RobotSignals
-from joint_id_ros.driver_options import EXTRA_FIELDS, UR_JOINTS, DriverOptions
+from joint_id_ros.driver_options import EXTRA_FIELDS, DriverOptions
 from joint_id_ros.robot_signals import SOURCES, STATUS_FIELDS, JointMessages
 
 STAMP_NS = 1_700_000_000_123_456_789
@@ -38,7 +38,7 @@ def test_without_further_word_link_position_current_and_motor_velocity_are_publi
     found, values = filled()
     assert set(found) == {"link_states", "motor_states"}
     links, motors = found["link_states"], found["motor_states"]
-    assert links.name == motors.name == list(UR_JOINTS)
+    assert links.name == motors.name == list(JOINT_NAMES)
     assert tuple(links.position) == values["actual_q"]
     assert tuple(links.effort) == values["actual_current"]
     assert list(motors.velocity) == [101.0 * v for v in values["actual_qd"]]

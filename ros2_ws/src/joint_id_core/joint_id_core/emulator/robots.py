@@ -13,10 +13,8 @@ import numpy as np
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import HarmonicDrive
+from joint_id_core.rtde.fields import JOINT_NAMES
 
-JOINT_NAMES = (
-    "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint",
-)  # fmt: skip
 HOME = (0.0, -1.57, 1.57, -1.57, -1.57, 0.0)  # rad, around which the joints move
 # Base to wrist 3. Smaller ones than these would need a current that drowns in the sensor's noise.
 _SIZES: dict[str, tuple[float, ...]] = {

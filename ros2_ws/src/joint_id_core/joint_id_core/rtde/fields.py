@@ -9,6 +9,10 @@ import re
 from dataclasses import dataclass
 
 JOINTS = 6
+# From the base to the tool, as the maker's robot descriptions and ROS driver name them.
+JOINT_NAMES = (
+    "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint",
+)  # fmt: skip
 PORT = 30004
 
 # struct code and number of elements by type
