@@ -34,8 +34,8 @@ _V, _M, _T, _I = "float64[::1]", "float64[:, ::1]", "float64[:, :, ::1]", "int64
 _SIGNATURES = {
     "rollout": f"void({_V}, {_V}, {_M}, {_V}, {_I}, {_M})",
     "rollout_sensitivities": f"void({_V}, {_V}, {_M}, {_V}, {_I}, {_M}, {_T}, {_T})",
-    "innovations": f"float64({_V}, {_M}, {_V}, {_M}, {_M}, int64[::1], {_V}, {_V}, {_V}, {_V}, {_V}, {_I}, {_I}, "
-    f"{_M}, {_M}, {_M}, {_T}, {_T}, {_T})",
+    "innovations": f"float64({_V}, {_M}, int64[::1], {_M}, {_M}, {_V}, {_M}, {_M}, int64[::1], {_V}, {_V}, {_V}, "
+    f"{_V}, {_V}, {_I}, {_I}, {_M}, {_M}, {_M}, {_T}, {_T}, {_T})",
     "noise_score": f"void({_M}, int64[::1], {_M}, {_M}, {_T}, {_T}, {_V}, {_V})",
 }
 

@@ -59,6 +59,9 @@ def rollout_sensitivities(x0: Any, time: Any, u: Any, p: Any, substeps: int, X: 
 def innovations(
     x0: Any,
     P0: Any,
+    begin: Any,
+    X0: Any,
+    V0: Any,
     time: Any,
     u: Any,
     y: Any,
@@ -79,10 +82,12 @@ def innovations(
 ) -> float:
     """Run the innovations form once over the record and return sum e^2/S + log S.
 
-    x0 (NX), P0 (NX, NX): start and its covariance. y (T, NY): labels, NaN where missing; label (NY): their
+    x0 (NX), P0 (NX, NX): start and its covariance. begin (T): row of X0, V0 (B, NX), the state and its variances with
+    which the record begins anew at this sample, or -1. y (T, NY): labels, NaN where missing; label (NY): their
     state; R (NY): their noise variance. q (NU): variance of the input noise, per sample. Q_x (NX): small
     variance added to the states per sample. gap (T): missing samples before the next one; over a gap the
-    held input is uncertain by as much as it is seen to change. n_params: NP, or 0 to leave the sensitivities out.
+    held input is uncertain by as much as it is seen to change, and the RK4 steps stay as short as elsewhere.
+    n_params: NP, or 0 to leave the sensitivities out.
     Receives X (T, NX) filtered states, e, S (T, NY) innovations and their variance (0, 1 where missing)
     and J (T, NY, NP) the derivative of the predicted label by the parameters, divided by sqrt(S); K (T, NY, NX)
     gains and F (T, NX, NX + NU) derivatives of the next state by state and input, as `noise_score` needs them.
@@ -101,6 +106,14 @@ def innovations(
     cost = 0.0
     first = NX + NU
     for t in range(T):
+        if begin[t] >= 0:
+            for m in range(NX):
+                x[m] = X0[begin[t], m]
+                for n in range(NX):
+                    P[m, n] = 0.0
+                P[m, m] = V0[begin[t], m]
+                for j in range(n_params):
+                    W[m, first + j] = 0.0
         for k in range(len(label)):
             i = label[k]
             if math.isnan(y[t, k]):
@@ -140,11 +153,17 @@ def innovations(
         X[t] = x
         if t == T - 1:
             break
+        if begin[t + 1] >= 0:
+            for m in range(NX):
+                for n in range(NX + NU):
+                    F[t, m, n] = 0.0
+            continue
         for m in range(NX):
             for n in range(NX + NU):
                 W[m, n] = 0.0
             W[m, m] = 1.0
-        step(x, W, D, Q, columns, n_params, u[t], u[t + 1], c, time[t + 1] - time[t], substeps)
+        steps = substeps * (1 + int(gap[t]))
+        step(x, W, D, Q, columns, n_params, u[t], u[t + 1], c, time[t + 1] - time[t], steps)
         for k in range(NU):
             q_t[k] = q[k] + gap[t] * (u[t + 1, k] - u[t, k]) ** 2
         for m in range(NX):

@@ -118,6 +118,19 @@ def test_missing_labels_and_gaps_cost_precision_and_nothing_else():
         assert estimate[name].std_dev > full[name].std_dev, name
 
 
+@pytest.mark.parametrize("seconds", [0.02, 0.3])
+def test_a_cut_in_the_record_with_the_labels_of_a_robot_does_no_harm(seconds):
+    """A connection that was lost for a while, in the middle of a window."""
+    whole = closed_loop(1)
+    keep = (whole.time < 1.0) | (whole.time > 1.0 + seconds)
+    sent = ("link_position", "motor_velocity", "torque")
+    cut = Recording(whole.time[keep], {n: whole[n][keep] for n in sent})
+    estimate = fit(HARMONIC, cut)
+    assert estimate.status is Status.CONVERGED, estimate.message
+    for name, z in errors(estimate, HARMONIC.values()).items():
+        assert abs(z) < 4.0, (name, z)
+
+
 def test_samples_without_an_input_are_left_out_and_counted():
     recording = rigid()
     torque = recording["torque"].copy()

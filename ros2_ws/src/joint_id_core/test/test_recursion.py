@@ -99,6 +99,25 @@ def test_cost_is_the_exact_likelihood_of_a_linear_model(recursion):
     np.testing.assert_allclose(found.states, filtered, atol=1e-6 * np.abs(filtered).max())
 
 
+def test_after_a_long_gap_the_record_begins_anew():
+    """Cost, scores and sensitivities are then those of two records with the same parameters."""
+    whole = make_problem().recording
+    parts = [whole.window(0.0, 0.0795), whole.window(0.0895, 1.0)]
+    cut = Recording(
+        np.concatenate([part.time for part in parts]),
+        {name: np.concatenate([part[name] for part in parts]) for name in whole.channels},
+    )
+    kernel = compile_model(MODEL)
+    both, *alone = (Recursion(prepare(MODEL, r, {"tau_fc": 0.0}, fixed=("tau_fc",)), kernel) for r in (cut, *parts))
+    for part in alone:  # their spread and state noise come from the range of the labels, which the cut record shares
+        part.P0, part.Q_x = both.P0, both.Q_x
+    found, *each = (r.run(free_values(), R, Q, SUBSTEPS) for r in (both, *alone))
+    assert found.cost == pytest.approx(sum(part.cost for part in each), rel=1e-12)
+    np.testing.assert_allclose(found.jacobian, np.concatenate([part.jacobian for part in each]), rtol=1e-9, atol=1e-12)
+    scores, *of_each = (r.cost_and_score(free_values(), R, Q, SUBSTEPS)[1:] for r in (both, *alone))
+    np.testing.assert_allclose(np.concatenate(scores), sum(np.concatenate(s) for s in of_each), rtol=1e-9)
+
+
 def test_jacobian_is_the_derivative_with_frozen_gain(recursion):
     """Against central differences of the Kalman filter whose gains are held while the parameters move."""
     found = recursion.run(free_values(), R, Q, SUBSTEPS)

@@ -15,6 +15,10 @@ from joint_id_core.recording import Array
 # It only keeps the covariance positive when an input is exact.
 STATE_NOISE = 1e-18
 
+# Longest gap, in samples, over which the state is carried on. The input in between is not known: after a longer one
+# (a connection that was cut) the record begins anew, with the same parameters.
+LONGEST_GAP = 5
+
 
 @dataclass(frozen=True)
 class Pass:
@@ -45,6 +49,12 @@ class Recursion:
         self.x0 = mean
         self.P0 = np.diag(spread**2)
         self.Q_x = STATE_NOISE * spread**2
+        after = np.flatnonzero(problem.gap > LONGEST_GAP) + 1
+        starts = [start_state(problem, int(k)) for k in after] or [(mean, spread)]
+        self._begin = np.full(len(problem.time), -1, dtype=np.int64)
+        self._begin[after] = np.arange(len(after))
+        self._X0 = np.array([mean for mean, _ in starts])
+        self._V0 = np.array([spread**2 for _, spread in starts])
         T, n, m = len(problem.time), len(mean), len(problem.labels)
         self._X = np.empty((T, n))
         self._e, self._S = np.empty((T, m)), np.empty((T, m))
@@ -61,8 +71,9 @@ class Recursion:
         a = self.problem
         return float(
             self.kernel.module.innovations(
-                self.x0, self.P0, a.time, a.u, a.y, a.label_states, a.gap, R, q, self.Q_x,
-                self.values(free), substeps, n_params, self._X, self._e, self._S, self._J, self._K, self._F,
+                self.x0, self.P0, self._begin, self._X0, self._V0, a.time, a.u, a.y, a.label_states, a.gap,
+                R, q, self.Q_x, self.values(free), substeps, n_params,
+                self._X, self._e, self._S, self._J, self._K, self._F,
             )
         )  # fmt: skip
 

@@ -15,8 +15,8 @@ _PARTNER = {
 }
 
 
-def start_state(problem: Problem) -> tuple[Array, Array]:
-    """Prior of the state at the first sample: mean (n,) and standard deviation (n,).
+def start_state(problem: Problem, at: int = 0) -> tuple[Array, Array]:
+    """Prior of the state at sample `at`, before its labels: mean (n,) and standard deviation (n,).
 
     A measured state starts at its first label with a spread far above the label's own range, so that the
     label is not counted twice. An unmeasured one starts from the other side of the gear, with the spread of
@@ -27,11 +27,12 @@ def start_state(problem: Problem) -> tuple[Array, Array]:
     ratio = problem.p[model.parameter_names.index("N")] if "N" in model.parameter_names else 1.0
     first = {}
     for k, name in enumerate(problem.labels):
-        finite = problem.y[np.isfinite(problem.y[:, k]), k]
-        first[name] = (float(finite[0]), 10.0 * float(np.ptp(finite)) + 1e-9)
+        seen = np.flatnonzero(np.isfinite(problem.y[:, k]))
+        nearest = seen[min(int(np.searchsorted(seen, at)), len(seen) - 1)]
+        first[name] = (float(problem.y[nearest, k]), 10.0 * float(np.ptp(problem.y[seen, k])) + 1e-9)
     known = dict(first)
     for k, name in enumerate(model.input_names):
-        known.setdefault(name, (float(problem.u[0, k]), 0.0))
+        known.setdefault(name, (float(problem.u[at, k]), 0.0))
     mean, spread = [], []
     for signal in model.states:
         name = signal.name
@@ -45,10 +46,11 @@ def start_state(problem: Problem) -> tuple[Array, Array]:
             value = known[f"motor_{name[5:]}"][0] / ratio
         elif name.endswith("velocity") and name.replace("velocity", "position") in first:
             # Around a wrong velocity Coulomb friction is linearised wrongly, and the first labels then look impossible.
-            value, sd = _slope(problem, name.replace("velocity", "position")), signal.scale
+            value, sd = _slope(problem, name.replace("velocity", "position"), at), signal.scale
         elif name in recording and np.isfinite(recording[name]).any():
-            value = float(recording[name][np.isfinite(recording[name])][0])
-            sd = signal.scale
+            finite = np.isfinite(recording[name])
+            nearest = np.argmin(np.abs(recording.time[finite] - problem.time[at]))
+            value, sd = float(recording[name][finite][nearest]), signal.scale
         else:
             value, sd = 0.0, signal.scale
         mean.append(value)
@@ -56,10 +58,10 @@ def start_state(problem: Problem) -> tuple[Array, Array]:
     return np.array(mean), np.array(spread)
 
 
-def _slope(problem: Problem, name: str) -> float:
-    """Slope of the straight line through the first eight labels of a position, in its unit a second."""
+def _slope(problem: Problem, name: str, at: int) -> float:
+    """Slope of the straight line through eight labels of a position from sample `at` on, in its unit a second."""
     values = problem.y[:, problem.labels.index(name)]
-    seen = np.flatnonzero(np.isfinite(values))[:8]
+    seen = np.flatnonzero(np.isfinite(values[at:]))[:8] + at
     return float(np.polyfit(problem.time[seen] - problem.time[seen[0]], values[seen], 1)[0]) if len(seen) > 1 else 0.0
 
 
