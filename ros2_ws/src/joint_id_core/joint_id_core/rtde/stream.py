@@ -10,6 +10,7 @@ import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from pathlib import Path
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.options import check, option
@@ -38,7 +39,7 @@ class StreamOptions:
         check(self)
         if self.backoff_max_s < self.backoff_s:
             raise JointIdError(
-                f"option backoff_max_s = {self.backoff_max_s} s is less than backoff_s = {self.backoff_s} s"
+                f"option backoff_max_s = {self.backoff_max_s} s: must be at least backoff_s = {self.backoff_s} s"
             )
 
 
@@ -57,7 +58,7 @@ class StreamStatus:
 
     Attributes:
         state: what it is doing.
-        version: of the controller, (major, minor, bugfix, build); () before the first connection.
+        version: of the controller, (major, minor, bugfix, build); () until it has told.
         received: samples since the start.
         lost: samples that are missing by their time stamps; what was not sent while there was no connection is not
             among them.
@@ -182,6 +183,8 @@ class RobotStream:
             client = self._client = self._make()
         try:
             client.open()
+            with self._lock:
+                self._version = client.version
             client.start()
             losses = LossCounter(self._rate)
             while not self._stopping.is_set():
@@ -191,7 +194,7 @@ class RobotStream:
                     self._tell("message", client.messages.popleft())
                 if samples:
                     if self._state is not StreamState.STREAMING:
-                        self._connected(client.version, now)
+                        self._connected(now)
                     self._count(samples, losses, now)
                     self._call(self._on_samples, samples)
                 elif not self._stopping.is_set():
@@ -199,12 +202,12 @@ class RobotStream:
         finally:
             client.close()
 
-    def _connected(self, version: tuple[int, ...], now: float) -> None:
+    def _connected(self, now: float) -> None:
         silence_s = now - self._newest_at
         with self._lock:
-            self._state, self._error, self._version = StreamState.STREAMING, "", version
+            self._state, self._error = StreamState.STREAMING, ""
             self._connections += 1
-        text = f"controller {'.'.join(map(str, version)) or 'of unknown version'} sends at {self._rate:g} Hz"
+        text = f"controller {'.'.join(map(str, self._version))} sends at {self._rate:g} Hz"
         self._tell("connected", text if silence_s == math.inf else f"{text}, after {silence_s:.3f} s without samples")
 
     def _count(self, samples: list[Sample], losses: LossCounter, now: float) -> None:
@@ -265,4 +268,5 @@ def _kind(error: RobotError, state: StreamState) -> str:
 def _where(error: Exception) -> str:
     """An exception with the place that raised it, in one line."""
     frame = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{type(error).__name__} in {frame.name} ({frame.filename}:{frame.lineno}): {' '.join(str(error).split())}"
+    place = f"{frame.name} ({Path(frame.filename).name}:{frame.lineno})"
+    return f"{type(error).__name__} in {place}: {' '.join(str(error).split())}"
