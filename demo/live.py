@@ -7,10 +7,12 @@ import shutil
 import sys
 import textwrap
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -50,10 +52,17 @@ def free(estimate: JointEstimate) -> list[ParameterEstimate]:
 
 
 class Watcher:
-    """Subscribes to `joint_params` and `truth` and fills a `History`."""
+    """Subscribes to `joint_params` and `truth` and fills the `History` of one joint.
 
-    def __init__(self, domain: int) -> None:
+    Attributes:
+        history: of the joint.
+        latest: last estimate by joint, of all joints.
+    """
+
+    def __init__(self, domain: int, joint: str = "joint") -> None:
         self.history = History()
+        self.latest: dict[str, JointEstimate] = {}
+        self._joint = joint
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
         self._node = Node("demo", context=self._context)
@@ -61,6 +70,8 @@ class Watcher:
         self._executor.add_node(self._node)
         self._node.create_subscription(JointParams, "truth", self._on_truth, LATEST)
         self._node.create_subscription(JointParams, "joint_params", self._on_params, LATEST)
+        self._said: dict[str, Any] = {}
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
     def __enter__(self) -> Watcher:
         return self
@@ -69,13 +80,30 @@ class Watcher:
         self._node.destroy_node()
         self._context.try_shutdown()
 
+    def _on_diagnostics(self, message: Any) -> None:
+        for status in message.status:
+            self._said[status.name.strip("/")] = status
+
+    def said_by(self, node: str, *keys: str) -> str:
+        """The latest sentence of a node on /diagnostics, with some of its values."""
+        if node not in self._said:
+            return "nothing"
+        values = {v.key: v.value for v in self._said[node].values}
+        return ", ".join([self._said[node].message, *(f"{key} {values.get(key, '?')}" for key in keys)])
+
     def _on_truth(self, message: Any) -> None:
         for joint in message.joints:
             self.history.truth = {p.name: p.value for p in joint.parameters}
             self.history.begin_ns = nanoseconds(joint.window_start)
 
     def _on_params(self, message: Any) -> None:
-        self.history.estimates += message.joints
+        for estimate in message.joints:
+            before = self.latest.get(estimate.joint)
+            self.latest[estimate.joint] = estimate
+            # A message repeats the last estimates of the other joints.
+            if estimate.joint == self._joint and (before is None or before.window_end != estimate.window_end):
+                self.history.begin_ns = self.history.begin_ns or nanoseconds(estimate.window_start)
+                self.history.estimates.append(estimate)
 
     def identifier_listens(self) -> bool:
         """Whether the identifier is ready for samples."""
@@ -103,6 +131,23 @@ def table(history: History, estimate: JointEstimate, title: str) -> list[str]:
     held = [f"{p.name} = {p.value:.4g}" for p in estimate.parameters if p.name not in estimate.free]
     text = f"held at known values: {', '.join(held)}"
     return [*lines, *textwrap.wrap(text, WIDTH, initial_indent="  ", subsequent_indent="  ")]
+
+
+def summary(latest: Mapping[str, JointEstimate], truth: Mapping[str, Mapping[str, float]], names: Sequence[str]) -> str:
+    """A few parameters of all joints beside their truth."""
+    head = "".join(f"{f'{name} (truth)':>32}" for name in names)
+    lines = [f"  {'joint':<20}{'status':<12}{head}"]
+    for joint, values in truth.items():
+        estimate = latest.get(joint)
+        if estimate is None:
+            lines.append(f"  {joint:<20}no estimate")
+            continue
+        found = {p.name: p for p in estimate.parameters}
+        cells = (
+            f"{_rounded(p.value, p.std_dev)} ± {p.std_dev:.1e} ({values[n]:.4g})" for n in names if (p := found[n])
+        )
+        lines.append(f"  {joint:<20}{STATUSES.get(estimate.status, '?'):<12}" + "".join(f"{c:>32}" for c in cells))
+    return "\n".join(lines)
 
 
 def _rounded(value: float, std_dev: float) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -14,6 +15,7 @@ from types import TracebackType
 from ament_index_python.packages import get_package_prefix
 
 PATIENCE_S = 10.0  # to end after SIGINT, then after SIGTERM
+READY = re.compile(r"^ready on \S+:(\d+)$", re.MULTILINE)  # what the emulator prints
 TAIL = 15  # lines of a log that are shown when its process failed
 
 # The kernel ends a child whose parent is gone, even when the parent was killed and could not clean up.
@@ -55,13 +57,35 @@ class Nodes:
         """Start `joint-id record`."""
         self._start("record", "joint_id_core", "joint-id", ["record", str(bag), *topics])
 
-    def _start(self, name: str, package: str, program: str, arguments: list[str]) -> None:
+    def emulator(self, host: str, truth: Path) -> int:
+        """Start `joint-id robot-emulator` at a free port; return the port once it listens.
+
+        Raises:
+            NodeFailedError: it ended instead.
+        """
+        arguments = ["robot-emulator", "--host", host, "--port", "0", "--truth", str(truth)]
+        self._start("emulator", "joint_id_core", "joint-id", arguments, stdin=subprocess.PIPE)
+        while (found := READY.search(self._log("emulator").read_text(errors="replace"))) is None:
+            self.check()
+            time.sleep(0.05)
+        return int(found[1])
+
+    def tell_emulator(self, command: str) -> None:
+        """Carry out a command of the emulator, e.g. a fault."""
+        pipe = self._children["emulator"].stdin
+        assert pipe is not None
+        pipe.write(f"{command}\n".encode())
+        pipe.flush()
+
+    def _start(
+        self, name: str, package: str, program: str, arguments: list[str], stdin: int = subprocess.DEVNULL
+    ) -> None:
         # What `ros2 run` does; the launchers on the PATH are shells whose child a signal could miss.
         script = Path(get_package_prefix(package)) / "lib" / package / program
         with self._log(name).open("wb") as log:
             self._children[name] = subprocess.Popen(
                 [*BOUND_TO_PARENT, sys.executable, str(script), *arguments],
-                stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
+                stdin=stdin, stdout=log, stderr=subprocess.STDOUT,
                 env=self._environment, start_new_session=True,
             )  # fmt: skip
 

@@ -38,14 +38,17 @@ def children(pid):
     return [int(child) for task in Path(f"/proc/{pid}/task").glob("*/children") for child in task.read_text().split()]
 
 
-def test_both_acts_show_estimates_beside_the_truth_and_the_picture_is_made(demo, tmp_path):
+def test_every_act_shows_estimates_beside_the_truth_and_the_picture_is_made(demo, tmp_path):
     process = demo("--duration", "8")
     text, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, text
-    live, replayed = text.split("Act 2, from the bag")
-    for act in (live, replayed.split("Act 3")[0]):
+    acts = re.split(r"^Act \d, ", text, flags=re.MULTILINE)[1:]
+    assert [act.split()[0].strip(",:") for act in acts] == ["live", "a", "from", "the"]
+    found = {"R", "k_b", "k_t", "c_m", "tau_fm", "c_1", "k_1"}
+    robot = {"J_m", "tau_fm", "c_1", "k_1", "k_2", "J_q", "c_q", "tau_fq"}
+    for act, names in zip(acts, (found, robot, found), strict=False):
         rows = {row[0]: row for row in ROW.findall(act)}  # the last table of the act
-        assert {"R", "k_b", "k_t", "c_m", "tau_fm", "c_1", "k_1"} <= set(rows)
+        assert names <= set(rows)
         for name, unit, value, std_dev, truth, sigma, verdict in rows.values():
             assert unit and verdict == "estimated"
             error, std = float(value) - float(truth), float(std_dev)
@@ -53,6 +56,9 @@ def test_both_acts_show_estimates_beside_the_truth_and_the_picture_is_made(demo,
             # What is shown fits together; the shown truth has four digits.
             assert abs(error / std - float(sigma)) < 0.2 + 1e-3 * float(truth) / std, name
             assert abs(error) < max(5.0 * std, 0.01 * float(truth)), (name, value, std_dev, truth)
+    # The connection was cut once, and all six joints were identified.
+    assert re.search(r"the driver says: .*, lost 0, reconnects 1;", acts[1])
+    assert len(re.findall(r"^  \w+_joint +converged ", acts[1], re.MULTILINE)) == 6
     picture = imread(tmp_path / "demo.png")
     assert picture.shape[0] > 500 and picture.shape[1] > 1000
     assert picture.std() > 0.05  # something is drawn on it
