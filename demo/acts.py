@@ -55,7 +55,7 @@ def robot(args: argparse.Namespace) -> tuple[History, dict[str, JointEstimate], 
     Returns what was estimated of one joint, the last estimate and the truth by joint, and the driver's last words.
     """
     screen = Screen(f"robot, {ROBOT_JOINT}", time.monotonic())
-    truth_file = args.out / "robot_truth.yaml"
+    truth_file = args.out / "logs/robot/truth.yaml"
     with Nodes(args.out / "logs/robot", _domain()) as nodes, Watcher(_domain(), ROBOT_JOINT) as watcher:
         nodes.node("filter")
         port = nodes.emulator(HOST, truth_file)
