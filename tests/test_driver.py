@@ -206,11 +206,33 @@ def test_a_driver_waits_for_its_robot_and_ends_cleanly_while_it_reconnects(start
     probe.until(lambda: len(links) > RATE, "samples")
     assert probe.state("driver") == "active"
     machine.stop()
+    changed = robot("--without", "actual_current", port=port)  # an update took a field away
+    probe.until(lambda: probe.told("driver", "no field actual_current"), "a report of the refusal")
+    assert probe.told("driver", "no field actual_current").level == b"\x02"
+    changed.stop()
+    machine = robot(port=port)
+    count = len(links)
+    probe.until(lambda: len(links) > count + RATE, "samples again")
+    machine.stop()
+    probe.diagnostics.clear()
     probe.until(lambda: probe.told("driver", "not connected"), "a report of the end")
     assert probe.told("driver", "not connected").level == b"\x02"
     process.signal(signal.SIGINT)
     assert process.wait() == 0
     assert "Traceback" not in process.text
+
+
+def test_a_refusal_is_not_tried_again_until_it_is_mended(start, probe, robot):
+    machine = robot("--without", "actual_current")
+    process = start("driver", robot_ip=HOST, port=machine.port)
+    links = probe.collect(JointState, "link_states")
+    probe.until(lambda: probe.told("driver", "no field actual_current"), "a report")
+    probe.spin(1.0)
+    assert process.text.count("not configured: ") == 1
+    assert probe.set_parameter("driver", "current_source", "").successful
+    assert probe.change("driver", "configure") and probe.change("driver", "activate")
+    probe.until(lambda: links, "samples")
+    assert len(links[0].position) == 6 and not len(links[0].effort)
 
 
 @pytest.mark.parametrize("client", ["socket", "ur_rtde"])
