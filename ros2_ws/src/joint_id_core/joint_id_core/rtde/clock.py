@@ -77,10 +77,10 @@ class ControllerClock:
     def _follow(self, controller_ns: int, arrived_ns: int) -> None:
         """Let the offset follow what this arrival says of it."""
         offset = float(arrived_ns - controller_ns - self._anchor_ns)
-        if offset < self._slewed - _AHEAD_NS:
+        slew = _SLEW * (controller_ns - self._controller_ns)
+        if offset < self._slewed - slew - _AHEAD_NS:
             self._shift(controller_ns, arrived_ns, "the controller's clock ran ahead of the arrival of its samples")
             return
-        slew = _SLEW * (controller_ns - self._controller_ns)
         self._lowest = min(self._lowest + slew, offset)
         self._slewed += min(max(self._lowest - self._slewed, -slew), slew)
         if offset < self._slewed + _LATE_NS:
