@@ -1,4 +1,4 @@
-# make setup | test | lint | demo | clean. Each does all set-up that is still missing.
+# make setup | test | lint | demo | bench-rtde | clean. Each does all set-up that is still missing.
 # Needs: Python 3.11 or 3.12 with venv and headers, gcc, g++, make and a Python package index.
 
 VENV := .venv
@@ -14,7 +14,7 @@ PACKAGES := $(wildcard $(WS)/src/joint_id_core/joint_id_core $(WS)/src/joint_id_
 UNIT_TESTS := $(wildcard $(WS)/src/joint_id_core/test)
 NODE_TESTS := $(wildcard $(WS)/src/joint_id_ros/test tests)
 
-.PHONY: all setup test lint demo clean
+.PHONY: all setup test lint demo bench-rtde clean
 all: setup
 
 setup: $(WS)/install/.built
@@ -44,6 +44,11 @@ lint: setup
 
 demo: setup
 	$(RUN) python demo/demo.py
+
+# Ten minutes of a robot at 500 Hz through each client, then every fault of a robot through the driver.
+bench-rtde: setup
+	$(RUN) python benchmarks/rtde_loss.py
+	$(RUN) python benchmarks/rtde_faults.py
 
 clean:
 	rm -rf $(VENV) $(WS)/build $(WS)/install $(WS)/log out .mypy_cache .pytest_cache .ruff_cache .hypothesis

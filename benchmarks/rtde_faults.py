@@ -4,7 +4,7 @@
 
 Emulator and driver node are processes of their own; this one listens to link_states and /diagnostics over DDS. A sample
 is missing when two stamps that follow each other are more than one period apart. Recovery counts from the end of the
-fault (of a cut: from the cut) to the arrival of the next sample.
+fault (of a cut: from the cut) to the arrival of the first sample behind the longest gap.
 """
 
 from __future__ import annotations
@@ -147,7 +147,7 @@ def main() -> None:
 
 def _measure(listener: Listener, emulator: Emulator, actions: list[tuple[str, float]]) -> Result:
     listener.clear()
-    before = begun = time.monotonic()
+    begun = time.monotonic()
     for command, seconds in actions:
         emulator.command(command)
         listener.spin(seconds)
@@ -161,21 +161,15 @@ def _measure(listener: Listener, emulator: Emulator, actions: list[tuple[str, fl
             raise SystemExit(f"no sample {PATIENCE_S:g} s after {actions}")
     listener.spin(SETTLE_S)
     gaps = [(b - a) * 1e-9 for a, b in zip(listener.stamps, listener.stamps[1:], strict=False)]
+    longest = gaps.index(max(gaps))
+    resumed = listener.arrivals[longest + 1]
     return Result(
         missing=sum(max(0, round(gap / PERIOD_S) - 1) for gap in gaps),
-        longest_gap_ms=1e3 * max(gaps),
-        recovery_ms=1e3 * _recovery(listener.arrivals, before, begun),
+        longest_gap_ms=1e3 * gaps[longest],
+        recovery_ms=1e3 * max(0.0, resumed - begun) if gaps[longest] > 1.5 * PERIOD_S else 0.0,
         backwards=sum(gap <= 0.0 for gap in gaps),
-        said="; ".join(dict.fromkeys(listener.said)) or "-",
+        said=next(iter(listener.said), "-"),
     )
-
-
-def _recovery(arrivals: list[float], before: float, begun: float) -> float:
-    """From the end of the fault to the first sample after the longest pause since it began, in s."""
-    times = [a for a in arrivals if a >= before]
-    pauses = [(b - a, b) for a, b in zip([before, *times], times, strict=False)]
-    longest, resumed = max(pauses)
-    return max(0.0, resumed - begun) if longest > 0.05 else 0.0
 
 
 if __name__ == "__main__":
