@@ -261,6 +261,75 @@ def test_older_definition_in_the_bag_is_honoured(tmp_path):
         assert formats.read(tmp_path / storage.name)["torque"].tolist() == [0.25]
 
 
+# Topics of others
+
+
+def joint_states_bag(path, *topics):
+    """A bag of two joints on topics of others; values of message k and topic number n are told apart by k and n."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(path, version=9) as writer:
+        text = writer.add_connection("/robot_description", "std_msgs/msg/String", typestore=store)
+        writer.write(text, 1, store.serialize_cdr(store.types["std_msgs/msg/String"]("<robot/>"), text.msgtype))
+        connections = [writer.add_connection(topic, JOINT_STATE, typestore=store) for topic in topics]
+        for k in range(1, 4):
+            for n, connection in enumerate(connections):
+                values = {"position": [k, -k], "velocity": [k + 0.5, 0.0], "effort": [10 * n + k, np.nan]}
+                message = joint_state(store, k * 10**9, ["elbow", "wrist"], **values)
+                writer.write(connection, k, store.serialize_cdr(message, JOINT_STATE))
+    return path
+
+
+def test_a_mapping_names_fields_of_other_topics(tmp_path):
+    bag = joint_states_bag(tmp_path / "bag", "/joint_states")
+    mapping = {
+        "link_position": "joint_states.position", "motor_velocity": "101*/joint_states.velocity",
+        "torque": "joint_states.effort * 0.01 * 2",
+    }  # fmt: skip
+    assert formats.joints(bag, mapping) == ("elbow", "wrist")
+    elbow = formats.read(bag, "elbow", mapping)
+    assert elbow.time.tolist() == [1.0, 2.0, 3.0]
+    assert {name: values.tolist() for name, values in elbow.channels.items()} == {
+        "link_position": [1.0, 2.0, 3.0], "motor_velocity": [151.5, 252.5, 353.5], "torque": [0.02, 0.04, 0.06],
+    }  # fmt: skip
+    assert not elbow.derived
+    assert set(formats.read(bag, "wrist", mapping).channels) == {"link_position", "motor_velocity"}
+
+
+def test_a_mapping_of_a_bag_is_all_that_is_read(tmp_path):
+    bag = joint_states_bag(tmp_path / "bag", "/left/link_states", "/right/link_states", "/link_states")
+    mapping = {"torque": "right/link_states.effort", "link_position": "left/link_states.position"}
+    channels = formats.read(bag, "elbow", mapping).channels
+    assert {name: values.tolist() for name, values in channels.items()} == {
+        "torque": [11.0, 12.0, 13.0], "link_position": [1.0, 2.0, 3.0],
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("mapping", "message"),
+    [
+        (
+            {"current": "effort"},
+            r"current=effort: 'effort' is neither .*: the columns are joint_states.pos",
+        ),
+        ({"current": "left/joint_states.effort"}, r"is neither a column nor a number"),
+        ({"current": "robot_description.data"}, r"is neither a column nor a number"),
+        ({"current": "2*0.5"}, r"current=2\*0.5 uses no column: the columns are joint_states.position"),
+        ({"amps": "joint_states.effort"}, r"cannot map to 'amps': known are motor_position"),
+        ({"time_s": "joint_states.position"}, r"time_s of a bag is always header.stamp"),
+        ({"torque": "joint_states.effort*joint_states.velocity"}, r"take one field for each channel"),
+        (
+            {"link_position": "joint_states.position", "motor_position": "101*joint_states.position"},
+            r"motor_position=101\*joint_states.position: take one field for each channel, .* and each field once",
+        ),
+    ],
+)
+def test_a_mapping_that_is_not_understood(tmp_path, mapping, message):
+    bag = joint_states_bag(tmp_path / "bag", "/joint_states")
+    for action in (formats.joints, lambda path, given: formats.read(path, "elbow", given)):
+        with pytest.raises(JointIdError, match=message):
+            action(bag, mapping)
+
+
 # Bad bags
 
 
@@ -317,7 +386,8 @@ def test_empty_bag(tmp_path, storage):
     [
         (
             "/joint_states",
-            r"no known topic: it has /joint_states \(sensor_msgs/msg/JointState\); understood are link_states, ",
+            r"no known topic: it has /joint_states \(sensor_msgs/msg/JointState\); understood are link_states, .*"
+            r"; name the fields of others, e.g. --map link_position=joint_states.position --map current=joint_st",
         ),
         (
             "/a/motor_torques",
@@ -344,8 +414,6 @@ def test_missing_and_ambiguous_joints(tmp_path):
         JointIdError, match=r"bag holds the joints shoulder, elbow: choose one of them \(--joint shoulder"
     ):
         formats.read(bag)
-    with pytest.raises(JointIdError, match=r"a mapping \(current\) is for CSV and MAT"):
-        formats.read(bag, "elbow", {"current": "effort"})
     with pytest.raises(JointIdError, match=r"the messages name no joint"):
         formats.joints(states_bag(tmp_path / "nameless", [(10**9, 1.0)], names=()))
 

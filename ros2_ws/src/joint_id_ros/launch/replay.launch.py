@@ -12,6 +12,7 @@ from joint_id_ros.inputs import EFFORTS, LINK_STATES, VELOCITIES, InputOptions
 DEFAULTS = InputOptions()
 ARGUMENTS = [
     DeclareLaunchArgument("bag", description="bag to play: a directory, or a bare .mcap or .db3 file"),
+    DeclareLaunchArgument("topics", default_value="", description="topics to play, comma separated; empty: all"),
     DeclareLaunchArgument("rate", default_value="1.0", description="speed; 0: as fast as the nodes keep up"),
     DeclareLaunchArgument(
         "model", default_value="electromechanical", choices=list(MODELS), description="joint model to identify"
@@ -79,7 +80,7 @@ def nodes(context: LaunchContext) -> list[Node]:
             "actuation": "current" if effort in ("", "current") else "torque",
             "use_sim_time": True,
         },
-        "player": {"bag": given["bag"], "rate": float(given["rate"])},
+        "player": {"bag": given["bag"], "topics": texts("topics"), "rate": float(given["rate"])},
     }
     file = [given["params_file"]] if given["params_file"] else []
     remaps = {"filter": [(LINK_STATES, given[LINK_STATES])]}

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 FixOption = Annotated[Texts, typer.Option("--fix", help="NAME or NAME=VALUE: hold this parameter")]
 FreeOption = Annotated[Texts, typer.Option("--free", help="NAME: estimate this parameter that the model holds")]
-MapOption = Annotated[Texts, typer.Option("--map", help="channel=column, or a product: torque=gtau*vir")]
+MAP_HELP = "channel=column, or a product: torque=gtau*vir; of a bag channel=topic.field"
+MapOption = Annotated[Texts, typer.Option("--map", help=MAP_HELP)]
 Seconds = float | None
 
 

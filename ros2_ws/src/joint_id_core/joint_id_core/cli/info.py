@@ -24,12 +24,12 @@ def info(
     from joint_id_core.formats.mapping import TARGETS
 
     mapping = pairs(map_ or (), "--map")
-    names: tuple[str | None, ...] = (joint,) if joint else (formats.joints(file) or (None,))
+    found = formats.joints(file, mapping)
+    names: tuple[str | None, ...] = (joint,) if joint else (found or (None,))
     contents = formats.contents(file)
     described = [_describe(formats.read(file, name, mapping)) for name in names]
-    columns = not formats.joints(file)
     used = " ".join(mapping.values()).replace("*", " ").split()
-    unknown = [c for c in contents if c not in TARGETS and c not in used] if columns else []
+    unknown = [c for c in contents if c not in TARGETS and c not in used] if not found else []
     if json:
         print_json({"file": str(file), "contents": list(contents), "unknown": unknown, "joints": described})
         return

@@ -25,8 +25,10 @@ def read(path: str | Path, joint: str | None = None, mapping: Mapping[str, str] 
         path: the file or bag.
         joint: name of the joint; needed when a bag holds several. CSV and MAT hold one unnamed joint, which then
             gets this name.
-        mapping: for CSV and MAT, where `time_s` and channels come from: {channel: expression}, an expression being
-            a product of columns and numbers, e.g. {"time_s": "t", "torque": "gtau*vir"}.
+        mapping: where `time_s` and channels come from: {channel: expression}, an expression being a product of
+            columns and numbers, e.g. {"time_s": "t", "torque": "gtau*vir"}. Columns of CSV and MAT files with a known
+            name need none. Of a bag, whose time is always `header.stamp`, only what is mapped is then read, each
+            channel from one field: {"current": "joint_states.effort"}.
 
     Raises:
         JointIdError: unreadable or damaged file, wrong types, missing joint, columns that are not understood.
@@ -37,19 +39,19 @@ def read(path: str | Path, joint: str | None = None, mapping: Mapping[str, str] 
         return csv_file.read(path, joint or "", mapping or {})
     if kind == "mat":
         return mat_file.read(path, joint or "", mapping or {})
-    if mapping:
-        raise JointIdError(f"{path}: a mapping ({', '.join(mapping)}) is for CSV and MAT files: leave it out for a bag")
-    return _bags().read(path, joint)
+    return _bags().read(path, joint, mapping or {})
 
 
-def joints(path: str | Path) -> tuple[str, ...]:
+def joints(path: str | Path, mapping: Mapping[str, str] | None = None) -> tuple[str, ...]:
     """Names of the joints in a bag, in order of appearance; empty for CSV and MAT, which hold one unnamed joint.
 
+    `mapping` as for `read`.
+
     Raises:
-        JointIdError: unreadable or damaged file.
+        JointIdError: unreadable or damaged file; of a bag, no known topic, or a mapping that is not understood.
     """
     path = Path(path)
-    return _bags().joints(path) if _kind(path) == "bag" else ()
+    return _bags().joints(path, mapping or {}) if _kind(path) == "bag" else ()
 
 
 def contents(path: str | Path) -> tuple[str, ...]:

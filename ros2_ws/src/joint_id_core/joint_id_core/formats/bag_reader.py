@@ -2,12 +2,13 @@
 
 Topics count by the last part of their name (`topics.py`), so a namespace per robot is fine. The raw topics are
 merged on the union of their stamps, NaN where a topic has no sample; `joint_samples` is read only when there is
-no raw topic. The time of a sample is its `header.stamp`, never the time at which it was recorded.
+no raw topic. A mapping (`bag_mapping.py`) names other topics and fields instead. The time of a sample is its
+`header.stamp`, never the time at which it was recorded.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -19,21 +20,22 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.store import Typestore
 
 from joint_id_core.errors import JointIdError
+from joint_id_core.formats.bag_mapping import Source, example, plan
 from joint_id_core.formats.definitions import typestore
 from joint_id_core.formats.topics import MEASURED_BITS, RAW, SAMPLES, Topic
 from joint_id_core.recording import Array, Recording
 
 
-def read(path: Path, joint: str | None) -> Recording:
+def read(path: Path, joint: str | None, mapping: Mapping[str, str]) -> Recording:
     """Read one joint; `joint` may be None when the bag holds only one. Channels without any value are left out.
 
     Raises:
-        JointIdError: damaged or foreign bag, no known topic, wrong type, missing joint, stamps that are zero,
-            repeat or go backwards.
+        JointIdError: damaged or foreign bag, no known topic, wrong type, a mapping that is not understood, missing
+            joint, stamps that are zero, repeat or go backwards.
     """
     seen: dict[str, None] = {}
     with opened(path) as reader:
-        parts = [_read_topic(path, reader, topic, c, joint, seen) for topic, c in _known(path, reader)]
+        parts = [_read_topic(path, reader, source, joint, seen) for source in _sources(path, reader, mapping)]
     names = _named(path, seen)
     if joint is None and len(names) > 1:
         raise JointIdError(f"{path} holds the joints {', '.join(names)}: choose one of them (--joint {names[0]})")
@@ -46,16 +48,17 @@ def read(path: Path, joint: str | None) -> Recording:
     return merged
 
 
-def joints(path: Path) -> tuple[str, ...]:
+def joints(path: Path, mapping: Mapping[str, str]) -> tuple[str, ...]:
     """Names of the joints, in order of appearance.
 
     Raises:
-        JointIdError: damaged or foreign bag, no known topic, wrong type, no joint named.
+        JointIdError: damaged or foreign bag, no known topic, wrong type, a mapping that is not understood, no joint
+            named.
     """
     names: dict[str, None] = {}
     with opened(path) as reader:
-        for _, connection in _known(path, reader):
-            for message in _messages(reader, connection):
+        for source in _sources(path, reader, mapping):
+            for message in _messages(reader, source.connection):
                 names.update(dict.fromkeys(message.name))
     return _named(path, names)
 
@@ -104,13 +107,21 @@ def opened(path: Path) -> Iterator[Reader]:
         ) from error
 
 
+def _sources(path: Path, reader: Reader, mapping: Mapping[str, str]) -> list[Source]:
+    """The topics to read."""
+    if mapping:
+        return plan(path, reader.connections, mapping)
+    return [Source(topic, connection, {}) for topic, connection in _known(path, reader)]
+
+
 def _known(path: Path, reader: Reader) -> list[tuple[Topic, Connection]]:
-    """The topics to read, all in one namespace: the raw ones, or else `joint_samples`."""
+    """The topics with names of ours, all in one namespace: the raw ones, or else `joint_samples`."""
     by_name = {topic.name: topic for topic in (*RAW, SAMPLES)}
     matched = [(by_name[last], c) for c in reader.connections if (last := c.topic.rsplit("/", 1)[-1]) in by_name]
     if not matched:
         raise JointIdError(
             f"{path}: no known topic: it has {', '.join(_topics(reader))}; understood are {', '.join(by_name)}"
+            f"{example(reader.connections)}"
         )
     for topic, c in matched:
         if c.msgtype != topic.type:
@@ -161,10 +172,9 @@ def _messages(reader: Reader, connection: Connection) -> Iterator[Any]:
         )
 
 
-def _read_topic(
-    path: Path, reader: Reader, topic: Topic, connection: Connection, joint: str | None, seen: dict[str, None]
-) -> Recording:
+def _read_topic(path: Path, reader: Reader, source: Source, joint: str | None, seen: dict[str, None]) -> Recording:
     """The samples of one joint (None: the first that is named) on one topic; notes all names in `seen`."""
+    topic, connection, factors = source
     where = f"{path}, topic {connection.topic}"
     times: list[float] = []
     columns: dict[str, list[float]] = {name: [] for name in topic.fields.values()}
@@ -191,7 +201,7 @@ def _read_topic(
                 never[k] = True
     if len(times) > 1 and not any(times):
         raise JointIdError(f"{where}: every header.stamp is zero: stamp the messages when publishing")
-    channels = {name: np.array(column) for name, column in columns.items()}
+    channels = {name: factors.get(name, 1.0) * np.array(column) for name, column in columns.items()}
     derived = frozenset(name for name, flag in zip(columns, never, strict=True) if flag)
     return Recording(np.array(times), channels, derived, source=where, joint=joint or "")
 

@@ -37,7 +37,7 @@ def plan(path: Path, found: Collection[str], mapping: Mapping[str, str]) -> dict
     for target, expression in mapping.items():
         if target not in TARGETS:
             raise JointIdError(f"{path}: cannot map to {target!r}: known are {', '.join(TARGETS)}")
-        targets[target] = _parse(path, target, expression, found)
+        targets[target] = parse(path, target, expression, found)
     if TIME not in targets or len(targets) < 2:
         missing = TIME if TIME not in targets else "channel"
         raise JointIdError(
@@ -47,8 +47,12 @@ def plan(path: Path, found: Collection[str], mapping: Mapping[str, str]) -> dict
     return {name: targets[name] for name in TARGETS if name in targets}
 
 
-def _parse(path: Path, target: str, expression: str, found: Collection[str]) -> Product:
-    """Split an expression at its `*` signs."""
+def parse(path: Path, target: str, expression: str, found: Collection[str]) -> Product:
+    """Split an expression at its `*` signs.
+
+    Raises:
+        JointIdError: a part that is neither a number nor among the columns `found`, or no column at all.
+    """
     factor, names = 1.0, []
     for part in (p.strip() for p in expression.split("*")):
         if part in found:

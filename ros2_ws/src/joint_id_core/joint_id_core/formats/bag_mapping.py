@@ -1,0 +1,67 @@
+"""Which field of which topic of a bag feeds which channel, in the user's words: `current=joint_states.effort`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from rosbags.interfaces import Connection
+
+from joint_id_core.errors import JointIdError
+from joint_id_core.formats.mapping import TIME, parse
+from joint_id_core.formats.topics import JOINT_STATE, RAW, Topic
+from joint_id_core.signals import CHANNELS
+
+FIELDS = {topic.type: tuple(topic.fields) for topic in RAW} | {JOINT_STATE: ("position", "velocity", "effort")}
+
+
+class Source(NamedTuple):
+    """A topic to read, and by which factor each of its channels is multiplied (1 where it is not named)."""
+
+    topic: Topic
+    connection: Connection
+    factors: Mapping[str, float]
+
+
+def columns(connections: Sequence[Connection]) -> list[str]:
+    """Fields that can be named in a mapping, "topic.field" without a leading slash."""
+    return [f"{c.topic.strip('/')}.{field}" for c in connections for field in FIELDS.get(c.msgtype, ())]
+
+
+def plan(path: Path, connections: Sequence[Connection], mapping: Mapping[str, str]) -> list[Source]:
+    """The topics to read for a mapping {channel: expression}, an expression being one field times numbers.
+
+    Raises:
+        JointIdError: an unknown channel or field, an expression of another form, a field that is used twice.
+    """
+    found = columns(connections)
+    channels: dict[str, tuple[str, float]] = {}  # by column: channel, factor
+    for channel, expression in mapping.items():
+        if channel == TIME:
+            raise JointIdError(f"{path}: {TIME} of a bag is always header.stamp: leave {TIME}={expression} out")
+        if channel not in CHANNELS:
+            raise JointIdError(f"{path}: cannot map to {channel!r}: known are {', '.join(CHANNELS)}")
+        product = parse(path, channel, "*".join(p.strip().lstrip("/") for p in expression.split("*")), found)
+        if len(product.names) != 1 or product.names[0] in channels:
+            raise JointIdError(
+                f"{path}: {channel}={expression}: take one field for each channel, times numbers, and each field once; "
+                f"the fields are {', '.join(found)}"
+            )
+        channels[product.names[0]] = channel, product.factor
+    sources = []
+    for connection in connections:
+        name = connection.topic.strip("/")
+        used = {f: channels[f"{name}.{f}"] for f in FIELDS.get(connection.msgtype, ()) if f"{name}.{f}" in channels}
+        if used:
+            topic = Topic(name, connection.msgtype, {field: channel for field, (channel, _) in used.items()})
+            sources.append(Source(topic, connection, dict(used.values())))
+    return sources
+
+
+def example(connections: Sequence[Connection]) -> str:
+    """How to name the fields of a foreign topic; "" when there is none that could be."""
+    topic = next((c.topic.strip("/") for c in connections if c.msgtype == JOINT_STATE), None)
+    if topic is None:
+        return ""
+    return f"; name the fields of others, e.g. --map link_position={topic}.position --map current={topic}.effort"
