@@ -214,6 +214,10 @@ def test_power_off_holds_the_joints_with_the_brakes_and_power_on_goes_on():
     error = on["actual_q"][500:] - on["target_q"][500:]
     assert error.std(axis=0).max() < 0.02
     assert abs(on["true_link_velocity"][500:, MOVING]).max() > 0.3
+    # Back on its course, as if the time without power and the two starts had not been.
+    path = 1000 * TICK_S - START_S / 2 + np.arange(1500) * TICK_S - START_S / 2
+    expected = HOME[0] + position_reference(0.3, seed=1).value(path)
+    np.testing.assert_allclose(on["target_q"][1000:, 0], expected[1000:], atol=1e-6)
 
 
 def test_a_stop_lasts_through_power_off_and_on():

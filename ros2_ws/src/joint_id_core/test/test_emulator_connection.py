@@ -130,6 +130,12 @@ def test_a_field_that_is_not_there_is_named_and_start_is_refused(line, name):
     assert line.ask(outputs("timestamp", 500.0) + START) == b"\x00\x0aO\x01DOUBLE\x00\x04S\x01"
 
 
+def test_start_is_refused_after_a_recipe_was_even_if_there_is_a_good_one(line):
+    line.ask(V2 + outputs("timestamp", 500.0))
+    assert line.ask(outputs("bogus", 500.0) + START) == b"\x00\x0dO\x00NOT_FOUND\x00\x04S\x00"
+    assert line.tick() == b""
+
+
 def test_start_without_a_recipe_is_refused(line):
     assert line.ask(V2 + START) == V2_ACCEPTED + b"\x00\x04S\x00"
 

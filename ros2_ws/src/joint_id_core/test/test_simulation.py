@@ -330,6 +330,32 @@ def test_a_500_hz_tick_costs_few_evaluations_of_the_model():
     assert calls < 500 * 25  # two to four steps of six evaluations a tick
 
 
+def test_a_joint_at_rest_under_a_constant_input_costs_one_evaluation_and_keeps_time():
+    calls = 0
+
+    class Counted(HarmonicDrive):
+        def derivative(self, x, u, p, ops):
+            nonlocal calls
+            calls += 1
+            return super().derivative(x, u, p, ops)
+
+    joint = JointSimulator(Counted(), x0={"motor_position": 101.0, "link_position": 1.0})
+    joint.advance(2e-3, {"torque": 0.01})
+    calls = 0
+    for _ in range(500):
+        joint.advance(2e-3, {"torque": 0.01})
+    assert calls <= 1
+    assert joint.time == pytest.approx(1.002, rel=1e-12)
+    assert joint.state == {"motor_position": 101.0, "link_position": 1.0, "motor_velocity": 0.0, "link_velocity": 0.0}
+    # It is not asleep: a torque above the friction moves it as if it had not rested.
+    rested, fresh = joint, JointSimulator(HarmonicDrive(), x0={"motor_position": 101.0, "link_position": 1.0})
+    for j in (rested, fresh):
+        j.advance(0.02, {"torque": 0.05})
+    assert rested.state["motor_velocity"] > 1.0
+    for name, value in fresh.state.items():
+        assert rested.state[name] == pytest.approx(value, rel=1e-6), name
+
+
 def test_the_recording_holds_states_and_inputs_as_measured_channels():
     time = np.arange(5) * 1e-3
     r = simulate(DCMotor(), time, {"voltage": np.arange(5.0)})

@@ -124,19 +124,19 @@ class Connection:
             if pieces.random() < 0.5:
                 return
             data = data[: pieces.randint(1, len(data))]
+        wanted = len(data)
         try:
             sent = self.sock.send(data)
+            if self._ends_at is not None and sent == len(self._waiting):
+                self.sock.shutdown(socket.SHUT_WR)
         except BlockingIOError:
             sent = 0
         except OSError:
             self.close()
             return
-        all_sent = sent == len(data)  # before the next line, which may shorten both
         del self._waiting[:sent]
-        if all_sent:
+        if sent == wanted:
             self._blocked_since = None
-            if self._ends_at is not None and not self._waiting:
-                self.sock.shutdown(socket.SHUT_WR)
         elif sent or self._blocked_since is None:
             self._blocked_since = now
         elif now - self._blocked_since > READ_TIMEOUT_S:

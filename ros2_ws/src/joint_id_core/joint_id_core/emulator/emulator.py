@@ -74,7 +74,7 @@ class Emulator:
         """Serve until told to end, by the command `quit`, SIGINT or SIGTERM.
 
         Raises:
-            JointIdError: the simulation cannot go on.
+            JointIdError: the simulation cannot go on, or another program took the port during a power cycle.
         """
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._end)
@@ -141,14 +141,17 @@ class Emulator:
         for line in lines:
             if line.strip() and not self._ended:
                 try:
-                    self._carry_out(*parse(line.decode("utf-8", "replace")), now)
+                    name, value = parse(line.decode("utf-8", "replace"))
                 except JointIdError as error:
                     _complain(str(error))
+                else:
+                    self._carry_out(name, value, now)
 
     def _carry_out(self, name: str, value: float, now: float) -> None:
         """Do what a command says, and say so in one line that begins with the command."""
         if self._off_until is not None and name != "quit":
-            raise JointIdError(f"command {name}: the controller is off, for another {self._off_until - now:.1f} s")
+            _complain(f"command {name}: the controller is off, for another {self._off_until - now:.1f} s")
+            return
         done = getattr(self, f"_{name.replace('-', '_')}")(value, now)
         _say(f"{name}: {done} (controller time {self._controller.ticks * TICK_S:.3f} s)")
 
