@@ -6,8 +6,9 @@ import struct
 
 import pytest
 
-from joint_id_core.emulator.connection import Connection, ticks_between
+from joint_id_core.emulator.connection import Connection
 from joint_id_core.emulator.controller import Controller
+from joint_id_core.emulator.output import ticks_between
 from joint_id_core.emulator.robots import build_joints
 
 V2 = b"\x00\x05V\x00\x02"  # 5 bytes, V, version 2

@@ -7,15 +7,14 @@ import random
 import socket
 import struct
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Protocol
 
+from joint_id_core.emulator.output import Output, ticks_between
 from joint_id_core.rtde import packets
 from joint_id_core.rtde.errors import ProtocolError
 from joint_id_core.rtde.packets import Packet, PacketReader, Recipe, Value, encode
 
-MOST_HZ, MOST_HZ_CB3 = 500.0, 125.0  # controllers before version 5 send at most the latter
 READ_TIMEOUT_S = 10.0  # a client that takes nothing for so long is cut off
 _SEND_BUFFER = 65536  # bytes in the kernel: a second or so of samples, as little as a small controller has
 _MOST_WAITING = 65536  # bytes here, beyond those
@@ -32,31 +31,6 @@ class Controller(Protocol):
 
     def type_of(self, name: str) -> str | None: ...
     def input_type_of(self, name: str) -> str | None: ...
-
-
-@dataclass
-class Output:
-    """A recipe of outputs with its rate, and how many of the next samples are yet to be spoilt."""
-
-    recipe: Recipe
-    every: int  # ticks
-    drop: int = 0
-    zero: int = 0
-    nan: int = 0
-
-    def packet(self, values: Mapping[str, Value | Sequence[float]]) -> bytes:
-        """The next data packet; b"" for one that is dropped."""
-        payload = self.recipe.pack(values)
-        if self.zero:
-            self.zero -= 1
-            payload = bytes([self.recipe.number]) + bytes(len(payload) - 1)
-        elif self.nan:
-            self.nan -= 1
-            payload = self.recipe.pack({**values, "actual_q": (math.nan,) * 6})
-        if self.drop:
-            self.drop -= 1
-            return b""
-        return encode(packets.DATA, payload)
 
 
 class Connection:
@@ -234,12 +208,6 @@ class Connection:
             self.sock.close()
             for name in [n for n, holder in self._held.items() if holder is self]:
                 del self._held[name]
-
-
-def ticks_between(asked: float, version: tuple[int, ...]) -> int:
-    """Ticks from one sample to the next for a frequency in Hz: the largest one sent, divided by a whole number."""
-    largest = MOST_HZ if version[0] >= 5 else MOST_HZ_CB3
-    return round(MOST_HZ / largest) * max(1, math.floor(largest / asked + 1e-9))
 
 
 def _names(payload: bytes) -> list[str]:
