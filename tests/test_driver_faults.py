@@ -77,7 +77,10 @@ def test_bad_samples_are_left_out_and_all_others_published(course):
     assert published[begin : begin + len(true) - at] == true[at : at + len(published) - begin]
     periods = [round((b - a) / PERIOD_NS) for a, b in itertools.pairwise(stamps(course.links)[begin:])]
     assert sorted(p for p in periods if p != 1) == [3, 4, 5]  # 2 zero, 3 dropped, 4 NaN
-    assert stamps(course.links) == stamps(course.motors)
+    left = stamps(course.links)[begin:]
+    right = [s for s in stamps(course.motors) if s >= left[0]]
+    both = min(len(left), len(right))  # one of the topics may be read a bit further
+    assert both > 2 * RATE and left[:both] == right[:both]
 
 
 def test_modes_are_told_and_only_a_robot_without_power_is_not_published(course):
