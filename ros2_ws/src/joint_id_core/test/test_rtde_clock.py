@@ -228,6 +228,17 @@ def test_a_small_jump_of_the_controller_clock_is_made_good_by_200_ppm():
     assert np.abs(late[t > 30.0 + 0.05 / SLEW]).max() <= NEAR_S
 
 
+def test_stamps_that_are_ahead_of_arrivals_by_too_much_wait_for_them():
+    """Two jumps that are too small to be seen, together are not: 25 samples or so wait, the rest goes on in steps."""
+    t = instants(100.0)
+    s = Stamps(t, t + np.where(t >= 30.0, 0.09, 0.0) + np.where(t >= 31.0, 0.05, 0.0), delays(len(t)))
+    steps = np.diff(s.stamps)
+    assert (steps > 0).all()
+    waiting = steps < 1_000_000
+    assert 0 < waiting.sum() < 30 and (steps[~waiting] > 1_999_000).all()
+    assert np.abs(s.error_s[t > 31.1]).max() < 0.1 + NEAR_S
+
+
 def test_a_robot_that_was_restarted_is_taken_anew_when_told():
     """Without being told, its clock, further on than before, would seem to be late."""
     t = instants(40.0)

@@ -351,6 +351,20 @@ def test_stops_while_it_connects_to_a_mute_host(backlog):
         assert events == []
 
 
+def test_makes_no_client_when_it_was_stopped_meanwhile():
+    class SetMeanwhile(threading.Event):
+        def wait(self, timeout=None):
+            self.set()
+            return False
+
+    w = Watch(FakeClient(samples(1)), options=LONG)
+    w.stream._stopping = SetMeanwhile()
+    w.stream.start()
+    w.stream._thread.join(PATIENCE_S)
+    assert not w.stream._thread.is_alive()
+    assert (w.made, w.events) == (0, [])
+
+
 def test_stops_from_its_own_callbacks():
     w = Watch(FakeClient(samples(1), samples(2)), options=LONG)
     passed = []
@@ -453,7 +467,8 @@ def test_a_sample_without_a_time_has_still_arrived():
 
 
 @pytest.mark.parametrize("drift", [-1e-4, 1e-4])
-def test_clocks_that_drift_apart_for_hours_make_no_jump(drift):
+def test_clocks_that_drift_apart_for_hours_make_no_jump_and_hide_none(drift):
     seconds = np.arange(0.0, 8.0 * 3600.0, 1.0)
     times = 100.0 + seconds * (1.0 + drift)
-    assert losses(times, seconds, rate=1.0) == [0] * len(seconds)
+    times[-1] += 1.5  # which must not be lost in 3 s of drift
+    assert losses(times, seconds, rate=1.0) == [*[0] * (len(seconds) - 1), None]
