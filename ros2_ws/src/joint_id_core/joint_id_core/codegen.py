@@ -13,6 +13,7 @@ import importlib.util
 import inspect
 import logging
 import os
+import re
 import shutil
 import sys
 import time
@@ -31,9 +32,11 @@ log = logging.getLogger(__name__)
 # No "nnan": it would let the compiler drop the NaN test that marks a missing label.
 _FASTMATH = "{'reassoc', 'contract', 'arcp', 'nsz'}"
 _V, _M, _T, _I = "float64[::1]", "float64[:, ::1]", "float64[:, :, ::1]", "int64"
-_SIGNATURES = {
+_SIMULATION = {
     "rollout": f"void({_V}, {_V}, {_M}, {_V}, {_I}, {_M})",
     "rollout_sensitivities": f"void({_V}, {_V}, {_M}, {_V}, {_I}, {_M}, {_T}, {_T})",
+}
+_FILTER = {
     "innovations": f"float64({_V}, {_M}, int64[::1], {_M}, {_M}, {_V}, {_M}, {_M}, int64[::1], {_V}, {_V}, {_V}, "
     f"{_V}, {_V}, {_I}, {_I}, {_M}, {_M}, {_M}, {_T}, {_T}, {_T})",
     "noise_score": f"void({_M}, int64[::1], {_M}, {_M}, {_T}, {_T}, {_V}, {_V})",
@@ -88,9 +91,10 @@ def _source(model: Model, friction: str, sensitive: tuple[str, ...]) -> str:
     from joint_id_core import symbolic
 
     text = symbolic.step_text(model, symbolic.derive(model, friction, sensitive))  # type: ignore[arg-type]  # checked by compile_model
-    loops = inspect.getsource(recursions).split("# --- compiled from here ---\n")[1]
+    _, simulation, smooth_only = re.split(r"# --- compiled .*\n", inspect.getsource(recursions))
+    loops = simulation + (smooth_only if friction == "tanh" else "")
     loops = loops.replace(": Any", "").replace(": int", "").replace(" -> None", "").replace(" -> float", "")
-    for name, signature in _SIGNATURES.items():
+    for name, signature in _signatures(friction).items():
         decorator = f'@njit("{signature}", cache=True, fastmath={_FASTMATH}, nogil=True, error_model="numpy")\n'
         loops = loops.replace(f"def {name}(", f"{decorator}def {name}(")
     inline = f'@njit(fastmath={_FASTMATH}, error_model="numpy")\n'
@@ -99,6 +103,11 @@ def _source(model: Model, friction: str, sensitive: tuple[str, ...]) -> str:
     head = f'"""Generated for {model!r}, friction {friction}: do not edit."""\n\n'
     head += "import math\n\nimport numpy as np\nfrom numba import njit\n\n"
     return head + text + loops
+
+
+def _signatures(friction: str) -> dict[str, str]:
+    """Types of the compiled functions; with sign friction only those of the simulation, which H-PINN uses."""
+    return {**_SIMULATION, **_FILTER} if friction == "tanh" else _SIMULATION
 
 
 def _build(folder: Path, model: Model, friction: str, sensitive: tuple[str, ...]) -> ModuleType:
@@ -114,7 +123,7 @@ def _build(folder: Path, model: Model, friction: str, sensitive: tuple[str, ...]
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)
-    missing = [name for name in _SIGNATURES if not hasattr(module, name)]
+    missing = [name for name in _signatures(friction) if not hasattr(module, name)]
     if missing:  # a file cut short by a full disk is still valid Python
         raise ImportError(f"{path} has no {', '.join(missing)}")
     return module
@@ -139,7 +148,7 @@ def compile_model(model: Model, friction: str = "tanh", extra: tuple[str, ...] =
     """Compile the RK4 cell of a model with its sensitivities, or load it from the cache.
 
     Sensitivities are made for every parameter that the model's table does not fix, and for `extra`.
-    `friction` is "tanh" (smoothed) or "sign" (the paper's network).
+    `friction` is "tanh" (smoothed) or "sign" (the paper's network; simulation only, without the innovations form).
 
     Raises:
         JointIdError: unknown friction smoothing or parameter name in `extra`; a cache that cannot be written.

@@ -56,6 +56,9 @@ def rollout_sensitivities(x0: Any, time: Any, u: Any, p: Any, substeps: int, X: 
         Sp[t + 1] = W[:, NX + NU :]
 
 
+# --- compiled with smooth friction only: a filter needs derivatives ---
+
+
 def innovations(
     x0: Any,
     P0: Any,

@@ -81,13 +81,13 @@ def test_a_model_of_ones_own_runs_compiled_and_in_the_simulator():
 
 
 def test_cache_is_used_and_built_again_when_it_is_broken(cache):
-    compile_model(Propeller())
+    compile_model(Propeller(), "sign")
     (kernel,) = cache.glob("*/kernel.py")
     text = kernel.read_text()
     files = {f: f.stat().st_mtime_ns for f in cache.rglob("*") if f.suffix in (".py", ".nbc")}
     assert len(files) > 1, "machine code must be kept, not only its source"
     compile_model.cache_clear()
-    compile_model(Propeller())
+    compile_model(Propeller(), "sign")
     assert files == {f: f.stat().st_mtime_ns for f in files}, "a second load must compile nothing"
 
     def damage_index():
@@ -98,7 +98,7 @@ def test_cache_is_used_and_built_again_when_it_is_broken(cache):
     for what, damage in damages.items():
         damage()
         compile_model.cache_clear()
-        np.testing.assert_allclose(coast(compile_model(Propeller())), FREE, rtol=1e-7, err_msg=what)
+        np.testing.assert_allclose(coast(compile_model(Propeller(), "sign")), FREE, rtol=1e-7, err_msg=what)
         assert kernel.read_text() == text, what
 
 
@@ -126,7 +126,9 @@ class Own(Model):
         spec = importlib.util.spec_from_file_location("own_model", path)
         sys.modules["own_model"] = module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
-        X = rollout(compile_model(module.Own()), np.array([1.0]), TIME[:11], NO_TORQUE[:11], np.array([1.0]), 20)
+        X = rollout(
+            compile_model(module.Own(), "sign"), np.array([1.0]), TIME[:11], NO_TORQUE[:11], np.array([1.0]), 20
+        )
         np.testing.assert_allclose(X[:, 0], np.exp(-factor * TIME[:11]), rtol=1e-6)
     del sys.modules["own_model"]
 
@@ -140,7 +142,7 @@ def test_two_processes_that_compile_at_once(tmp_path):
         "from joint_id_core.rk4 import rollout\n"
         "m = build('dc_motor')\n"
         "p = np.array(list(m.values().values()))\n"
-        "X = rollout(compile_model(m), np.zeros(2), np.arange(50) * 1e-4, np.full((50, 2), [12.0, 0.0]), p)\n"
+        "X = rollout(compile_model(m, 'sign'), np.zeros(2), np.arange(50) * 1e-4, np.full((50, 2), [12.0, 0.0]), p)\n"
         "print(repr(float(X[-1, 1])))"
     )
     environment = {**os.environ, "JOINT_ID_CACHE_DIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
