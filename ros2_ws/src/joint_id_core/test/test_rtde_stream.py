@@ -354,8 +354,9 @@ def test_stops_while_it_connects_to_a_mute_host(backlog):
 def test_makes_no_client_when_it_was_stopped_meanwhile():
     class SetMeanwhile(threading.Event):
         def wait(self, timeout=None):
+            before = self.is_set()
             self.set()
-            return False
+            return before
 
     w = Watch(FakeClient(samples(1)), options=LONG)
     w.stream._stopping = SetMeanwhile()
