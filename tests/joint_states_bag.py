@@ -48,7 +48,7 @@ class Moving:
 
 ROBOT = {
     "elbow_joint": Moving("harmonic_drive", {"k_t": 0.08, "k_1": 6000.0, "J_q": 0.9}),
-    "shoulder_pan_joint": Moving("harmonic_drive", {"k_t": 0.1, "k_1": 9000.0, "J_q": 1.3, "k_2": 0.0}),
+    "shoulder_pan_joint": Moving("harmonic_drive", {"k_t": 0.1, "k_1": 9000.0, "J_q": 1.3}),
     "shoulder_lift_joint": Moving(
         "rigid_joint",
         {"N": N, "k_t": 0.1, "J": 2.0, "c": 15.0, "tau_f": 8.0, "tau_0": 0.0, "a_g": 40.0, "b_g": 12.0},

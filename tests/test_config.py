@@ -53,6 +53,48 @@ def test_a_parameter_file_builds_the_options_of_its_nodes(path):
         assert not given, f"{node} has no parameter {', '.join(given)}"
 
 
+ROBOTS = ("ur3e", "ur5e", "ur10e")
+
+
+def unsourced(text):
+    """Lines with a value that name neither a source of the head nor a guess nor a choice of ours.
+
+    What is said of the robot's mechanics cannot be a choice, and its uncertainty stands beside it.
+    """
+    known = set(re.findall(r"^# \[(\d+)\] \w", text, re.MULTILINE))
+    bad = []
+    for line in text.splitlines():
+        value, _, comment = line.partition("#")
+        if not value.strip() or value.rstrip().endswith(":"):
+            continue
+        cited = set(re.findall(r"\[(\d+)\]", comment))
+        mechanics = any(word in value for word in ("k_t=", "N=", "gear_ratio"))
+        sourced = bool(cited) and (not mechanics or "%" in comment)
+        excused = "guess" in comment or ("choice" in comment and not mechanics)
+        if not cited <= known or not (sourced or excused):
+            bad.append(line.strip())
+    return bad
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_every_value_for_a_robot_has_its_source_or_is_called_a_guess(robot):
+    text = (CONFIG / f"{robot}.yaml").read_text()
+    assert unsourced(text) == []
+    spoilt = re.sub(r"(k_t=[\d.]+)  #.*", r"\1  # choice", text).replace("rate: 500.0  #", "rate: 500.0  # [99]")
+    assert len(unsourced(spoilt)) == 7
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_robot_has_a_torque_constant_for_every_joint_and_one_ratio_everywhere(robot):
+    nodes = {k: v["ros__parameters"] for k, v in yaml.safe_load((CONFIG / f"{robot}.yaml").read_text()).items()}
+    driver, identifier = nodes["/**/driver"], nodes["/**/identifier"]
+    assert driver["joints"] == identifier["joints"]
+    options = ModelOptions(joints=tuple(identifier["joints"]), set=tuple(identifier["set"]))
+    values = [options.values(joint) for joint in driver["joints"]]
+    assert all(0.02 < v["k_t"] < 0.2 for v in values)
+    assert {v["N"] for v in values} == set(driver["gear_ratio"])
+
+
 @pytest.mark.parametrize("name", ["demo_electromechanical", "demo_harmonic_drive"])
 def test_a_parameter_file_reaches_the_node_in_any_namespace(start, probe, name):
     process = start("identifier", "--params-file", str(CONFIG / f"{name}.yaml"), "-r", "__ns:=/left/arm")
