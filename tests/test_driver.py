@@ -20,7 +20,7 @@ from joint_id_msgs.msg import RobotSignals
 HOST = "127.0.0.1"
 SECONDS, RATE = 20, 500
 MOTOR_POSITIONS = [f"output_double_register_{k}" for k in range(24, 30)]
-DRIVER_MODULES = ("driver", "driver_options", "robot_signals", "robot_health", "connection_check")
+DRIVER_MODULES = ("driver", "driver_options", "robot_signals", "robot_health", "connection_check", "stamping")
 STEER = 200e-6  # by which stamps may run faster or slower than the robot's clock, to stay with the system's
 ROUNDING_NS = 2
 

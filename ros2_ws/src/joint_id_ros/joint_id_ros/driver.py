@@ -12,7 +12,6 @@ from rclpy.clock_type import ClockType
 from joint_id_core.errors import JointIdError
 from joint_id_core.rtde.client import Client, Request, Sample
 from joint_id_core.rtde.clients import CLIENTS
-from joint_id_core.rtde.clock import ControllerClock
 from joint_id_core.rtde.errors import RefusedError, RobotError
 from joint_id_core.rtde.gate import Gate
 from joint_id_core.rtde.stream import RobotStream, StreamOptions
@@ -24,6 +23,7 @@ from joint_id_ros.parameters import read
 from joint_id_ros.qos import STREAM_OUT
 from joint_id_ros.robot_health import RobotHealth
 from joint_id_ros.robot_signals import TYPES, JointMessages
+from joint_id_ros.stamping import WAITS, Stamper
 
 NEWS = ("connected", "message", "mode")  # events that are no problem
 POLL_S = 0.1  # how often a start without a lifecycle manager looks whether the robot has answered
@@ -49,7 +49,7 @@ class DriverNode(ManagedNode):
 
     def _renew(self) -> None:
         """Forget the run before."""
-        self._gate, self._controller_clock = Gate(), ControllerClock(self._on_event)
+        self._gate, self._stamper = Gate(), Stamper(self._on_event)
         self._health = RobotHealth(self._options.joints, self._options.rate, self._on_event)
 
     def _client(self) -> Client:
@@ -132,11 +132,10 @@ class DriverNode(ManagedNode):
         """Publish; called from the stream's thread."""
         for sample in samples:
             reason = self._gate.admit(sample.values)
-            self._health.note(sample.values, reason)
-            if reason:
+            stamp_ns = None if reason else self._stamper.stamp(sample, samples[-1])
+            self._health.note(sample.values, reason or ("" if stamp_ns is not None else WAITS))
+            if stamp_ns is None:
                 continue
-            timestamp: Any = sample.values["timestamp"]
-            stamp_ns = self._controller_clock.stamp(timestamp, sample.received_ns)
             self._messages.fill(stamp_ns, sample.values)
             for topic, message in self._messages.by_topic.items():
                 self._outputs[topic].publish(message)
@@ -145,7 +144,7 @@ class DriverNode(ManagedNode):
     def _on_event(self, kind: str, text: str) -> None:
         """Tell of a change; called from the stream's thread."""
         if kind == "connected":
-            self._controller_clock.forget()  # the robot may have been started anew
+            self._stamper.new_connection()
         if kind in NEWS:
             self.get_logger().info(text)
         else:
