@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from joint_id_core.formats import write_bag
 from joint_id_core.recording import Recording
@@ -46,57 +45,48 @@ def stiffness(estimate):
     return p.value, p.std_dev
 
 
-def test_the_stiffness_of_the_elbow_is_the_same_in_both_halves(start, probe, bag):
+def two_windows(start, probe, bag, joints, length_s, **parameters):
+    """By joint, its estimates over two windows that share neither samples nor memory."""
     found = probe.collect(JointParams, "joint_params", LATEST)
-    parameters = ("--params-file", str(CONFIG))
-    # Each half by itself, in one window.
-    start("identifier", *parameters, window_s=27.0, hop_s=27.0, memory_s=0.0)
-    start("filter", *parameters)
+    windows = {"window_s": length_s, "hop_s": length_s, "memory_s": 0.0}
+    start("identifier", "--params-file", str(CONFIG), joints=joints, **windows, **parameters)
+    start("filter", "--params-file", str(CONFIG))
     probe.until(lambda: probe.count_subscribers("joint_samples") == 1, "the identifier")
-    player = start("player", *parameters, bag=bag, rate=5.0)
-    probe.until(lambda: len(found) == 2, "an estimate of each half")
-    first, second = (m.joints[0] for m in found)
-    assert (
-        first.joint
-        == second.joint
-        == yaml.safe_load(CONFIG.read_text())["/**/identifier"]["ros__parameters"]["joints"][0]
-    )
-    assert first.window_end.sec <= second.window_start.sec
+    player = start("player", "--params-file", str(CONFIG), bag=bag, rate=5.0)
+
+    def estimates():
+        by_window = {(j.joint, j.window_start.sec): j for m in found for j in m.joints}
+        return {joint: [j for (name, _), j in sorted(by_window.items()) if name == joint] for joint in joints}
+
+    probe.until(lambda: all(len(e) == 2 for e in estimates().values()), f"two estimates of {', '.join(joints)}")
+    assert player.wait() == 0
+    return estimates()
+
+
+def test_the_stiffness_of_every_joint_is_repeatable_or_published_as_bad(start, probe, bag):
+    """The two halves of the log, each by itself. The elbow, which is held still, must be found in both."""
+    k_t = ["N=101", "k_t=0.0802", "shoulder.k_t=0.1"]
+    estimates = two_windows(start, probe, bag, list(JOINTS.values()), 27.0, set=k_t)
+    for joint, (first, second) in estimates.items():
+        print(joint, [(e.status, e.message, stiffness(e)) for e in (first, second)])
+        assert first.window_end.sec <= second.window_start.sec
+        if first.status == second.status == JointEstimate.CONVERGED:
+            (a, std_a), (b, std_b) = stiffness(first), stiffness(second)
+            assert abs(a - b) < 3.0 * np.hypot(std_a, std_b)
+        else:
+            assert all(e.message for e in (first, second))
+    first, second = estimates["elbow"]
     assert first.status == second.status == JointEstimate.CONVERGED
     (a, std_a), (b, std_b) = stiffness(first), stiffness(second)
     assert abs(a - b) < 1.96 * np.hypot(std_a, std_b)
     for value, std in ((a, std_a), (b, std_b)):
         assert 4.2e3 - 2 * std < value < 4.5e3 + 2 * std  # a prototype found 4467 +- 75 and 4247 +- 85
         assert std < 150.0
-    assert player.wait() == 0
-
-
-def two_windows(start, probe, bag, joint, **parameters):
-    """Estimates of one joint over two windows that share neither samples nor memory, and what k_t they assume."""
-    found = probe.collect(JointParams, "joint_params", LATEST)
-    windows = {"window_s": 25.0, "hop_s": 25.0, "memory_s": 0.0}
-    start("identifier", "--params-file", str(CONFIG), joints=[joint], **windows, **parameters)
-    start("filter", "--params-file", str(CONFIG))
-    probe.until(lambda: probe.count_subscribers("joint_samples") == 1, "the identifier")
-    start("player", "--params-file", str(CONFIG), bag=bag, rate=5.0)
-    probe.until(lambda: len(found) >= 2, f"two estimates of the {joint}")
-    return [m.joints[0] for m in found[:2]]
-
-
-@pytest.mark.parametrize(("joint", "k_t"), [("shoulder", 0.1), ("wrist_1", 0.0802)])
-def test_other_joints_are_repeatable_or_published_as_bad(start, probe, bag, joint, k_t):
-    first, second = two_windows(start, probe, bag, joint, set=["N=101", f"k_t={k_t}"])
-    print(joint, [(e.status, e.message, stiffness(e)) for e in (first, second)])
-    if first.status == second.status == JointEstimate.CONVERGED:
-        (a, std_a), (b, std_b) = stiffness(first), stiffness(second)
-        assert abs(a - b) < 3.0 * np.hypot(std_a, std_b)
-    else:
-        assert all(e.message for e in (first, second))
 
 
 def test_the_shoulder_as_a_rigid_joint_shows_its_gravity_and_friction(start, probe, bag):
     options = {"model": "rigid_joint", "gravity": True, "set": ["N=101", "k_t=0.1"]}
-    for estimate in two_windows(start, probe, bag, "shoulder", **options):
+    for estimate in two_windows(start, probe, bag, ["shoulder"], 25.0, **options)["shoulder"]:
         values = {p.name: p.value for p in estimate.parameters}
         print(estimate.status, estimate.message, values)
         assert abs(values["a_g"]) == pytest.approx(16.0, rel=0.1)
