@@ -9,6 +9,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 
@@ -17,6 +19,8 @@ from ament_index_python.packages import get_package_prefix
 PATIENCE_S = 10.0  # to end after SIGINT, then after SIGTERM
 READY = re.compile(r"^ready on \S+:(\d+)$", re.MULTILINE)  # what the emulator prints
 TAIL = 15  # lines of a log that are shown when its process failed
+
+STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 # The kernel ends a child whose parent is gone, even when the parent was killed and could not clean up.
 BOUND_TO_PARENT = ["setpriv", "--pdeathsig", "TERM"] if shutil.which("setpriv") else []
@@ -82,7 +86,7 @@ class Nodes:
     ) -> None:
         # What `ros2 run` does; the launchers on the PATH are shells whose child a signal could miss.
         script = Path(get_package_prefix(package)) / "lib" / package / program
-        with self._log(name).open("wb") as log:
+        with self._log(name).open("wb") as log, _signals_wait():
             self._children[name] = subprocess.Popen(
                 [*BOUND_TO_PARENT, sys.executable, str(script), *arguments],
                 stdin=stdin, stdout=log, stderr=subprocess.STDOUT,
@@ -116,13 +120,27 @@ class Nodes:
     def stop(self, *names: str) -> None:
         """End these nodes one after the other, however they feel; the others go on."""
         # A second Ctrl-C must not leave half of them.
-        previous = {n: signal.signal(n, signal.SIG_IGN) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+        previous = {n: signal.signal(n, signal.SIG_IGN) for n in STOPPING}
         try:
             for name in names:
                 _end(self._children.pop(name))
         finally:
             for number, handler in previous.items():
                 signal.signal(number, handler)
+
+
+@contextmanager
+def _signals_wait() -> Iterator[None]:
+    """Let signals wait meanwhile: one between the start of a child and its being noted would leave it running."""
+    noted: list[int] = []
+    previous = {n: signal.signal(n, lambda number, _: noted.append(number)) for n in STOPPING}
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+        for number in noted:
+            signal.raise_signal(number)
 
 
 def _end(child: subprocess.Popen[bytes]) -> None:

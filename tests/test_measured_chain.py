@@ -45,10 +45,11 @@ def stiffness(estimate):
     return p.value, p.std_dev
 
 
-def two_windows(start, probe, bag, joints, length_s, **parameters):
+def two_windows(start, probe, bag, joints, **parameters):
     """By joint, its estimates over two windows that share neither samples nor memory."""
     found = probe.collect(JointParams, "joint_params", LATEST)
-    windows = {"window_s": length_s, "hop_s": length_s, "memory_s": 0.0}
+    # Two windows are shorter than the log by 5 s: on a busy machine the first one may end late.
+    windows = {"window_s": 25.0, "hop_s": 25.0, "memory_s": 0.0}
     start("identifier", "--params-file", str(CONFIG), joints=joints, **windows, **parameters)
     start("filter", "--params-file", str(CONFIG))
     probe.until(lambda: probe.count_subscribers("joint_samples") == 1, "the identifier")
@@ -66,7 +67,7 @@ def two_windows(start, probe, bag, joints, length_s, **parameters):
 def test_the_stiffness_of_every_joint_is_repeatable_or_published_as_bad(start, probe, bag):
     """The two halves of the log, each by itself. The elbow, which is held still, must be found in both."""
     k_t = ["N=101", "k_t=0.0802", "shoulder.k_t=0.1"]
-    estimates = two_windows(start, probe, bag, list(JOINTS.values()), 27.0, set=k_t)
+    estimates = two_windows(start, probe, bag, list(JOINTS.values()), set=k_t)
     for joint, (first, second) in estimates.items():
         print(joint, [(e.status, e.message, stiffness(e)) for e in (first, second)])
         assert first.window_end.sec <= second.window_start.sec
@@ -86,7 +87,7 @@ def test_the_stiffness_of_every_joint_is_repeatable_or_published_as_bad(start, p
 
 def test_the_shoulder_as_a_rigid_joint_shows_its_gravity_and_friction(start, probe, bag):
     options = {"model": "rigid_joint", "gravity": True, "set": ["N=101", "k_t=0.1"]}
-    for estimate in two_windows(start, probe, bag, ["shoulder"], 25.0, **options)["shoulder"]:
+    for estimate in two_windows(start, probe, bag, ["shoulder"], **options)["shoulder"]:
         values = {p.name: p.value for p in estimate.parameters}
         print(estimate.status, estimate.message, values)
         assert abs(values["a_g"]) == pytest.approx(16.0, rel=0.1)
