@@ -31,17 +31,17 @@ def bag(tmp_path_factory):
 
 @pytest.fixture
 def replay(start, probe):
-    """Play a bag through filter and identifier and return a joint's first estimate that converged, each over 5 s."""
+    """Play a bag through filter and identifier and return a joint's first estimate that converged, each over 4 s."""
 
     def run(path, joint, filtering, identifying, parameters=()):
         found = probe.collect(JointParams, "joint_params", LATEST)
         samples = probe.collect(JointSamples, "joint_samples")
-        window = {"window_s": 5.0, "hop_s": 0.25, "memory_s": 0.0, "use_sim_time": True}
+        window = {"window_s": 4.0, "hop_s": 0.25, "memory_s": 0.0, "use_sim_time": True}
         start("identifier", *parameters, **window, **identifying)
         start("filter", *parameters, *REMAP, use_sim_time=True, **filtering)
         probe.until(lambda: probe.count_subscribers("joint_samples") == 2, "the identifier")
         probe.until(lambda: probe.count_subscribers("joint_states") == 1, "the filter")
-        player = start("player", bag=path, rate=2.0, topics=["/joint_states"])
+        player = start("player", bag=path, topics=["/joint_states"])
         probe.until(lambda: any(converged(found, joint)), f"an estimate of {joint}")
         assert player.wait() == 0
         assert all(s.measured & JointSamples.MOTOR_VELOCITY for s in samples)
