@@ -89,7 +89,7 @@ def innovations(
     which the record begins anew at this sample, or -1. y (T, NY): labels, NaN where missing; label (NY): their
     state; R (NY): their noise variance. q (NU): variance of the input noise, per sample. Q_x (NX): small
     variance added to the states per sample. gap (T): missing samples before the next one; over a gap the
-    held input is uncertain by as much as it is seen to change, and the RK4 steps stay as short as elsewhere.
+    held input is uncertain by as much as it is seen to change.
     n_params: NP, or 0 to leave the sensitivities out.
     Receives X (T, NX) filtered states, e, S (T, NY) innovations and their variance (0, 1 where missing)
     and J (T, NY, NP) the derivative of the predicted label by the parameters, divided by sqrt(S); K (T, NY, NX)
@@ -165,8 +165,7 @@ def innovations(
             for n in range(NX + NU):
                 W[m, n] = 0.0
             W[m, m] = 1.0
-        steps = substeps * (1 + int(gap[t]))
-        step(x, W, D, Q, columns, n_params, u[t], u[t + 1], c, time[t + 1] - time[t], steps)
+        step(x, W, D, Q, columns, n_params, u[t], u[t + 1], c, time[t + 1] - time[t], substeps)
         for k in range(NU):
             q_t[k] = q[k] + gap[t] * (u[t + 1, k] - u[t, k]) ** 2
         for m in range(NX):
