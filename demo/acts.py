@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import shutil
 import tempfile
 import time
@@ -34,8 +33,8 @@ def live(args: argparse.Namespace, model: Model, begun: float) -> History:
     topics = ["link_states", "motor_states", "truth", *(["motor_voltages"] if "voltage" in model.input_names else [])]
     with (
         tempfile.TemporaryDirectory(dir=args.out, prefix="run_") as folder,
-        Nodes(args.out / "logs/live", _domain()) as nodes,
-        Watcher(_domain()) as watcher,
+        Nodes(args.out / "logs/live", args.domain) as nodes,
+        Watcher(args.domain) as watcher,
     ):
         bag = Path(folder) / "recording"
         nodes.node("filter")
@@ -56,7 +55,7 @@ def robot(args: argparse.Namespace) -> tuple[History, dict[str, JointEstimate], 
     """
     screen = Screen(f"robot, {ROBOT_JOINT}", time.monotonic())
     truth_file = args.out / "logs/robot/truth.yaml"
-    with Nodes(args.out / "logs/robot", _domain()) as nodes, Watcher(_domain(), ROBOT_JOINT) as watcher:
+    with Nodes(args.out / "logs/robot", args.domain) as nodes, Watcher(args.domain, ROBOT_JOINT) as watcher:
         nodes.node("filter")
         port = nodes.emulator(HOST, truth_file)
         truth = yaml.safe_load(truth_file.read_text())
@@ -91,7 +90,7 @@ def replay(args: argparse.Namespace, model: Model) -> History:
     """Player, filter and identifier, on the clock of the bag."""
     bag = args.out / "recording"
     screen = Screen("replayed", time.monotonic())
-    with Nodes(args.out / "logs/replay", _domain()) as nodes, Watcher(_domain()) as watcher:
+    with Nodes(args.out / "logs/replay", args.domain) as nodes, Watcher(args.domain) as watcher:
         nodes.node("filter", use_sim_time=True)
         _start_identifier(nodes, watcher, model.name, _wrong(model), use_sim_time=True)
         nodes.node("player", bag=bag)
@@ -145,8 +144,3 @@ def _replace(new: Path, place: Path) -> None:
             raise JointIdError(f"{place} is no recording, so it is not replaced: move it or choose another --out")
         shutil.rmtree(place)
     new.rename(place)
-
-
-def _domain() -> int:
-    """The ROS domain of this run: 1 to 100, whose ports no other program is given by the system."""
-    return 1 + os.getpid() % 100

@@ -18,6 +18,7 @@ from pathlib import Path
 import acts
 from live import History, free, summary
 from nodes import NodeFailedError
+from ros_domain import own_domain
 
 from joint_id_core import formats
 from joint_id_core.codegen import compile_model
@@ -39,34 +40,38 @@ def main() -> int:
         signal.signal(number, signal.default_int_handler)  # both end the demo like Ctrl-C
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"  # for the part of DDS in this process
     try:
-        model = PLANTS[args.model]({}, MotionOptions(), 0).model
-        _compile(model)
-        _compile(HarmonicDrive(actuation="current"))
-        print(
-            f"Act 1, live: sim -> filter -> identifier, {args.duration:g} s of {args.model}, recorded at the same time"
-        )
-        print(f"The start values of the identifier are wrong by a factor of up to {acts.START_FACTOR:g}.", flush=True)
-        live = acts.live(args, model, begun)
-        print("\nAct 2, a robot: emulated UR -> RTDE over TCP -> driver -> filter -> identifier")
-        print("The connection is cut once on the way; the driver takes it up again.", flush=True)
-        robot, joints, truth, driver = acts.robot(args)
-        print(f"  the driver says: {driver}; all joints at the end:")
-        print(summary(joints, truth, ("k_1", "J_q")))
-        print(f"\nAct 3, from the bag of act 1: player -> filter -> identifier, {args.out / 'recording'}", flush=True)
-        replayed = acts.replay(args, model)
-        print("\nAct 4, the picture: fit and convergence", flush=True)
-        from picture import draw  # here, so that nobody waits for matplotlib before the first estimate
-
-        draw(args.picture, model, formats.read(args.out / "recording"), live)
+        with own_domain() as args.domain:
+            estimated = _run(args, begun)
     except KeyboardInterrupt:
         print("\nstopped: every node has ended")
         return 130
     except (NodeFailedError, JointIdError, OSError) as error:
         print(f"\ndemo: {error}", file=sys.stderr)
         return 1
-    acts_of = {"live": live, "robot": robot, "from the bag": replayed}
-    _summary(args, acts_of, time.monotonic() - begun)
-    return 0 if all(map(_arrived, acts_of.values())) else 1
+    _summary(args, estimated, time.monotonic() - begun)
+    return 0 if all(map(_arrived, estimated.values())) else 1
+
+
+def _run(args: argparse.Namespace, begun: float) -> dict[str, History]:
+    """The acts one after the other; what was estimated in each."""
+    model = PLANTS[args.model]({}, MotionOptions(), 0).model
+    _compile(model)
+    print(f"Act 1, live: sim -> filter -> identifier, {args.duration:g} s of {args.model}, recorded at the same time")
+    print(f"The start values of the identifier are wrong by a factor of up to {acts.START_FACTOR:g}.", flush=True)
+    live = acts.live(args, model, begun)
+    print("\nAct 2, a robot: emulated UR -> RTDE over TCP -> driver -> filter -> identifier")
+    print("The connection is cut once on the way; the driver takes it up again.", flush=True)
+    _compile(HarmonicDrive(actuation="current"))
+    robot, joints, truth, driver = acts.robot(args)
+    print(f"  the driver says: {driver}; all joints at the end:")
+    print(summary(joints, truth, ("k_1", "J_q")))
+    print(f"\nAct 3, from the bag of act 1: player -> filter -> identifier, {args.out / 'recording'}", flush=True)
+    replayed = acts.replay(args, model)
+    print("\nAct 4, the picture: fit and convergence", flush=True)
+    from picture import draw  # here, so that nobody waits for matplotlib before the first estimate
+
+    draw(args.picture, model, formats.read(args.out / "recording"), live)
+    return {"live": live, "robot": robot, "from the bag": replayed}
 
 
 def _arguments() -> argparse.Namespace:
@@ -86,7 +91,7 @@ def _arguments() -> argparse.Namespace:
 def _compile(model: Model) -> None:
     """Compile the model before anything moves; the compiler says so when its cache has no such kernel."""
     logger = logging.getLogger("joint_id_core.codegen")
-    logger.addHandler(logging.StreamHandler(sys.stdout))
+    logger.handlers = [logging.StreamHandler(sys.stdout)]
     logger.setLevel(logging.INFO)
     compile_model(model)
 
@@ -100,9 +105,9 @@ def _last(history: History) -> list[ParameterEstimate]:
     return free(history.estimates[-1]) if history.estimates else []
 
 
-def _summary(args: argparse.Namespace, acts_of: dict[str, History], elapsed: float) -> None:
+def _summary(args: argparse.Namespace, estimated: dict[str, History], elapsed: float) -> None:
     print()
-    for title, history in acts_of.items():
+    for title, history in estimated.items():
         if not _arrived(history):
             print(f"  {title}: no parameter was estimated: see {args.out / 'logs'}")
             continue

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import fcntl
-import itertools
 import os
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -28,6 +25,7 @@ from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from robot_process import Robot
+from ros_domain import own_domain
 
 from joint_id_ros.qos import STREAM_IN, STREAM_OUT
 
@@ -168,16 +166,9 @@ class Probe(Node):
 
 @pytest.fixture
 def domain() -> Iterator[int]:
-    """A ROS domain for this test alone, also among test runs at the same time on this machine."""
-    first = os.getpid()
-    for number in itertools.cycle(1 + (first + k) % 100 for k in range(100)):
-        with (Path(tempfile.gettempdir()) / f"joint_id_domain_{number}.lock").open("w") as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                continue
-            yield number
-            return
+    """A ROS domain for this test alone, also among test runs and demos at the same time on this machine."""
+    with own_domain() as number:
+        yield number
 
 
 @pytest.fixture
