@@ -16,6 +16,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from emulator import Emulator
@@ -61,9 +62,9 @@ def _read(name: str, duration: float, out: Path) -> None:
     begun = time.monotonic()
     while time.monotonic() < end:
         for sample in client.read(0.5):
-            values = sample.values
-            rows.append([values["timestamp"], *(v for column in COLUMNS for v in values[column])])  # type: ignore[union-attr]
-            delays.append(sample.received_ns * 1e-9 - values["timestamp"])  # type: ignore[operator]
+            values: dict[str, Any] = sample.values
+            rows.append([values["timestamp"], *(v for column in COLUMNS for v in values[column])])
+            delays.append(sample.received_ns * 1e-9 - values["timestamp"])
     load = (time.process_time() - cpu) / (time.monotonic() - begun)
     client.close()
     np.savez(out / f"rtde_{name}.npz", rows=np.array(rows), delays=np.array(delays), load=load)

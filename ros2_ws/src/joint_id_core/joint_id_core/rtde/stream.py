@@ -153,7 +153,7 @@ class RobotStream:
             except RobotError as error:
                 kind, text = _kind(error, self._state), str(error)
                 refused = isinstance(error, RefusedError)
-            except Exception as error:
+            except Exception as error:  # a defect must not end the stream unseen
                 kind, text, refused = "internal error", _where(error), False
             if self._stopping.is_set():  # the error is that of a client that was closed
                 return
@@ -244,7 +244,7 @@ class RobotStream:
             return
         try:
             callback(*args)
-        except Exception as error:
+        except Exception as error:  # nor one of whoever is called back
             if callback == self._on_event:
                 log.exception("event %s", args)
             elif self._is_due("internal error", time.monotonic()):
