@@ -77,6 +77,8 @@ class Estimate:
         noise: estimated standard deviation by label and noisy input, SI units.
         chi2: mean squared normalised innovation; 1 for a correct model.
         whiteness: by label, lag-one autocorrelation of the innovations; 0 for a correct model.
+        deviance: -2 log likelihood of the labels without its constant term, at the estimate (NaN where an estimator has no
+            likelihood); observations: how many label values it covers.
         substeps: RK4 steps a sample.
         iterations, elapsed_s: cost of the fit.
         start, end: first and last instant of the data in s.
@@ -95,6 +97,8 @@ class Estimate:
     noise: Mapping[str, float] = field(default_factory=dict)
     chi2: float = float("nan")
     whiteness: Mapping[str, float] = field(default_factory=dict)
+    deviance: float = float("nan")
+    observations: int = 0
     substeps: int = 0
     iterations: int = 0
     elapsed_s: float = 0.0
