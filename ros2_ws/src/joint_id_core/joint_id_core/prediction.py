@@ -75,11 +75,33 @@ def _band(time: Array, cutoff_hz: float) -> FilterOptions:
     return FilterOptions(cutoff_hz=min(cutoff_hz, 0.4 / float(np.median(np.diff(time)))))
 
 
+def drive_errors(time: Array, measured: Array, predicted: Array, band_hz: float = DRIVE_BAND_HZ) -> Array:
+    """Predicted minus measured drive below `band_hz`, over the standard deviation of the measured one there.
+
+    Within two periods of the band of either end of the record, or of a long gap, the filter does not see on and the
+    acceleration behind the prediction is guessed: nothing is said there.
+
+    Returns:
+        Errors of shape (T,), NaN where either is not known or the filter does not reach.
+    """
+    errors = np.full(len(time), np.nan)
+    known = np.flatnonzero(np.isfinite(measured) & np.isfinite(predicted))
+    if len(known) < 2:
+        return errors
+    t, options = time[known], _band(time, band_hz)
+    a, b = (differentiate(t, v[known], options)[0] for v in (measured, predicted))
+    cuts = np.flatnonzero(np.diff(t) > options.max_gap * float(np.median(np.diff(t))))
+    first, last = t[np.concatenate([[0], cuts + 1])], t[np.concatenate([cuts, [len(t) - 1]])]
+    piece = np.searchsorted(first, t, "right") - 1
+    margin = 2.0 / options.cutoff_hz
+    inner = (t - first[piece] > margin) & (last[piece] - t > margin) & np.isfinite(a) & np.isfinite(b)
+    spread = float(np.std(a[inner])) if inner.any() else 0.0
+    if spread > 0.0:
+        errors[known[inner]] = (b - a)[inner] / spread
+    return errors
+
+
 def drive_r_squared(time: Array, measured: Array, predicted: Array, band_hz: float = DRIVE_BAND_HZ) -> float:
-    """Coefficient of determination of a predicted drive below `band_hz`, over the samples where both are known."""
-    known = np.isfinite(measured) & np.isfinite(predicted)
-    options = _band(time, band_hz)
-    a, b = (differentiate(time[known], v[known], options)[0] for v in (measured, predicted))
-    usable = np.isfinite(a) & np.isfinite(b)
-    residual, spread = (a - b)[usable], a[usable] - np.mean(a[usable])
-    return 1.0 - float(residual @ residual) / float(spread @ spread)
+    """Coefficient of determination of a predicted drive, from `drive_errors`; NaN where these say nothing."""
+    errors = drive_errors(time, measured, predicted, band_hz)
+    return 1.0 - float(np.nanmean(errors**2)) if np.isfinite(errors).any() else float("nan")

@@ -5,26 +5,46 @@ from __future__ import annotations
 import numpy as np
 
 from joint_id_core.codegen import compile_model
+from joint_id_core.errors import JointIdError
 from joint_id_core.estimate import Estimate
-from joint_id_core.estimators.recursion import Recursion
+from joint_id_core.estimators.recursion import LONGEST_GAP, Recursion
 from joint_id_core.estimators.start import input_noise, label_noise
 from joint_id_core.models import Model
-from joint_id_core.prediction import drive, drive_r_squared, free_runs, nrmse
-from joint_id_core.problem import prepare
-from joint_id_core.recording import Recording
+from joint_id_core.prediction import drive, drive_errors, free_runs
+from joint_id_core.problem import Problem, prepare
+from joint_id_core.recording import Array, Recording
+
+HORIZON_S = 0.1  # how far ahead labels are predicted, as in the estimator's own report
 
 
-def held_out(model: Model, recording: Recording, estimate: Estimate, horizon_s: float = 0.1) -> dict[str, float]:
-    """Predict the labels of another recording with the parameters of an estimate.
-
-    As in the estimator's own report, predictions are free runs of at most `horizon_s`, each restarted from the
-    filtered state; nothing is fitted here.
+def held_out(model: Model, recording: Recording, estimate: Estimate, horizon_s: float = HORIZON_S) -> dict[str, float]:
+    """Predict the labels of another recording with the parameters of an estimate; nothing is fitted here.
 
     Returns:
-        By label, rms of prediction minus label over the label's standard deviation.
+        By label, rms of prediction minus label over the label's standard deviation; NaN for a constant label.
 
     Raises:
-        JointIdError: the recording cannot be used with this model.
+        JointIdError: as `held_out_errors`.
+    """
+    errors = held_out_errors(model, recording, estimate, horizon_s)
+    return {n: float(np.sqrt(np.nanmean(e**2))) if np.isfinite(e).any() else float("nan") for n, e in errors.items()}
+
+
+def held_out_errors(
+    model: Model, recording: Recording, estimate: Estimate, horizon_s: float = HORIZON_S
+) -> dict[str, Array]:
+    """Errors of the predicted labels of another recording, sample by sample.
+
+    Predictions are free runs of at most `horizon_s`, each restarted from the filtered state. Left out are runs that
+    begin less than a horizon after the start of the record or after a long gap, when the filter hardly knows the
+    state: the error of a guessed velocity, not of the model, would be most of what is left.
+
+    Returns:
+        By label, prediction minus label over the label's standard deviation, shape (T,) as `recording.time`; NaN where
+        left out or not measured, and everywhere for a constant label.
+
+    Raises:
+        JointIdError: the recording cannot be used with this model, or is too short to predict anything.
     """
     held = set(model.parameter_names) - set(estimate.free)
     problem = prepare(model, recording, estimate.values, held, estimate.free)
@@ -37,13 +57,50 @@ def held_out(model: Model, recording: Recording, estimate: Estimate, horizon_s: 
     substeps = max(1, estimate.substeps)
     states = recursion.run(problem.p[recursion.index], R, q, substeps).states
     predictions = free_runs(kernel, problem, states, problem.p, substeps, horizon_s)
-    return nrmse(problem, predictions)
+    judged = _settled(problem, horizon_s)
+    if not judged.any():
+        raise JointIdError(
+            f"{recording.source}: {recording.duration:.3g} s without a gap are too short to validate on, predictions "
+            f"reach {horizon_s:g} s ahead and begin after {horizon_s:g} s: validate on a longer recording"
+        )
+    at = np.searchsorted(recording.time, problem.time[judged])
+    errors = {}
+    for k, name in enumerate(problem.labels):
+        spread = float(np.nanstd(problem.y[:, k]))
+        errors[name] = np.full(len(recording), np.nan)
+        if spread > 0.0:
+            errors[name][at] = (predictions[name] - problem.y[:, k])[judged] / spread
+    return errors
+
+
+def _settled(problem: Problem, horizon_s: float) -> np.ndarray:
+    """Which samples, shape (T,), belong to free runs that began at least a horizon after the last (re)start."""
+    time, block = problem.time, max(1, round(horizon_s / problem.period))
+    again = np.flatnonzero(problem.gap > LONGEST_GAP) + 1
+    starts = time[np.concatenate([[0], again[again < len(time)]])]
+    since = starts[np.searchsorted(starts, time, "right") - 1]
+    index = np.arange(len(time))
+    begun = time[np.maximum(index - 1, 0) // block * block]
+    return np.asarray((index > 0) & (begun - since > horizon_s - 0.5 * problem.period))
 
 
 def held_out_drive(model: Model, recording: Recording, estimate: Estimate) -> tuple[str, float] | None:
-    """Name of the drive and R^2 of its prediction on another recording; None where the model has no such drive."""
+    """Name of the drive and R^2 of its prediction on another recording; None as `held_out_drive_errors`."""
+    found = held_out_drive_errors(model, recording, estimate)
+    return None if found is None else (found[0], 1.0 - float(np.nanmean(found[1] ** 2)))
+
+
+def held_out_drive_errors(model: Model, recording: Recording, estimate: Estimate) -> tuple[str, Array] | None:
+    """Name of the drive and the errors of its prediction on another recording, sample by sample.
+
+    Returns:
+        Name, and predicted minus measured drive in the band of `prediction.drive_errors` over the standard deviation of
+        the measured one, shape (T,), NaN where not known. None where the model has no such drive, the motion that it
+        needs was not recorded, or the recording is shorter than the filter needs.
+    """
     predicted = drive(model, estimate.values, recording)
     name = model.inputs[0].name
     if predicted is None or name not in recording:
         return None
-    return name, drive_r_squared(recording.time, recording[name], predicted)
+    errors = drive_errors(recording.time, recording[name], predicted)
+    return (name, errors) if np.isfinite(errors).any() else None

@@ -8,17 +8,18 @@ import numpy as np
 import pytest
 
 from joint_id_core.codegen import compile_model
+from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import fit
 from joint_id_core.excitation import multisine
 from joint_id_core.models import build
 from joint_id_core.operations import ArrayOps
-from joint_id_core.prediction import drive, drive_r_squared, free_runs, nrmse
+from joint_id_core.prediction import drive, drive_errors, drive_r_squared, free_runs, nrmse
 from joint_id_core.problem import prepare
 from joint_id_core.recording import Recording
 from joint_id_core.rk4 import rollout
 from joint_id_core.sensors import Sensors
 from joint_id_core.simulation import simulate
-from joint_id_core.validation import held_out, held_out_drive
+from joint_id_core.validation import held_out, held_out_drive, held_out_errors
 
 RIGID = build("rigid_joint")
 TRUTH = {"J": 1.7, "c": 3.0, "tau_f": 2.0, "tau_0": -0.6}
@@ -107,3 +108,35 @@ def test_held_out_prediction_tells_a_good_model_from_a_bad_one():
     assert name == "torque"
     assert r_squared > 0.995
     assert held_out_drive(RIGID, other, estimate)[1] < 0.9
+
+
+def test_held_out_errors_leave_out_where_the_filter_does_not_know_the_state():
+    """After the start and after a cut connection; nothing else, and no error there is large."""
+    estimate = fit(RIGID, measured(1))
+    recording = measured(2)
+    keep = np.r_[0:500, 700:1200]  # 0.5 s cut out
+    cut = Recording(recording.time[keep], {n: v[keep] for n, v in recording.channels.items()})
+    errors = held_out_errors(RIGID, cut, estimate)["link_position"]
+    seen = np.isfinite(errors)
+    assert not seen[:41].any() and seen[41:500].all()  # 0.1 s at 400 Hz
+    assert not seen[500:540].any() and seen[580:].all()
+    assert np.nanmax(np.abs(errors)) < 0.003
+    assert held_out(RIGID, cut, estimate)["link_position"] == pytest.approx(float(np.sqrt(np.nanmean(errors**2))))
+
+
+def test_a_record_that_is_shorter_than_two_horizons_cannot_validate():
+    estimate = fit(RIGID, measured(1))
+    with pytest.raises(JointIdError, match="too short to validate on"):
+        held_out(RIGID, measured(2).slice(0, 50), estimate, horizon_s=0.2)
+
+
+def test_the_drive_is_not_judged_at_the_ends_and_around_gaps():
+    slow = np.sin(2 * np.pi * TIME)
+    time = np.where(TIME > 1.5, TIME + 1.0, TIME)
+    errors = drive_errors(time, slow, 0.9 * slow)
+    seen = np.isfinite(errors)
+    middle = (np.abs(time - 1.5) < 0.19) | (np.abs(time - 2.5) < 0.19) | (time < 0.19) | (time > time[-1] - 0.19)
+    assert not seen[middle].any()
+    assert seen[(time > 0.21) & (time < 1.29)].all()
+    assert np.isnan(drive_errors(TIME[:60], slow[:60], slow[:60])).all()
+    assert np.isnan(drive_r_squared(TIME[:60], slow[:60], slow[:60]))
