@@ -77,8 +77,8 @@ class Estimate:
         noise: estimated standard deviation by label and noisy input, SI units.
         chi2: mean squared normalised innovation; 1 for a correct model.
         whiteness: by label, lag-one autocorrelation of the innovations; 0 for a correct model.
-        deviance: -2 log likelihood of the labels without its constant term, at the estimate (NaN where an estimator has no
-            likelihood); observations: how many label values it covers.
+        deviance: -2 log likelihood of the labels at the estimate, without its constant term (NaN where an estimator
+            has no likelihood); observations: how many label values it covers.
         substeps: RK4 steps a sample.
         iterations, elapsed_s: cost of the fit.
         start, end: first and last instant of the data in s.

@@ -99,8 +99,8 @@ class _CompiledRollout(torch.autograd.Function):
     def forward(
         ctx: Any, x0: torch.Tensor, p: torch.Tensor, kernel: Kernel, time: Array, u: Array, substeps: int
     ) -> Any:
-        x, s_x0, s_p = rollout_sensitivities(kernel, x0.detach().numpy(), time, u, p.detach().numpy(), substeps)
-        ctx.save_for_backward(torch.from_numpy(s_x0), torch.from_numpy(s_p))
+        x, s_p = rollout_sensitivities(kernel, x0.detach().numpy(), time, u, p.detach().numpy(), substeps)
+        ctx.save_for_backward(torch.from_numpy(s_p))
         ctx.columns = [kernel.parameter_names.index(name) for name in kernel.sensitive]
         ctx.size = len(p)
         return torch.from_numpy(x)
@@ -108,10 +108,10 @@ class _CompiledRollout(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, *grad_outputs: torch.Tensor) -> Any:
         (grad,) = grad_outputs
-        s_x0, s_p = ctx.saved_tensors
+        (s_p,) = ctx.saved_tensors
         grad_p = torch.zeros(ctx.size, dtype=torch.float64)
         grad_p[ctx.columns] = torch.einsum("tn,tnk->k", grad, s_p)
-        return torch.einsum("tn,tnk->k", grad, s_x0), grad_p, None, None, None, None
+        return None, grad_p, None, None, None, None
 
 
 class HPinn(torch.nn.Module):
@@ -174,9 +174,16 @@ class HPinn(torch.nn.Module):
             x0: start state, shape (n,), SI units.
             time: instants in s, shape (T,).
             u: inputs at these instants, shape (T, nu), SI units.
+
+        Raises:
+            JointIdError: x0 asks for a gradient, which the compiled cell does not have.
         """
         p = self.parameters_si
         if self.kernel is not None:
+            if x0.requires_grad:
+                raise JointIdError(
+                    "the compiled cell has no gradient by the start state: build HPinn with compiled=False"
+                )
             return _CompiledRollout.apply(x0, p, self.kernel, time, u, self.substeps)
         by_name = SimpleNamespace(**dict(zip(self.model.parameter_names, p.unbind(), strict=True)))
         inputs, steps, states = torch.from_numpy(u), np.diff(time), [x0]
@@ -188,7 +195,7 @@ class HPinn(torch.nn.Module):
         """States (T, n) and their exact derivatives by the trainable parameters (T, n, k), SI units."""
         assert self.kernel is not None, "the eager cell has no forward sensitivities"
         columns = [self.kernel.sensitive.index(name) for name in self.trainable]
-        x, _, s_p = rollout_sensitivities(self.kernel, x0, time, u, self.parameters_si.detach().numpy(), self.substeps)
+        x, s_p = rollout_sensitivities(self.kernel, x0, time, u, self.parameters_si.detach().numpy(), self.substeps)
         return x, s_p[:, :, columns]
 
     @torch.no_grad()

@@ -97,15 +97,10 @@ def idle_drives(problem: Problem, q: Array) -> list[str]:
     return reasons
 
 
-def judge(
-    problem: Problem, found: Minimum, q: Array, nrmse: Mapping[str, float], rows: Mapping[str, Verdict]
-) -> Judgement:
-    """Decide how the fit ended: converged, not converged, or converged to a model that does not describe the data.
-
-    `q` is the variance of the inputs' noise that was found, shape (inputs,).
-    """
+def judge(problem: Problem, found: Minimum, nrmse: Mapping[str, float], rows: Mapping[str, Verdict]) -> Judgement:
+    """Decide how the fit ended: converged, not converged, or converged to a model that does not describe the data."""
     residuals = explained(problem, found.last.residuals)
-    reasons = [*residuals.reasons, *idle_drives(problem, q)]
+    reasons = [*residuals.reasons, *idle_drives(problem, found.levels[len(problem.labels) :])]
     poor = {n: v for n, v in nrmse.items() if v > POOR_NRMSE}
     if poor:
         worst = max(poor, key=lambda n: poor[n])

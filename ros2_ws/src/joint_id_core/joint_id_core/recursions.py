@@ -1,7 +1,9 @@
 """The loops over time around one compiled RK4 step.
 
-This module is never called: `codegen` puts its text behind the generated `step` of a model and compiles
-both together, which is why `step`, `constants` and the sizes are only declared here.
+This module is never called: `codegen` puts its text behind the generated functions of a model and compiles
+both together, which is why those and the sizes are only declared here. The work space V of the sensitivities is one
+array of rows, `columns` apart: NX rows W of derivatives of the state, then the step's own. Its columns are the
+derivatives by the NP parameters, in `step_full` then by the NX states at the start of the sample and the NU inputs.
 """
 
 from __future__ import annotations
@@ -16,8 +18,14 @@ NX: int  # states
 NU: int  # inputs
 NP: int  # parameters with sensitivities
 NC: int  # parameter-only constants
-step: Callable[..., None]
+CP: int  # columns of the work space of `step_parameters`
+CF: int  # columns of the work space of `step_full`
+CL: int  # columns of the derivatives by noise levels
 constants: Callable[..., None]
+jacobian: Callable[..., None]
+step: Callable[..., None]
+step_parameters: Callable[..., None]
+step_full: Callable[..., None]
 
 
 # --- compiled from here ---
@@ -28,32 +36,33 @@ def rollout(x0: Any, time: Any, u: Any, p: Any, substeps: int, X: Any) -> None:
     c = np.empty(NC)
     constants(p, c)
     x = x0.copy()
-    W = np.empty((NX, 1))
     X[0] = x
     for t in range(len(time) - 1):
-        step(x, W, W, W, 0, 0, u[t], u[t + 1], c, time[t + 1] - time[t], substeps)
+        step(x, x, u[t], u[t + 1], c, time[t + 1] - time[t], substeps)
         X[t + 1] = x
 
 
-def rollout_sensitivities(x0: Any, time: Any, u: Any, p: Any, substeps: int, X: Any, Sx: Any, Sp: Any) -> None:
-    """Simulate from x0 with the derivatives of all states by x0, Sx (T, NX, NX), and by p, Sp (T, NX, NP)."""
+def rollout_sensitivities(x0: Any, time: Any, u: Any, p: Any, substeps: int, X: Any, J: Any) -> None:
+    """Simulate from x0 with the derivatives of all states by p, J (T, NX, NP)."""
     c = np.empty(NC)
     constants(p, c)
     x = x0.copy()
-    columns = NX + NU + NP
-    W = np.zeros((NX, columns))
-    D = np.empty((NX, columns))
-    Q = np.empty((NX, columns))
-    for i in range(NX):
-        W[i, i] = 1.0
-    X[0] = x
-    Sx[0] = W[:, :NX]
-    Sp[0] = 0.0
-    for t in range(len(time) - 1):
-        step(x, W, D, Q, columns, NP, u[t], u[t + 1], c, time[t + 1] - time[t], substeps)
-        X[t + 1] = x
-        Sx[t + 1] = W[:, :NX]
-        Sp[t + 1] = W[:, NX + NU :]
+    V = np.zeros(3 * NX * CP)
+    for t in range(len(time)):
+        for i in range(NX):
+            X[t, i] = x[i]
+            for j in range(NP):
+                J[t, i, j] = V[i * CP + j]
+        if t < len(time) - 1:
+            step_parameters(x, V, u[t], u[t + 1], c, time[t + 1] - time[t], substeps)
+
+
+def jacobians(X: Any, u: Any, p: Any, A: Any) -> None:
+    """df/dx at every row of X (T, NX), u (T, NU), into A (T, NX, NX)."""
+    c = np.empty(NC)
+    constants(p, c)
+    for t in range(len(X)):
+        jacobian(X[t], u[t], c, A[t])
 
 
 # --- compiled with smooth friction only: a filter needs derivatives ---
@@ -75,13 +84,13 @@ def innovations(
     Q_x: Any,
     p: Any,
     substeps: int,
-    n_params: int,
     X: Any,
     e: Any,
     S: Any,
-    J: Any,
     K: Any,
     F: Any,
+    H: Any,
+    g: Any,
 ) -> float:
     """Run the innovations form once over the record and return sum e^2/S + log S.
 
@@ -90,70 +99,84 @@ def innovations(
     state; R (NY): their noise variance. q (NU): variance of the input noise, per sample. Q_x (NX): small
     variance added to the states per sample. gap (T): missing samples before the next one; over a gap the
     held input is uncertain by as much as it is seen to change.
-    n_params: NP, or 0 to leave the sensitivities out.
-    Receives X (T, NX) filtered states, e, S (T, NY) innovations and their variance (0, 1 where missing)
-    and J (T, NY, NP) the derivative of the predicted label by the parameters, divided by sqrt(S); K (T, NY, NX)
-    gains and F (T, NX, NX + NU) derivatives of the next state by state and input, as `noise_score` needs them.
+    Receives X (T, NX) filtered states, e, S (T, NY) innovations and their variance (0, 1 where missing), K (T, NY, NX)
+    gains and F (T, NX, NX + NU) derivatives of the next state by state and input, as `noise_information` needs them;
+    H (NP, NP) = sum s s' and g (NP) = sum s e / sqrt(S) with s the derivative of the predicted label by the parameters
+    over sqrt(S), the gain held.
     """
     c = np.empty(NC)
     constants(p, c)
-    columns = NX + NU + n_params
-    W = np.zeros((NX, NX + NU + NP))
-    D = np.empty((NX, NX + NU + NP))
-    Q = np.empty((NX, NX + NU + NP))
-    q_t = np.empty(NU)
-    M = np.empty((NX, NX))
+    # One array (see the module): the columns of the step, P, A P, rows s of this sample's labels, sum s e, sum s s'.
+    P, M = 3 * NX * CF, 3 * NX * CF + NX * NX
+    s, gradient = M + NX * NX, M + NX * NX + NX * CP
+    hessian = gradient + CP
+    V = np.zeros(hessian + NP * CP)
     x = x0.copy()
-    P = P0.copy()
+    for m in range(NX):
+        for n in range(NX):
+            V[P + m * NX + n] = P0[m, n]
     T = len(time)
     cost = 0.0
-    first = NX + NU
     for t in range(T):
         if begin[t] >= 0:
             for m in range(NX):
                 x[m] = X0[begin[t], m]
                 for n in range(NX):
-                    P[m, n] = 0.0
-                P[m, m] = V0[begin[t], m]
-                for j in range(n_params):
-                    W[m, first + j] = 0.0
+                    V[P + m * NX + n] = 0.0
+                V[P + m * NX + m] = V0[begin[t], m]
+                for j in range(NP):
+                    V[m * CF + j] = 0.0
+        volume = 1.0
         for k in range(len(label)):
             i = label[k]
             if math.isnan(y[t, k]):
                 e[t, k] = 0.0
                 S[t, k] = 1.0
-                for j in range(n_params):
-                    J[t, k, j] = 0.0
+                for j in range(CP):
+                    V[s + k * CP + j] = 0.0
                 for m in range(NX):
                     K[t, k, m] = 0.0
                 continue
             error = y[t, k] - x[i]
-            variance = P[i, i] + R[k]
-            cost += error * error / variance + math.log(variance)
+            variance = V[P + i * NX + i] + R[k]
+            inverse = 1.0 / variance
+            root = math.sqrt(inverse)
+            white = error * root
+            cost += white * white
+            volume *= variance
             e[t, k] = error
             S[t, k] = variance
-            root = 1.0 / math.sqrt(variance)
-            for j in range(n_params):
-                J[t, k, j] = W[i, first + j] * root
+            for j in range(CP):
+                V[s + k * CP + j] = V[i * CF + j] * root
+            for j in range(CP):
+                V[gradient + j] += V[s + k * CP + j] * white
             for m in range(NX):
-                K[t, k, m] = P[m, i] / variance
+                gain = V[P + m * NX + i] * inverse
+                K[t, k, m] = gain
+                x[m] += gain * error
+                gain *= variance * root
+                for j in range(CP):
+                    V[m * CF + j] -= gain * V[s + k * CP + j]
             for m in range(NX):
-                x[m] += K[t, k, m] * error
                 if m != i:
-                    for j in range(n_params):
-                        W[m, first + j] -= K[t, k, m] * W[i, first + j]
-            for j in range(n_params):
-                W[i, first + j] *= R[k] / variance  # 1 - K_i without cancellation
-            for m in range(NX):
-                for n in range(NX):
-                    if m != i and n != i:
-                        P[m, n] -= K[t, k, m] * P[i, n]
+                    for n in range(NX):
+                        if n != i:
+                            V[P + m * NX + n] -= K[t, k, m] * V[P + i * NX + n]
+            # P (1 - K) with 1 - K = R / S: a difference of nearly equal numbers would lose it
+            left = R[k] * inverse
             for n in range(NX):
-                if n != i:
-                    P[i, n] *= R[k] / variance
-                    P[n, i] = P[i, n]
-            P[i, i] *= R[k] / variance
-        X[t] = x
+                V[P + i * NX + n] *= left
+            for n in range(NX):
+                V[P + n * NX + i] = V[P + i * NX + n]
+        cost += math.log(volume)
+        for j in range(NP):
+            for n in range(CP):
+                total = V[hessian + j * CP + n]
+                for k in range(NX):
+                    total += V[s + k * CP + j] * V[s + k * CP + n]
+                V[hessian + j * CP + n] = total
+        for m in range(NX):
+            X[t, m] = x[m]
         if t == T - 1:
             break
         if begin[t + 1] >= 0:
@@ -163,85 +186,119 @@ def innovations(
             continue
         for m in range(NX):
             for n in range(NX + NU):
-                W[m, n] = 0.0
-            W[m, m] = 1.0
-        step(x, W, D, Q, columns, n_params, u[t], u[t + 1], c, time[t + 1] - time[t], substeps)
-        for k in range(NU):
-            q_t[k] = q[k] + gap[t] * (u[t + 1, k] - u[t, k]) ** 2
+                V[m * CF + NP + n] = 0.0
+            V[m * CF + NP + m] = 1.0
+        step_full(x, V, u[t], u[t + 1], c, time[t + 1] - time[t], substeps)
         for m in range(NX):
+            for n in range(NX + NU):
+                F[t, m, n] = V[m * CF + NP + n]
             for n in range(NX):
                 total = 0.0
                 for k in range(NX):
-                    total += W[m, k] * P[k, n]
-                M[m, n] = total
+                    total += V[m * CF + NP + k] * V[P + k * NX + n]
+                V[M + m * NX + n] = total
         for m in range(NX):
             for n in range(m + 1):
                 total = 0.0
                 for k in range(NX):
-                    total += M[m, k] * W[n, k]
-                for k in range(NU):
-                    total += W[m, NX + k] * q_t[k] * W[n, NX + k]
-                P[m, n] = total
-                P[n, m] = total
-            P[m, m] += Q_x[m]
-            for n in range(NX + NU):
-                F[t, m, n] = W[m, n]
+                    total += V[M + m * NX + k] * V[n * CF + NP + k]
+                V[P + m * NX + n] = total
+        for k in range(NU):
+            variance = q[k] + gap[t] * (u[t + 1, k] - u[t, k]) ** 2
+            for m in range(NX):
+                for n in range(m + 1):
+                    V[P + m * NX + n] += V[m * CF + NP + NX + k] * variance * V[n * CF + NP + NX + k]
+        for m in range(NX):
+            V[P + m * NX + m] += Q_x[m]
+            for n in range(m):
+                V[P + n * NX + m] = V[P + m * NX + n]
+    for j in range(NP):
+        g[j] = V[gradient + j]
+        for n in range(NP):
+            H[j, n] = V[hessian + j * CP + n]
     return cost
 
 
-def noise_score(y: Any, label: Any, e: Any, S: Any, K: Any, F: Any, score_R: Any, score_q: Any) -> None:
-    """Derivative of the cost of `innovations` by R (NY) and q (NU), from what that pass stored.
+def noise_information(y: Any, label: Any, begin: Any, e: Any, S: Any, K: Any, F: Any, score: Any, info: Any) -> None:
+    """Score and information of the noise levels (R, then q) from what `innovations` stored.
 
-    Exact score of a linear state-space model by the backward recursion of Koopman & Shephard, Biometrika 79
-    (1992); the dependence of the linearisation on the noise levels is left out.
+    score (L) is minus half the derivative of its cost by the levels, info (L, L) the matrix
+    sum dS dS' / (2 S^2) + de de' / S (Harvey, Forecasting, Structural Time Series Models and the Kalman Filter, 1989,
+    section 3.4.5), with L = NY + NU. The derivatives run forward with the filter; that of the linearisation itself
+    is left out.
     """
-    r = np.zeros(NX)
-    N = np.zeros((NX, NX))
-    M = np.empty((NX, NX))
-    v = np.empty(NX)
-    score_R[:] = 0.0
-    score_q[:] = 0.0
-    for t in range(len(y) - 1, -1, -1):
-        if t < len(y) - 1:
-            for k in range(NU):
-                along = 0.0
-                spread = 0.0
-                for m in range(NX):
-                    g = F[t, m, NX + k]
-                    along += g * r[m]
-                    for n in range(NX):
-                        spread += g * N[m, n] * F[t, n, NX + k]
-                score_q[k] -= along * along - spread
-            for m in range(NX):
-                v[m] = 0.0
-                for n in range(NX):
-                    v[m] += F[t, n, m] * r[n]
-                    M[m, n] = 0.0
-                    for k in range(NX):
-                        M[m, n] += N[m, k] * F[t, k, n]
-            for m in range(NX):
-                r[m] = v[m]
-                for n in range(NX):
-                    N[m, n] = 0.0
-                    for k in range(NX):
-                        N[m, n] += F[t, k, m] * M[k, n]
-        for k in range(len(label) - 1, -1, -1):
+    # One array, as in the steps: derivatives of P, of A P, of x, of column i of P, of S and e, then the two results.
+    NY = len(label)
+    P, M, x, P_i = 0, NX * NX * CL, 2 * NX * NX * CL, (2 * NX * NX + NX) * CL
+    S_, e_, sums, products = P_i + NX * CL, P_i + (NX + 1) * CL, P_i + (NX + 2) * CL, P_i + (NX + 3) * CL
+    d = np.zeros((2 * NX * NX + 2 * NX + 3 + CL) * CL)
+    for t in range(len(y)):
+        if begin[t] >= 0:
+            for j in range(NX * NX * CL):
+                d[P + j] = 0.0
+            for j in range(NX * CL):
+                d[x + j] = 0.0
+        for k in range(NY):
             if math.isnan(y[t, k]):
                 continue
             i = label[k]
-            u = e[t, k] / S[t, k]
-            D = 1.0 / S[t, k]
+            w = 1.0 / S[t, k]
+            z = e[t, k] * w
+            for a in range(CL):
+                d[S_ + a] = d[P + (i * NX + i) * CL + a]
+                d[e_ + a] = -d[x + i * CL + a]
+            d[S_ + k] += 1.0
+            for a in range(CL):
+                d[sums + a] += 0.5 * (z * z - w) * d[S_ + a] - z * d[e_ + a]
+            for b in range(NY + NU):
+                along, level = 0.5 * w * w * d[S_ + b], w * d[e_ + b]
+                for a in range(CL):
+                    d[products + b * CL + a] += along * d[S_ + a] + level * d[e_ + a]
             for m in range(NX):
-                u -= K[t, k, m] * r[m]
-                v[m] = 0.0
+                for a in range(CL):
+                    d[P_i + m * CL + a] = d[P + (m * NX + i) * CL + a]
+            for m in range(NX):
+                gain = K[t, k, m]
+                for a in range(CL):
+                    d[x + m * CL + a] += (d[P_i + m * CL + a] - gain * d[S_ + a]) * z + gain * d[e_ + a]
                 for n in range(NX):
-                    v[m] += N[m, n] * K[t, k, n]
-            for m in range(NX):
-                D += K[t, k, m] * v[m]
-            score_R[k] -= u * u - D
-            r[i] += u
-            for m in range(NX):
-                N[m, i] -= v[m]
+                    other = K[t, k, n]
+                    for a in range(CL):
+                        d[P + (m * NX + n) * CL + a] -= (
+                            d[P_i + m * CL + a] * other + gain * d[P_i + n * CL + a] - gain * other * d[S_ + a]
+                        )
+        if t == len(y) - 1:
+            break
+        for m in range(NX):
+            for a in range(CL):
+                d[P_i + m * CL + a] = 0.0
+            for k in range(NX):
+                slope = F[t, m, k]
+                for a in range(CL):
+                    d[P_i + m * CL + a] += slope * d[x + k * CL + a]
             for n in range(NX):
-                N[i, n] -= v[n]
-            N[i, i] += D
+                for a in range(CL):
+                    d[M + (m * NX + n) * CL + a] = 0.0
+                for k in range(NX):
+                    slope = F[t, m, k]
+                    for a in range(CL):
+                        d[M + (m * NX + n) * CL + a] += slope * d[P + (k * NX + n) * CL + a]
+        for j in range(NX * CL):
+            d[x + j] = d[P_i + j]
+        for m in range(NX):
+            for n in range(m + 1):
+                for a in range(CL):
+                    d[P_i + a] = 0.0
+                for k in range(NX):
+                    slope = F[t, n, k]
+                    for a in range(CL):
+                        d[P_i + a] += d[M + (m * NX + k) * CL + a] * slope
+                for k in range(NU):
+                    d[P_i + NY + k] += F[t, m, NX + k] * F[t, n, NX + k]
+                for a in range(CL):
+                    d[P + (m * NX + n) * CL + a] = d[P_i + a]
+                    d[P + (n * NX + m) * CL + a] = d[P_i + a]
+    for a in range(NY + NU):
+        score[a] = d[sums + a]
+        for b in range(NY + NU):
+            info[a, b] = d[products + a * CL + b]

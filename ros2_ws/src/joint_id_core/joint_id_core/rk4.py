@@ -46,14 +46,14 @@ def rollout(kernel: Kernel, x0: Array, time: Array, u: Array, p: Array, substeps
 
 def rollout_sensitivities(
     kernel: Kernel, x0: Array, time: Array, u: Array, p: Array, substeps: int = 1
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array]:
     """Simulate with the exact derivatives of the discrete recursion (forward sensitivities).
 
     Returns:
-        X (T, n), dX/dx0 (T, n, n), dX/dp (T, n, len(kernel.sensitive)).
+        X (T, n), dX/dp (T, n, len(kernel.sensitive)).
     """
     x0, time, u, p, substeps = _arrays(kernel, x0, time, u, p, substeps)
     T, n = len(time), len(x0)
-    X, Sx, Sp = np.empty((T, n)), np.empty((T, n, n)), np.empty((T, n, len(kernel.sensitive)))
-    kernel.module.rollout_sensitivities(x0, time, u, p, substeps, X, Sx, Sp)
-    return X, Sx, Sp
+    X, J = np.empty((T, n)), np.empty((T, n, len(kernel.sensitive)))
+    kernel.module.rollout_sensitivities(x0, time, u, p, substeps, X, J)
+    return X, J

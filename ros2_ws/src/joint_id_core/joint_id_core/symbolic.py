@@ -95,91 +95,160 @@ class _Printer(PythonCodePrinter):
         return super()._print_Pow(expr, rational=rational)
 
 
-_HEAD = '''\
-def step(x, W, D, Q, columns, n_params, u0, u1, c, h, substeps):
-    """Advance x and the columns of W by one sample of length h in `substeps` Runge-Kutta 4 steps.
-
-    W holds, in columns, derivatives of x: by the state at the start (NX), by the inputs (NU), by the
-    parameters (NP). Of these the first `columns` are advanced; D and Q are work space.
-    """
-'''
+# Columns of the sensitivity work space: derivatives of the state by the parameters, then (full) by the state itself at the
+# start of the sample and by the inputs. Rows of D and Q, its derivatives and their sum, follow those of W in one array whose
+# sizes are constants of the module: only so can a compiler prove that nothing overlaps and use vector instructions.
+_ALIGN = 4
 
 
-def step_text(model: Model, d: Derivative) -> str:
-    """Source of `constants(p, c)` and `step(...)` for one model, with loops over sensitivity columns only.
+def _padded(columns: int) -> int:
+    return max(_ALIGN, -(-columns // _ALIGN) * _ALIGN)
 
-    Sparse products A W are written out entry by entry, so zeros and ones of A cost nothing.
-    """
-    nx, nu, n_par = len(d.x), len(d.u), d.B.shape[1]
-    hoist = _Hoist(d.p)
-    exprs = [hoist(e) for m in (d.f, d.A, d.B, d.G) for e in m]
-    temps, exprs = sp.cse(exprs, symbols=sp.numbered_symbols("t_"))
-    show = _Printer({"fully_qualified_modules": True}).doprint
-    it = iter(exprs)
-    f, A, B, G = ([[next(it) for _ in range(m.shape[1])] for _ in range(nx)] for m in (d.f, d.A, d.B, d.G))
 
-    lines = ["def constants(p, c):", '    """Fill c with what depends on the parameters alone."""']
-    lines += [f"    {s} = p[{i}]" for i, s in enumerate(d.p)]
-    lines += [f"    c[{k}] = {show(e)}" for k, e in enumerate(hoist.constants)] or ["    pass"]
-    lines += ["", "", _HEAD.rstrip("\n")]
-    out = lines.append
-    for k in range(len(hoist.constants)):
-        out(f"    c_{k} = c[{k}]")
-    for i in range(nx):
-        out(f"    b_{i} = x[{i}]")
-    out("    hs = h / substeps")
-    out("    for s in range(substeps):")
-    for stage, (at, weight) in enumerate([("0.0", None), ("0.5", "1.0"), ("0.5", "2.0"), ("1.0", "2.0")]):
-        for i, signal in enumerate(model.inputs):
-            if signal.hold == "first":
-                out(f"        u_{i} = u0[{i}] + (s + {at}) / substeps * (u1[{i}] - u0[{i}])")
-            elif stage == 0:
-                out(f"        u_{i} = u0[{i}]")
+class _Text:
+    """The printed expressions of one model: f, A, B, G and what they share."""
+
+    def __init__(self, model: Model, d: Derivative) -> None:
+        self.model, self.d = model, d
+        self.nx, self.nu, self.n_par = len(d.x), len(d.u), d.B.shape[1]
+        hoist = _Hoist(d.p)
+        exprs = [hoist(e) for m in (d.f, d.A, d.B, d.G) for e in m]
+        state_only = sp.cse(exprs[: self.nx], symbols=sp.numbered_symbols("t_"))
+        every = sp.cse(exprs, symbols=sp.numbered_symbols("t_"))
+        self.constants = hoist.constants
+        self.show = _Printer({"fully_qualified_modules": True}).doprint
+        self.state_temps, self.state_f = state_only
+        self.temps, flat = every
+        it = iter(flat)
+        self.f, self.A, self.B, self.G = (
+            [[next(it) for _ in range(m.shape[1])] for _ in range(self.nx)] for m in (d.f, d.A, d.B, d.G)
+        )
+
+    def constants_function(self) -> list[str]:
+        """`constants(p, c)`."""
+        lines = ["def constants(p, c):", '    """Fill c with what depends on the parameters alone."""']
+        lines += [f"    {s} = p[{i}]" for i, s in enumerate(self.d.p)]
+        return lines + ([f"    c[{k}] = {self.show(e)}" for k, e in enumerate(self.constants)] or ["    pass"])
+
+    def _inputs(self, at: str) -> list[str]:
+        held = [f"u_{i} = u0[{i}]" for i, s in enumerate(self.model.inputs) if s.hold == "zero" and at == "0.0"]
+        ramps = [
+            f"u_{i} = u0[{i}] + (s + {at}) / substeps * (u1[{i}] - u0[{i}])"
+            for i, s in enumerate(self.model.inputs)
+            if s.hold == "first"
+        ]
+        return held + ramps
+
+    def _signs(self) -> list[str]:
+        show = self.show
+        return [f"{s} = 1.0 * ({show(w)} > 0.0) - 1.0 * ({show(w)} < 0.0)" for s, w in self.d.signs.items()]
+
+    def step(self, name: str, columns: str | None, full: bool) -> list[str]:
+        """`name(x, V, u0, u1, c, h, substeps)`: one sample in RK4 steps, with the columns of V unless there are none.
+
+        `columns` names the constant that holds their number; `full` adds those by state and input.
+        """
+        nx, show = self.nx, self.show
+        lines = [f"def {name}(x, V, u0, u1, c, h, substeps):"]
+        out = lines.append
+        out(
+            '    """Advance x and the sensitivities in V by one sample of length h in `substeps` Runge-Kutta 4 steps."""'
+        )
+        for k in range(len(self.constants)):
+            out(f"    c_{k} = c[{k}]")
         for i in range(nx):
-            out(f"        x_{i} = b_{i}" + (f" + {at} * hs * k_{i}" if stage else ""))
-        for symbol, w in d.signs.items():
-            out(f"        {symbol} = 1.0 * ({show(w)} > 0.0) - 1.0 * ({show(w)} < 0.0)")
-        for t, e in temps:
-            out(f"        {t} = {show(e)}")
+            out(f"    b_{i} = x[{i}]")
+        out("    hs = h / substeps")
+        out("    for s in range(substeps):")
+        for stage, (at, weight) in enumerate([("0.0", None), ("0.5", "1.0"), ("0.5", "2.0"), ("1.0", "2.0")]):
+            lines += [f"        {line}" for line in self._inputs(at)]
+            for i in range(nx):
+                out(f"        x_{i} = b_{i}" + (f" + {at} * hs * k_{i}" if stage else ""))
+            lines += [f"        {line}" for line in self._signs()]
+            temps, f = (self.temps, [row[0] for row in self.f]) if columns else (self.state_temps, self.state_f)
+            lines += [f"        {t} = {show(e)}" for t, e in temps]
+            for i in range(nx):
+                out(f"        k_{i} = {show(f[i])}")
+                out(f"        r_{i} = " + (f"r_{i} + {2.0 if stage in (1, 2) else 1.0} * k_{i}" if stage else f"k_{i}"))
+            if columns:
+                lines += self._sensitivities(columns, full, stage, at, weight)
         for i in range(nx):
-            out(f"        k_{i} = {show(f[i][0])}")
-            out(f"        r_{i} = " + (f"r_{i} + {2.0 if stage in (1, 2) else 1.0} * k_{i}" if stage else f"k_{i}"))
-        terms: list[str] = []
+            out(f"        b_{i} = b_{i} + hs / 6.0 * r_{i}")
+        if columns:
+            out(f"        for j in range({columns}):")
+            for i in range(nx):
+                w, d, q = self._places(columns, i)
+                out(f"            V[{w}] += hs / 6.0 * (V[{q}] + V[{d}])")
+        for i in range(nx):
+            out(f"    x[{i}] = b_{i}")
+        return lines
+
+    def _places(self, columns: str, i: int) -> tuple[str, str, str]:
+        w, d, q = (f"{i + k * self.nx} * {columns} + j" for k in range(3))
+        return w, d, q
+
+    def _sensitivities(self, columns: str, full: bool, stage: int, at: str, weight: str | None) -> list[str]:
+        """D = A (W + at hs D) + B for all columns, with Q the weighted sum of earlier stages.
+
+        The sparse product is written out entry by entry, so zeros and ones of A cost nothing.
+        """
+        nx, show, lines = self.nx, self.show, list[str]()
+        out = lines.append
+        terms = []
         for i in range(nx):
             products = []
             for k in range(nx):
-                if A[i][k] == 1:
+                if self.A[i][k] == 1:
                     products.append(f"y_{k}")
-                elif A[i][k] != 0:
-                    out(f"        a_{i}_{k} = {show(A[i][k])}")
+                elif self.A[i][k] != 0:
+                    out(f"        a_{i}_{k} = {show(self.A[i][k])}")
                     products.append(f"a_{i}_{k} * y_{k}")
             terms.append(" + ".join(products) or "0.0")
-        out("        for j in range(columns):")
+        out(f"        for j in range({columns}):")
         for i in range(nx):
+            w, d, q = self._places(columns, i)
             if stage:
-                out(f"            d_{i} = D[{i}, j]")
-                out(f"            Q[{i}, j] = " + (f"d_{i}" if stage == 1 else f"Q[{i}, j] + {weight} * d_{i}"))
-            out(f"            y_{i} = W[{i}, j]" + (f" + {at} * hs * d_{i}" if stage else ""))
+                out(f"            d_{i} = V[{d}]")
+                out(f"            V[{q}] = " + (f"d_{i}" if stage == 1 else f"V[{q}] + {weight} * d_{i}"))
+            out(f"            y_{i} = V[{w}]" + (f" + {at} * hs * d_{i}" if stage else ""))
         for i in range(nx):
-            out(f"            D[{i}, j] = {terms[i]}")
-        out("        if columns > NX:")
-        for i in range(nx):
-            for k in range(nu):
-                if G[i][k] != 0:
-                    out(f"            D[{i}, {nx + k}] += {show(G[i][k])}")
-        out("            pass")
-        out("        if n_params > 0:")
-        for i in range(nx):
-            for k in range(n_par):
-                if B[i][k] != 0:
-                    out(f"            D[{i}, {nx + nu + k}] += {show(B[i][k])}")
-        out("            pass")
-    for i in range(nx):
-        out(f"        b_{i} = b_{i} + hs / 6.0 * r_{i}")
-    out("        for j in range(columns):")
-    for i in range(nx):
-        out(f"            W[{i}, j] += hs / 6.0 * (Q[{i}, j] + D[{i}, j])")
-    for i in range(nx):
-        out(f"    x[{i}] = b_{i}")
-    header = [f"NX = {nx}", f"NU = {nu}", f"NP = {n_par}", f"NC = {max(1, len(hoist.constants))}", ""]
-    return "\n".join([*header, "", *lines]) + "\n"
+            out(f"            V[{self._places(columns, i)[1]}] = {terms[i]}")
+        blocks = [(self.B, 0), (self.G, self.n_par + nx)] if full else [(self.B, 0)]
+        for matrix, first in blocks:
+            for i in range(nx):
+                for k, e in enumerate(matrix[i]):
+                    if e != 0:
+                        out(f"        V[{nx + i} * {columns} + {first + k}] += {show(e)}")
+        return lines
+
+    def jacobian(self) -> list[str]:
+        """`jacobian(x, u, c, A)`: df/dx."""
+        lines = ["def jacobian(x, u, c, A):", '    """Fill A with df/dx."""']
+        lines += [f"    c_{k} = c[{k}]" for k in range(len(self.constants))]
+        lines += [f"    x_{i} = x[{i}]" for i in range(self.nx)] + [f"    u_{i} = u[{i}]" for i in range(self.nu)]
+        lines += [f"    {line}" for line in self._signs()]
+        lines += [f"    {t} = {self.show(e)}" for t, e in self.temps]
+        return lines + [f"    A[{i}, {k}] = {self.show(self.A[i][k])}" for i in range(self.nx) for k in range(self.nx)]
+
+
+def cell_text(model: Model, d: Derivative) -> str:
+    """Source of the functions of one model that `recursions` calls: `constants`, `jacobian` and three forms of the step."""
+    text = _Text(model, d)
+    sizes = {
+        "NX": text.nx,
+        "NU": text.nu,
+        "NP": text.n_par,
+        "NC": max(1, len(text.constants)),
+        "CP": _padded(text.n_par),
+        "CF": _padded(text.n_par + text.nx + text.nu),
+        "CL": _padded(text.nx + text.nu),
+    }
+    functions = [
+        text.constants_function(),
+        text.jacobian(),
+        text.step("step", None, False),
+        text.step("step_parameters", "CP", False),
+        text.step("step_full", "CF", True),
+    ]
+    header = [f"{name} = {size}" for name, size in sizes.items()]
+    return "\n".join([*header, *(line for f in functions for line in ["", "", *f])]) + "\n"

@@ -55,7 +55,7 @@ def held_out_errors(
     R = np.array([known.get(n, v) for n, v in zip(problem.labels, label_noise(problem), strict=True)])
     q = np.array([known.get(f"input {n}", v) for n, v in zip(model.input_names, input_noise(problem), strict=True)])
     substeps = max(1, estimate.substeps)
-    states = recursion.run(problem.p[recursion.index], R, q, substeps).states
+    states = recursion.run(problem.p[recursion.index], np.concatenate([R, q]), substeps).states
     predictions = free_runs(kernel, problem, states, problem.p, substeps, horizon_s)
     judged = _settled(problem, horizon_s)
     if not judged.any():

@@ -143,10 +143,10 @@ def test_samples_without_an_input_are_left_out_and_counted():
 
 
 def test_fixed_and_freed_parameters():
-    held = fit(RIGID, rigid(), {"J": 1.7}, fixed=("J",))
-    assert held.free == ("c", "tau_f", "tau_0")
-    assert (held["J"].value, held["J"].verdict) == (1.7, Verdict.FIXED)
-    assert np.isnan(held["J"].std_dev)
+    held = fit(RIGID, rigid(), {"tau_f": 2.0}, fixed=("tau_f",))
+    assert held.free == ("J", "c", "tau_0")
+    assert (held["tau_f"].value, held["tau_f"].verdict) == (2.0, Verdict.FIXED)
+    assert np.isnan(held["tau_f"].std_dev)
     assert held.covariance.shape == (3, 3)
     assert held["c"].std_dev < fit(RIGID, rigid())["c"].std_dev
     freed = fit(RIGID, rigid(), {"J": 1.7, "N": 0.7}, fixed=("J",), freed=("N",))

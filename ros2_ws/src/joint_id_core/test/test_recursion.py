@@ -7,6 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 from joint_id_core.codegen import compile_model
+from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.recursion import Recursion
 from joint_id_core.models import build
 from joint_id_core.problem import prepare
@@ -19,6 +20,7 @@ FREE = ("R", "k_b", "k_t", "c_b")
 NOISE = {"current": 0.05, "motor_velocity": 0.5}
 R = np.square(list(NOISE.values()))
 Q = np.square([0.3, 0.02])
+LEVELS = np.concatenate([R, Q])
 SUBSTEPS = 60  # RK4 then agrees with the matrix exponential, also over the gaps
 
 
@@ -92,7 +94,7 @@ def free_values(p=TRUTH):
 def test_cost_is_the_exact_likelihood_of_a_linear_model(recursion):
     """-2 log L without its constant, missing labels and gaps included; so are innovations and states."""
     assert np.isnan(recursion.problem.y).any() and recursion.problem.gap.sum() == 5
-    found = recursion.run(free_values(), R, Q, SUBSTEPS)
+    found = recursion.run(free_values(), LEVELS, SUBSTEPS)
     cost, white, _, filtered, _, _ = kalman(recursion, TRUTH)
     assert found.cost == pytest.approx(cost, rel=1e-7)
     np.testing.assert_allclose(found.residuals[np.isfinite(recursion.problem.y)], white, atol=1e-5)
@@ -111,37 +113,60 @@ def test_after_a_long_gap_the_record_begins_anew():
     both, *alone = (Recursion(prepare(MODEL, r, {"tau_fc": 0.0}, fixed=("tau_fc",)), kernel) for r in (cut, *parts))
     for part in alone:  # their spread and state noise come from the range of the labels, which the cut record shares
         part.P0, part.Q_x = both.P0, both.Q_x
-    found, *each = (r.run(free_values(), R, Q, SUBSTEPS) for r in (both, *alone))
+    found, *each = (r.run(free_values(), LEVELS, SUBSTEPS) for r in (both, *alone))
     assert found.cost == pytest.approx(sum(part.cost for part in each), rel=1e-12)
-    np.testing.assert_allclose(found.jacobian, np.concatenate([part.jacobian for part in each]), rtol=1e-9, atol=1e-12)
-    scores, *of_each = (r.cost_and_score(free_values(), R, Q, SUBSTEPS)[1:] for r in (both, *alone))
-    np.testing.assert_allclose(np.concatenate(scores), sum(np.concatenate(s) for s in of_each), rtol=1e-9)
+    np.testing.assert_allclose(found.hessian, sum(part.hessian for part in each), rtol=1e-9)
+    np.testing.assert_allclose(found.gradient, sum(part.gradient for part in each), rtol=1e-9)
+    noise, *of_each = (r.noise_information(p) for r, p in zip((both, *alone), (found, *each), strict=True))
+    for whole_part, parts in zip(noise, zip(*of_each, strict=True), strict=True):
+        np.testing.assert_allclose(whole_part, sum(parts), rtol=1e-9)
 
 
-def test_jacobian_is_the_derivative_with_frozen_gain(recursion):
+def test_gradient_and_matrix_are_those_of_the_predictions_with_frozen_gain(recursion):
     """Against central differences of the Kalman filter whose gains are held while the parameters move."""
-    found = recursion.run(free_values(), R, Q, SUBSTEPS)
-    _, _, _, _, gains, roots = kalman(recursion, TRUTH)
-    seen = np.isfinite(recursion.problem.y)
-    for j, name in enumerate(FREE):
+    found = recursion.run(free_values(), LEVELS, SUBSTEPS)
+    _, white, _, _, gains, roots = kalman(recursion, TRUTH)
+    columns = []
+    for name in FREE:
         h = 1e-5 * TRUTH[name]
         up, down = (kalman(recursion, {**TRUTH, name: TRUTH[name] + d}, gains)[2] for d in (h, -h))
         slope = [np.linalg.solve(r, (a - b) / (2 * h)) for r, a, b in zip(roots, up, down, strict=True)]
-        exact = np.concatenate(slope)
-        np.testing.assert_allclose(found.jacobian[:, :, j][seen], exact, atol=1e-5 * np.abs(exact).max(), err_msg=name)
+        columns.append(np.concatenate(slope))
+    J = np.column_stack(columns)
+    scale = np.sqrt(np.diag(J.T @ J))
+    np.testing.assert_allclose(found.hessian / np.outer(scale, scale), J.T @ J / np.outer(scale, scale), atol=1e-5)
+    np.testing.assert_allclose(found.gradient / scale, J.T @ white / scale, atol=1e-4)
+
+
+def cost_at(recursion, levels):
+    return recursion.run(free_values(), levels, SUBSTEPS).cost
 
 
 def test_score_is_the_derivative_of_the_likelihood_by_the_noise_levels(recursion):
-    levels = np.concatenate([R, Q])
-    cost, *scores = recursion.cost_and_score(free_values(), R, Q, SUBSTEPS)
-    assert cost == pytest.approx(recursion.run(free_values(), R, Q, SUBSTEPS).cost, rel=1e-12)
-    for k, score in enumerate(np.concatenate(scores)):
-        step = np.eye(4)[k] * 1e-4 * levels
-        up, down = (
-            recursion.cost_and_score(free_values(), *np.split(v, 2), SUBSTEPS)[0]
-            for v in (levels + step, levels - step)
-        )
-        assert score == pytest.approx((up - down) / (2 * step[k]), rel=1e-5)
+    score, _ = recursion.noise_information(recursion.run(free_values(), LEVELS, SUBSTEPS))
+    for k, step in enumerate(np.diag(1e-4 * LEVELS)):
+        slope = (cost_at(recursion, LEVELS + step) - cost_at(recursion, LEVELS - step)) / (2 * step[k])
+        assert -2.0 * score[k] == pytest.approx(slope, rel=1e-5)
+
+
+def test_information_of_the_noise_levels_is_the_mean_curvature_of_the_likelihood():
+    """Averaged over records, half the second derivative of the cost at the true levels (scaled to logarithms)."""
+    curvature, information = np.zeros((4, 4)), np.zeros((4, 4))
+    for seed in range(6):
+        r = Recursion(make_problem(seed, 600), compile_model(MODEL))
+        information += r.noise_information(r.run(free_values(), LEVELS, 8))[1] * np.outer(LEVELS, LEVELS)
+        for k, step in enumerate(np.diag(0.01 * LEVELS)):
+            up, down = (r.noise_information(r.run(free_values(), LEVELS + d, 8))[0] for d in (step, -step))
+            curvature[k] -= (up - down) / 0.02 * LEVELS
+    shown = np.sqrt(np.diag(information))
+    np.testing.assert_allclose(curvature / np.outer(shown, shown), information / np.outer(shown, shown), atol=0.15)
+
+
+def test_noise_information_is_refused_for_an_older_pass(recursion):
+    old = recursion.run(free_values(), LEVELS, SUBSTEPS)
+    recursion.run(free_values(), LEVELS, SUBSTEPS)
+    with pytest.raises(JointIdError, match="latest pass"):
+        recursion.noise_information(old)
 
 
 def test_without_feedback_it_is_the_simulation_error(recursion):
@@ -149,18 +174,17 @@ def test_without_feedback_it_is_the_simulation_error(recursion):
     recursion.P0, recursion.Q_x = np.zeros((2, 2)), np.zeros(2)
     a, p = recursion.problem, free_values() * [1.2, 0.9, 1.1, 1.5]
     recursion.problem.gap[:] = 0.0  # over a gap the input is uncertain, which alone would feed labels back
-    found = recursion.run(p, R, np.zeros(2), 3)
+    found = recursion.run(p, np.concatenate([R, np.zeros(2)]), 3)
     arguments = (recursion.kernel, recursion.x0, a.time, a.u, recursion.values(p), 3)
-    X, _, Sp = rollout_sensitivities(*arguments)
+    X, Sp = rollout_sensitivities(*arguments)
     error = a.y - X
     np.testing.assert_allclose(found.residuals, np.nan_to_num(error) / np.sqrt(R), atol=1e-9)
     np.testing.assert_allclose(found.states, rollout(*arguments), atol=1e-9)
     seen = np.isfinite(a.y)
-    for j, name in enumerate(FREE):
-        column = Sp[:, :, recursion.kernel.sensitive.index(name)] / np.sqrt(R)
-        np.testing.assert_allclose(
-            found.jacobian[:, :, j], np.where(seen, column, 0.0), atol=1e-9 * np.abs(column).max()
-        )
+    order = [recursion.kernel.sensitive.index(name) for name in FREE]
+    J = np.where(seen[:, :, None], Sp[:, :, order] / np.sqrt(R)[:, None], 0.0).reshape(-1, len(FREE))
+    np.testing.assert_allclose(found.hessian, J.T @ J, rtol=1e-9)
+    np.testing.assert_allclose(found.gradient, J.T @ found.residuals.ravel(), rtol=1e-7)
     squares = np.nansum(error**2 / R) + np.sum(seen * np.log(R))
     assert found.cost == pytest.approx(squares, rel=1e-10)
 
@@ -170,7 +194,7 @@ def test_with_full_feedback_it_is_the_one_step_equation_error(recursion):
     a = recursion.problem
     a.y[:] = np.nan_to_num(a.y)  # whatever the labels are
     big = np.array([1e12, 1e12])
-    found = recursion.run(free_values(), R, big, 3)
+    found = recursion.run(free_values(), np.concatenate([R, big]), 3)
     np.testing.assert_allclose(found.states[1:], a.y[1:], atol=1e-6)
     steps = [
         rollout(recursion.kernel, a.y[k], a.time[k : k + 2], a.u[k : k + 2], recursion.values(free_values()), 3)[1]
@@ -183,5 +207,5 @@ def test_with_full_feedback_it_is_the_one_step_equation_error(recursion):
 
 def test_a_path_that_blows_up_says_so(recursion):
     """A resistance far too large makes the step unstable: the cost is not finite, nothing crashes."""
-    cost = recursion.run(np.array([1e9, 1.0, 1.0, 1.0]), R, Q, 1).cost
+    cost = recursion.run(np.array([1e9, 1.0, 1.0, 1.0]), LEVELS, 1).cost
     assert not np.isfinite(cost)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -9,6 +11,7 @@ from scipy.linalg import expm
 from joint_id_core.codegen import compile_model
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import MODELS, build
+from joint_id_core.operations import SmoothOps
 from joint_id_core.rk4 import rollout, rollout_sensitivities
 
 
@@ -88,33 +91,24 @@ def test_a_finer_run_agrees(name):
 @pytest.mark.parametrize("substeps", [1, 3])
 @pytest.mark.parametrize("name", MODELS)
 def test_sensitivities_are_those_of_the_discrete_run(name, substeps):
-    """dX/dp and dX/dx0 against central differences of the run itself, whatever its step."""
+    """dX/dp against central differences of the run itself, whatever its step."""
     model = build(name)
     x0, time, u = uneven_record(model)
     # friction ten times smoother than usual, so that a finite difference sees a derivative and not a kink
     smoother = {w_s: 10.0 * model.parameter(w_s).nominal for w_s in model.smoothing.values()}
     kernel, p = compile_model(model), values_of(model, **smoother)
-    X, Sx, Sp = rollout_sensitivities(kernel, x0, time, u, p, substeps)
+    X, Sp = rollout_sensitivities(kernel, x0, time, u, p, substeps)
     np.testing.assert_allclose(X, rollout(kernel, x0, time, u, p, substeps), atol=1e-12 * np.abs(X).max())
     assert kernel.sensitive == tuple(q.name for q in model.parameters if not q.fixed)
-
-    def central(x, q, delta_x, delta_q):
-        up = rollout(kernel, x + delta_x, time, u, q + delta_q, substeps)
-        down = rollout(kernel, x - delta_x, time, u, q - delta_q, substeps)
-        return up - down
 
     for j, parameter in enumerate(kernel.sensitive):
         i = kernel.parameter_names.index(parameter)
         h = 1e-4 * abs(p[i]) or 1e-4 * model.parameter(parameter).spread
-        numeric = central(x0, p, 0.0, np.eye(len(p))[i] * h) / (2 * h)
+        up, down = (rollout(kernel, x0, time, u, p + d * np.eye(len(p))[i], substeps) for d in (h, -h))
+        numeric = (up - down) / (2 * h)
         scale = np.abs(numeric).max(axis=0) + 1e-12 * np.ptp(X, axis=0) / h
         np.testing.assert_allclose(Sp[:, :, j] / scale, numeric / scale, atol=1e-5, err_msg=parameter)
         assert np.abs(Sp[:, :, j]).max() > 0.0, parameter
-    for i, state in enumerate(model.states):
-        h = 1e-6 * state.scale
-        numeric = central(x0, p, np.eye(len(x0))[i] * h, 0.0) / (2 * h)
-        scale = np.abs(numeric).max(axis=0) + 1e-12 * np.ptp(X, axis=0) / h
-        np.testing.assert_allclose(Sx[:, :, i] / scale, numeric / scale, atol=1e-5, err_msg=state.name)
 
 
 def test_a_gap_is_one_long_step():

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from joint_id_core.estimators.belief import Belief, Coordinates
+from joint_id_core.estimators.noise import NoiseLevels
 from joint_id_core.estimators.recursion import Pass, Recursion
 from joint_id_core.recording import Array
 
@@ -15,73 +16,85 @@ MAX_STEP = 1.0  # a factor e in a positive parameter; keeps the first steps insi
 
 @dataclass(frozen=True)
 class Minimum:
-    """Where the iteration ended: coordinates, the pass there, Gauss-Newton matrix, cost with prior, decrement."""
+    """Where the iteration ended: coordinates, noise levels, the pass there and, with the prior, matrix, gradient and cost."""
 
     z: Array
+    levels: Array
     last: Pass
     hessian: Array
+    gradient: Array
     cost: float
     decrement: float
     iterations: int
+
+    @property
+    def covariance(self) -> Array:
+        """Of the coordinates, shape (k, k)."""
+        return np.asarray(np.linalg.inv(self.hessian), dtype=float)
+
+
+def evaluate(
+    recursion: Recursion, coordinates: Coordinates, belief: Belief, z: Array, levels: Array, substeps: int
+) -> Minimum | None:
+    """One pass at z, with the prior; None when its cost is not finite."""
+    last = recursion.run(coordinates.values(z), levels, substeps)
+    cost = last.cost + belief.cost(z)
+    if not np.isfinite(cost):
+        return None
+    slope = coordinates.slope(z)
+    H = last.hessian * np.outer(slope, slope) + belief.precision
+    g = last.gradient * slope - belief.precision @ (z - belief.mean)
+    return Minimum(z, levels, last, H, g, cost, np.inf, 0)
 
 
 def minimise(
     recursion: Recursion,
     coordinates: Coordinates,
     belief: Belief,
-    z: Array,
-    R: Array,
-    q: Array,
+    start: Minimum | None,
     substeps: int,
     tolerance: float,
     max_iterations: int,
+    noise: NoiseLevels | None = None,
 ) -> Minimum | None:
-    """Minimise innovations cost plus prior from z. Stops when the Newton decrement dz' H dz < tolerance.
+    """Minimise innovations cost plus prior from `start` (see `evaluate`), and fit the noise levels where `noise` is given.
 
-    The derivative of the gain is left out of the gradient, so close to the solution the cost may rise by a
-    little along a correct step: steps with a decrement below 1 (less than one sigma) are taken as they are.
+    Stops when the step to take, squared in standard deviations (the Newton decrement dz' H dz, plus that of the noise
+    levels), is below `tolerance`. The derivative of the gain is left out of the gradient, so close to the
+    solution the cost may rise by a little along a correct step: steps with a decrement below 1 are taken as they are.
 
     Returns:
-        The minimum, or None when the cost at the start is not finite.
+        The minimum, or None when there was no start.
     """
-
-    def evaluate(z: Array) -> tuple[Pass, float] | None:
-        values = coordinates.values(z)
-        result = recursion.run(values, R, q, substeps)
-        cost = result.cost + belief.cost(z)
-        return (result, cost) if np.isfinite(cost) else None
-
-    def normal_equations(result: Pass, z: Array) -> tuple[Array, Array]:
-        J = result.jacobian.reshape(-1, len(z)) * coordinates.slope(z)
-        H = J.T @ J + belief.precision
-        return H, J.T @ result.residuals.ravel() - belief.precision @ (z - belief.mean)
-
-    here = evaluate(z)
-    if here is None:
+    if start is None:
         return None
-    result, cost = here
-    damping, decrement, iterations = 1e-3, np.inf, 0
-    H, g = normal_equations(result, z)
+    here = start
+    damping, share, decrement, iterations = 1e-3, 1.0, np.inf, 0
+    wanted, noise_decrement = here.levels, 0.0
+    moved = True
     while iterations < max_iterations:
-        iterations += 1
+        if noise is not None and moved:
+            wanted, noise_decrement = noise.step(here.levels, *recursion.noise_information(here.last))
+        z, H, g = here.z, here.hessian, here.gradient
         active = ~(coordinates.at_bound(z) & (np.sign(g) == np.where(z >= coordinates.upper, 1.0, -1.0)))
         dz = np.zeros_like(z)
         Ha = H[np.ix_(active, active)]
         dz[active] = np.linalg.solve(Ha + damping * np.diag(np.diag(Ha)), g[active])
-        decrement = float(dz @ H @ dz)
+        decrement = float(dz @ H @ dz) + noise_decrement
+        if decrement < tolerance:
+            break
+        iterations += 1
         longest = float(np.max(np.abs(dz) / np.where(coordinates.positive, 1.0, coordinates.spread)))
         if longest > MAX_STEP:
             dz *= MAX_STEP / longest
-        trial = coordinates.clip(z + dz)
-        there = evaluate(trial)
-        if there is not None and (there[1] < cost or (decrement < 1.0 and there[1] < cost + 1.0)):
-            z, (result, cost) = trial, there
-            H, g = normal_equations(result, z)
-            damping = max(damping / 10.0, 1e-12)
-            if decrement < tolerance:
-                break
+        levels = here.levels if noise is None else here.levels * (wanted / here.levels) ** share
+        there = evaluate(recursion, coordinates, belief, coordinates.clip(z + dz), levels, substeps)
+        moved = there is not None and (there.cost < here.cost or (decrement < 1.0 and there.cost < here.cost + 1.0))
+        if moved:
+            assert there is not None
+            here, damping, share = there, max(damping / 10.0, 1e-12), 1.0
         else:
-            damping = max(damping, 1e-6) * 10.0
+            damping, share = max(damping, 1e-6) * 10.0, 0.5 * share
             if damping > 1e8:
                 break
-    return Minimum(z, result, H, cost, decrement, iterations)
+    return Minimum(here.z, here.levels, here.last, here.hessian, here.gradient, here.cost, decrement, iterations)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from joint_id_core.codegen import compile_model
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimate import Estimate, ParameterEstimate, Status, Verdict
 from joint_id_core.estimators.start import start_state
@@ -122,9 +123,11 @@ def fit_hpinn(
         if name not in problem.free:
             raise JointIdError(f"option bounds: {name} is fixed: free it or leave its interval out")
     labels = make_labels(problem, options.torsion_label)
-    substeps = options.substeps or stable_substeps(problem, problem.p, STEP_LIMIT)
-    start = dict(zip(model.parameter_names, problem.p.tolist(), strict=True))
     tell(f"preparing the compiled cell of {model.name}")
+    table_free = {p.name for p in model.parameters if not p.fixed}
+    kernel = compile_model(model, options.friction, tuple(sorted(set(problem.free) - table_free)))
+    substeps = options.substeps or stable_substeps(problem, kernel, problem.p, STEP_LIMIT)
+    start = dict(zip(model.parameter_names, problem.p.tolist(), strict=True))
     net = HPinn(model, start, problem.free, intervals, options.friction, substeps)  # type: ignore[arg-type]  # choices are checked
     x0 = start_state(problem)[0]
     rates = LearningRate(options.learning_rate, options.decay_at, options.decay_factor)

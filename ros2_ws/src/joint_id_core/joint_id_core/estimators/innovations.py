@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,8 +16,8 @@ from joint_id_core import prediction
 from joint_id_core.codegen import Kernel, compile_model
 from joint_id_core.estimate import Estimate, ParameterEstimate, Status
 from joint_id_core.estimators.belief import Belief, Coordinates
-from joint_id_core.estimators.gauss_newton import Minimum, minimise
-from joint_id_core.estimators.noise import fit_noise
+from joint_id_core.estimators.gauss_newton import Minimum, evaluate, minimise
+from joint_id_core.estimators.noise import NoiseLevels
 from joint_id_core.estimators.recursion import Recursion
 from joint_id_core.estimators.start import input_noise, label_noise
 from joint_id_core.estimators.substeps import stable_substeps
@@ -28,8 +28,10 @@ from joint_id_core.problem import Problem, UnusableError, prepare, unusable
 from joint_id_core.recording import Array, Recording
 
 ANNEALING = (1e6, 1e3)  # input noise times this: feedback from strong to optimal
-NOISE_ROUNDS = 8
+ANNEALING_SUBSTEPS = 2  # with that feedback a rough step does
+MAX_STABLE = 8  # first steps a sample of the last stage; more only where the estimates ask for them
 MAX_SUBSTEPS = 64
+TOLERANCE = 0.01  # squared length of the last step in standard deviations
 STEP_TOLERANCE = 1e-4  # in z: what a finer step may still change where the data know better than that
 SAME_COST = 2.0  # two starts that end this near to each other in cost have found the same minimum
 EXTRA_STARTS = 6  # when states are not measured, the cost has several minima
@@ -104,25 +106,23 @@ class _Fit:
         self.recursion = Recursion(problem, kernel)
         self.coordinates = Coordinates(problem.model, problem.free)
         self.belief = belief or Belief.before_data(problem)
-        self.R, self.q = np.ones(len(problem.labels)), np.ones(len(problem.model.inputs))
+        self.noise = NoiseLevels.of(problem)
         self.substeps = options.substeps
         self.iterations = 0
 
     def warm(self, previous: Estimate) -> Minimum | None:
         """Start from a previous estimate of the same quantities; None if it is of others or leads nowhere."""
-        levels = list(previous.noise.values())
-        if previous.free != self.problem.free or len(levels) != len(self.R) + len(self.q):
+        levels = np.square(np.array(list(previous.noise.values())))
+        if previous.free != self.problem.free or len(levels) != len(self.noise.lower):
             return None
-        self.R, self.q = np.split(np.square(np.array(levels)), [len(self.R)])
         self.substeps = self.options.substeps or previous.substeps
         z = self.coordinates.z(np.array([previous[n].value for n in previous.free]))
-        found = self._from(self.coordinates.clip(z), ())
-        return self._settled(found) if found is not None else None
+        return self._refined(self._minimised(self.coordinates.clip(z), self.noise.clip(levels)))
 
     def cold(self) -> Minimum | None:
         """Start from the belief; from others too until one describes the data, or two with unmeasured states."""
         found = self._annealed(self.belief.mean)
-        best, levels = found, (self.R, self.q, self.substeps)
+        best, steps = found, self.substeps
         twice = len(self.problem.labels) == len(self.problem.model.states)  # one minimum, as a rule
         rng = np.random.default_rng(0)
         for k in range(EXTRA_STARTS):
@@ -136,88 +136,70 @@ class _Fit:
             twice = best is not None and (twice or abs(other.cost - best.cost) < SAME_COST)
             if best is None or other.cost < best.cost:
                 twice = best is not None and abs(other.cost - best.cost) < SAME_COST
-                best, levels = other, (self.R, self.q, self.substeps)
-        self.R, self.q, self.substeps = levels
+                best, steps = other, self.substeps
+        self.substeps = steps
         return best
 
     def _annealed(self, z: Array) -> Minimum | None:
         """One complete fit from z with rough noise levels: feedback from strong to optimal, then settle."""
-        self.R, self.q = label_noise(self.problem), input_noise(self.problem)
-        found = self._from(z, ANNEALING)
-        return self._settled(found) if found is not None else None
-
-    def _settled(self, found: Minimum) -> Minimum | None:
-        """Fit noise levels, parameters and step size until none of them moves.
-
-        Too coarse a step looks like noise, and too low a noise level makes the step look too coarse: the
-        levels settle before the step is judged, and once more after it has changed.
-        """
-        while True:
-            settled = self._with_noise(found)
-            if settled is None:
-                return None
-            steps = self.substeps
-            found = self._refined(settled)
-            if self.substeps == steps:
-                return found
-
-    def _with_noise(self, found: Minimum) -> Minimum | None:
-        """Fit noise levels and parameters in turn at the present step size."""
-        for k in range(NOISE_ROUNDS):
-            self.tell(f"noise levels, round {k + 1}, {self.substeps} steps a sample")
-            before = np.concatenate([self.R, self.q])
-            values = self.coordinates.values(found.z)
-            self.R, self.q = fit_noise(self.recursion, values, self.R, self.q, self.substeps)
-            again = self._from(found.z, ())
-            if again is None:
-                return None
-            shift = again.z - found.z
-            found = again
-            settled = np.all(np.abs(np.log(np.concatenate([self.R, self.q]) / before)) < 0.1)
-            if settled or shift @ found.hessian @ shift < 0.01:
-                break
-        return found
-
-    def _from(self, z: Array, annealing: tuple[float, ...]) -> Minimum | None:
-        """Minimise from z through the annealing stages, the last one at the present noise levels."""
-        found: Minimum | None = None
-        for factor in (*annealing, 1.0):
-            if annealing and not self.options.substeps:  # without annealing the doubling test has set them
-                self.substeps = stable_substeps(self.problem, self.recursion.values(self.coordinates.values(z)))
-            tolerance = 0.01 if factor == 1.0 else 1.0
+        rough = np.concatenate([label_noise(self.problem), input_noise(self.problem)])
+        for factor in ANNEALING:
+            levels = rough.copy()
+            levels[len(self.problem.labels) :] *= factor
+            self.substeps = self.options.substeps or self._stable(z, ANNEALING_SUBSTEPS)
             found = minimise(
-                self.recursion, self.coordinates, self.belief, z, self.R, self.q * factor,
-                self.substeps, tolerance, self.options.max_iterations,
+                self.recursion, self.coordinates, self.belief, self._at(z, levels), self.substeps, 1.0,
+                self.options.max_iterations,
             )  # fmt: skip
             if found is None:
                 return None
             self.iterations += found.iterations
             z = found.z
+        self.substeps = self.options.substeps or self._stable(z, MAX_STABLE)
+        return self._refined(self._minimised(z, self.noise.clip(rough)))
+
+    def _stable(self, z: Array, most: int) -> int:
+        return stable_substeps(self.problem, self.kernel, self.recursion.values(self.coordinates.values(z)), most=most)
+
+    def _at(self, z: Array, levels: Array, substeps: int = 0) -> Minimum | None:
+        return evaluate(self.recursion, self.coordinates, self.belief, z, levels, substeps or self.substeps)
+
+    def _minimised(self, z: Array, levels: Array) -> Minimum | None:
+        """Fit parameters and noise levels at the present step size."""
+        self.tell(f"fitting parameters and noise levels, {self.substeps} steps a sample")
+        found = minimise(
+            self.recursion, self.coordinates, self.belief, self._at(z, levels), self.substeps, TOLERANCE,
+            self.options.max_iterations, self.noise,
+        )  # fmt: skip
+        self.iterations += found.iterations if found else 0
         return found
 
-    def _refined(self, found: Minimum) -> Minimum:
-        """Double the substeps once if that moves an estimate by more than 0.1 sigma, or 0.01 % where sigma is less."""
-        if self.options.substeps or 2 * self.substeps > MAX_SUBSTEPS:
-            return found
-        finer = minimise(
-            self.recursion, self.coordinates, self.belief, found.z, self.R, self.q,
-            2 * self.substeps, 0.01, self.options.max_iterations,
-        )  # fmt: skip
-        if finer is None:
-            return found
-        self.iterations += finer.iterations
-        sigma = np.sqrt(np.diag(np.linalg.inv(finer.hessian)))
-        if np.all(np.abs(finer.z - found.z) < np.maximum(0.1 * sigma, STEP_TOLERANCE)):
-            return found
-        self.substeps *= 2
-        return finer
+    def _refined(self, found: Minimum | None) -> Minimum | None:
+        """More RK4 steps until twice as many would move no estimate by 0.1 sigma, or by 0.01 % where sigma is less.
+
+        What they would do is seen from the gradient of one pass with twice as many steps. Its step is then taken.
+        """
+        while found is not None and not self.options.substeps:
+            finer = self._at(found.z, found.levels, 2 * self.substeps)
+            if finer is None:
+                return found
+            covariance = finer.covariance
+            step = covariance @ finer.gradient
+            allowed = np.maximum(0.1 * np.sqrt(np.diag(covariance)), STEP_TOLERANCE)
+            excess = float(np.max(np.abs(step) / allowed))
+            if excess < 1.0 or 2 * self.substeps > MAX_SUBSTEPS:
+                return replace(finer, z=self.coordinates.clip(found.z + step), decrement=found.decrement)
+            # the error of RK4 falls with the fourth power of the step
+            self.substeps = min(MAX_SUBSTEPS, self.substeps * int(np.clip(np.ceil(excess**0.25), 2, 4)))
+            found = self._minimised(self.coordinates.clip(found.z + np.clip(step, -1.0, 1.0)), found.levels)
+        return found
 
     def estimate(self, found: Minimum, elapsed: float) -> Estimate:
         """Turn the minimum into an `Estimate`."""
         problem, model = self.problem, self.problem.model
         values = self.coordinates.values(found.z)
         p = self.recursion.values(values)
-        covariance_z = np.asarray(np.linalg.inv(found.hessian), dtype=float)
+        covariance_z = found.covariance
         slope = self.coordinates.slope(found.z)
         covariance = covariance_z * np.outer(slope, slope)
         rows = verdicts(model, problem.free, covariance_z, self.coordinates, found.z)
@@ -231,9 +213,9 @@ class _Fit:
             self.kernel, problem, found.last.states, p, self.substeps, self.options.horizon_s
         )
         nrmse = prediction.nrmse(problem, predictions)
-        judged = judge(problem, found, self.q, nrmse, rows)
+        judged = judge(problem, found, nrmse, rows)
         noisy = (*problem.labels, *(f"input {n}" for n in model.input_names))
-        sigma = np.sqrt(np.concatenate([self.R, self.q]))
+        sigma = np.sqrt(found.levels)
         return Estimate(
             model=model.name, estimator="innovations", status=judged.status, message=judged.message,
             parameters=parameters, free=problem.free, covariance=covariance, nrmse=nrmse,

@@ -1,40 +1,62 @@
-"""Noise levels that maximise the innovations likelihood, with the parameters held."""
+"""Noise levels that maximise the innovations likelihood, by Fisher scoring beside the parameters.
+
+The parameters and the noise levels of a prediction-error estimate are asymptotically uncorrelated (Ljung, System
+Identification, 2nd ed., section 9.3), so each takes its own step from the same pass.
+"""
 
 from __future__ import annotations
 
-import numpy as np
-from scipy.optimize import minimize
+from dataclasses import dataclass
 
-from joint_id_core.estimators.recursion import Recursion
+import numpy as np
+
 from joint_id_core.estimators.start import label_floor, noise_ceiling
+from joint_id_core.problem import Problem
 from joint_id_core.recording import Array
 
+LARGEST_CHANGE = 20.0  # factor of a variance in one step: the information is only that of the present levels
+RIDGE = 1e-3  # information added to the logarithm of each level, so that one which nothing shows stays where it is
 
-def fit_noise(recursion: Recursion, free: Array, R: Array, q: Array, substeps: int) -> tuple[Array, Array]:
-    """Maximise the likelihood over log R and log q from the given levels.
 
-    Returns:
-        R (labels,), q (inputs,): variances, never below the resolution of a label or 1e-6 of the typical
-        size of an input, and for measured motions never above what the signal shows. The noise of a drive
-        has no such bound: it stands for everything the model does not know about the torque.
+@dataclass(frozen=True)
+class NoiseLevels:
+    """Bounds of the variances of labels and inputs, each of shape (labels + inputs,).
+
+    Never below the resolution of a label or 1e-6 of the typical size of an input; for measured motions never above
+    what the signal shows. The noise of a drive has no such bound: it stands for everything the model does not know
+    about the torque.
     """
-    problem = recursion.problem
-    n = len(R)
-    inputs = zip(problem.model.inputs, problem.u.T, strict=True)
-    limits = [(label_floor(c[np.isfinite(c)]), noise_ceiling(c)) for c in problem.y.T]
-    limits += [
-        ((1e-6 * s.scale) ** 2, noise_ceiling(c) if s.hold == "first" else (1e3 * s.scale) ** 2) for s, c in inputs
-    ]
-    bounds = [(np.log(low), np.log(max(high, low))) for low, high in limits]
-    start = np.clip(np.log(np.concatenate([R, q])), *np.array(bounds).T)
 
-    def cost(levels: Array) -> tuple[float, Array]:
-        v = np.exp(levels)
-        c, score_R, score_q = recursion.cost_and_score(free, v[:n], v[n:], substeps)
-        if not np.isfinite(c):
-            return 1e30, np.zeros_like(levels)
-        return c, v * np.concatenate([score_R, score_q])
+    lower: Array
+    upper: Array
 
-    found = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 60, "ftol": 1e-9})
-    v = np.exp(found.x)
-    return v[:n], v[n:]
+    @classmethod
+    def of(cls, problem: Problem) -> NoiseLevels:
+        """The bounds for one problem."""
+        inputs = zip(problem.model.inputs, problem.u.T, strict=True)
+        limits = [(label_floor(c[np.isfinite(c)]), noise_ceiling(c)) for c in problem.y.T]
+        limits += [
+            ((1e-6 * s.scale) ** 2, noise_ceiling(c) if s.hold == "first" else (1e3 * s.scale) ** 2) for s, c in inputs
+        ]
+        lower, upper = np.array(limits).T
+        return cls(lower, np.maximum(lower, upper))
+
+    def clip(self, levels: Array) -> Array:
+        """The nearest levels within the bounds."""
+        return np.clip(levels, self.lower, self.upper)
+
+    def step(self, levels: Array, score: Array, information: Array) -> tuple[Array, float]:
+        """One scoring step in the variances.
+
+        Returns:
+            The new levels, and the decrement: the squared length of the step in units of their uncertainty.
+        """
+        slope, matrix = score * levels, information * np.outer(levels, levels)
+        held = ((levels <= self.lower) & (slope < 0.0)) | ((levels >= self.upper) & (slope > 0.0))
+        free = ~held
+        change = np.ones_like(levels)
+        block = matrix[np.ix_(free, free)] + RIDGE * np.eye(int(free.sum()))
+        change[free] += np.linalg.solve(block, slope[free])
+        wanted = self.clip(levels * np.clip(change, 1.0 / LARGEST_CHANGE, LARGEST_CHANGE))
+        logs = np.log(wanted / levels)
+        return wanted, float(logs @ matrix @ logs)

@@ -1,4 +1,4 @@
-"""One pass of the innovations form over a problem: cost, gradient, Gauss-Newton matrix."""
+"""One pass of the innovations form over a problem: cost, gradient, Gauss-Newton matrix, and what shows the noise."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from joint_id_core.codegen import Kernel
+from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.start import start_state
 from joint_id_core.problem import Problem
 from joint_id_core.recording import Array
@@ -26,24 +27,37 @@ class Pass:
 
     Attributes:
         cost: sum of e^2/S + log S over all labels.
-        residuals: normalised innovations e/sqrt(S), shape (T, labels), 0 where a label is missing.
-        jacobian: derivative of the predicted labels over sqrt(S), shape (T, labels, free).
+        errors, variances: innovations e and their variances S, shape (T, labels); 0 and 1 where a label is missing.
+        hessian: Gauss-Newton matrix, shape (free, free): sum s s', s the derivative of a predicted label over sqrt(S).
+        gradient: sum s e/sqrt(S), minus half the slope of the cost, shape (free,).
         states: filtered states, shape (T, n).
     """
 
     cost: float
-    residuals: Array
-    jacobian: Array
+    errors: Array
+    variances: Array
+    hessian: Array
+    gradient: Array
     states: Array
+
+    @property
+    def residuals(self) -> Array:
+        """Normalised innovations e/sqrt(S), shape (T, labels), 0 where a label is missing."""
+        return np.asarray(self.errors / np.sqrt(self.variances))
 
 
 class Recursion:
-    """The compiled innovations recursion on fixed data, called with parameters and noise levels."""
+    """The compiled innovations recursion on fixed data, called with parameters and noise levels.
+
+    Noise levels are variances, those of the labels (R) before those of the inputs (q): shape (labels + inputs,).
+    """
 
     def __init__(self, problem: Problem, kernel: Kernel) -> None:
         self.problem = problem
         self.kernel = kernel
-        self.columns = [kernel.sensitive.index(name) for name in problem.free]
+        columns = [kernel.sensitive.index(name) for name in problem.free]
+        self._block = np.ix_(columns, columns)
+        self._columns = np.array(columns)
         self.index = np.array([problem.model.parameter_names.index(name) for name in problem.free])
         mean, spread = start_state(problem)
         self.x0 = mean
@@ -56,10 +70,8 @@ class Recursion:
         self._X0 = np.array([mean for mean, _ in starts])
         self._V0 = np.array([spread**2 for _, spread in starts])
         T, n, m = len(problem.time), len(mean), len(problem.labels)
-        self._X = np.empty((T, n))
-        self._e, self._S = np.empty((T, m)), np.empty((T, m))
-        self._J = np.empty((T, m, len(kernel.sensitive)))
         self._K, self._F = np.empty((T, m, n)), np.empty((T, n, n + problem.u.shape[1]))
+        self._latest: Pass | None = None
 
     def values(self, free: Array) -> Array:
         """All parameter values with the free ones put in."""
@@ -67,27 +79,31 @@ class Recursion:
         p[self.index] = free
         return p
 
-    def _run(self, free: Array, R: Array, q: Array, substeps: int, n_params: int) -> float:
+    def run(self, free: Array, levels: Array, substeps: int) -> Pass:
+        """One pass at the physical values `free`; its cost is not finite where the path blew up."""
         a = self.problem
-        return float(
-            self.kernel.module.innovations(
-                self.x0, self.P0, self._begin, self._X0, self._V0, a.time, a.u, a.y, a.label_states, a.gap,
-                R, q, self.Q_x, self.values(free), substeps, n_params,
-                self._X, self._e, self._S, self._J, self._K, self._F,
-            )
+        T, m, k = len(a.time), len(a.labels), len(self.kernel.sensitive)
+        X, e, S = np.empty((T, len(self.x0))), np.empty((T, m)), np.empty((T, m))
+        H, g = np.empty((k, k)), np.empty(k)
+        cost = self.kernel.module.innovations(
+            self.x0, self.P0, self._begin, self._X0, self._V0, a.time, a.u, a.y, a.label_states, a.gap,
+            levels[:m], levels[m:], self.Q_x, self.values(free), substeps, X, e, S, self._K, self._F, H, g,
         )  # fmt: skip
+        self._latest = Pass(float(cost), e, S, H[self._block], g[self._columns], X)
+        return self._latest
 
-    def cost_and_score(self, free: Array, R: Array, q: Array, substeps: int) -> tuple[float, Array, Array]:
-        """Cost, without sensitivities, and its derivatives by R (labels,) and q (inputs,)."""
-        cost = self._run(free, R, q, substeps, 0)
-        score_R, score_q = np.empty(len(R)), np.empty(len(q))
+    def noise_information(self, result: Pass) -> tuple[Array, Array]:
+        """Score (L,), minus half the slope of the cost by the noise levels, and their information matrix (L, L).
+
+        Raises:
+            JointIdError: `result` is not the latest pass, whose gains are kept.
+        """
+        if result is not self._latest:
+            raise JointIdError("the information of the noise levels is known of the latest pass only: run it again")
         a = self.problem
-        self.kernel.module.noise_score(a.y, a.label_states, self._e, self._S, self._K, self._F, score_R, score_q)
-        return cost, score_R, score_q
-
-    def run(self, free: Array, R: Array, q: Array, substeps: int) -> Pass:
-        """Cost, residuals and sensitivities. The arrays are copies."""
-        cost = self._run(free, R, q, substeps, len(self.kernel.sensitive))
-        if not np.isfinite(cost):
-            self._S.fill(1.0)  # a path that blew up; its cost tells the caller
-        return Pass(cost, self._e / np.sqrt(self._S), self._J[:, :, self.columns], self._X.copy())
+        size = len(a.labels) + a.u.shape[1]
+        score, information = np.empty(size), np.empty((size, size))
+        self.kernel.module.noise_information(
+            a.y, a.label_states, self._begin, result.errors, result.variances, self._K, self._F, score, information
+        )
+        return score, information

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 
-from joint_id_core.operations import SmoothOps
+from joint_id_core.codegen import Kernel
+from joint_id_core.estimators.start import start_state
 from joint_id_core.problem import Problem
 from joint_id_core.recording import Array
 
@@ -14,29 +13,20 @@ from joint_id_core.recording import Array
 # the fit. The cap is for wild intermediate parameter values, whose fits need not be accurate.
 LIMIT = 2.0
 MOST = 8
+POINTS = 5
 
 
-def stable_substeps(problem: Problem, p: Array, limit: float = LIMIT, most: int = MOST) -> int:
-    """RK4 steps a sample so that |lambda h| <= limit for the fastest mode at a few points of the record."""
-    model = problem.model
-    values = SimpleNamespace(**dict(zip(model.parameter_names, map(float, p), strict=True)))
-    fastest = 0.0
-    for t in np.linspace(0, len(problem.time) - 1, 5).astype(int):
-        x = np.zeros(len(model.states))
-        x[problem.label_states] = np.nan_to_num(problem.y[t])
-        fastest = max(fastest, float(np.max(np.abs(np.linalg.eigvals(_jacobian(problem, x, problem.u[t], values))))))
-    return int(np.clip(np.ceil(fastest * problem.period / limit), 1, most))
+def fastest_mode(problem: Problem, kernel: Kernel, p: Array) -> float:
+    """Largest |lambda| in 1/s of the linearised model at a few points of the record."""
+    at = np.linspace(0, len(problem.time) - 1, POINTS).astype(int)
+    X = np.array([start_state(problem, int(k))[0] for k in at])
+    for i, state in enumerate(problem.label_states):
+        X[:, state] = np.where(np.isfinite(problem.y[at, i]), problem.y[at, i], X[:, state])
+    A = np.empty((POINTS, X.shape[1], X.shape[1]))
+    kernel.module.jacobians(X, np.ascontiguousarray(problem.u[at]), p, A)
+    return float(np.max(np.abs(np.linalg.eigvals(A)))) if np.isfinite(A).all() else np.inf
 
 
-def _jacobian(problem: Problem, x: Array, u: Array, values: SimpleNamespace) -> Array:
-    """df/dx by central differences; only its eigenvalues' size matters here."""
-    model = problem.model
-    scale = np.array([s.scale for s in model.states]) * 1e-7
-    columns = []
-    for i, h in enumerate(scale):
-        dx = np.zeros_like(x)
-        dx[i] = h
-        up = np.array(model.derivative(list(x + dx), list(u), values, SmoothOps()))
-        down = np.array(model.derivative(list(x - dx), list(u), values, SmoothOps()))
-        columns.append((up - down) / (2 * h))
-    return np.column_stack(columns)
+def stable_substeps(problem: Problem, kernel: Kernel, p: Array, limit: float = LIMIT, most: int = MOST) -> int:
+    """RK4 steps a sample so that |lambda h| <= limit for the fastest mode."""
+    return int(np.clip(np.ceil(fastest_mode(problem, kernel, p) * problem.period / limit), 1, most))

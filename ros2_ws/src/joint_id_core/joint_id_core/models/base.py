@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from types import SimpleNamespace
 from typing import Any, ClassVar, Protocol
 
@@ -63,22 +64,22 @@ class Model:
         """Inputs that are zero when the recording does not have them."""
         return frozenset({"external_torque"})
 
-    @property
+    @cached_property
     def state_names(self) -> tuple[str, ...]:
         """Channel names of the states."""
         return tuple(s.name for s in self.states)
 
-    @property
+    @cached_property
     def input_names(self) -> tuple[str, ...]:
         """Channel names of the inputs."""
         return tuple(s.name for s in self.inputs)
 
-    @property
+    @cached_property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of all parameters, fixed ones included."""
         return tuple(p.name for p in self.parameters)
 
-    @property
+    @cached_property
     def smoothing(self) -> dict[str, str]:
         """Velocity states on which Coulomb friction acts, with the parameter that smooths it.
 

@@ -44,15 +44,15 @@ class DCMotor(Model):
             side="m", w_s=0.2, w_typical=100.0, law=self.friction,
         )  # fmt: skip
 
-    @property
+    @cached_property
     def states(self) -> tuple[Signal, ...]:
         return (channel("current"), channel("motor_velocity"))
 
-    @property
+    @cached_property
     def inputs(self) -> tuple[Signal, ...]:
         return (channel("voltage"), channel("external_torque"))
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         return (
             *electrical_parameters(),

@@ -48,16 +48,16 @@ class Electromechanical(Model):
         tau_fq = Parameter("tau_fq", "Nm", "Coulomb friction at the link", 0.0, lower=0.0, fixed=True)
         return link_friction(self.friction, c_q=4.031e1, tau_fq=tau_fq)
 
-    @property
+    @cached_property
     def states(self) -> tuple[Signal, ...]:
         names = ("current", "motor_position", "link_position", "motor_velocity", "link_velocity")
         return tuple(channel(n) for n in names)
 
-    @property
+    @cached_property
     def inputs(self) -> tuple[Signal, ...]:
         return (channel("voltage"), channel("external_torque"))
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         return (
             *electrical_parameters(),

@@ -74,15 +74,15 @@ class HarmonicDrive(Model):
         tau_fq = positive("tau_fq", "Nm", "Coulomb friction at the link", 2.296)
         return link_friction(self.friction, c_q=1.799, tau_fq=tau_fq)
 
-    @property
+    @cached_property
     def states(self) -> tuple[Signal, ...]:
         return tuple(channel(n) for n in ("motor_position", "link_position", "motor_velocity", "link_velocity"))
 
-    @property
+    @cached_property
     def inputs(self) -> tuple[Signal, ...]:
         return (drive_signal(self.actuation), channel("external_torque"))
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         return (
             positive("J_m", "kg m^2", "inertia of rotor and wave generator", 6e-5),

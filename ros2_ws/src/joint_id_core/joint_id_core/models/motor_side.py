@@ -52,16 +52,16 @@ class MotorSide(Model):
     def _friction(self) -> Friction:
         return motor_friction(self.friction, c_m=1.018e-4, tau_fm=2.291e-2)
 
-    @property
+    @cached_property
     def states(self) -> tuple[Signal, ...]:
         return (channel("motor_position"), channel("motor_velocity"))
 
-    @property
+    @cached_property
     def inputs(self) -> tuple[Signal, ...]:
         link = (channel("link_position", hold="first"), channel("link_velocity", hold="first"))
         return (drive_signal(self.actuation), *link)
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         return (
             positive("J_m", "kg m^2", "inertia of rotor and wave generator", 6e-5),

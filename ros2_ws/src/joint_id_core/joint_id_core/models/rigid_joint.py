@@ -49,15 +49,15 @@ class RigidJoint(Model):
             side="", w_s=SMOOTHING, w_typical=1.0, law=self.friction,
         )  # fmt: skip
 
-    @property
+    @cached_property
     def states(self) -> tuple[Signal, ...]:
         return (channel("link_position"), channel("link_velocity"))
 
-    @property
+    @cached_property
     def inputs(self) -> tuple[Signal, ...]:
         return (drive_signal(self.actuation), channel("external_torque"))
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         return (
             positive("J", "kg m^2", "inertia seen at the link (mass in kg for a linear axis)", 1.0),
