@@ -11,6 +11,7 @@ from importlib.metadata import entry_points
 
 import typer
 
+from joint_id_core.cli.compare import compare
 from joint_id_core.cli.fit import fit
 from joint_id_core.cli.group import OneLineErrors
 from joint_id_core.cli.info import info
@@ -30,6 +31,7 @@ app = typer.Typer(
 app.command()(simulate)
 app.command()(info)
 app.command()(fit)
+app.command()(compare)
 app.command(epilog=EPILOG)(robot_emulator)
 
 

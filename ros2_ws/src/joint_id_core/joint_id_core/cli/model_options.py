@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-from typing import TYPE_CHECKING, Annotated, get_args
+from typing import Annotated, get_args
 
 import typer
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import LAWS, MODELS, Model, build
 from joint_id_core.models.transmission import Actuation
-
-if TYPE_CHECKING:
-    from joint_id_core.recording import Recording
 
 Texts = list[str] | None
 MODEL_HELP = f"one of {', '.join(MODELS)}"
@@ -21,13 +17,6 @@ ActuationOption = Annotated[str | None, typer.Option(help="torque or current (de
 FrictionOption = Annotated[str | None, typer.Option(help=f"one of {', '.join(LAWS)}")]
 GravityOption = Annotated[bool, typer.Option("--gravity", help="the axis is not vertical: adds a_g, b_g")]
 KinematicErrorOption = Annotated[bool, typer.Option("--kinematic-error", help="of the gear: adds a_ke, phi_ke")]
-
-
-def drive_of(model: str, recording: Recording) -> str | None:
-    """The recorded drive signal, for a model that can be driven by torque or by current; None for the others."""
-    if model not in MODELS or "actuation" not in {f.name for f in fields(MODELS[model])}:
-        return None
-    return "torque" if recording.measured("torque") or not recording.measured("current") else "current"
 
 
 def build_model(name: str, actuation: str | None, friction: str | None, gravity: bool, kinematic_error: bool) -> Model:

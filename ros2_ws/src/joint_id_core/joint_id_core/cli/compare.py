@@ -1,0 +1,99 @@
+"""`joint-id compare`: which model describes a recording best."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from joint_id_core.candidates import GRAMMAR, parse
+from joint_id_core.cli.arguments import Progress, pairs, print_json
+from joint_id_core.cli.fit_options import (
+    EndOption,
+    FileArgument,
+    FixOption,
+    FreeOption,
+    JointOption,
+    JsonOption,
+    MapOption,
+    StartOption,
+    given_and_held,
+    window,
+)
+from joint_id_core.cli.group import BAD_INPUT, complain
+from joint_id_core.cli.model_options import SetOption, Texts
+from joint_id_core.errors import JointIdError
+
+if TYPE_CHECKING:
+    from joint_id_core.trial import Trial
+
+MODELS_HELP = (
+    f"{GRAMMAR}; repeat it or separate with commas (default: every law of the models that the recording can tell of; "
+    "a single model without a law: every law of it)"
+)
+
+
+def compare(
+    file: FileArgument,
+    models: Annotated[Texts, typer.Option("--models", help=MODELS_HELP)] = None,
+    joint: JointOption = None,
+    set_: SetOption = None,
+    fix: FixOption = None,
+    free: FreeOption = None,
+    map_: MapOption = None,
+    start: StartOption = None,
+    end: EndOption = None,
+    validate: Annotated[Path | None, typer.Option(help="recording to predict, instead of the last part")] = None,
+    held_out: Annotated[float | None, typer.Option(help="share of the samples to predict (default: 1/3)")] = None,
+    json: JsonOption = False,
+) -> None:
+    """Fit several models to the first part of a recording and rank them by what they predict of the rest.
+
+    Exit code 0: at least one model describes it; 1: none does; 2: bad input.
+    """
+    if validate is not None and held_out is not None:
+        raise JointIdError("--validate and --held-out exclude each other: with --validate all of FILE is fitted")
+    values, fixed = given_and_held(set_, fix)
+    texts = [text for option in models or () for text in option.split(",")]
+
+    from joint_id_core import comparison, comparison_report, formats
+    from joint_id_core.estimate import Status
+
+    mapping = pairs(map_ or (), "--map")
+    recording = window(formats.read(file, joint, mapping), start, end)
+    validation = formats.read(validate, joint, mapping) if validate is not None else None
+    share = comparison.HELD_OUT_SHARE if held_out is None else held_out
+    with Progress() as progress:
+        result = comparison.compare(
+            parse(texts, recording), recording, validation, share, values, fixed, set(free or ()), progress
+        )
+    best = result.ranking.best
+    again = _fit_arguments(best, set_, fix, free) if best else []
+    if json:
+        print_json(comparison_report.as_dict(result) | {"fit_arguments": again})
+    else:
+        print(comparison_report.table(result))
+        if best:
+            data = [("--joint", joint), *(("--map", text) for text in map_ or ()), ("--start", start), ("--end", end)]
+            said = [word for option, value in data if value is not None for word in (option, str(value))]
+            print(f"its parameters: {shlex.join(['joint-id', 'fit', str(file), *again, *said])}")
+    if not any(row.trial.estimate.converged for row in result.ranking.rows):
+        complain(result.ranking.conclusion)
+        unusable = (Status.NO_MOTION, Status.TOO_SHORT, Status.MISSING_SIGNAL)
+        raise typer.Exit(BAD_INPUT if all(r.trial.estimate.status in unusable for r in result.ranking.rows) else 1)
+
+
+def _fit_arguments(trial: Trial, set_: Texts, fix: Texts, free: Texts) -> list[str]:
+    """Arguments of `joint-id fit` that fit this candidate as it was fitted here."""
+    model = trial.candidate.model
+    words = list(trial.candidate.arguments)
+    for option, texts in (("--set", set_), ("--fix", fix), ("--free", free)):
+        own = [text for text in texts or () if text.partition("=")[0].strip() in model.parameter_names]
+        words += [word for text in own for word in (option, text)]
+    given = {text.partition("=")[0].strip() for text in (*(set_ or ()), *(fix or ()), *(free or ()))}
+    for name in model.smoothing.values():
+        if name not in given:
+            words += ["--set", f"{name}={trial.estimate[name].value:.6g}"]
+    return words

@@ -1,0 +1,52 @@
+"""Options of the commands that fit: which data, and which parameters are given, held or freed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from joint_id_core.cli.arguments import numbers
+from joint_id_core.cli.model_options import Texts
+from joint_id_core.errors import JointIdError
+
+if TYPE_CHECKING:
+    from joint_id_core.recording import Recording
+
+MAP_HELP = "channel=column, or a product: torque=gtau*vir; of a bag channel=topic.field"
+FileArgument = Annotated[Path, typer.Argument(help="CSV, MAT or bag")]
+JointOption = Annotated[str | None, typer.Option(help="joint of a bag that holds several")]
+FixOption = Annotated[Texts, typer.Option("--fix", help="NAME or NAME=VALUE: hold this parameter")]
+FreeOption = Annotated[Texts, typer.Option("--free", help="NAME: estimate this parameter that the model holds")]
+MapOption = Annotated[Texts, typer.Option("--map", help=MAP_HELP)]
+StartOption = Annotated[float | None, typer.Option(help="leave out what is before, s after the first sample")]
+EndOption = Annotated[float | None, typer.Option(help="leave out what is after, s after the first sample")]
+JsonOption = Annotated[bool, typer.Option("--json", help="machine-readable result")]
+
+
+def given_and_held(set_: Texts, fix: Texts) -> tuple[dict[str, float], set[str]]:
+    """Values from --set and --fix, and the names that --fix holds.
+
+    Raises:
+        JointIdError: a text that is not NAME=VALUE, a name given twice.
+    """
+    values = numbers(set_ or (), "--set") | numbers([text for text in fix or () if "=" in text], "--fix")
+    return values, {text.partition("=")[0].strip() for text in fix or ()}
+
+
+def window(recording: Recording, start: float | None, end: float | None) -> Recording:
+    """The part of a recording between two instants given in s after its first sample.
+
+    Raises:
+        JointIdError: no sample lies in it.
+    """
+    if start is None and end is None:
+        return recording
+    first = recording.time[0] if len(recording) else 0.0
+    part = recording.window(first + (start or 0.0), float("inf") if end is None else first + end)
+    if not len(part):
+        raise JointIdError(
+            f"{recording.source}: no sample between --start and --end: it lasts {recording.duration:.6g} s"
+        )
+    return part
