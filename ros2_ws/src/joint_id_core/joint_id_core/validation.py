@@ -41,7 +41,7 @@ def held_out_errors(
 
     Returns:
         By label, prediction minus label over the label's standard deviation, shape (T,) as `recording.time`; NaN where
-        left out or not measured, and everywhere for a constant label.
+        left out or not measured, and everywhere for a constant label; infinite where the prediction runs away.
 
     Raises:
         JointIdError: the recording cannot be used with this model, or is too short to predict anything.
@@ -69,7 +69,8 @@ def held_out_errors(
         spread = float(np.nanstd(problem.y[:, k]))
         errors[name] = np.full(len(recording), np.nan)
         if spread > 0.0:
-            errors[name][at] = (predictions[name] - problem.y[:, k])[judged] / spread
+            lost = np.isfinite(problem.y[:, k]) & ~np.isfinite(predictions[name])
+            errors[name][at] = np.where(lost, np.inf, (predictions[name] - problem.y[:, k]) / spread)[judged]
     return errors
 
 
