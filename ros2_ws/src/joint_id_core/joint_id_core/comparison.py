@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from joint_id_core import estimators
 from joint_id_core.candidates import Candidate
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimate import Estimate, Status
+from joint_id_core.estimators.innovations import Progress, fit_innovations
 from joint_id_core.problem import MIN_SAMPLES, UnusableError, unusable
 from joint_id_core.ranking import Ranking, rank
 from joint_id_core.recording import Recording
 from joint_id_core.trial import BLOCKS, Trial
 from joint_id_core.validation import HORIZON_S, held_out_drive_errors, held_out_errors
-
-Progress = Callable[[str], None]
 
 HELD_OUT_SHARE = 1 / 3
 # A horizon in each block that is compared, and one until the filter knows the state.
@@ -74,7 +72,7 @@ def compare(
             raise JointIdError(f"no candidate has a parameter {name!r}: there are {', '.join(known)}")
     for c in candidates:  # misuse shows before the first fit
         c.model.values({n: v for n, v in values.items() if n in c.model.parameter_names})
-    fitted, validated = (recording, validation) if validation else split(recording, held_out_share)
+    fitted, validated = (recording, validation) if validation is not None else split(recording, held_out_share)
     _require_motion(fitted, validated)
     trials = []
     for k, c in enumerate(candidates, 1):
@@ -144,7 +142,8 @@ def _fit(
         return found
     for share in SHARPER:
         tell(f"Coulomb step {1 / share:g} times as sharp")
-        other = _fit_once(c, recording, values | {n: share * w for n, w in smoothing.items()}, fixed, freed, tell)
+        sharper = values | {n: share * w for n, w in smoothing.items()}
+        other = _fit_once(c, recording, sharper, fixed, freed, tell, found)
         if found.converged and not other.converged:
             continue
         if not other.deviance < found.deviance:
@@ -154,10 +153,17 @@ def _fit(
 
 
 def _fit_once(
-    c: Candidate, recording: Recording, values: dict[str, float], fixed: set[str], freed: set[str], tell: Progress
+    c: Candidate,
+    recording: Recording,
+    values: dict[str, float],
+    fixed: set[str],
+    freed: set[str],
+    tell: Progress,
+    previous: Estimate | None = None,
 ) -> Estimate:
+    """One fit, from `previous` where that converged."""
     try:
-        return estimators.fit(c.model, recording, values, fixed, freed, progress=tell)
+        return fit_innovations(c.model, recording, values, fixed, freed, previous=previous, progress=tell)
     except (ArithmeticError, np.linalg.LinAlgError) as error:  # one candidate that runs away must not end the others
         diverged = UnusableError(Status.DIVERGED, f"{recording.source}: {Status.DIVERGED.advice} ({error})")
         return unusable(c.model, "innovations", diverged, recording)
@@ -173,7 +179,10 @@ def _validated(c: Candidate, estimate: Estimate, recording: Recording) -> Trial:
     except JointIdError as error:
         return Trial(c, estimate, failure=f"could not be validated: {error}")
     errors |= dict([drive]) if drive else {}
-    errors = {name: e for name, e in errors.items() if np.isfinite(e).any()}
+    errors = {name: e for name, e in errors.items() if not np.isnan(e).all()}
+    lost = [name for name, e in errors.items() if np.isinf(e).any()]
+    if lost:
+        return Trial(c, estimate, failure=f"could not be validated: its predictions of {', '.join(lost)} run away")
     if not errors:
-        return Trial(c, estimate, failure=f"could not be validated: {recording.source} shows none of its labels move")
+        return Trial(c, estimate, failure=f"could not be validated: its labels do not change in {recording.source}")
     return Trial(c, estimate, errors, drive[0] if drive else "")

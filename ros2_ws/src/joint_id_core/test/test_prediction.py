@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from joint_id_core import validation
 from joint_id_core.codegen import compile_model
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import fit
@@ -140,3 +141,18 @@ def test_the_drive_is_not_judged_at_the_ends_and_around_gaps():
     assert seen[(time > 0.21) & (time < 1.29)].all()
     assert np.isnan(drive_errors(TIME[:60], slow[:60], slow[:60])).all()
     assert np.isnan(drive_r_squared(TIME[:60], slow[:60], slow[:60]))
+
+
+def test_a_prediction_that_runs_away_is_no_missing_one(monkeypatch):
+    """Left out of the mean, it would flatter the model."""
+    estimate = fit(RIGID, measured(1))
+
+    def runs_away(*arguments):
+        found = free_runs(*arguments)
+        found["link_position"][500:510] = np.nan
+        return found
+
+    monkeypatch.setattr(validation, "free_runs", runs_away)
+    errors = held_out_errors(RIGID, measured(2), estimate)["link_position"]
+    assert np.flatnonzero(np.isinf(errors)).tolist() == list(range(500, 510))
+    assert held_out(RIGID, measured(2), estimate)["link_position"] == np.inf
