@@ -43,6 +43,7 @@ NODES: dict[str, tuple[type, ...]] = {
     "driver": (DriverOptions, StreamOptions),
 }
 ESTIMATORS: dict[str, type] = {"innovations": InnovationsOptions, "hpinn": HPinnOptions}
+COMMANDS = ("fit", "compare", "simulate", "info", "record", "robot-emulator")
 BLOCK = re.compile(r"(<!-- generated: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
@@ -63,7 +64,7 @@ def tables() -> dict[str, str]:
     made |= {f"estimator-{name}": option_table((options,)) for name, options in ESTIMATORS.items()}
     made |= {f"model-{name}": parameter_table(build(name).parameters) for name in MODELS}
     made |= {f"options-{name}": added_table(name) for name in MODELS}
-    made |= {f"command-{name}": command_table(name) for name in ("fit", "simulate", "info", "record", "robot-emulator")}
+    made |= {f"command-{name}": command_table(name) for name in COMMANDS}
     made |= {f"message-{p.stem}": f"```\n{p.read_text().rstrip()}\n```" for p in MESSAGES.glob("*.msg")}
     return made | {"models": model_table(), "channels": channel_table(), "statuses": status_table()}
 
