@@ -34,7 +34,14 @@ from joint_id_core.excitation import position_reference
 from joint_id_core.sensors import Sensors
 
 # Modules of benchmarks/peers, with how many starts at most: the slow ones get few.
-PEERS = {OURS: 100, "casadi_nlp": 100, "jax_optimistix": 100, "scipy_least_squares": 3, "torch_rmsprop": 1}
+PEERS = {
+    OURS: 100,
+    "casadi_nlp": 100,
+    "casadi_disturbance": 100,
+    "jax_optimistix": 100,
+    "scipy_least_squares": 3,
+    "torch_rmsprop": 1,
+}
 LIBRARIES = ("numpy", "scipy", "numba", "torch", "jax", "jaxlib", "optimistix", "casadi")
 SENSORS = Sensors(noise={"motor_position": 1e-3, "link_position": 1e-5, "motor_velocity": 0.1, "link_velocity": 1e-3})
 TORQUE_NOISE = (0.0, 0.003)  # Nm at the motor
@@ -47,7 +54,8 @@ def recording(samples: int, torque_noise: float, seed: int) -> Data:
     motion = simulate_closed_loop(
         MODEL, PositionController(), position_reference(), time, torque_noise=torque_noise, seed=seed
     )
-    return Data(SENSORS.measure(motion, seed), np.array([SENSORS.noise[name] for name in MODEL.state_names]))
+    sigma = np.array([SENSORS.noise[name] for name in MODEL.state_names])
+    return Data(SENSORS.measure(motion, seed), sigma, torque_noise)
 
 
 def random_start(k: int, factor: float) -> dict[str, float]:

@@ -39,7 +39,7 @@ def simulate(substeps: int) -> Data:
     x = rollout(compile_model(MODEL, "tanh"), X0, time, u, p, substeps)
     assert np.ptp(np.sign(x[:, 2])) == 2.0
     channels = dict(zip(MODEL.state_names + MODEL.input_names, np.hstack([x, u]).T, strict=True))
-    return Data(Recording(time, channels), SIGMA)
+    return Data(Recording(time, channels), SIGMA, 0.0)
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,8 @@
 
 Every sample is a shooting node, as in CasADi's own example of system identification: the RK4 cell is mapped over the
 samples, the states start at the labels, and continuity is a constraint. At the solution all gaps are closed: it is the
-minimum of the simulation error, and a noisy input biases it as it does single shooting.
+minimum of the simulation error, and a noisy input biases it as it does single shooting. `casadi_disturbance` gives the
+same program the noise of the torque as further unknowns.
 """
 
 from __future__ import annotations
@@ -41,22 +42,26 @@ def cell() -> Any:
 
 
 @lru_cache(maxsize=32)
-def solver(samples: int, limit_s: float) -> Any:
+def solver(samples: int, torque_noise: float, limit_s: float) -> Any:
     """The nonlinear program for records of this length.
 
-    Unknown are the logarithms of the parameters and every state as its distance from its label in standard deviations;
-    given are labels, inputs and steps in one vector, and the standard deviations.
+    Unknown are the logarithms of the parameters, every state as its distance from its label in standard deviations, and
+    where the measured torque has a noise (`torque_noise` in Nm) also this at every sample, in standard deviations.
+    Given are labels, inputs, steps and the standard deviations of the labels, in one vector.
     """
     z, e = casadi.MX.sym("z", len(FREE)), casadi.MX.sym("e", STATES, samples)
     y, u = casadi.MX.sym("y", STATES, samples), casadi.MX.sym("u", INPUTS, samples)
     dt, sigma = casadi.MX.sym("dt", 1, samples - 1), casadi.MX.sym("sigma", STATES)
-    x = y + e * casadi.repmat(sigma, 1, samples)
-    later = cell().map(samples - 1)(x[:, :-1], u[:, :-1], dt, casadi.repmat(z, 1, samples - 1))
+    w = casadi.MX.sym("w", 1, samples - 1 if torque_noise else 0)
+    x, held = y + e * casadi.repmat(sigma, 1, samples), u[:, :-1]
+    if torque_noise:
+        held = held + casadi.vertcat(torque_noise * w, casadi.DM.zeros(INPUTS - 1, samples - 1))
+    later = cell().map(samples - 1)(x[:, :-1], held, dt, casadi.repmat(z, 1, samples - 1))
     gaps = (later - x[:, 1:]) / casadi.repmat(sigma, 1, samples - 1)
-    unknown, given, g = casadi.veccat(z, e), casadi.veccat(y, u, dt, sigma), casadi.vec(gaps)
+    unknown, given, g = casadi.veccat(z, e, w), casadi.veccat(y, u, dt, sigma), casadi.vec(gaps)
     # Gauss-Newton: the residuals are unknowns themselves, so the Hessian is constant; the curvature of the constraints
     # is left out.
-    ones = casadi.DM(np.concatenate([np.zeros(len(FREE)), np.ones(STATES * samples)]))
+    ones = casadi.DM(np.concatenate([np.zeros(len(FREE)), np.ones(unknown.shape[0] - len(FREE))]))
     factor, multipliers = casadi.MX.sym("factor"), casadi.MX.sym("multipliers", g.shape[0])
     hessian = casadi.Function(
         "nlp_hess_l",
@@ -68,18 +73,19 @@ def solver(samples: int, limit_s: float) -> Any:
     ipopt: dict[str, Any] = {"max_iter": MAX_ITERATIONS, "tol": TOLERANCE, "max_cpu_time": limit_s}
     ipopt |= {"print_level": 0, "sb": "yes"}
     quiet: dict[str, Any] = {"print_time": False, "show_eval_warnings": False}
-    program = {"x": unknown, "p": given, "f": 0.5 * casadi.sumsqr(e), "g": g}
+    program = {"x": unknown, "p": given, "f": 0.5 * (casadi.sumsqr(e) + casadi.sumsqr(w)), "g": g}
     return casadi.nlpsol("solver", "ipopt", program, {"hess_lag": hessian, "ipopt": ipopt, **quiet, **COMPILER})
 
 
-def fit(data: Data, start: Mapping[str, float], limit_s: float) -> Fit:
+def fit(data: Data, start: Mapping[str, float], limit_s: float, torque_noise: float = 0.0) -> Fit:
     """Fit from `start`, for at most `limit_s` of processor time."""
     begun = processor_s()
     samples = len(data.recording)
-    solve = solver(samples, limit_s)
+    solve = solver(samples, torque_noise, limit_s)
     built = processor_s()
     given = np.concatenate([data.y.ravel(), data.u.ravel(), np.diff(data.recording.time), data.sigma])
-    first = np.concatenate([np.log([start[name] for name in FREE]), np.zeros(STATES * samples)])
+    first = np.zeros(solve.size1_in("x0"))
+    first[: len(FREE)] = np.log([start[name] for name in FREE])
     found = solve(x0=first, p=given, lbg=0.0, ubg=0.0)
     seconds = processor_s() - built
     outcome = solve.stats()

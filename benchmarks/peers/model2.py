@@ -10,7 +10,7 @@ from __future__ import annotations
 import resource
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
@@ -49,10 +49,12 @@ class Data:
     Attributes:
         recording: all states and inputs, without NaN, T samples.
         sigma: standard deviation of the labels, shape (4,), SI units.
+        torque_noise: standard deviation of the measured torque in Nm, held from sample to sample.
     """
 
     recording: Recording
     sigma: Array
+    torque_noise: float
 
     @cached_property
     def u(self) -> Array:
@@ -67,7 +69,7 @@ class Data:
     def first(self, share: float) -> Data:
         """The first share of the record, in (0, 1]; at least as many samples as there are unknowns."""
         samples = max(len(FREE) + STATES, round(share * len(self.recording)))
-        return Data(self.recording.slice(0, samples), self.sigma)
+        return replace(self, recording=self.recording.slice(0, samples))
 
 
 @dataclass(frozen=True)

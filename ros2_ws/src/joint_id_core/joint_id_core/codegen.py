@@ -25,7 +25,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TextIO
 
-from joint_id_core import models, recursions
+from joint_id_core import implicit, models, recursions
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import Model
 
@@ -33,18 +33,23 @@ log = logging.getLogger(__name__)
 
 # No "nnan": it would let the compiler drop the NaN test that marks a missing label.
 _FASTMATH = "{'reassoc', 'contract', 'arcp', 'nsz'}"
-_V, _M, _T, _I = "float64[::1]", "float64[:, ::1]", "float64[:, :, ::1]", "int64"
+_V, _M, _T, _I = "float64[::1]", "float64[:, ::1]", "float64[:, :, ::1]", "int64[::1]"
 _SIMULATION = {
-    "rollout": f"void({_V}, {_V}, {_M}, {_V}, {_I}, {_M})",
+    "rollout": f"void({_M}, int64, {_V}, {_M}, {_V}, {_I}, {_M})",
     "rollout_sensitivities": f"void({_V}, {_V}, {_M}, {_V}, {_I}, {_M}, {_T})",
     "jacobians": f"void({_M}, {_M}, {_V}, {_T})",
 }
 _FILTER = {
-    "innovations": f"float64({_V}, {_M}, int64[::1], {_M}, {_M}, {_V}, {_M}, {_M}, int64[::1], {_V}, {_V}, {_V}, "
+    "innovations": f"float64({_V}, {_M}, {_I}, {_M}, {_M}, {_V}, {_M}, {_M}, {_I}, {_V}, {_V}, {_V}, "
     f"{_V}, {_V}, {_I}, {_M}, {_M}, {_M}, {_T}, {_T}, {_M}, {_V})",
-    "noise_information": f"void({_M}, int64[::1], int64[::1], {_M}, {_M}, {_T}, {_T}, {_V}, {_M})",
+    "noise_information": f"void({_M}, {_I}, {_I}, {_M}, {_M}, {_T}, {_T}, {_V}, {_M})",
 }
-_CELL = ("constants", "jacobian", "step", "step_parameters", "step_full")
+# Called by those, never from Python: typed where they are called.
+_INLINE = (
+    "constants", "jacobian", "inputs", "slope", "linearise", "factor", "solve", "matrix", "solve_stage", "stages",
+    "step", "step_parameters", "step_full",
+)  # fmt: skip
+CELLS = ("rk4", "implicit")
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,7 @@ class Kernel:
 
     model: Model
     friction: str
+    cell: str
     parameter_names: tuple[str, ...]
     sensitive: tuple[str, ...]
     module: ModuleType
@@ -73,11 +79,12 @@ def cache_directory() -> Path:
 def _generator_text() -> str:
     """Text of everything that shapes generated code; a change in it gives a new cache key."""
     here = Path(__file__).parent
-    files = [*sorted((here / "models").glob("*.py")), here / "symbolic.py", here / "recursions.py", here / "codegen.py"]
+    own = ("symbolic.py", "recursions.py", "implicit.py", "codegen.py")
+    files = [*sorted((here / "models").glob("*.py")), *(here / name for name in own)]
     return "".join(f.read_text() for f in files)
 
 
-def _key(model: Model, friction: str, sensitive: tuple[str, ...]) -> str:
+def _key(model: Model, friction: str, sensitive: tuple[str, ...], cell: str) -> str:
     import numba
 
     if type(model).__module__.startswith(models.__name__ + "."):
@@ -87,26 +94,38 @@ def _key(model: Model, friction: str, sensitive: tuple[str, ...]) -> str:
             own = inspect.getsource(sys.modules[type(model).__module__])
         except (OSError, TypeError):  # a model typed at a prompt has no source
             own = repr(id(type(model))) + str(time.time())
-    parts = (repr(model), friction, repr(sensitive), numba.__version__, sys.version, own, _generator_text())
+    parts = (repr(model), friction, repr(sensitive), cell, numba.__version__, sys.version, own, _generator_text())
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
 
 
-def _source(model: Model, friction: str, sensitive: tuple[str, ...]) -> str:
+def _source(model: Model, friction: str, sensitive: tuple[str, ...], cell: str) -> str:
     from joint_id_core import symbolic
 
-    text = symbolic.cell_text(model, symbolic.derive(model, friction, sensitive))  # type: ignore[arg-type]  # checked by compile_model
+    derivative = symbolic.derive(model, friction, sensitive)  # type: ignore[arg-type]  # checked by compile_model
+    text = symbolic.cell_text(model, derivative, cell)  # type: ignore[arg-type]  # checked by compile_model
+    if cell == "implicit":
+        text += _implicit_steps()
     _, simulation, smooth_only = re.split(r"# --- compiled .*\n", inspect.getsource(recursions))
-    loops = simulation + (smooth_only if friction == "tanh" else "")
-    loops = loops.replace(": Any", "").replace(": int", "").replace(" -> None", "").replace(" -> float", "")
+    text += simulation + (smooth_only if friction == "tanh" else "")
+    text = re.sub(r": (Any|int|float)\b|-> (None|float)", "", text).replace(") :", "):")
     for name, signature in _signatures(friction).items():
         decorator = f'@njit("{signature}", cache=True, fastmath={_FASTMATH}, nogil=True, error_model="numpy")\n'
-        loops = loops.replace(f"def {name}(", f"{decorator}def {name}(")
+        text = text.replace(f"def {name}(", f"{decorator}def {name}(")
     inline = f'@njit(fastmath={_FASTMATH}, error_model="numpy")\n'
-    for name in _CELL:
+    for name in _INLINE:
         text = text.replace(f"def {name}(", f"{inline}def {name}(")
-    head = f'"""Generated for {model!r}, friction {friction}: do not edit."""\n\n'
+    head = f'"""Generated for {model!r}, friction {friction}, cell {cell}: do not edit."""\n\n'
     head += "import math\n\nimport numpy as np\nfrom numba import njit\n\n"
-    return head + text + loops
+    return head + text
+
+
+def _implicit_steps() -> str:
+    """The implicit cell, its last function once for the parameters alone and once with states and inputs."""
+    _, text = re.split(r"# --- compiled .*\n", inspect.getsource(implicit))
+    shared, template = text.split("def step_COLUMNS")
+    for name, columns in (("step_parameters", "CP"), ("step_full", "CF")):
+        shared += f"def {name}{template}".replace("COLUMNS", columns)
+    return shared
 
 
 def _signatures(friction: str) -> dict[str, str]:
@@ -114,13 +133,13 @@ def _signatures(friction: str) -> dict[str, str]:
     return {**_SIMULATION, **_FILTER} if friction == "tanh" else _SIMULATION
 
 
-def _build(folder: Path, model: Model, friction: str, sensitive: tuple[str, ...]) -> ModuleType:
+def _build(folder: Path, model: Model, friction: str, sensitive: tuple[str, ...], cell: str) -> ModuleType:
     """Load the module in `folder`, after writing its source if it is not there."""
     path = folder / "kernel.py"
     if not path.exists():
         log.info("compiling model %s once, about 15 s; the result is kept in %s", model.name, folder)
         draft = path.with_suffix(".draft")
-        draft.write_text(_source(model, friction, sensitive))
+        draft.write_text(_source(model, friction, sensitive, cell))
         draft.replace(path)
     spec = importlib.util.spec_from_file_location(f"joint_id_kernel_{path.parent.name}", path)
     assert spec is not None and spec.loader is not None
@@ -165,27 +184,33 @@ def _locked(folder: Path) -> TextIO:
 
 
 @lru_cache(maxsize=64)
-def compile_model(model: Model, friction: str = "tanh", extra: tuple[str, ...] = ()) -> Kernel:
-    """Compile the RK4 cell of a model with its sensitivities, or load it from the cache.
+def compile_model(model: Model, friction: str = "tanh", extra: tuple[str, ...] = (), cell: str = "rk4") -> Kernel:
+    """Compile the cell of a model with its sensitivities, or load it from the cache.
 
     Sensitivities are made for every parameter that the model's table does not fix, and for `extra`.
     `friction` is "tanh" (smoothed) or "sign" (the paper's network; simulation only, without the innovations form).
+    `cell` is "rk4" or, for stiff models with smoothed friction, "implicit" (see `implicit`).
 
     Raises:
-        JointIdError: unknown friction smoothing or parameter name in `extra`; a cache that cannot be written.
+        JointIdError: unknown friction smoothing, cell or parameter name in `extra`; sign friction in the implicit cell;
+            a cache that cannot be written.
     """
     if friction not in ("tanh", "sign"):
         raise JointIdError(f"unknown friction smoothing {friction!r}: choose tanh or sign")
+    if cell not in CELLS:
+        raise JointIdError(f"unknown cell {cell!r}: choose one of {', '.join(CELLS)}")
+    if (friction, cell) == ("sign", "implicit"):
+        raise JointIdError("the implicit cell needs smoothed friction: sign has no derivative to solve with")
     for name in extra:
         model.parameter(name)
     sensitive = tuple(p.name for p in model.parameters if not p.fixed or p.name in extra)
-    folder = cache_directory() / f"{model.name}-{_key(model, friction, sensitive)}"
+    folder = cache_directory() / f"{model.name}-{_key(model, friction, sensitive, cell)}"
     with _locked(folder):
         try:
-            module = _build(folder, model, friction, sensitive)
+            module = _build(folder, model, friction, sensitive, cell)
         except Exception as error:  # whatever is wrong with a cached file, a fresh build is the cure
             log.warning("the cached kernel in %s cannot be loaded (%s): building it again", folder, error)
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
-            module = _build(folder, model, friction, sensitive)
-    return Kernel(model, friction, model.parameter_names, sensitive, module)
+            module = _build(folder, model, friction, sensitive, cell)
+    return Kernel(model, friction, cell, model.parameter_names, sensitive, module)

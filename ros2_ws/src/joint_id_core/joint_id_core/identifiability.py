@@ -97,8 +97,13 @@ def idle_drives(problem: Problem, q: Array) -> list[str]:
     return reasons
 
 
-def judge(problem: Problem, found: Minimum, nrmse: Mapping[str, float], rows: Mapping[str, Verdict]) -> Judgement:
-    """Decide how the fit ended: converged, not converged, or converged to a model that does not describe the data."""
+def judge(
+    problem: Problem, found: Minimum, nrmse: Mapping[str, float], rows: Mapping[str, Verdict], warning: str = ""
+) -> Judgement:
+    """Decide how the fit ended: converged, not converged, or converged to a model that does not describe the data.
+
+    `warning` is added to the message.
+    """
     residuals = explained(problem, found.last.residuals)
     reasons = [*residuals.reasons, *idle_drives(problem, found.levels[len(problem.labels) :])]
     poor = {n: v for n, v in nrmse.items() if v > POOR_NRMSE}
@@ -114,6 +119,8 @@ def judge(problem: Problem, found: Minimum, nrmse: Mapping[str, float], rows: Ma
     unseen = [n for n, v in rows.items() if v in (Verdict.NOT_EXCITED, Verdict.PRIOR)]
     if unseen:
         message += f"; this motion does not show {', '.join(unseen)}"
+    if warning:
+        message += f"; {warning}"
     if problem.dropped:
         message += f"; {problem.dropped} samples without an input were left out"
     return Judgement(status, message, residuals)

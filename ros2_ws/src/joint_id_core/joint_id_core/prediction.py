@@ -21,16 +21,11 @@ DRIVE_BAND_HZ = 10.0
 
 
 def free_runs(
-    kernel: Kernel, problem: Problem, states: Array, p: Array, substeps: int, horizon_s: float
+    kernel: Kernel, problem: Problem, states: Array, p: Array, substeps: int | rk4.Steps, horizon_s: float
 ) -> dict[str, Array]:
     """Labels predicted at most `horizon_s` ahead: simulations restarted from the filtered `states` (T, n)."""
     block = max(1, round(horizon_s / problem.period))
-    last = len(problem.time) - 1
-    X = states.copy()
-    for i in range(0, last, block):
-        j = min(i + block, last)
-        run = rk4.rollout(kernel, states[i], problem.time[i : j + 1], problem.u[i : j + 1], p, substeps)
-        X[i + 1 : j + 1] = run[1:]
+    X = rk4.restarted(kernel, states[::block], block, problem.time, problem.u, p, substeps)
     return {name: X[:, k] for name, k in zip(problem.labels, problem.label_states, strict=True)}
 
 
@@ -38,8 +33,12 @@ def nrmse(problem: Problem, predictions: dict[str, Array]) -> dict[str, float]:
     """Rms of prediction minus label over the label's standard deviation; NaN for a constant label."""
     found = {}
     for k, name in enumerate(problem.labels):
-        error, spread = predictions[name] - problem.y[:, k], float(np.nanstd(problem.y[:, k]))
-        found[name] = float(np.sqrt(np.nanmean(error**2)) / spread) if spread > 0.0 else float("nan")
+        seen = np.isfinite(problem.y[:, k])
+        y = problem.y[seen, k]
+        error, spread = predictions[name][seen] - y, float(np.std(y))
+        with np.errstate(over="ignore"):  # a prediction that blew up misses by an infinite amount
+            square = error @ error
+        found[name] = float(np.sqrt(square / len(y)) / spread) if spread > 0.0 else float("nan")
     return found
 
 

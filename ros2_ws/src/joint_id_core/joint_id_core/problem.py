@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -53,7 +54,7 @@ class Problem:
     dropped: int
     recording: Recording
 
-    @property
+    @cached_property
     def period(self) -> float:
         """Median step in s."""
         return float(np.median(np.diff(self.time)))

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 NX: int  # states
+NW: int  # rows of the work space V
 NU: int  # inputs
 NP: int  # parameters with sensitivities
 NC: int  # parameter-only constants
@@ -31,30 +32,36 @@ step_full: Callable[..., None]
 # --- compiled from here ---
 
 
-def rollout(x0: Any, time: Any, u: Any, p: Any, substeps: int, X: Any) -> None:
-    """Simulate from x0; X (T, NX) receives the states."""
+def rollout(X0: Any, block: int, time: Any, u: Any, p: Any, substeps: Any, X: Any) -> None:
+    """Simulate, begun anew every `block` samples from the next row of X0 (B, NX).
+
+    substeps (T): steps from each sample to the next. X (T, NX) receives the states; where a run begins anew, those
+    at the end of the one before.
+    """
     c = np.empty(NC)
     constants(p, c)
-    x = x0.copy()
-    X[0] = x
-    for t in range(len(time) - 1):
-        step(x, x, u[t], u[t + 1], c, time[t + 1] - time[t], substeps)
-        X[t + 1] = x
+    x = X0[0].copy()
+    for t in range(len(time)):
+        X[t] = x
+        if t % block == 0:
+            x[:] = X0[t // block]
+        if t < len(time) - 1:
+            step(x, x, u[t], u[t + 1], c, time[t + 1] - time[t], substeps[t])
 
 
-def rollout_sensitivities(x0: Any, time: Any, u: Any, p: Any, substeps: int, X: Any, J: Any) -> None:
+def rollout_sensitivities(x0: Any, time: Any, u: Any, p: Any, substeps: Any, X: Any, J: Any) -> None:
     """Simulate from x0 with the derivatives of all states by p, J (T, NX, NP)."""
     c = np.empty(NC)
     constants(p, c)
     x = x0.copy()
-    V = np.zeros(3 * NX * CP)
+    V = np.zeros(NW * CP)
     for t in range(len(time)):
         for i in range(NX):
             X[t, i] = x[i]
             for j in range(NP):
                 J[t, i, j] = V[i * CP + j]
         if t < len(time) - 1:
-            step_parameters(x, V, u[t], u[t + 1], c, time[t + 1] - time[t], substeps)
+            step_parameters(x, V, u[t], u[t + 1], c, time[t + 1] - time[t], substeps[t])
 
 
 def jacobians(X: Any, u: Any, p: Any, A: Any) -> None:
@@ -83,7 +90,7 @@ def innovations(
     q: Any,
     Q_x: Any,
     p: Any,
-    substeps: int,
+    substeps: Any,
     X: Any,
     e: Any,
     S: Any,
@@ -98,7 +105,7 @@ def innovations(
     which the record begins anew at this sample, or -1. y (T, NY): labels, NaN where missing; label (NY): their
     state; R (NY): their noise variance. q (NU): variance of the input noise, per sample. Q_x (NX): small
     variance added to the states per sample. gap (T): missing samples before the next one; over a gap the
-    held input is uncertain by as much as it is seen to change.
+    held input is uncertain by as much as it is seen to change. substeps (T): RK4 steps to the next sample.
     Receives X (T, NX) filtered states, e, S (T, NY) innovations and their variance (0, 1 where missing), K (T, NY, NX)
     gains and F (T, NX, NX + NU) derivatives of the next state by state and input, as `noise_information` needs them;
     H (NP, NP) = sum s s' and g (NP) = sum s e / sqrt(S) with s the derivative of the predicted label by the parameters
@@ -107,7 +114,7 @@ def innovations(
     c = np.empty(NC)
     constants(p, c)
     # One array (see the module): the columns of the step, P, A P, rows s of this sample's labels, sum s e, sum s s'.
-    P, M = 3 * NX * CF, 3 * NX * CF + NX * NX
+    P, M = NW * CF, NW * CF + NX * NX
     s, gradient = M + NX * NX, M + NX * NX + NX * CP
     hessian = gradient + CP
     V = np.zeros(hessian + NP * CP)
@@ -188,7 +195,7 @@ def innovations(
             for n in range(NX + NU):
                 V[m * CF + NP + n] = 0.0
             V[m * CF + NP + m] = 1.0
-        step_full(x, V, u[t], u[t + 1], c, time[t + 1] - time[t], substeps)
+        step_full(x, V, u[t], u[t + 1], c, time[t + 1] - time[t], substeps[t])
         for m in range(NX):
             for n in range(NX + NU):
                 F[t, m, n] = V[m * CF + NP + n]
@@ -261,12 +268,12 @@ def noise_information(y: Any, label: Any, begin: Any, e: Any, S: Any, K: Any, F:
                 gain = K[t, k, m]
                 for a in range(CL):
                     d[x + m * CL + a] += (d[P_i + m * CL + a] - gain * d[S_ + a]) * z + gain * d[e_ + a]
-                for n in range(NX):
+                for n in range(m + 1):
                     other = K[t, k, n]
                     for a in range(CL):
-                        d[P + (m * NX + n) * CL + a] -= (
-                            d[P_i + m * CL + a] * other + gain * d[P_i + n * CL + a] - gain * other * d[S_ + a]
-                        )
+                        change = d[P_i + m * CL + a] * other + gain * (d[P_i + n * CL + a] - other * d[S_ + a])
+                        d[P + (m * NX + n) * CL + a] -= change
+                        d[P + (n * NX + m) * CL + a] = d[P + (m * NX + n) * CL + a]
         if t == len(y) - 1:
             break
         for m in range(NX):

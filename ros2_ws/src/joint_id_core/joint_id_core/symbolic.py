@@ -12,6 +12,7 @@ from sympy.printing.pycode import PythonCodePrinter
 from joint_id_core.models import Model
 
 Smoothing = Literal["tanh", "sign"]
+Cell = Literal["rk4", "implicit"]
 
 
 class _SymPyOps:
@@ -95,9 +96,9 @@ class _Printer(PythonCodePrinter):
         return super()._print_Pow(expr, rational=rational)
 
 
-# Columns of the sensitivity work space: derivatives of the state by the parameters, then (full) by the state itself at the
-# start of the sample and by the inputs. Rows of D and Q, its derivatives and their sum, follow those of W in one array whose
-# sizes are constants of the module: only so can a compiler prove that nothing overlaps and use vector instructions.
+# Columns of the sensitivity work space W: derivatives of the state by the parameters, then (full) by the state itself
+# at the start of the sample and by the inputs. Rows of D and Q, its time derivative and their sum, follow in the same
+# array, whose sizes are constants: only so can a compiler prove that nothing overlaps and use vector instructions.
 _ALIGN = 4
 
 
@@ -151,9 +152,7 @@ class _Text:
         nx, show = self.nx, self.show
         lines = [f"def {name}(x, V, u0, u1, c, h, substeps):"]
         out = lines.append
-        out(
-            '    """Advance x and the sensitivities in V by one sample of length h in `substeps` Runge-Kutta 4 steps."""'
-        )
+        out('    """Advance x and the sensitivities in V by one sample of length h, `substeps` Runge-Kutta 4 steps."""')
         for k in range(len(self.constants)):
             out(f"    c_{k} = c[{k}]")
         for i in range(nx):
@@ -221,34 +220,57 @@ class _Text:
                         out(f"        V[{nx + i} * {columns} + {first + k}] += {show(e)}")
         return lines
 
-    def jacobian(self) -> list[str]:
-        """`jacobian(x, u, c, A)`: df/dx."""
-        lines = ["def jacobian(x, u, c, A):", '    """Fill A with df/dx."""']
-        lines += [f"    c_{k} = c[{k}]" for k in range(len(self.constants))]
+    def _at(self, temps: list[Any]) -> list[str]:
+        """Lines that unpack c, x and u and compute the shared expressions."""
+        lines = [f"    c_{k} = c[{k}]" for k in range(len(self.constants))]
         lines += [f"    x_{i} = x[{i}]" for i in range(self.nx)] + [f"    u_{i} = u[{i}]" for i in range(self.nu)]
-        lines += [f"    {line}" for line in self._signs()]
-        lines += [f"    {t} = {self.show(e)}" for t, e in self.temps]
-        return lines + [f"    A[{i}, {k}] = {self.show(self.A[i][k])}" for i in range(self.nx) for k in range(self.nx)]
+        return [*lines, *(f"    {s}" for s in self._signs()), *(f"    {t} = {self.show(e)}" for t, e in temps)]
+
+    def jacobian(self) -> list[str]:
+        """`jacobian(x, u, c, A)`."""
+        lines = ["def jacobian(x, u, c, A):", '    """Fill A with df/dx."""', *self._at(self.temps)]
+        return lines + [f"    A[{i}, {k}] = {self.show(e)}" for i, row in enumerate(self.A) for k, e in enumerate(row)]
+
+    def point(self) -> list[str]:
+        """`inputs`, `slope` and `linearise`: what a cell needs that is not written out stage by stage."""
+        lines = [
+            "def inputs(u0, u1, at, u):",
+            '    """Fill u with the inputs a share `at` of the sample after its start."""',
+        ]
+        for i, signal in enumerate(self.model.inputs):
+            lines.append(f"    u[{i}] = u0[{i}]" + (f" + at * (u1[{i}] - u0[{i}])" if signal.hold == "first" else ""))
+        lines += ["", "", "def slope(x, u, c, f):", '    """Fill f with the derivative of the state."""']
+        lines += self._at(self.state_temps) + [f"    f[{i}] = {self.show(e)}" for i, e in enumerate(self.state_f)]
+        lines += ["", "", "def linearise(x, u, c, f, A, B, G):", '    """Fill f, df/dx, df/dp and df/du."""']
+        lines += self._at(self.temps) + [f"    f[{i}] = {self.show(row[0])}" for i, row in enumerate(self.f)]
+        for name, matrix in (("A", self.A), ("B", self.B), ("G", self.G)):
+            lines += [
+                f"    {name}[{i}, {k}] = {self.show(e)}" for i, row in enumerate(matrix) for k, e in enumerate(row)
+            ]
+        return lines
 
 
-def cell_text(model: Model, d: Derivative) -> str:
-    """Source of the functions of one model that `recursions` calls: `constants`, `jacobian` and three forms of the step."""
+def cell_text(model: Model, d: Derivative, cell: Cell) -> str:
+    """Source of the functions of one model that `recursions` calls."""
     text = _Text(model, d)
     sizes = {
         "NX": text.nx,
         "NU": text.nu,
         "NP": text.n_par,
         "NC": max(1, len(text.constants)),
+        "NW": (3 if cell == "rk4" else 8) * text.nx,
         "CP": _padded(text.n_par),
         "CF": _padded(text.n_par + text.nx + text.nu),
         "CL": _padded(text.nx + text.nu),
     }
-    functions = [
-        text.constants_function(),
-        text.jacobian(),
-        text.step("step", None, False),
-        text.step("step_parameters", "CP", False),
-        text.step("step_full", "CF", True),
-    ]
+    functions = [text.constants_function(), text.jacobian()]
+    if cell == "rk4":
+        functions += [
+            text.step("step", None, False),
+            text.step("step_parameters", "CP", False),
+            text.step("step_full", "CF", True),
+        ]
+    else:
+        functions.append(text.point())
     header = [f"{name} = {size}" for name, size in sizes.items()]
     return "\n".join([*header, *(line for f in functions for line in ["", "", *f])]) + "\n"

@@ -7,8 +7,10 @@ import numpy as np
 from joint_id_core.codegen import compile_model
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimate import Estimate
+from joint_id_core.estimators.noise import NoiseLevels
 from joint_id_core.estimators.recursion import LONGEST_GAP, Recursion
-from joint_id_core.estimators.start import input_noise, label_noise
+from joint_id_core.estimators.start import rough_states
+from joint_id_core.estimators.substeps import steps_of
 from joint_id_core.models import Model
 from joint_id_core.prediction import drive, drive_errors, free_runs
 from joint_id_core.problem import Problem, prepare
@@ -52,11 +54,12 @@ def held_out_errors(
     kernel = compile_model(model, "tanh", extra)
     recursion = Recursion(problem, kernel)
     known = {name: std**2 for name, std in estimate.noise.items() if std > 0.0}
-    R = np.array([known.get(n, v) for n, v in zip(problem.labels, label_noise(problem), strict=True)])
-    q = np.array([known.get(f"input {n}", v) for n, v in zip(model.input_names, input_noise(problem), strict=True)])
+    names = (*problem.labels, *(f"input {n}" for n in model.input_names))
+    levels = np.array([known.get(n, v) for n, v in zip(names, NoiseLevels.of(problem).rough, strict=True)])
     substeps = max(1, estimate.substeps)
-    states = recursion.run(problem.p[recursion.index], np.concatenate([R, q]), substeps).states
-    predictions = free_runs(kernel, problem, states, problem.p, substeps, horizon_s)
+    steps = steps_of(problem, kernel, problem.p, rough_states(problem), substeps)
+    states = recursion.run(problem.p[recursion.index], levels, steps).states
+    predictions = free_runs(kernel, problem, states, problem.p, steps, horizon_s)
     judged = _settled(problem, horizon_s)
     if not judged.any():
         raise JointIdError(

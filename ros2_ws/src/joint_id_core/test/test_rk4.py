@@ -111,6 +111,21 @@ def test_sensitivities_are_those_of_the_discrete_run(name, substeps):
         assert np.abs(Sp[:, :, j]).max() > 0.0, parameter
 
 
+@pytest.mark.parametrize("name", MODELS)
+def test_the_compiled_jacobian_is_that_of_the_derivative(name):
+    model = build(name)
+    x0, _, u = uneven_record(model)
+    kernel, p = compile_model(model), values_of(model)
+    values = SimpleNamespace(**dict(zip(model.parameter_names, p, strict=True)))
+    A = np.empty((1, len(x0), len(x0)))
+    kernel.module.jacobians(x0[None], u[:1], p, A)
+    for i, state in enumerate(model.states):
+        h = 1e-6 * state.scale * np.eye(len(x0))[i]
+        up, down = (np.array(model.derivative(x, u[0], values, SmoothOps())) for x in (x0 + h, x0 - h))
+        numeric = (up - down) / (2 * h[i])
+        np.testing.assert_allclose(A[0, :, i], numeric, atol=1e-5 * max(np.abs(A).max(), 1.0), err_msg=state.name)
+
+
 def test_a_gap_is_one_long_step():
     """Leaving out samples during which the inputs do not change leaves the rest of the run as it was."""
     model = build("dc_motor")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,13 +10,17 @@ from joint_id_core.estimators.belief import Belief, Coordinates
 from joint_id_core.estimators.noise import NoiseLevels
 from joint_id_core.estimators.recursion import Pass, Recursion
 from joint_id_core.recording import Array
+from joint_id_core.rk4 import Steps
 
 MAX_STEP = 1.0  # a factor e in a positive parameter; keeps the first steps inside the model's validity
 
 
 @dataclass(frozen=True)
 class Minimum:
-    """Where the iteration ended: coordinates, noise levels, the pass there and, with the prior, matrix, gradient and cost."""
+    """Where the iteration ended: coordinates, noise levels, the pass there; matrix, gradient and cost with the prior.
+
+    `integration` is what the coordinates moved when the step of the integrator was halved last.
+    """
 
     z: Array
     levels: Array
@@ -26,15 +30,16 @@ class Minimum:
     cost: float
     decrement: float
     iterations: int
+    integration: Array
 
     @property
     def covariance(self) -> Array:
-        """Of the coordinates, shape (k, k)."""
-        return np.asarray(np.linalg.inv(self.hessian), dtype=float)
+        """Of the coordinates, shape (k, k): of the noise, and the square of the integration error."""
+        return np.asarray(np.linalg.inv(self.hessian) + np.outer(self.integration, self.integration), dtype=float)
 
 
 def evaluate(
-    recursion: Recursion, coordinates: Coordinates, belief: Belief, z: Array, levels: Array, substeps: int
+    recursion: Recursion, coordinates: Coordinates, belief: Belief, z: Array, levels: Array, substeps: Steps
 ) -> Minimum | None:
     """One pass at z, with the prior; None when its cost is not finite."""
     last = recursion.run(coordinates.values(z), levels, substeps)
@@ -44,7 +49,7 @@ def evaluate(
     slope = coordinates.slope(z)
     H = last.hessian * np.outer(slope, slope) + belief.precision
     g = last.gradient * slope - belief.precision @ (z - belief.mean)
-    return Minimum(z, levels, last, H, g, cost, np.inf, 0)
+    return Minimum(z, levels, last, H, g, cost, np.inf, 0, np.zeros_like(z))
 
 
 def minimise(
@@ -52,12 +57,12 @@ def minimise(
     coordinates: Coordinates,
     belief: Belief,
     start: Minimum | None,
-    substeps: int,
+    substeps: Steps,
     tolerance: float,
     max_iterations: int,
     noise: NoiseLevels | None = None,
 ) -> Minimum | None:
-    """Minimise innovations cost plus prior from `start` (see `evaluate`), and fit the noise levels where `noise` is given.
+    """Minimise innovations cost plus prior from `start` (see `evaluate`), with the noise levels where `noise` is given.
 
     Stops when the step to take, squared in standard deviations (the Newton decrement dz' H dz, plus that of the noise
     levels), is below `tolerance`. The derivative of the gain is left out of the gradient, so close to the
@@ -70,10 +75,10 @@ def minimise(
         return None
     here = start
     damping, share, decrement, iterations = 1e-3, 1.0, np.inf, 0
-    wanted, noise_decrement = here.levels, 0.0
+    wanted, noise_decrement = here.levels, np.inf if noise else 0.0
     moved = True
     while iterations < max_iterations:
-        if noise is not None and moved:
+        if noise is not None and moved and noise_decrement >= 0.1 * tolerance:  # else they have settled
             wanted, noise_decrement = noise.step(here.levels, *recursion.noise_information(here.last))
         z, H, g = here.z, here.hessian, here.gradient
         active = ~(coordinates.at_bound(z) & (np.sign(g) == np.where(z >= coordinates.upper, 1.0, -1.0)))
@@ -97,4 +102,4 @@ def minimise(
             damping, share = max(damping, 1e-6) * 10.0, 0.5 * share
             if damping > 1e8:
                 break
-    return Minimum(here.z, here.levels, here.last, here.hessian, here.gradient, here.cost, decrement, iterations)
+    return replace(here, decrement=decrement, iterations=iterations)

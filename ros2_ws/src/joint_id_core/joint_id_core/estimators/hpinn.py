@@ -16,7 +16,7 @@ import numpy as np
 from joint_id_core.codegen import compile_model
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimate import Estimate, ParameterEstimate, Status, Verdict
-from joint_id_core.estimators.start import start_state
+from joint_id_core.estimators.start import rough_states, start_state
 from joint_id_core.estimators.substeps import stable_substeps
 from joint_id_core.identifiability import NOT_EXCITED_RATIO, PRIOR_RATIO
 from joint_id_core.models import Model
@@ -126,7 +126,7 @@ def fit_hpinn(
     tell(f"preparing the compiled cell of {model.name}")
     table_free = {p.name for p in model.parameters if not p.fixed}
     kernel = compile_model(model, options.friction, tuple(sorted(set(problem.free) - table_free)))
-    substeps = options.substeps or stable_substeps(problem, kernel, problem.p, STEP_LIMIT)
+    substeps = options.substeps or stable_substeps(problem, kernel, problem.p, rough_states(problem), STEP_LIMIT)
     start = dict(zip(model.parameter_names, problem.p.tolist(), strict=True))
     net = HPinn(model, start, problem.free, intervals, options.friction, substeps)  # type: ignore[arg-type]  # choices are checked
     x0 = start_state(problem)[0]

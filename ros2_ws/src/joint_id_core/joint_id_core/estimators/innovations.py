@@ -13,26 +13,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from joint_id_core import prediction
-from joint_id_core.codegen import Kernel, compile_model
+from joint_id_core.codegen import CELLS, Kernel, compile_model
 from joint_id_core.estimate import Estimate, ParameterEstimate, Status
 from joint_id_core.estimators.belief import Belief, Coordinates
 from joint_id_core.estimators.gauss_newton import Minimum, evaluate, minimise
 from joint_id_core.estimators.noise import NoiseLevels
 from joint_id_core.estimators.recursion import Recursion
-from joint_id_core.estimators.start import input_noise, label_noise
-from joint_id_core.estimators.substeps import stable_substeps
+from joint_id_core.estimators.start import rough_states
+from joint_id_core.estimators.substeps import fastest_mode, stable_substeps, steps_of
 from joint_id_core.identifiability import explained, judge, verdicts
 from joint_id_core.models import Model
 from joint_id_core.options import check, option
 from joint_id_core.problem import Problem, UnusableError, prepare, unusable
 from joint_id_core.recording import Array, Recording
+from joint_id_core.rk4 import Steps
 
-ANNEALING = (1e6, 1e3)  # input noise times this: feedback from strong to optimal
-ANNEALING_SUBSTEPS = 2  # with that feedback a rough step does
-MAX_STABLE = 8  # first steps a sample of the last stage; more only where the estimates ask for them
+STRONGEST, STRONG = 1e6, 1e4  # first input noise over its rough level: the feedback of the previous labels
+STRONG_SUBSTEPS = 2  # with that feedback a rough step does
 MAX_SUBSTEPS = 64
 TOLERANCE = 0.01  # squared length of the last step in standard deviations
 STEP_TOLERANCE = 1e-4  # in z: what a finer step may still change where the data know better than that
+SAME_STEPS = (
+    0.02  # shift of an estimate in spreads of its prior (5 % of a positive one) that leaves the steps as they are
+)
 SAME_COST = 2.0  # two starts that end this near to each other in cost have found the same minimum
 EXTRA_STARTS = 6  # when states are not measured, the cost has several minima
 
@@ -42,7 +45,8 @@ class InnovationsOptions:
     """Options of the innovations estimator."""
 
     max_iterations: int = option(50, "Gauss-Newton iterations in one stage", lower=1)
-    substeps: int = option(0, "RK4 steps a sample; 0 finds them", lower=0, upper=MAX_SUBSTEPS)
+    substeps: int = option(0, "steps a sample; 0 finds them", lower=0, upper=MAX_SUBSTEPS)
+    cell: str = option("rk4", "Runge-Kutta 4, or an implicit method for stiff joints", choices=CELLS)
     horizon_s: float = option(0.1, "how far ahead the predictions look whose nrmse is reported", "s", lower=0.0)
 
     def __post_init__(self) -> None:
@@ -87,7 +91,7 @@ def fit_innovations(
     table_free = {p.name for p in model.parameters if not p.fixed}
     extra = tuple(n for n in problem.free if n not in table_free)
     tell(f"preparing the compiled cell of {model.name}")
-    fit = _Fit(problem, compile_model(model, "tanh", extra), options, belief, tell)
+    fit = _Fit(problem, compile_model(model, "tanh", extra, options.cell), options, belief, tell)
     found = fit.warm(previous) if previous is not None and previous.converged else None
     found = found or fit.cold()
     if found is None:
@@ -107,8 +111,11 @@ class _Fit:
         self.coordinates = Coordinates(problem.model, problem.free)
         self.belief = belief or Belief.before_data(problem)
         self.noise = NoiseLevels.of(problem)
+        self.rough_states = rough_states(problem)
         self.substeps = options.substeps
+        self.steps = np.empty(0, dtype=np.int64)
         self.iterations = 0
+        self.coarse = False
 
     def warm(self, previous: Estimate) -> Minimum | None:
         """Start from a previous estimate of the same quantities; None if it is of others or leads nowhere."""
@@ -116,8 +123,11 @@ class _Fit:
         if previous.free != self.problem.free or len(levels) != len(self.noise.lower):
             return None
         self.substeps = self.options.substeps or previous.substeps
-        z = self.coordinates.z(np.array([previous[n].value for n in previous.free]))
-        return self._refined(self._minimised(self.coordinates.clip(z), self.noise.clip(levels)))
+        z = self.coordinates.clip(self.coordinates.z(np.array([previous[n].value for n in previous.free])))
+        found = self._minimised(z, self.noise.clip(levels), self.rough_states)
+        if found is not None and float(np.max(np.abs(found.z - z) / self.coordinates.spread)) < SAME_STEPS:
+            return found  # the step size was judged for these values
+        return self._refined(found)
 
     def cold(self) -> Minimum | None:
         """Start from the belief; from others too until one describes the data, or two with unmeasured states."""
@@ -141,46 +151,58 @@ class _Fit:
         return best
 
     def _annealed(self, z: Array) -> Minimum | None:
-        """One complete fit from z with rough noise levels: feedback from strong to optimal, then settle."""
-        rough = np.concatenate([label_noise(self.problem), input_noise(self.problem)])
-        for factor in ANNEALING:
-            levels = rough.copy()
-            levels[len(self.problem.labels) :] *= factor
-            self.substeps = self.options.substeps or self._stable(z, ANNEALING_SUBSTEPS)
+        """One complete fit from z with rough noise levels: feedback from strong to optimal.
+
+        Where every state is measured the noise levels, fitted along, weaken the feedback by themselves as fast as the
+        parameters come closer; unmeasured states need parameters that are not far off before that.
+        """
+        self.substeps = self.options.substeps or self._stable(z)
+        rough = self.noise.rough
+        inputs = np.arange(len(rough)) >= len(self.problem.labels)
+        states = self.rough_states
+        if len(self.problem.labels) < len(self.problem.model.states):
+            self.steps = np.full(len(self.problem.time), min(self.substeps, STRONG_SUBSTEPS))
             found = minimise(
-                self.recursion, self.coordinates, self.belief, self._at(z, levels), self.substeps, 1.0,
-                self.options.max_iterations,
+                self.recursion, self.coordinates, self.belief, self._at(z, np.where(inputs, STRONGEST * rough, rough),
+                self.steps), self.steps, 1.0, self.options.max_iterations,
             )  # fmt: skip
             if found is None:
                 return None
             self.iterations += found.iterations
-            z = found.z
-        self.substeps = self.options.substeps or self._stable(z, MAX_STABLE)
-        return self._refined(self._minimised(z, self.noise.clip(rough)))
+            z, states = found.z, found.last.states
+            self.substeps = self.options.substeps or self._stable(z)
+        return self._refined(self._minimised(z, self.noise.clip(np.where(inputs, STRONG * rough, rough)), states))
 
-    def _stable(self, z: Array, most: int) -> int:
-        return stable_substeps(self.problem, self.kernel, self.recursion.values(self.coordinates.values(z)), most=most)
+    def _values(self, z: Array) -> Array:
+        return self.recursion.values(self.coordinates.values(z))
 
-    def _at(self, z: Array, levels: Array, substeps: int = 0) -> Minimum | None:
-        return evaluate(self.recursion, self.coordinates, self.belief, z, levels, substeps or self.substeps)
+    def _stable(self, z: Array) -> int:
+        if self.options.cell == "implicit":
+            return 1
+        return stable_substeps(self.problem, self.kernel, self._values(z), self.rough_states, sliding=True)
 
-    def _minimised(self, z: Array, levels: Array) -> Minimum | None:
-        """Fit parameters and noise levels at the present step size."""
+    def _at(self, z: Array, levels: Array, steps: Steps) -> Minimum | None:
+        return evaluate(self.recursion, self.coordinates, self.belief, z, levels, steps)
+
+    def _minimised(self, z: Array, levels: Array, states: Array) -> Minimum | None:
+        """Fit parameters and noise levels at the present step size; `states` (T, n) tell where friction turns."""
         self.tell(f"fitting parameters and noise levels, {self.substeps} steps a sample")
+        self.steps = steps_of(self.problem, self.kernel, self._values(z), states, self.substeps)
         found = minimise(
-            self.recursion, self.coordinates, self.belief, self._at(z, levels), self.substeps, TOLERANCE,
+            self.recursion, self.coordinates, self.belief, self._at(z, levels, self.steps), self.steps, TOLERANCE,
             self.options.max_iterations, self.noise,
         )  # fmt: skip
         self.iterations += found.iterations if found else 0
         return found
 
     def _refined(self, found: Minimum | None) -> Minimum | None:
-        """More RK4 steps until twice as many would move no estimate by 0.1 sigma, or by 0.01 % where sigma is less.
+        """More steps a sample until twice as many move no estimate by 0.1 sigma, or by 0.01 % where sigma is less.
 
-        What they would do is seen from the gradient of one pass with twice as many steps. Its step is then taken.
+        What they would do is seen from the gradient of one pass with twice as many steps. Its step is then taken, and
+        stands for the error that is left.
         """
         while found is not None and not self.options.substeps:
-            finer = self._at(found.z, found.levels, 2 * self.substeps)
+            finer = self._at(found.z, found.levels, 2 * self.steps)
             if finer is None:
                 return found
             covariance = finer.covariance
@@ -188,11 +210,27 @@ class _Fit:
             allowed = np.maximum(0.1 * np.sqrt(np.diag(covariance)), STEP_TOLERANCE)
             excess = float(np.max(np.abs(step) / allowed))
             if excess < 1.0 or 2 * self.substeps > MAX_SUBSTEPS:
-                return replace(finer, z=self.coordinates.clip(found.z + step), decrement=found.decrement)
-            # the error of RK4 falls with the fourth power of the step
+                self.coarse = excess >= 1.0
+                z = self.coordinates.clip(found.z + np.clip(step, -1.0, 1.0))
+                return replace(finer, z=z, decrement=found.decrement, integration=step)
+            # the error of a method of order four falls with the fourth power of the step
             self.substeps = min(MAX_SUBSTEPS, self.substeps * int(np.clip(np.ceil(excess**0.25), 2, 4)))
-            found = self._minimised(self.coordinates.clip(found.z + np.clip(step, -1.0, 1.0)), found.levels)
+            z = self.coordinates.clip(found.z + np.clip(step, -1.0, 1.0))
+            found = self._minimised(z, found.levels, finer.last.states)
         return found
+
+    def _step_warning(self, found: Minimum) -> str:
+        """What to say of an integration error that matters; nothing where it does not."""
+        if not self.coarse:
+            return ""
+        share = np.abs(found.integration) / np.sqrt(np.diag(np.linalg.inv(found.hessian)))
+        worst = int(np.argmax(share))
+        mode = fastest_mode(self.problem, self.kernel, self._values(found.z), self.rough_states, sliding=False)
+        text = (
+            f"{self.substeps} steps a sample are too few: twice as many would move {self.problem.free[worst]} by "
+            f"{share[worst]:.2g} standard deviations, which its own now contains (fastest mode {-mode:.4g} 1/s)"
+        )
+        return text + ("; use the implicit cell (--cell implicit)" if self.options.cell == "rk4" else "")
 
     def estimate(self, found: Minimum, elapsed: float) -> Estimate:
         """Turn the minimum into an `Estimate`."""
@@ -210,10 +248,10 @@ class _Fit:
             for q, v in zip(model.parameters, p, strict=True)
         )
         predictions = prediction.free_runs(
-            self.kernel, problem, found.last.states, p, self.substeps, self.options.horizon_s
+            self.kernel, problem, found.last.states, p, self.steps, self.options.horizon_s
         )
         nrmse = prediction.nrmse(problem, predictions)
-        judged = judge(problem, found, nrmse, rows)
+        judged = judge(problem, found, nrmse, rows, self._step_warning(found))
         noisy = (*problem.labels, *(f"input {n}" for n in model.input_names))
         sigma = np.sqrt(found.levels)
         return Estimate(

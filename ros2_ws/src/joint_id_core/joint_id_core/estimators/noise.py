@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from joint_id_core.estimators.start import label_floor, noise_ceiling
+from joint_id_core.estimators.start import Roughness, input_noise
 from joint_id_core.problem import Problem
 from joint_id_core.recording import Array
 
@@ -20,26 +20,27 @@ RIDGE = 1e-3  # information added to the logarithm of each level, so that one wh
 
 @dataclass(frozen=True)
 class NoiseLevels:
-    """Bounds of the variances of labels and inputs, each of shape (labels + inputs,).
+    """Variances of labels and inputs, each of shape (labels + inputs,): rough ones to start from, and their bounds.
 
     Never below the resolution of a label or 1e-6 of the typical size of an input; for measured motions never above
     what the signal shows. The noise of a drive has no such bound: it stands for everything the model does not know
     about the torque.
     """
 
+    rough: Array
     lower: Array
     upper: Array
 
     @classmethod
     def of(cls, problem: Problem) -> NoiseLevels:
-        """The bounds for one problem."""
-        inputs = zip(problem.model.inputs, problem.u.T, strict=True)
-        limits = [(label_floor(c[np.isfinite(c)]), noise_ceiling(c)) for c in problem.y.T]
-        limits += [
-            ((1e-6 * s.scale) ** 2, noise_ceiling(c) if s.hold == "first" else (1e3 * s.scale) ** 2) for s, c in inputs
-        ]
-        lower, upper = np.array(limits).T
-        return cls(lower, np.maximum(lower, upper))
+        """The levels for one problem."""
+        shown = [Roughness.of(column) for column in problem.y.T]
+        rows = [(r.noise, r.floor, r.ceiling) for r in shown]
+        for signal, values, start in zip(problem.model.inputs, problem.u.T, input_noise(problem), strict=True):
+            ceiling = Roughness.of(values).ceiling if signal.hold == "first" else (1e3 * signal.scale) ** 2
+            rows.append((float(start), (1e-6 * signal.scale) ** 2, ceiling))
+        rough, lower, upper = np.array(rows).T
+        return cls(rough, lower, np.maximum(lower, upper))
 
     def clip(self, levels: Array) -> Array:
         """The nearest levels within the bounds."""

@@ -11,6 +11,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.start import start_state
 from joint_id_core.problem import Problem
 from joint_id_core.recording import Array
+from joint_id_core.rk4 import Steps
 
 # Variance that each state gains a sample beside the input noise, relative to the square of its range.
 # It only keeps the covariance positive when an input is exact.
@@ -79,15 +80,16 @@ class Recursion:
         p[self.index] = free
         return p
 
-    def run(self, free: Array, levels: Array, substeps: int) -> Pass:
+    def run(self, free: Array, levels: Array, substeps: int | Steps) -> Pass:
         """One pass at the physical values `free`; its cost is not finite where the path blew up."""
         a = self.problem
         T, m, k = len(a.time), len(a.labels), len(self.kernel.sensitive)
         X, e, S = np.empty((T, len(self.x0))), np.empty((T, m)), np.empty((T, m))
         H, g = np.empty((k, k)), np.empty(k)
+        steps = np.array(np.broadcast_to(substeps, T), dtype=np.int64)
         cost = self.kernel.module.innovations(
             self.x0, self.P0, self._begin, self._X0, self._V0, a.time, a.u, a.y, a.label_states, a.gap,
-            levels[:m], levels[m:], self.Q_x, self.values(free), substeps, X, e, S, self._K, self._F, H, g,
+            levels[:m], levels[m:], self.Q_x, self.values(free), steps, X, e, S, self._K, self._F, H, g,
         )  # fmt: skip
         self._latest = Pass(float(cost), e, S, H[self._block], g[self._columns], X)
         return self._latest

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from scipy.signal import savgol_filter
 
 from joint_id_core.problem import Problem
 from joint_id_core.recording import Array
@@ -58,6 +61,36 @@ def start_state(problem: Problem, at: int = 0) -> tuple[Array, Array]:
     return np.array(mean), np.array(spread)
 
 
+def rough_states(problem: Problem) -> Array:
+    """States at every sample, shape (T, n), as far as the record shows them without a model.
+
+    Labels; else what a filter derived; else the other side of the gear, the slope of the position, or the start.
+    """
+    model, recording, time = problem.model, problem.recording, problem.time
+    ratio = problem.p[model.parameter_names.index("N")] if "N" in model.parameter_names else 1.0
+    known = {name: problem.u[:, k] for k, name in enumerate(model.input_names)}
+    for name in model.state_names:
+        if name in recording:
+            seen = np.isfinite(recording[name])
+            if seen.any():
+                known[name] = np.interp(time, recording.time[seen], recording[name][seen])
+    across = {f"motor_{n}": (f"link_{n}", ratio) for n in ("position", "velocity")}
+    across |= {link: (motor, 1.0 / ratio) for motor, (link, _) in across.items()}
+    X = np.empty((len(time), len(model.states)))
+    for i, (name, value) in enumerate(zip(model.state_names, start_state(problem)[0], strict=True)):
+        partner, gear = across.get(name, ("", 1.0))
+        position = name.replace("velocity", "position")
+        if name in known:
+            X[:, i] = known[name]
+        elif partner in known:
+            X[:, i] = gear * known[partner]
+        elif position in known:
+            X[:, i] = savgol_filter(known[position], 9, 2, deriv=1, delta=problem.period)
+        else:
+            X[:, i] = value
+    return X
+
+
 def _slope(problem: Problem, name: str, at: int) -> float:
     """Slope of the straight line through eight labels of a position from sample `at` on, in its unit a second."""
     values = problem.y[:, problem.labels.index(name)]
@@ -65,42 +98,38 @@ def _slope(problem: Problem, name: str, at: int) -> float:
     return float(np.polyfit(problem.time[seen] - problem.time[seen[0]], values[seen], 1)[0]) if len(seen) > 1 else 0.0
 
 
-def label_noise(problem: Problem) -> Array:
-    """Rough variance of each label's noise, shape (labels,), from its third differences.
+@dataclass(frozen=True)
+class Roughness:
+    """What the samples of one measured signal say of its noise, as variances.
 
-    A smooth motion all but vanishes in them, white noise comes out times sqrt(20); the median keeps events
-    such as a reversal of friction out. Never below a floor set by the resolution of the label.
+    `noise` is a rough level: a smooth motion all but vanishes in third differences, white noise comes out times
+    sqrt(20); the median keeps events such as a reversal of friction out. `floor` is the smallest credible level:
+    quantisation if it shows, else 1e-7 of the range squared. `ceiling` is the largest one, twice what the rms of the
+    third differences allows: noise cannot be larger than what the signal itself shows, and without this bound a wrong
+    model can explain itself by a sensor that is far worse than it is.
     """
-    levels = []
-    for column in problem.y.T:
-        values = column[np.isfinite(column)]
-        third = np.abs(np.diff(values, n=3))
-        sd = float(np.median(third)) / 0.6745 / np.sqrt(20.0) if third.size else 0.0
-        levels.append(max(sd, np.sqrt(label_floor(values))) ** 2)
-    return np.array(levels)
 
+    noise: float
+    floor: float
+    ceiling: float
 
-def noise_ceiling(values: Array) -> float:
-    """Largest credible noise variance of a measured motion: twice the rms of its third differences allows.
-
-    Noise cannot be larger than what the signal itself shows. Without this bound a wrong model can explain
-    itself by a sensor that is far worse than it is.
-    """
-    finite = values[np.isfinite(values)]
-    third = np.diff(finite, n=3)
-    level = float(np.mean(third**2)) / 20.0 if third.size else 0.0
-    return max(4.0 * level, 4.0 * label_floor(finite))
-
-
-def label_floor(values: Array) -> float:
-    """Smallest credible noise variance of a label: quantisation if it shows, else 1e-7 of its range squared."""
-    steps = np.abs(np.diff(values))
-    steps = steps[steps > 0]
-    span = float(np.ptp(values)) if values.size else 1.0
-    floor = (1e-7 * span) ** 2 + 1e-24
-    if steps.size and np.count_nonzero(np.diff(values) == 0) > 0.05 * values.size:
-        floor = max(floor, float(np.min(steps)) ** 2 / 12.0 * 0.1)
-    return floor
+    @classmethod
+    def of(cls, values: Array) -> Roughness:
+        """Of one signal, shape (T,), NaN where nothing was measured."""
+        finite = np.isfinite(values)
+        values = values if finite.all() else values[finite]
+        if len(values) < 4:
+            return cls(1e-24, 1e-24, 4e-24)
+        first = np.diff(values)
+        third = np.diff(first, n=2)
+        floor = (1e-7 * float(values.max() - values.min())) ** 2 + 1e-24
+        steps = np.abs(first)
+        still = int(np.count_nonzero(steps == 0.0))
+        if len(steps) > still > 0.05 * len(values):
+            floor = max(floor, float(np.min(steps[steps > 0.0])) ** 2 / 12.0 * 0.1)
+        middle = np.partition(np.abs(third), len(third) // 2)[len(third) // 2]
+        noise = max((float(middle) / 0.6745) ** 2 / 20.0, floor)
+        return cls(noise, floor, max(4.0 * float(third @ third) / len(third) / 20.0, 4.0 * floor))
 
 
 def input_noise(problem: Problem) -> Array:

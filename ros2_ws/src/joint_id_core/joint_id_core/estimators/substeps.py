@@ -1,32 +1,64 @@
-"""How many RK4 steps a sample needs before the fit can judge by itself."""
+"""How many steps of the integrator each sample needs."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from joint_id_core.codegen import Kernel
-from joint_id_core.estimators.start import start_state
 from joint_id_core.problem import Problem
 from joint_id_core.recording import Array
+from joint_id_core.rk4 import Steps
 
 # RK4 is stable up to |lambda h| = 2.78 on the negative real axis; accuracy is left to the doubling test of
 # the fit. The cap is for wild intermediate parameter values, whose fits need not be accurate.
 LIMIT = 2.0
 MOST = 8
-POINTS = 5
+POINTS = 16
+
+# Close to standstill the slope of smoothed Coulomb friction is by far the fastest mode, elsewhere there is none:
+# samples that come within KINK smoothing velocities of zero, or cross it, take MORE_STEPS times as many steps.
+KINK = 6.0
+JUMP = 0.1  # change of an input from one sample to the next, of its range in the record, that sets a fast mode going
+MORE_STEPS = 8
 
 
-def fastest_mode(problem: Problem, kernel: Kernel, p: Array) -> float:
-    """Largest |lambda| in 1/s of the linearised model at a few points of the record."""
-    at = np.linspace(0, len(problem.time) - 1, POINTS).astype(int)
-    X = np.array([start_state(problem, int(k))[0] for k in at])
-    for i, state in enumerate(problem.label_states):
-        X[:, state] = np.where(np.isfinite(problem.y[at, i]), problem.y[at, i], X[:, state])
-    A = np.empty((POINTS, X.shape[1], X.shape[1]))
+def fastest_mode(problem: Problem, kernel: Kernel, p: Array, states: Array, sliding: bool) -> float:
+    """Largest |lambda| in 1/s of the linearised model at a few points of the record, `states` (T, n).
+
+    With `sliding` friction is taken far from standstill, where its slope is only the viscous one.
+    """
+    at = np.unique(np.linspace(0, len(problem.time) - 1, POINTS).astype(int))
+    X = states[at]
+    if sliding:
+        for velocity, smoothing in problem.model.smoothing.items():
+            i = problem.model.state_names.index(velocity)
+            least = 100.0 * p[problem.model.parameter_names.index(smoothing)]
+            X[:, i] = np.copysign(np.maximum(np.abs(X[:, i]), least), X[:, i])
+    A = np.empty((len(at), X.shape[1], X.shape[1]))
     kernel.module.jacobians(X, np.ascontiguousarray(problem.u[at]), p, A)
     return float(np.max(np.abs(np.linalg.eigvals(A)))) if np.isfinite(A).all() else np.inf
 
 
-def stable_substeps(problem: Problem, kernel: Kernel, p: Array, limit: float = LIMIT, most: int = MOST) -> int:
-    """RK4 steps a sample so that |lambda h| <= limit for the fastest mode."""
-    return int(np.clip(np.ceil(fastest_mode(problem, kernel, p) * problem.period / limit), 1, most))
+def stable_substeps(
+    problem: Problem, kernel: Kernel, p: Array, states: Array, limit: float = LIMIT, sliding: bool = False
+) -> int:
+    """RK4 steps a sample so that |lambda h| <= limit for the fastest mode, at most `MOST`."""
+    return int(np.clip(np.ceil(fastest_mode(problem, kernel, p, states, sliding) * problem.period / limit), 1, MOST))
+
+
+def steps_of(problem: Problem, kernel: Kernel, p: Array, states: Array, substeps: int) -> Steps:
+    """Steps from each sample to the next, shape (T,): `substeps`, more where friction turns, as `states` (T, n) say.
+
+    With the implicit cell there are also more where an input jumps: it stays stable over the transient of a fast mode,
+    but follows it only with steps of that mode's time.
+    """
+    model = problem.model
+    more = np.zeros(len(states), dtype=bool)
+    for velocity, smoothing in model.smoothing.items():
+        w = states[:, model.state_names.index(velocity)]
+        near = np.abs(w) < KINK * p[model.parameter_names.index(smoothing)]
+        more |= near
+        more[:-1] |= near[1:] | (w[:-1] * w[1:] < 0.0)
+    if kernel.cell == "implicit":
+        more |= np.any(np.abs(np.diff(problem.u, axis=0, prepend=0.0)) > JUMP * np.ptp(problem.u, axis=0), axis=1)
+    return np.where(more, MORE_STEPS * substeps, substeps).astype(np.int64)

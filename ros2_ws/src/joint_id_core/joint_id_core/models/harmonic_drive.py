@@ -25,9 +25,10 @@ from joint_id_core.models.transmission import (
 from joint_id_core.signals import Parameter, Signal, channel, positive
 
 # Against exact stick and slip, 1 rad/s at the motor leaves the residuals of a position-controlled joint coloured
-# (lag-one autocorrelation 0.6) and moves k_1 by 2 %; 0.1 rad/s leaves them white.
-MOTOR_SMOOTHING = 0.1  # rad/s at the motor shaft
-LINK_SMOOTHING = 0.001  # rad/s
+# (lag-one autocorrelation 0.6) and moves k_1 by 2 %. 0.1 rad/s, and 0.001 rad/s at the link, leave them white and bias
+# c_1 by 0.9 of its standard deviation (torque noise 0.003 Nm, two seconds); a third of that biases it by 0.6.
+MOTOR_SMOOTHING = 0.03  # rad/s at the motor shaft
+LINK_SMOOTHING = 3e-4  # rad/s
 
 
 def motor_friction(law: str, c_m: float, tau_fm: float) -> Friction:
