@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -84,6 +85,19 @@ def test_the_cell_of_casadi_is_ours(simulated):
     logarithms = unknowns(MODEL.values())[: len(FREE)]
     later = cell().map(39)(simulated.y[:-1].T, simulated.u[:-1].T, np.diff(simulated.recording.time), logarithms)
     np.testing.assert_allclose(np.array(later).T, simulated.y[1:], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("torque_noise", [0.0, 0.003])
+def test_casadi_finds_the_truth_where_nothing_is_noisy(simulated, monkeypatch, torque_noise):
+    """Also with the torque's noise as unknowns, which then come out zero. Not compiled, to save time."""
+    pytest.importorskip("casadi", reason="benchmarks/requirements.txt is not installed")
+    from peers import casadi_disturbance, casadi_nlp
+
+    monkeypatch.setattr(casadi_nlp, "COMPILER", {})
+    start = {name: MODEL.values()[name] * factor for name, factor in zip(FREE, np.linspace(0.8, 1.25, 9), strict=True)}
+    found = casadi_disturbance.fit(replace(simulated, torque_noise=torque_noise), start, 60.0)
+    assert found.finished
+    assert found.values == pytest.approx({name: MODEL.values()[name] for name in FREE}, rel=0.01)
 
 
 def test_the_unknowns_are_the_parameters_and_back():
