@@ -52,7 +52,10 @@ class Verdict(enum.Enum):
 
 @dataclass(frozen=True)
 class ParameterEstimate:
-    """One row of the result. `std_dev` is NaN where there is none (fixed parameters, a failed fit)."""
+    """One row of the result. `std_dev` is NaN where there is none (fixed parameters, a failed fit).
+
+    `reason` says in words why the verdict is what it is.
+    """
 
     name: str
     unit: str
@@ -60,6 +63,7 @@ class ParameterEstimate:
     std_dev: float
     verdict: Verdict
     initial: float = float("nan")
+    reason: str = ""
 
 
 @dataclass(frozen=True)

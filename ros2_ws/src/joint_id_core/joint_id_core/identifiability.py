@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 # less than half of what is needed to call the parameter estimated.
 NOT_EXCITED_RATIO = 0.95
 PRIOR_RATIO = 0.5
+# Correlation from which two parameters are known together but hardly apart.
+STRONG_CORRELATION = 0.95
 # Lag-one autocorrelation of the innovations beyond which the standard deviations cannot be trusted.
 COLOURED = 0.3
 # Mean squared normalised innovation beyond which even the largest credible noise does not explain them.
@@ -29,22 +31,54 @@ MOST_CHI2 = 1.5
 POOR_NRMSE = 1.0
 
 
+@dataclass(frozen=True)
+class Shown:
+    """What the data and the prior say of one parameter, with the reason in words.
+
+    `together` is what is known instead of a parameter that enters only in combination.
+    """
+
+    verdict: Verdict
+    reason: str
+    together: str = ""
+
+
 def verdicts(
-    model: Model, free: tuple[str, ...], covariance_z: Array, coordinates: Coordinates, z: Array
-) -> dict[str, Verdict]:
+    model: Model,
+    free: tuple[str, ...],
+    covariance_z: Array,
+    coordinates: Coordinates,
+    z: Array,
+    together: Mapping[str, str] | None = None,
+) -> dict[str, Shown]:
     """A verdict for every parameter, from the ratio of posterior to prior standard deviation.
 
-    The prior is the spread of the model's table, also when the estimate was warm-started.
+    The prior is the spread of the model's table, also when the estimate was warm-started. `together` names, by
+    parameter, what is known in place of one that enters only in combination.
     """
-    ratio = np.sqrt(np.diag(covariance_z)) / coordinates.spread
-    found = dict.fromkeys(model.parameter_names, Verdict.FIXED)
-    for name, r, bound in zip(free, ratio, coordinates.at_bound(z), strict=True):
-        if bound:
-            found[name] = Verdict.AT_BOUND
+    deviation = np.sqrt(np.diag(covariance_z))
+    ratio = deviation / coordinates.spread
+    correlation = covariance_z / np.outer(deviation, deviation) - np.eye(len(free))
+    found = dict.fromkeys(model.parameter_names, Shown(Verdict.FIXED, "held at this value"))
+    for i, (name, r, bound) in enumerate(zip(free, ratio, coordinates.at_bound(z), strict=True)):
+        row, apart, partner = model.parameter(name), "", int(np.argmax(np.abs(correlation[i])))
+        if abs(correlation[i, partner]) > STRONG_CORRELATION:
+            apart = f"; it is hard to tell from {free[partner]} (correlation {correlation[i, partner]:+.3f})"
+        if together and name in together:
+            found[name] = Shown(Verdict.PRIOR, f"it enters only in combination: {together[name]}", together[name])
+        elif bound:
+            end, side = (row.lower, "lower") if z[i] <= coordinates.lower[i] else (row.upper, "upper")
+            found[name] = Shown(Verdict.AT_BOUND, f"the data pull it beyond its {side} bound {end:g} {row.unit}")
         elif r > NOT_EXCITED_RATIO:
-            found[name] = Verdict.NOT_EXCITED
+            found[name] = Shown(Verdict.NOT_EXCITED, f"this motion does not show it{apart}")
+        elif r > PRIOR_RATIO:
+            text = f"the data narrow what was believed before only {1 / r:.2g} times"
+            if row.positive:
+                upper = float(coordinates.values(z)[i] * np.exp(2.0 * deviation[i]))
+                text += f": it lies below about {upper:.2g} {row.unit}, more is not known"
+            found[name] = Shown(Verdict.PRIOR, text + apart)
         else:
-            found[name] = Verdict.PRIOR if r > PRIOR_RATIO else Verdict.ESTIMATED
+            found[name] = Shown(Verdict.ESTIMATED, f"the data narrow what was believed before {1 / r:.2g} times{apart}")
     return found
 
 
@@ -98,7 +132,7 @@ def idle_drives(problem: Problem, q: Array) -> list[str]:
 
 
 def judge(
-    problem: Problem, found: Minimum, nrmse: Mapping[str, float], rows: Mapping[str, Verdict], warning: str = ""
+    problem: Problem, found: Minimum, nrmse: Mapping[str, float], rows: Mapping[str, Shown], warning: str = ""
 ) -> Judgement:
     """Decide how the fit ended: converged, not converged, or converged to a model that does not describe the data.
 
@@ -116,9 +150,11 @@ def judge(
         status, message = Status.POOR_FIT, f"{'; '.join(reasons)}: {Status.POOR_FIT.advice}"
     else:
         status, message = Status.CONVERGED, "converged"
-    unseen = [n for n, v in rows.items() if v in (Verdict.NOT_EXCITED, Verdict.PRIOR)]
+    unseen = [n for n, v in rows.items() if v.verdict in (Verdict.NOT_EXCITED, Verdict.PRIOR) and not v.together]
     if unseen:
         message += f"; this motion does not show {', '.join(unseen)}"
+    for text in dict.fromkeys(v.together for v in rows.values() if v.together):
+        message += f"; this model shows only {text}: hold one of these parameters"
     if warning:
         message += f"; {warning}"
     if problem.dropped:

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from joint_id_core.estimate import Estimate, ParameterEstimate, Verdict
-
-STRONG_CORRELATION = 0.95
+from joint_id_core.identifiability import STRONG_CORRELATION
 
 
 def as_dict(estimate: Estimate) -> dict[str, Any]:
@@ -21,6 +20,7 @@ def as_dict(estimate: Estimate) -> dict[str, Any]:
             "value": _number(p.value),
             "std_dev": _number(p.std_dev),
             "verdict": p.verdict.value,
+            "reason": p.reason,
         }
         for p in estimate.parameters
     ]
@@ -55,6 +55,8 @@ def table(estimate: Estimate) -> str:
     lines = [head, f"  {estimate.message}", ""]
     lines.append(f"  {'parameter':<10}{'value':>13}  {'std dev':>10}  {'':>8}  {'unit':<11}{'verdict':<12}start")
     lines += [_row(p) for p in estimate.parameters]
+    doubtful = [p for p in estimate.parameters if p.verdict not in (Verdict.ESTIMATED, Verdict.FIXED) and p.reason]
+    lines += ["", *(f"  {p.name}: {p.reason}" for p in doubtful)] if doubtful else []
     if estimate.nrmse:
         lines += ["", f"  {'signal':<16}{'nrmse':>9}  {'noise (std dev)':>16}  whiteness"]
         for name, value in estimate.nrmse.items():

@@ -37,7 +37,14 @@ def test_dictionary_is_valid_json_and_not_a_number_is_null():
     assert result["elapsed_s"] == 0.25
     assert (result["start_s"], result["end_s"], result["samples"]) == (1.0, 3.0, 500)
     by_name = {p["name"]: p for p in result["parameters"]}
-    assert by_name["J"] == {"name": "J", "unit": "kg m^2", "value": 1.25, "std_dev": 0.05, "verdict": "estimated"}
+    assert by_name["J"] == {
+        "name": "J",
+        "unit": "kg m^2",
+        "value": 1.25,
+        "std_dev": 0.05,
+        "verdict": "estimated",
+        "reason": "",
+    }
     assert by_name["N"]["std_dev"] is None
     assert [f["signal"] for f in result["fit"]] == ["link_position", "link_velocity"]
     assert result["fit"][0] == {"signal": "link_position", "nrmse": 0.02, "noise_std_dev": 1e-5}

@@ -125,7 +125,12 @@ def to_estimate_message(joint: str, estimate: Estimate, origin_ns: int) -> Joint
         message=estimate.message,
         parameters=[
             ParameterEstimate(
-                name=p.name, unit=p.unit, value=p.value, std_dev=p.std_dev, verdict=VERDICT_CODES[p.verdict]
+                name=p.name,
+                unit=p.unit,
+                value=p.value,
+                std_dev=p.std_dev,
+                verdict=VERDICT_CODES[p.verdict],
+                reason=p.reason,
             )
             for p in estimate.parameters
         ],

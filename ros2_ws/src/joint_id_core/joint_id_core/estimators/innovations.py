@@ -27,6 +27,7 @@ from joint_id_core.options import check, option
 from joint_id_core.problem import Problem, UnusableError, prepare, unusable
 from joint_id_core.recording import Array, Recording
 from joint_id_core.rk4 import Steps
+from joint_id_core.structure import combinations
 
 STRONGEST, STRONG = 1e6, 1e4  # first input noise over its rough level: the feedback of the previous labels
 STRONG_SUBSTEPS = 2  # with that feedback a rough step does
@@ -232,6 +233,19 @@ class _Fit:
         )
         return text + ("; use the implicit cell (--cell implicit)" if self.options.cell == "rk4" else "")
 
+    def _combinations(self, values: dict[str, float], covariance: Array) -> dict[str, str]:
+        """By parameter that enters only in combination, what is known instead."""
+        problem, model = self.problem, self.problem.model
+        zero = {name for name, u in zip(model.input_names, problem.u.T, strict=True) if not np.any(u)}
+        zero |= {name for name in model.parameter_names if name not in problem.free and values[name] == 0.0}
+        known: dict[str, str] = {}
+        for group in combinations(model, problem.free, frozenset(zero)):
+            value = group.value(values, problem.free, covariance)
+            unit = f" {model.parameter(group.names[0]).unit}" if group.kind == "sum" else ""
+            text = group.text if value is None else f"{group.text} = {value[0]:.6g} ± {value[1]:.2g}{unit}"
+            known |= dict.fromkeys(group.names, text)
+        return known
+
     def estimate(self, found: Minimum, elapsed: float) -> Estimate:
         """Turn the minimum into an `Estimate`."""
         problem, model = self.problem, self.problem.model
@@ -240,11 +254,20 @@ class _Fit:
         covariance_z = found.covariance
         slope = self.coordinates.slope(found.z)
         covariance = covariance_z * np.outer(slope, slope)
-        rows = verdicts(model, problem.free, covariance_z, self.coordinates, found.z)
+        known = self._combinations(dict(zip(model.parameter_names, p.tolist(), strict=True)), covariance)
+        rows = verdicts(model, problem.free, covariance_z, self.coordinates, found.z, known)
         std = dict(zip(problem.free, np.sqrt(np.diag(covariance)), strict=True))
         initial = dict(zip(model.parameter_names, problem.p, strict=True))
         parameters = tuple(
-            ParameterEstimate(q.name, q.unit, float(v), float(std.get(q.name, np.nan)), rows[q.name], initial[q.name])
+            ParameterEstimate(
+                q.name,
+                q.unit,
+                float(v),
+                float(std.get(q.name, np.nan)),
+                rows[q.name].verdict,
+                initial[q.name],
+                rows[q.name].reason,
+            )
             for q, v in zip(model.parameters, p, strict=True)
         )
         predictions = prediction.free_runs(
