@@ -41,13 +41,14 @@ _SIMULATION = {
 }
 _FILTER = {
     "innovations": f"float64({_V}, {_M}, {_I}, {_M}, {_M}, {_V}, {_M}, {_M}, {_I}, {_V}, {_V}, {_V}, "
-    f"{_V}, {_V}, {_I}, {_M}, {_M}, {_M}, {_T}, {_T}, {_M}, {_V})",
-    "noise_information": f"void({_M}, {_I}, {_I}, {_M}, {_M}, {_T}, {_T}, {_V}, {_M})",
+    f"{_V}, {_V}, {_I}, {_M}, {_M}, {_M}, {_T}, {_T}, {_T}, {_M}, {_V})",
+    "noise_information": f"void({_M}, {_I}, {_I}, {_M}, {_M}, {_T}, {_T}, {_T}, {_V}, {_M})",
+    "observations": f"void({_M}, {_M}, {_V}, {_M})",
 }
 # Called by those, never from Python: typed where they are called.
 _INLINE = (
-    "constants", "jacobian", "inputs", "slope", "linearise", "factor", "solve", "matrix", "solve_stage", "stages",
-    "step", "step_parameters", "step_full",
+    "constants", "jacobian", "observe", "inputs", "slope", "linearise", "factor", "solve", "matrix", "solve_stage",
+    "stages", "step", "step_parameters", "step_full",
 )  # fmt: skip
 CELLS = ("rk4", "implicit")
 
@@ -107,7 +108,7 @@ def _source(model: Model, friction: str, sensitive: tuple[str, ...], cell: str) 
         text += _implicit_steps()
     _, simulation, smooth_only = re.split(r"# --- compiled .*\n", inspect.getsource(recursions))
     text += simulation + (smooth_only if friction == "tanh" else "")
-    text = re.sub(r": (Any|int|float)\b|-> (None|float)", "", text).replace(") :", "):")
+    text = re.sub(r": (Any|int|float|bool)\b|-> (None|float)", "", text).replace(") :", "):")
     for name, signature in _signatures(friction).items():
         decorator = f'@njit("{signature}", cache=True, fastmath={_FASTMATH}, nogil=True, error_model="numpy")\n'
         text = text.replace(f"def {name}(", f"{decorator}def {name}(")

@@ -26,6 +26,9 @@ def free_runs(
     """Labels predicted at most `horizon_s` ahead: simulations restarted from the filtered `states` (T, n)."""
     block = max(1, round(horizon_s / problem.period))
     X = rk4.restarted(kernel, states[::block], block, problem.time, problem.u, p, substeps)
+    if problem.model.label_delays:
+        states, X = X, np.empty_like(X)
+        kernel.module.observations(states, problem.u, p, X)
     return {name: X[:, k] for name, k in zip(problem.labels, problem.label_states, strict=True)}
 
 

@@ -22,8 +22,10 @@ NC: int  # parameter-only constants
 CP: int  # columns of the work space of `step_parameters`
 CF: int  # columns of the work space of `step_full`
 CL: int  # columns of the derivatives by noise levels
+DELAYED: bool  # whether sensors show the states late
 constants: Callable[..., None]
 jacobian: Callable[..., None]
+observe: Callable[..., None]
 step: Callable[..., None]
 step_parameters: Callable[..., None]
 step_full: Callable[..., None]
@@ -96,6 +98,7 @@ def innovations(
     S: Any,
     K: Any,
     F: Any,
+    C: Any,
     H: Any,
     g: Any,
 ) -> float:
@@ -107,7 +110,8 @@ def innovations(
     variance added to the states per sample. gap (T): missing samples before the next one; over a gap the
     held input is uncertain by as much as it is seen to change. substeps (T): RK4 steps to the next sample.
     Receives X (T, NX) filtered states, e, S (T, NY) innovations and their variance (0, 1 where missing), K (T, NY, NX)
-    gains and F (T, NX, NX + NU) derivatives of the next state by state and input, as `noise_information` needs them;
+    gains, F (T, NX, NX + NU) derivatives of the next state by state and input and, where sensors are late, C (T, NY, NX)
+    those of the predicted labels by the state, as `noise_information` needs them;
     H (NP, NP) = sum s s' and g (NP) = sum s e / sqrt(S) with s the derivative of the predicted label by the parameters
     over sqrt(S), the gain held.
     """
@@ -119,6 +123,8 @@ def innovations(
     hessian = gradient + CP
     V = np.zeros(hessian + NP * CP)
     x = x0.copy()
+    shown, at, seen = np.empty(NX), np.empty(NX), np.empty(NX)
+    by_x, by_p = np.empty((NX, NX)), np.empty((NX, max(NP, 1)))
     for m in range(NX):
         for n in range(NX):
             V[P + m * NX + n] = P0[m, n]
@@ -134,8 +140,15 @@ def innovations(
                 for j in range(NP):
                     V[m * CF + j] = 0.0
         volume = 1.0
+        if DELAYED:
+            observe(x, u[t if t == 0 or begin[t] >= 0 else t - 1], c, shown, by_x, by_p)
+            for m in range(NX):
+                at[m] = x[m]
         for k in range(len(label)):
             i = label[k]
+            if DELAYED:
+                for m in range(NX):
+                    C[t, k, m] = by_x[i, m]
             if math.isnan(y[t, k]):
                 e[t, k] = 0.0
                 S[t, k] = 1.0
@@ -146,6 +159,15 @@ def innovations(
                 continue
             error = y[t, k] - x[i]
             variance = V[P + i * NX + i] + R[k]
+            if DELAYED:
+                error = y[t, k] - shown[i]
+                variance = R[k]
+                for m in range(NX):
+                    error -= by_x[i, m] * (x[m] - at[m])
+                    seen[m] = 0.0
+                    for n in range(NX):
+                        seen[m] += V[P + m * NX + n] * by_x[i, n]
+                    variance += by_x[i, m] * seen[m]
             inverse = 1.0 / variance
             root = math.sqrt(inverse)
             white = error * root
@@ -155,15 +177,25 @@ def innovations(
             S[t, k] = variance
             for j in range(CP):
                 V[s + k * CP + j] = V[i * CF + j] * root
+            if DELAYED:
+                for j in range(NP):
+                    V[s + k * CP + j] = by_p[i, j] * root
+                    for m in range(NX):
+                        V[s + k * CP + j] += by_x[i, m] * V[m * CF + j] * root
             for j in range(CP):
                 V[gradient + j] += V[s + k * CP + j] * white
             for m in range(NX):
-                gain = V[P + m * NX + i] * inverse
+                gain = (seen[m] if DELAYED else V[P + m * NX + i]) * inverse
                 K[t, k, m] = gain
                 x[m] += gain * error
                 gain *= variance * root
                 for j in range(CP):
                     V[m * CF + j] -= gain * V[s + k * CP + j]
+            if DELAYED:
+                for m in range(NX):
+                    for n in range(NX):
+                        V[P + m * NX + n] -= 0.5 * (K[t, k, m] * seen[n] + K[t, k, n] * seen[m])
+                continue
             for m in range(NX):
                 if m != i:
                     for n in range(NX):
@@ -226,7 +258,9 @@ def innovations(
     return cost
 
 
-def noise_information(y: Any, label: Any, begin: Any, e: Any, S: Any, K: Any, F: Any, score: Any, info: Any) -> None:
+def noise_information(
+    y: Any, label: Any, begin: Any, e: Any, S: Any, K: Any, F: Any, C: Any, score: Any, info: Any
+) -> None:
     """Score and information of the noise levels (R, then q) from what `innovations` stored.
 
     score (L) is minus half the derivative of its cost by the levels, info (L, L) the matrix
@@ -251,9 +285,27 @@ def noise_information(y: Any, label: Any, begin: Any, e: Any, S: Any, K: Any, F:
             i = label[k]
             w = 1.0 / S[t, k]
             z = e[t, k] * w
+            for m in range(NX):
+                for a in range(CL):
+                    d[P_i + m * CL + a] = d[P + (m * NX + i) * CL + a]
             for a in range(CL):
                 d[S_ + a] = d[P + (i * NX + i) * CL + a]
                 d[e_ + a] = -d[x + i * CL + a]
+            if DELAYED:
+                for a in range(CL):
+                    d[S_ + a] = 0.0
+                    d[e_ + a] = 0.0
+                for m in range(NX):
+                    row = C[t, k, m]
+                    for a in range(CL):
+                        d[P_i + m * CL + a] = 0.0
+                    for n in range(NX):
+                        other = C[t, k, n]
+                        for a in range(CL):
+                            d[P_i + m * CL + a] += other * d[P + (m * NX + n) * CL + a]
+                    for a in range(CL):
+                        d[S_ + a] += row * d[P_i + m * CL + a]
+                        d[e_ + a] -= row * d[x + m * CL + a]
             d[S_ + k] += 1.0
             for a in range(CL):
                 d[sums + a] += 0.5 * (z * z - w) * d[S_ + a] - z * d[e_ + a]
@@ -261,9 +313,6 @@ def noise_information(y: Any, label: Any, begin: Any, e: Any, S: Any, K: Any, F:
                 along, level = 0.5 * w * w * d[S_ + b], w * d[e_ + b]
                 for a in range(CL):
                     d[products + b * CL + a] += along * d[S_ + a] + level * d[e_ + a]
-            for m in range(NX):
-                for a in range(CL):
-                    d[P_i + m * CL + a] = d[P + (m * NX + i) * CL + a]
             for m in range(NX):
                 gain = K[t, k, m]
                 for a in range(CL):
@@ -309,3 +358,14 @@ def noise_information(y: Any, label: Any, begin: Any, e: Any, S: Any, K: Any, F:
         score[a] = d[sums + a]
         for b in range(NY + NU):
             info[a, b] = d[products + a * CL + b]
+
+
+def observations(X: Any, u: Any, p: Any, Y: Any) -> None:
+    """What the sensors of all states show, Y (T, NX), along the path X (T, NX)."""
+    c = np.empty(NC)
+    constants(p, c)
+    by_x, by_p = np.empty((NX, NX)), np.empty((NX, max(NP, 1)))
+    for t in range(len(X)):
+        Y[t] = X[t]
+        if DELAYED:
+            observe(X[t], u[max(t - 1, 0)], c, Y[t], by_x, by_p)

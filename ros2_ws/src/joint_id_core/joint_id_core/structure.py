@@ -79,6 +79,8 @@ def combinations(model: Model, free: tuple[str, ...], zero: frozenset[str] = fro
 
     `zero` names the inputs and the held parameters that are zero: a load torque that is not there sets no scale.
     """
+    late = {name for names in model.label_delays.values() for name in names}  # seen in what sensors show, not in f
+    free = tuple(name for name in free if name not in late)
     rng = np.random.default_rng(0)
     tables = []
     for _ in range(2):

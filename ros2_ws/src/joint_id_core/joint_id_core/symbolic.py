@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any, Literal
 
@@ -26,18 +26,24 @@ class _SymPyOps:
     def __init__(self, friction: Smoothing) -> None:
         self.friction = friction
         self.signs: dict[sp.Symbol, sp.Expr] = {}
+        self.smoothed: dict[sp.Symbol, tuple[sp.Expr, sp.Expr]] = {}
 
     def direction(self, velocity: str, w: sp.Expr, w_s: sp.Expr) -> sp.Expr:
         if self.friction == "tanh":
             return sp.tanh(w / w_s)
         symbol = sp.Symbol(f"sign_{velocity}")
         self.signs[symbol] = w
+        self.smoothed[symbol] = (w, w_s)
         return symbol
 
 
 @dataclass(frozen=True)
 class Derivative:
-    """f(x, u, p) with its Jacobians. Symbols are x_i, u_i and p_<name>; `signs` maps sign symbols to velocities."""
+    """f(x, u, p) with its Jacobians. Symbols are x_i, u_i and p_<name>; `signs` maps sign symbols to velocities.
+
+    h is what sensors show of the states, delayed as the model says, with its Jacobians C = dh/dx and D = dh/dp; None where
+    no sensor is late.
+    """
 
     x: tuple[sp.Symbol, ...]
     u: tuple[sp.Symbol, ...]
@@ -47,6 +53,9 @@ class Derivative:
     B: sp.Matrix
     G: sp.Matrix
     signs: dict[sp.Symbol, sp.Expr]
+    h: sp.Matrix | None = None
+    C: sp.Matrix | None = None
+    D: sp.Matrix | None = None
 
 
 def derive(model: Model, friction: Smoothing, sensitive: tuple[str, ...]) -> Derivative:
@@ -58,7 +67,24 @@ def derive(model: Model, friction: Smoothing, sensitive: tuple[str, ...]) -> Der
     named = SimpleNamespace(**dict(zip(model.parameter_names, p, strict=True)))
     f = sp.Matrix(model.derivative(x, u, named, ops))
     wanted = [p[model.parameter_names.index(name)] for name in sensitive]
-    return Derivative(x, u, p, f, f.jacobian(x), f.jacobian(wanted), f.jacobian(u), ops.signs)
+    known = Derivative(x, u, p, f, f.jacobian(x), f.jacobian(wanted), f.jacobian(u), ops.signs)
+    if not model.label_delays:
+        return known
+    # x(t - s) by Taylor; the third order as far as the motion is linear. The direction of friction is held over the delay:
+    # its slope at standstill is far too steep for a series.
+    held = _SymPyOps("sign")
+    f = sp.Matrix(model.derivative(x, u, named, held))
+    A = f.jacobian(x)
+    rate = A * f
+    change = A * rate
+    shown = []
+    for i, name in enumerate(model.state_names):
+        s = sum((getattr(named, delay) for delay in model.label_delays.get(name, ())), sp.Integer(0))
+        shown.append(x[i] - s * f[i] + s**2 / 2 * rate[i] - s**3 / 6 * change[i])
+    h = sp.Matrix(shown)
+    smooth = {symbol: sp.tanh(w / w_s) for symbol, (w, w_s) in held.smoothed.items()}
+    h, C, D = (matrix.subs(smooth) for matrix in (h, h.jacobian(x), h.jacobian(wanted)))
+    return replace(known, h=h, C=C, D=D)
 
 
 class _Hoist:
@@ -116,6 +142,9 @@ class _Text:
         exprs = [hoist(e) for m in (d.f, d.A, d.B, d.G) for e in m]
         state_only = sp.cse(exprs[: self.nx], symbols=sp.numbered_symbols("t_"))
         every = sp.cse(exprs, symbols=sp.numbered_symbols("t_"))
+        self.observation: tuple[list[Any], list[Any]] | None = None
+        if d.h is not None and d.C is not None and d.D is not None:
+            self.observation = sp.cse([hoist(e) for m in (d.h, d.C, d.D) for e in m], sp.numbered_symbols("t_"))
         self.constants = hoist.constants
         self.show = _Printer({"fully_qualified_modules": True}).doprint
         self.state_temps, self.state_f = state_only
@@ -231,6 +260,18 @@ class _Text:
         lines = ["def jacobian(x, u, c, A):", '    """Fill A with df/dx."""', *self._at(self.temps)]
         return lines + [f"    A[{i}, {k}] = {self.show(e)}" for i, row in enumerate(self.A) for k, e in enumerate(row)]
 
+    def observe(self) -> list[str]:
+        """`observe(x, u, c, y, C, D)`: what the sensors of all states show, and its derivatives."""
+        nx, n = self.nx, self.n_par
+        lines = ["def observe(x, u, c, y, C, D):", '    """Fill y with what sensors show of x, C = dy/dx and D = dy/dp."""']
+        if self.observation is None:
+            return [*lines, "    pass"]
+        temps, flat = self.observation
+        lines += self._at(temps)
+        lines += [f"    y[{i}] = {self.show(e)}" for i, e in enumerate(flat[:nx])]
+        lines += [f"    C[{k // nx}, {k % nx}] = {self.show(e)}" for k, e in enumerate(flat[nx : nx + nx * nx])]
+        return lines + [f"    D[{k // n}, {k % n}] = {self.show(e)}" for k, e in enumerate(flat[nx + nx * nx :])]
+
     def point(self) -> list[str]:
         """`inputs`, `slope` and `linearise`: what a cell needs that is not written out stage by stage."""
         lines = [
@@ -263,7 +304,7 @@ def cell_text(model: Model, d: Derivative, cell: Cell) -> str:
         "CF": _padded(text.n_par + text.nx + text.nu),
         "CL": _padded(text.nx + text.nu),
     }
-    functions = [text.constants_function(), text.jacobian()]
+    functions = [text.constants_function(), text.jacobian(), text.observe()]
     if cell == "rk4":
         functions += [
             text.step("step", None, False),
@@ -272,5 +313,5 @@ def cell_text(model: Model, d: Derivative, cell: Cell) -> str:
         ]
     else:
         functions.append(text.point())
-    header = [f"{name} = {size}" for name, size in sizes.items()]
+    header = [f"{name} = {size}" for name, size in sizes.items()] + [f"DELAYED = {text.observation is not None}"]
     return "\n".join([*header, *(line for f in functions for line in ["", "", *f])]) + "\n"

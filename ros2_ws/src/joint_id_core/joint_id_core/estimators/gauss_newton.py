@@ -75,11 +75,14 @@ def minimise(
         return None
     here = start
     damping, share, decrement, iterations = 1e-3, 1.0, np.inf, 0
-    wanted, noise_decrement = here.levels, np.inf if noise else 0.0
+    push, noise_decrement = np.zeros_like(here.levels), np.inf if noise else 0.0
     moved = True
     while iterations < max_iterations:
         if noise is not None and moved and noise_decrement >= 0.1 * tolerance:  # else they have settled
-            wanted, noise_decrement = noise.step(here.levels, *recursion.noise_information(here.last))
+            before = push
+            push, noise_decrement = noise.step(here.levels, *recursion.noise_information(here.last))
+            # the mean information may be less than the curvature: steps that go to and fro are too long
+            share = 0.5 * share if push @ before < -0.25 * before @ before else min(1.0, 1.5 * share)
         z, H, g = here.z, here.hessian, here.gradient
         active = ~(coordinates.at_bound(z) & (np.sign(g) == np.where(z >= coordinates.upper, 1.0, -1.0)))
         dz = np.zeros_like(z)
@@ -92,12 +95,12 @@ def minimise(
         longest = float(np.max(np.abs(dz) / np.where(coordinates.positive, 1.0, coordinates.spread)))
         if longest > MAX_STEP:
             dz *= MAX_STEP / longest
-        levels = here.levels if noise is None else here.levels * (wanted / here.levels) ** share
+        levels = here.levels * np.exp(share * push)
         there = evaluate(recursion, coordinates, belief, coordinates.clip(z + dz), levels, substeps)
         moved = there is not None and (there.cost < here.cost or (decrement < 1.0 and there.cost < here.cost + 1.0))
         if moved:
             assert there is not None
-            here, damping, share = there, max(damping / 10.0, 1e-12), 1.0
+            here, damping = there, max(damping / 10.0, 1e-12)
         else:
             damping, share = max(damping, 1e-6) * 10.0, 0.5 * share
             if damping > 1e8:

@@ -208,7 +208,8 @@ class _Fit:
                 return found
             covariance = finer.covariance
             step = covariance @ finer.gradient
-            allowed = np.maximum(0.1 * np.sqrt(np.diag(covariance)), STEP_TOLERANCE)
+            least = STEP_TOLERANCE * np.where(self.coordinates.positive, 1.0, self.coordinates.spread)
+            allowed = np.maximum(0.1 * np.sqrt(np.diag(covariance)), least)
             excess = float(np.max(np.abs(step) / allowed))
             if excess < 1.0 or 2 * self.substeps > MAX_SUBSTEPS:
                 self.coarse = excess >= 1.0

@@ -50,7 +50,7 @@ class NoiseLevels:
         """One scoring step in the variances.
 
         Returns:
-            The new levels, and the decrement: the squared length of the step in units of their uncertainty.
+            The step in logarithms, and the decrement: its squared length in units of the levels' uncertainty.
         """
         slope, matrix = score * levels, information * np.outer(levels, levels)
         held = ((levels <= self.lower) & (slope < 0.0)) | ((levels >= self.upper) & (slope > 0.0))
@@ -59,5 +59,5 @@ class NoiseLevels:
         block = matrix[np.ix_(free, free)] + RIDGE * np.eye(int(free.sum()))
         change[free] += np.linalg.solve(block, slope[free])
         wanted = self.clip(levels * np.clip(change, 1.0 / LARGEST_CHANGE, LARGEST_CHANGE))
-        logs = np.log(wanted / levels)
-        return wanted, float(logs @ matrix @ logs)
+        step = np.log(wanted / levels)
+        return step, float(step @ matrix @ step)

@@ -72,6 +72,7 @@ class Recursion:
         self._V0 = np.array([spread**2 for _, spread in starts])
         T, n, m = len(problem.time), len(mean), len(problem.labels)
         self._K, self._F = np.empty((T, m, n)), np.empty((T, n, n + problem.u.shape[1]))
+        self._C = np.empty((T, m, n) if problem.model.label_delays else (1, 1, 1))
         self._latest: Pass | None = None
 
     def values(self, free: Array) -> Array:
@@ -89,7 +90,7 @@ class Recursion:
         steps = np.array(np.broadcast_to(substeps, T), dtype=np.int64)
         cost = self.kernel.module.innovations(
             self.x0, self.P0, self._begin, self._X0, self._V0, a.time, a.u, a.y, a.label_states, a.gap,
-            levels[:m], levels[m:], self.Q_x, self.values(free), steps, X, e, S, self._K, self._F, H, g,
+            levels[:m], levels[m:], self.Q_x, self.values(free), steps, X, e, S, self._K, self._F, self._C, H, g,
         )  # fmt: skip
         self._latest = Pass(float(cost), e, S, H[self._block], g[self._columns], X)
         return self._latest
@@ -106,6 +107,6 @@ class Recursion:
         size = len(a.labels) + a.u.shape[1]
         score, information = np.empty(size), np.empty((size, size))
         self.kernel.module.noise_information(
-            a.y, a.label_states, self._begin, result.errors, result.variances, self._K, self._F, score, information
+            a.y, a.label_states, self._begin, result.errors, result.variances, self._K, self._F, self._C, score, information
         )
         return score, information

@@ -60,6 +60,11 @@ class Model:
         raise NotImplementedError
 
     @property
+    def label_delays(self) -> dict[str, tuple[str, ...]]:
+        """By state, the parameters whose sum in s is how late its sensor is; states not named are shown at once."""
+        return {}
+
+    @property
     def optional_inputs(self) -> frozenset[str]:
         """Inputs that are zero when the recording does not have them."""
         return frozenset({"external_torque"})

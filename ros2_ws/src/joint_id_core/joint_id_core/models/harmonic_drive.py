@@ -10,7 +10,9 @@ from typing import Any
 from joint_id_core.models.base import Model, Ops
 from joint_id_core.models.friction import Friction
 from joint_id_core.models.transmission import (
+    LABEL_DELAYS,
     Actuation,
+    delay_parameters,
     drive_parameters,
     drive_signal,
     drive_torque,
@@ -18,6 +20,7 @@ from joint_id_core.models.transmission import (
     gravity_parameters,
     gravity_torque,
     kinematic_error_parameters,
+    offset_parameters,
     spring_parameters,
     spring_torque,
     transmission_ratio,
@@ -65,6 +68,8 @@ class HarmonicDrive(Model):
     friction: str = "coulomb_viscous"
     gravity: bool = False
     kinematic_error: bool = False
+    delays: bool = False
+    offsets: bool = False
 
     @cached_property
     def _motor_friction(self) -> Friction:
@@ -95,14 +100,21 @@ class HarmonicDrive(Model):
             *drive_parameters(self.actuation),
             *(kinematic_error_parameters() if self.kinematic_error else ()),
             *(gravity_parameters() if self.gravity else ()),
+            *(offset_parameters() if self.offsets else ()),
+            *(delay_parameters() if self.delays else ()),
         )
+
+    @property
+    def label_delays(self) -> dict[str, tuple[str, ...]]:
+        return LABEL_DELAYS if self.delays else {}
 
     def derivative(self, x: Sequence[Any], u: Sequence[Any], p: Any, ops: Ops) -> tuple[Any, ...]:
         theta_m, q, w_m, w_q = x
         drive, tau_ext = u
-        tau_spring = spring_torque(theta_m / p.N - q, w_m / p.N - w_q, p)
+        twist = theta_m / p.N - q - (p.dtheta_0 if self.offsets else 0.0)
+        tau_spring = spring_torque(twist, w_m / p.N - w_q, p)
         i_hd = transmission_ratio(theta_m, p, ops, self.kinematic_error)
-        tau_m = drive_torque(self.actuation, drive, p)
+        tau_m = drive_torque(self.actuation, drive, p) - (p.tau_0 if self.offsets else 0.0)
         dw_m = (tau_m - self._motor_friction.torque(w_m, p, ops) - i_hd * tau_spring) / p.J_m
         load = self._link_friction.torque(w_q, p, ops) + tau_ext
         if self.gravity:

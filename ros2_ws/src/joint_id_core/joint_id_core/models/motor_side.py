@@ -11,12 +11,15 @@ from joint_id_core.models.base import Model, Ops
 from joint_id_core.models.friction import Friction
 from joint_id_core.models.harmonic_drive import motor_friction
 from joint_id_core.models.transmission import (
+    LABEL_DELAYS,
     Actuation,
+    delay_parameters,
     drive_parameters,
     drive_signal,
     drive_torque,
     gear_ratio,
     kinematic_error_parameters,
+    offset_parameters,
     spring_parameters,
     spring_torque,
     transmission_ratio,
@@ -47,6 +50,7 @@ class MotorSide(Model):
     actuation: Actuation = "torque"
     friction: str = "coulomb_viscous"
     kinematic_error: bool = False
+    delays: bool = False
 
     @cached_property
     def _friction(self) -> Friction:
@@ -58,25 +62,35 @@ class MotorSide(Model):
 
     @cached_property
     def inputs(self) -> tuple[Signal, ...]:
-        link = (channel("link_position", hold="first"), channel("link_velocity", hold="first"))
-        return (drive_signal(self.actuation), *link)
+        names = ("link_position", "link_velocity", *(("link_acceleration",) if self.delays else ()))
+        return (drive_signal(self.actuation), *(channel(name, hold="first") for name in names))
+
+    @property
+    def label_delays(self) -> dict[str, tuple[str, ...]]:
+        return {s.name: LABEL_DELAYS[s.name] for s in self.states} if self.delays else {}
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
+        tau_0, dtheta_0 = offset_parameters()
         return (
             positive("J_m", "kg m^2", "inertia of rotor and wave generator", 6e-5),
             *self._friction.parameters,
             *linear_spring_parameters(),
-            Parameter("tau_0", "Nm", "torque offset at the motor", 0.0, -10.0, 10.0, spread=0.05),
-            Parameter("dtheta_0", "rad", "twist offset between the encoders", 0.0, -7.0, 7.0, spread=0.01, fixed=True),
+            tau_0,
+            replace(dtheta_0, fixed=True),
             gear_ratio(),
             *drive_parameters(self.actuation),
             *(kinematic_error_parameters() if self.kinematic_error else ()),
+            *(delay_parameters() if self.delays else ()),
         )
 
     def derivative(self, x: Sequence[Any], u: Sequence[Any], p: Any, ops: Ops) -> tuple[Any, ...]:
         theta_m, w_m = x
-        drive, q, w_q = u
+        drive, q, w_q, *rest = u
+        if self.delays:
+            # what the link's encoder will show when its signal of now arrives
+            late, (a_q,) = p.delta_p + p.delta_q, rest
+            q, w_q = q + late * (w_q + 0.5 * late * a_q), w_q + late * a_q
         tau_spring = spring_torque(theta_m / p.N - q - p.dtheta_0, w_m / p.N - w_q, p)
         i_hd = transmission_ratio(theta_m, p, ops, self.kinematic_error)
         tau_m = drive_torque(self.actuation, drive, p)

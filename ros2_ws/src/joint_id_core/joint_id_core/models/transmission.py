@@ -64,6 +64,30 @@ def transmission_ratio(theta_m: Any, p: Any, ops: Ops, kinematic_error: bool) ->
     return 1.0 / p.N + 2.0 * p.a_ke * ops.cos(2.0 * theta_m + p.phi_ke)
 
 
+def delay_parameters() -> tuple[Parameter, ...]:
+    """How late sensors are; negative where they are early. Real dual-encoder robots show 2 to 3 ms between the encoders."""
+    return (
+        Parameter("delta_p", "s", "delay of the encoders against the drive signal", 0.0, -0.02, 0.02, spread=0.005),
+        Parameter("delta_q", "s", "delay of the link encoder against the motor's", 0.0, -0.02, 0.02, spread=0.005),
+    )
+
+
+LABEL_DELAYS = {
+    "motor_position": ("delta_p",),
+    "motor_velocity": ("delta_p",),
+    "link_position": ("delta_p", "delta_q"),
+    "link_velocity": ("delta_p", "delta_q"),
+}
+
+
+def offset_parameters() -> tuple[Parameter, ...]:
+    """Constant offsets of the drive's torque and between the encoders."""
+    return (
+        Parameter("tau_0", "Nm", "torque offset at the motor", 0.0, -10.0, 10.0, spread=0.05),
+        Parameter("dtheta_0", "rad", "twist offset between the encoders", 0.0, -7.0, 7.0, spread=0.01),
+    )
+
+
 def gravity_parameters() -> tuple[Parameter, ...]:
     """Gravity torque a_g cos(q) + b_g sin(q) on a joint whose axis is not vertical."""
     return (
