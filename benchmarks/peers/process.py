@@ -75,7 +75,7 @@ class Peer:
     def _start(self) -> Any:
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = context.Pipe()
-        self._process = context.Process(target=serve, args=(theirs, self.name, self.limit_s))
+        self._process = context.Process(target=serve, args=(theirs, self.name, self.limit_s), daemon=True)
         self._process.start()
         theirs.close()
         return self._answer()
