@@ -113,7 +113,8 @@ def parameter_table(parameters: Iterable[Parameter]) -> str:
 def added_table(name: str) -> str:
     """Parameters that each option adds to a model."""
     plain = set(build(name).parameter_names)
-    options: list[dict[str, str | bool]] = [{"actuation": "current"}, {"gravity": True}, {"kinematic_error": True}]
+    options: list[dict[str, str | bool]] = [{"actuation": "current"}]
+    options += [{flag: True} for flag in ("gravity", "kinematic_error", "offsets", "delays")]
     options += [{"friction": law} for law in LAWS[1:]]
     known = {f.name for f in fields(MODELS[name])}
     rows = []

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from joint_id_core.recording import Recording
 
 EVERY_LAW = "all"
-FLAGS = ("gravity", "kinematic_error")
+FLAGS = ("gravity", "kinematic_error", "delays", "offsets")
 DRIVES: tuple[str, ...] = get_args(Actuation)
 GRAMMAR = (
     f"MODEL[:LAW][+OPTION...] with MODEL one of {', '.join(MODELS)}; LAW one of {', '.join(LAWS)}, {EVERY_LAW}; "

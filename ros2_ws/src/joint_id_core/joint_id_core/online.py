@@ -12,7 +12,7 @@ from joint_id_core import estimators
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimate import Estimate
 from joint_id_core.estimators.belief import Belief
-from joint_id_core.estimators.innovations import fit_innovations
+from joint_id_core.estimators.innovations import InnovationsOptions, fit_innovations
 from joint_id_core.models import Model
 from joint_id_core.options import check, option
 from joint_id_core.problem import split_parameters
@@ -96,6 +96,7 @@ class OnlineIdentifier:
         values, fixed, freed: as in `estimators.fit`.
         options: window, hop, memory.
         estimator: "innovations", or another of `estimators.ESTIMATORS`, which then fits every window afresh.
+        fit_options: of the innovations estimator.
 
     Raises:
         JointIdError: unknown estimator, parameter names or values.
@@ -109,11 +110,13 @@ class OnlineIdentifier:
         options: OnlineOptions | None = None,
         estimator: str = "innovations",
         freed: Collection[str] = (),
+        fit_options: InnovationsOptions | None = None,
     ) -> None:
         if estimator not in estimators.ESTIMATORS:
             raise JointIdError(f"unknown estimator {estimator!r}: choose one of {', '.join(estimators.ESTIMATORS)}")
         split_parameters(model, values or {}, fixed, freed)
         self.model, self.options, self.estimator = model, options or OnlineOptions(), estimator
+        self._fit_options = fit_options
         self._values, self._fixed, self._freed = dict(values or {}), tuple(fixed), tuple(freed)
         self._window = SlidingWindow(self.options.window_s)
         self._next_fit = -np.inf
@@ -146,11 +149,11 @@ class OnlineIdentifier:
                 self.model, recording, self._values, self._fixed, self._freed, estimator=self.estimator
             )
         estimate = fit_innovations(
-            self.model, recording, self._values, self._fixed, self._freed,
+            self.model, recording, self._values, self._fixed, self._freed, self._fit_options,
             belief=self._belief(float(recording.time[0])), previous=self._last,
         )  # fmt: skip
         if self._last is not None and self._drive_noise(estimate) > SURPRISE * self._drive_noise(self._last):
-            alone = fit_innovations(self.model, recording, self._values, self._fixed, self._freed)
+            alone = fit_innovations(self.model, recording, self._values, self._fixed, self._freed, self._fit_options)
             if alone.converged and SURPRISE * self._drive_noise(alone) < self._drive_noise(estimate):
                 self._past.clear()
                 estimate = replace(

@@ -110,8 +110,8 @@ def innovations(
     variance added to the states per sample. gap (T): missing samples before the next one; over a gap the
     held input is uncertain by as much as it is seen to change. substeps (T): RK4 steps to the next sample.
     Receives X (T, NX) filtered states, e, S (T, NY) innovations and their variance (0, 1 where missing), K (T, NY, NX)
-    gains, F (T, NX, NX + NU) derivatives of the next state by state and input and, where sensors are late, C (T, NY, NX)
-    those of the predicted labels by the state, as `noise_information` needs them;
+    gains, F (T, NX, NX + NU) derivatives of the next state by state and input and, where sensors are late, C (T, NY,
+    NX) those of the predicted labels by the state, as `noise_information` needs them;
     H (NP, NP) = sum s s' and g (NP) = sum s e / sqrt(S) with s the derivative of the predicted label by the parameters
     over sqrt(S), the gain held.
     """
@@ -141,7 +141,7 @@ def innovations(
                     V[m * CF + j] = 0.0
         volume = 1.0
         if DELAYED:
-            observe(x, u[t if t == 0 or begin[t] >= 0 else t - 1], c, shown, by_x, by_p)
+            observe(x, u[t if t == 0 or begin[t] >= 0 else t - 1], u[t], c, shown, by_x, by_p)
             for m in range(NX):
                 at[m] = x[m]
         for k in range(len(label)):
@@ -368,4 +368,4 @@ def observations(X: Any, u: Any, p: Any, Y: Any) -> None:
     for t in range(len(X)):
         Y[t] = X[t]
         if DELAYED:
-            observe(X[t], u[max(t - 1, 0)], c, Y[t], by_x, by_p)
+            observe(X[t], u[max(t - 1, 0)], u[t], c, Y[t], by_x, by_p)

@@ -41,8 +41,8 @@ class _SymPyOps:
 class Derivative:
     """f(x, u, p) with its Jacobians. Symbols are x_i, u_i and p_<name>; `signs` maps sign symbols to velocities.
 
-    h is what sensors show of the states, delayed as the model says, with its Jacobians C = dh/dx and D = dh/dp; None where
-    no sensor is late.
+    h is what sensors show of the states, delayed as the model says, with its Jacobians C = dh/dx and D = dh/dp; None
+    where no sensor is late.
     """
 
     x: tuple[sp.Symbol, ...]
@@ -70,8 +70,8 @@ def derive(model: Model, friction: Smoothing, sensitive: tuple[str, ...]) -> Der
     known = Derivative(x, u, p, f, f.jacobian(x), f.jacobian(wanted), f.jacobian(u), ops.signs)
     if not model.label_delays:
         return known
-    # x(t - s) by Taylor; the third order as far as the motion is linear. The direction of friction is held over the delay:
-    # its slope at standstill is far too steep for a series.
+    # x(t - s) by Taylor; the third order as far as the motion is linear. The direction of friction is held over the
+    # delay: its slope at standstill is far too steep for a series.
     held = _SymPyOps("sign")
     f = sp.Matrix(model.derivative(x, u, named, held))
     A = f.jacobian(x)
@@ -174,7 +174,7 @@ class _Text:
         return [f"{s} = 1.0 * ({show(w)} > 0.0) - 1.0 * ({show(w)} < 0.0)" for s, w in self.d.signs.items()]
 
     def step(self, name: str, columns: str | None, full: bool) -> list[str]:
-        """`name(x, V, u0, u1, c, h, substeps)`: one sample in RK4 steps, with the columns of V unless there are none.
+        """`name(x, V, u0, u1, c, h, substeps)`: one sample in RK4 steps, with the columns of V if there are any.
 
         `columns` names the constant that holds their number; `full` adds those by state and input.
         """
@@ -249,10 +249,11 @@ class _Text:
                         out(f"        V[{nx + i} * {columns} + {first + k}] += {show(e)}")
         return lines
 
-    def _at(self, temps: list[Any]) -> list[str]:
+    def _at(self, temps: list[Any], inputs: list[str] | None = None) -> list[str]:
         """Lines that unpack c, x and u and compute the shared expressions."""
         lines = [f"    c_{k} = c[{k}]" for k in range(len(self.constants))]
-        lines += [f"    x_{i} = x[{i}]" for i in range(self.nx)] + [f"    u_{i} = u[{i}]" for i in range(self.nu)]
+        lines += [f"    x_{i} = x[{i}]" for i in range(self.nx)]
+        lines += [f"    u_{i} = {source}[{i}]" for i, source in enumerate(inputs or ["u"] * self.nu)]
         return [*lines, *(f"    {s}" for s in self._signs()), *(f"    {t} = {self.show(e)}" for t, e in temps)]
 
     def jacobian(self) -> list[str]:
@@ -261,13 +262,16 @@ class _Text:
         return lines + [f"    A[{i}, {k}] = {self.show(e)}" for i, row in enumerate(self.A) for k, e in enumerate(row)]
 
     def observe(self) -> list[str]:
-        """`observe(x, u, c, y, C, D)`: what the sensors of all states show, and its derivatives."""
+        """`observe(x, u0, u1, c, y, C, D)`: what the sensors of all states show, and its derivatives."""
         nx, n = self.nx, self.n_par
-        lines = ["def observe(x, u, c, y, C, D):", '    """Fill y with what sensors show of x, C = dy/dx and D = dy/dp."""']
+        lines = [
+            "def observe(x, u0, u1, c, y, C, D):",
+            '    """Fill y with what sensors show of x, C = dy/dx and D = dy/dp; u0 was held until now, u1 is now."""',
+        ]
         if self.observation is None:
             return [*lines, "    pass"]
         temps, flat = self.observation
-        lines += self._at(temps)
+        lines += self._at(temps, [f"u{int(s.hold == 'first')}" for s in self.model.inputs])
         lines += [f"    y[{i}] = {self.show(e)}" for i, e in enumerate(flat[:nx])]
         lines += [f"    C[{k // nx}, {k % nx}] = {self.show(e)}" for k, e in enumerate(flat[nx : nx + nx * nx])]
         return lines + [f"    D[{k // n}, {k % n}] = {self.show(e)}" for k, e in enumerate(flat[nx + nx * nx :])]

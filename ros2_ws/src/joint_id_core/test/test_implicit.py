@@ -115,5 +115,5 @@ def test_what_the_implicit_cell_cannot_do_is_refused(stiff_record):
         compile_model(MOTOR, "sign", cell="implicit")
     with pytest.raises(JointIdError, match="choose one of rk4, implicit"):
         compile_model(MOTOR, cell="euler")
-    with pytest.raises(JointIdError, match="hpinn has no implicit cell"):
-        fit(JOINT, stiff_record, estimator="hpinn", cell="implicit")
+    with pytest.raises(JointIdError, match="hpinn takes HPinnOptions"):
+        fit(JOINT, stiff_record, estimator="hpinn", options=InnovationsOptions(cell="implicit"))

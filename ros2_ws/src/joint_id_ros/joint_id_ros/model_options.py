@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
+from joint_id_core.candidates import FLAGS
+from joint_id_core.codegen import CELLS
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ESTIMATORS
 from joint_id_core.models import LAWS, MODELS, Model, build
@@ -29,6 +31,12 @@ class ModelOptions:
     friction: str = option(LAWS[0], "friction law", choices=LAWS)
     gravity: bool = option(False, "whether the joint carries gravity torque a_g cos(q) + b_g sin(q)")
     kinematic_error: bool = option(False, "whether the gear's kinematic error is modelled")
+    delays: bool = option(False, "whether sensors may be late: adds delta_p and delta_q")
+    offsets: bool = option(False, "whether torque and twist have offsets: adds tau_0 and dtheta_0")
+    cell: str = option("rk4", "integrator of the innovations estimator; implicit for stiff joints", choices=CELLS)
+    priors: str = option(
+        "", "standard deviations known before any data, NAME=SD separated by commas; relative for positive parameters"
+    )
     set: tuple[str, ...] = option(
         (), 'start values, and values of fixed parameters, as "NAME=VALUE", or for one joint "JOINT.NAME=VALUE"'
     )
@@ -65,7 +73,7 @@ class ModelOptions:
         """
         own = {f.name for f in fields(MODELS[self.model])}
         defaults = {f.name: f.default for f in fields(self)}
-        given = {n: getattr(self, n) for n in ("actuation", "friction", "gravity", "kinematic_error")}
+        given = {n: getattr(self, n) for n in ("actuation", "friction", *FLAGS)}
         return build(self.model, **{n: v for n, v in given.items() if n in own or v != defaults[n]})
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,6 +17,7 @@ from joint_id_core.cli.fit_options import (
     JointOption,
     JsonOption,
     MapOption,
+    PriorOption,
     StartOption,
     given_and_held,
     window,
@@ -25,12 +26,18 @@ from joint_id_core.cli.group import BAD_INPUT, complain
 from joint_id_core.cli.model_options import (
     MODEL_HELP,
     ActuationOption,
+    DelaysOption,
     FrictionOption,
     GravityOption,
     KinematicErrorOption,
+    OffsetsOption,
     SetOption,
     build_model,
 )
+from joint_id_core.errors import JointIdError
+
+if TYPE_CHECKING:
+    from joint_id_core.estimators.innovations import InnovationsOptions
 
 
 def fit(
@@ -45,7 +52,11 @@ def fit(
     friction: FrictionOption = None,
     gravity: GravityOption = False,
     kinematic_error: KinematicErrorOption = False,
+    delays: DelaysOption = False,
+    offsets: OffsetsOption = False,
     estimator: Annotated[str, typer.Option(help="innovations or hpinn (needs torch)")] = "innovations",
+    cell: Annotated[str, typer.Option(help="rk4, or implicit for stiff joints")] = "rk4",
+    prior: PriorOption = None,
     start: StartOption = None,
     end: EndOption = None,
     validate: Annotated[Path | None, typer.Option(help="recording that the fitted model must predict")] = None,
@@ -68,11 +79,14 @@ def fit(
     mapping = pairs(map_ or (), "--map")
     recording = window(formats.read(file, joint, mapping), start, end)
     drive = actuation or drive_of(model, recording)
-    built = build_model(model, drive, friction, gravity, kinematic_error)
+    built = build_model(
+        model, drive, friction, gravity=gravity, kinematic_error=kinematic_error, delays=delays, offsets=offsets
+    )
     with Progress() as progress:
         estimate = estimators.fit(
-            built, recording, values, fixed, freed=set(free or ()), estimator=estimator, progress=progress
-        )
+            built, recording, values, fixed, freed=set(free or ()), estimator=estimator, progress=progress,
+            options=_options(estimator, cell, prior or []),
+        )  # fmt: skip
     result = report.as_dict(estimate)
     text = report.table(estimate)
     if validate is not None and estimate.predictions is not None:
@@ -98,3 +112,18 @@ def fit(
         complain(f"{estimate.status.value}: {estimate.message}")
         unusable = estimate.status in (Status.NO_MOTION, Status.TOO_SHORT, Status.MISSING_SIGNAL)
         raise typer.Exit(BAD_INPUT if unusable else 1)
+
+
+def _options(estimator: str, cell: str, priors: list[str]) -> InnovationsOptions | None:
+    """Options of the innovations estimator, the only one that has these.
+
+    Raises:
+        JointIdError: they were given for another estimator, or are not among the choices.
+    """
+    from joint_id_core.estimators.innovations import InnovationsOptions
+
+    if estimator == "innovations":
+        return InnovationsOptions(cell=cell, priors=",".join(priors))
+    if cell != "rk4" or priors:
+        raise JointIdError(f"--cell and --prior are for the innovations estimator: leave them out with {estimator}")
+    return None

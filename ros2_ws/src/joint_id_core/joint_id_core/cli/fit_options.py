@@ -19,6 +19,10 @@ FileArgument = Annotated[Path, typer.Argument(help="CSV, MAT or bag")]
 JointOption = Annotated[str | None, typer.Option(help="joint of a bag that holds several")]
 FixOption = Annotated[Texts, typer.Option("--fix", help="NAME or NAME=VALUE: hold this parameter")]
 FreeOption = Annotated[Texts, typer.Option("--free", help="NAME: estimate this parameter that the model holds")]
+PRIOR_HELP = (
+    "NAME=SD: what is known of a parameter before the data, one standard deviation (relative if it is positive)"
+)
+PriorOption = Annotated[Texts, typer.Option("--prior", help=PRIOR_HELP)]
 MapOption = Annotated[Texts, typer.Option("--map", help=MAP_HELP)]
 StartOption = Annotated[float | None, typer.Option(help="leave out what is before, s after the first sample")]
 EndOption = Annotated[float | None, typer.Option(help="leave out what is after, s after the first sample")]

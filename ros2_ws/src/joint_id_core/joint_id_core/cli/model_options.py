@@ -16,24 +16,22 @@ SetOption = Annotated[Texts, typer.Option("--set", help="NAME=VALUE: start value
 ActuationOption = Annotated[str | None, typer.Option(help="torque or current (default: torque if it is recorded)")]
 FrictionOption = Annotated[str | None, typer.Option(help=f"one of {', '.join(LAWS)}")]
 GravityOption = Annotated[bool, typer.Option("--gravity", help="the axis is not vertical: adds a_g, b_g")]
+DelaysOption = Annotated[bool, typer.Option("--delays", help="sensors may be late: adds delta_p, delta_q")]
+OffsetsOption = Annotated[bool, typer.Option("--offsets", help="of torque and twist: adds tau_0, dtheta_0")]
 KinematicErrorOption = Annotated[bool, typer.Option("--kinematic-error", help="of the gear: adds a_ke, phi_ke")]
 
 
-def build_model(name: str, actuation: str | None, friction: str | None, gravity: bool, kinematic_error: bool) -> Model:
-    """Build a model with the options that were given.
+def build_model(name: str, actuation: str | None, friction: str | None, **flags: bool) -> Model:
+    """Build a model with the options that were given and the flags that are set.
 
     Raises:
         JointIdError: unknown model, option or choice.
     """
     if actuation is not None and actuation not in get_args(Actuation):
         raise JointIdError(f"unknown actuation {actuation!r}: choose one of {', '.join(get_args(Actuation))}")
-    options: dict[str, str | bool] = {}
+    options: dict[str, str | bool] = {flag: True for flag, is_set in flags.items() if is_set}
     if actuation is not None:
         options["actuation"] = actuation
     if friction is not None:
         options["friction"] = friction
-    if gravity:
-        options["gravity"] = True
-    if kinematic_error:
-        options["kinematic_error"] = True
     return build(name, **options)

@@ -49,7 +49,7 @@ def simulate(
     for name, value in (("--duration", duration), ("--rate", rate)):
         if not (math.isfinite(value) and value > 0.0):
             raise JointIdError(f"{name} {value:g}: give a number above 0")
-    built = build_model(model, actuation, friction, gravity, kinematic_error)
+    built = build_model(model, actuation, friction, gravity=gravity, kinematic_error=kinematic_error)
     truth = built.values(numbers(set_ or (), "--set"))
 
     import numpy as np

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from typing import TYPE_CHECKING
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimate import Estimate
 from joint_id_core.estimators.innovations import InnovationsOptions, Progress, fit_innovations
 from joint_id_core.models import Model
 from joint_id_core.recording import Recording
+
+if TYPE_CHECKING:
+    from joint_id_core.estimators.hpinn import HPinnOptions
 
 ESTIMATORS = ("innovations", "hpinn")
 
@@ -21,19 +25,21 @@ def fit(
     freed: Collection[str] = (),
     estimator: str = "innovations",
     progress: Progress | None = None,
-    cell: str = "rk4",
+    options: InnovationsOptions | HPinnOptions | None = None,
 ) -> Estimate:
-    """Fit `model` to `recording` with the estimator called `estimator`; `cell` as in `InnovationsOptions`.
+    """Fit `model` to `recording` with the estimator called `estimator` and, where given, its own options.
 
     Raises:
-        JointIdError: unknown estimator, misuse of parameter names or values.
+        JointIdError: unknown estimator, options of another one, misuse of parameter names or values.
     """
     if estimator == "innovations":
-        return fit_innovations(model, recording, values, fixed, freed, InnovationsOptions(cell=cell), progress=progress)
+        if options is not None and not isinstance(options, InnovationsOptions):
+            raise JointIdError(f"estimator innovations takes InnovationsOptions, not {type(options).__name__}")
+        return fit_innovations(model, recording, values, fixed, freed, options, progress=progress)
     if estimator == "hpinn":
-        if cell != "rk4":
-            raise JointIdError(f"estimator hpinn has no {cell} cell: it is the paper's network of RK4 steps")
-        from joint_id_core.estimators.hpinn import fit_hpinn  # needs torch, which is optional
+        from joint_id_core.estimators.hpinn import HPinnOptions, fit_hpinn  # needs torch, which is optional
 
-        return fit_hpinn(model, recording, values, fixed, freed, progress=progress)
+        if options is not None and not isinstance(options, HPinnOptions):
+            raise JointIdError(f"estimator hpinn takes HPinnOptions, not {type(options).__name__}")
+        return fit_hpinn(model, recording, values, fixed, freed, options, progress=progress)
     raise JointIdError(f"unknown estimator {estimator!r}: choose one of {', '.join(ESTIMATORS)}")

@@ -5,6 +5,7 @@ Coordinates z are the logarithm of positive parameters and the plain value of th
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,16 +18,19 @@ from joint_id_core.recording import Array
 
 
 class Coordinates:
-    """Maps between physical values of the free parameters and z, and keeps z within the bounds."""
+    """Maps between physical values of the free parameters and z, and keeps z within the bounds.
 
-    def __init__(self, model: Model, free: tuple[str, ...]) -> None:
+    `priors` are standard deviations that replace the spreads of the model's table, in the same sense.
+    """
+
+    def __init__(self, model: Model, free: tuple[str, ...], priors: Mapping[str, float] | None = None) -> None:
         rows = [model.parameter(name) for name in free]
         self.positive = np.array([r.positive for r in rows])
         lower, upper = np.array([r.lower for r in rows]), np.array([r.upper for r in rows])
         with np.errstate(divide="ignore", invalid="ignore"):
             self.lower = np.where(self.positive, np.log(np.maximum(lower, 0.0)), lower)
             self.upper = np.where(self.positive, np.log(np.maximum(upper, 0.0)), upper)
-        self.spread = np.array([r.spread for r in rows])
+        self.spread = np.array([(priors or {}).get(r.name, r.spread) for r in rows])
 
     def z(self, values: Array) -> Array:
         """Coordinates of physical values."""
@@ -58,9 +62,8 @@ class Belief:
     precision: Array
 
     @classmethod
-    def before_data(cls, problem: Problem) -> Belief:
-        """The start values with the spreads of the model's parameter table."""
-        coordinates = Coordinates(problem.model, problem.free)
+    def before_data(cls, problem: Problem, coordinates: Coordinates) -> Belief:
+        """The start values with the spreads of the coordinates."""
         start = [problem.p[problem.model.parameter_names.index(n)] for n in problem.free]
         return cls(problem.free, coordinates.z(np.array(start)), np.diag(np.power(coordinates.spread, -2.0)))
 

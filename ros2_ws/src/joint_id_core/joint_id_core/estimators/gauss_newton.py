@@ -12,6 +12,7 @@ from joint_id_core.estimators.recursion import Pass, Recursion
 from joint_id_core.recording import Array
 from joint_id_core.rk4 import Steps
 
+SMALLEST_SHARE = 0.02  # of a step of the noise levels
 MAX_STEP = 1.0  # a factor e in a positive parameter; keeps the first steps inside the model's validity
 
 
@@ -64,8 +65,9 @@ def minimise(
 ) -> Minimum | None:
     """Minimise innovations cost plus prior from `start` (see `evaluate`), with the noise levels where `noise` is given.
 
-    Stops when the step to take, squared in standard deviations (the Newton decrement dz' H dz, plus that of the noise
-    levels), is below `tolerance`. The derivative of the gain is left out of the gradient, so close to the
+    Stops when the step to take, squared in standard deviations (the Newton decrement dz' H dz, and that of the noise
+    levels), is below `tolerance`, or when the score of the noise levels leads no further: it leaves out that the
+    linearisation depends on them. The derivative of the gain is left out of the gradient, so close to the
     solution the cost may rise by a little along a correct step: steps with a decrement below 1 are taken as they are.
 
     Returns:
@@ -88,8 +90,8 @@ def minimise(
         dz = np.zeros_like(z)
         Ha = H[np.ix_(active, active)]
         dz[active] = np.linalg.solve(Ha + damping * np.diag(np.diag(Ha)), g[active])
-        decrement = float(dz @ H @ dz) + noise_decrement
-        if decrement < tolerance:
+        decrement = float(dz @ H @ dz)
+        if decrement < tolerance and (noise_decrement < tolerance or share < SMALLEST_SHARE):
             break
         iterations += 1
         longest = float(np.max(np.abs(dz) / np.where(coordinates.positive, 1.0, coordinates.spread)))
@@ -97,7 +99,8 @@ def minimise(
             dz *= MAX_STEP / longest
         levels = here.levels * np.exp(share * push)
         there = evaluate(recursion, coordinates, belief, coordinates.clip(z + dz), levels, substeps)
-        moved = there is not None and (there.cost < here.cost or (decrement < 1.0 and there.cost < here.cost + 1.0))
+        small = decrement + noise_decrement < 1.0
+        moved = there is not None and (there.cost < here.cost or (small and there.cost < here.cost + 1.0))
         if moved:
             assert there is not None
             here, damping = there, max(damping / 10.0, 1e-12)

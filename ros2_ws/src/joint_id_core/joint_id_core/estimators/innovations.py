@@ -14,6 +14,7 @@ import numpy as np
 
 from joint_id_core import prediction
 from joint_id_core.codegen import CELLS, Kernel, compile_model
+from joint_id_core.errors import JointIdError
 from joint_id_core.estimate import Estimate, ParameterEstimate, Status
 from joint_id_core.estimators.belief import Belief, Coordinates
 from joint_id_core.estimators.gauss_newton import Minimum, evaluate, minimise
@@ -48,10 +49,33 @@ class InnovationsOptions:
     max_iterations: int = option(50, "Gauss-Newton iterations in one stage", lower=1)
     substeps: int = option(0, "steps a sample; 0 finds them", lower=0, upper=MAX_SUBSTEPS)
     cell: str = option("rk4", "Runge-Kutta 4, or an implicit method for stiff joints", choices=CELLS)
+    priors: str = option(
+        "", "standard deviations known before any data, NAME=SD separated by commas; relative for positive parameters"
+    )
     horizon_s: float = option(0.1, "how far ahead the predictions look whose nrmse is reported", "s", lower=0.0)
 
     def __post_init__(self) -> None:
         check(self)
+
+    def known(self, problem: Problem) -> dict[str, float]:
+        """`priors` by parameter.
+
+        Raises:
+            JointIdError: text that is not NAME=SD, a parameter that is held, a deviation that is not positive.
+        """
+        found = {}
+        for item in filter(None, (part.strip() for part in self.priors.split(","))):
+            name, _, text = (part.strip() for part in item.partition("="))
+            try:
+                deviation = float(text)
+            except ValueError:
+                raise JointIdError(f"option priors: cannot read {item!r}: write NAME=SD, e.g. k_t=0.05") from None
+            if not 0.0 < deviation < np.inf:
+                raise JointIdError(f"option priors: {item!r}: a standard deviation is finite and above zero")
+            if problem.model.parameter(name).name not in problem.free:
+                raise JointIdError(f"option priors: {name} is held: free it (--free {name}) or leave its prior out")
+            found[name] = deviation
+        return found
 
 
 Progress = Callable[[str], None]
@@ -109,14 +133,13 @@ class _Fit:
     ) -> None:
         self.problem, self.kernel, self.options, self.tell = problem, kernel, options, tell
         self.recursion = Recursion(problem, kernel)
-        self.coordinates = Coordinates(problem.model, problem.free)
-        self.belief = belief or Belief.before_data(problem)
+        self.coordinates = Coordinates(problem.model, problem.free, options.known(problem))
+        self.belief = belief or Belief.before_data(problem, self.coordinates)
         self.noise = NoiseLevels.of(problem)
         self.rough_states = rough_states(problem)
         self.substeps = options.substeps
         self.steps = np.empty(0, dtype=np.int64)
         self.iterations = 0
-        self.coarse = False
 
     def warm(self, previous: Estimate) -> Minimum | None:
         """Start from a previous estimate of the same quantities; None if it is of others or leads nowhere."""
@@ -133,7 +156,7 @@ class _Fit:
     def cold(self) -> Minimum | None:
         """Start from the belief; from others too until one describes the data, or two with unmeasured states."""
         found = self._annealed(self.belief.mean)
-        best, steps = found, self.substeps
+        best, steps = found, (self.substeps, self.steps)
         twice = len(self.problem.labels) == len(self.problem.model.states)  # one minimum, as a rule
         rng = np.random.default_rng(0)
         for k in range(EXTRA_STARTS):
@@ -147,8 +170,8 @@ class _Fit:
             twice = best is not None and (twice or abs(other.cost - best.cost) < SAME_COST)
             if best is None or other.cost < best.cost:
                 twice = best is not None and abs(other.cost - best.cost) < SAME_COST
-                best, steps = other, self.substeps
-        self.substeps = steps
+                best, steps = other, (self.substeps, self.steps)
+        self.substeps, self.steps = steps
         return best
 
     def _annealed(self, z: Array) -> Minimum | None:
@@ -157,22 +180,36 @@ class _Fit:
         Where every state is measured the noise levels, fitted along, weaken the feedback by themselves as fast as the
         parameters come closer; unmeasured states need parameters that are not far off before that.
         """
-        self.substeps = self.options.substeps or self._stable(z)
-        rough = self.noise.rough
+        rough, states = self.noise.rough, self.rough_states
         inputs = np.arange(len(rough)) >= len(self.problem.labels)
-        states = self.rough_states
         if len(self.problem.labels) < len(self.problem.model.states):
-            self.steps = np.full(len(self.problem.time), min(self.substeps, STRONG_SUBSTEPS))
+            start = self._started(z, np.where(inputs, STRONGEST * rough, rough), states, even=True)
             found = minimise(
-                self.recursion, self.coordinates, self.belief, self._at(z, np.where(inputs, STRONGEST * rough, rough),
-                self.steps), self.steps, 1.0, self.options.max_iterations,
-            )  # fmt: skip
+                self.recursion, self.coordinates, self.belief, start, self.steps, 1.0, self.options.max_iterations
+            )
             if found is None:
                 return None
             self.iterations += found.iterations
             z, states = found.z, found.last.states
-            self.substeps = self.options.substeps or self._stable(z)
-        return self._refined(self._minimised(z, self.noise.clip(np.where(inputs, STRONG * rough, rough)), states))
+        start = self._started(z, self.noise.clip(np.where(inputs, STRONG * rough, rough)), states)
+        return self._refined(self._continued(start))
+
+    def _started(self, z: Array, levels: Array, states: Array, even: bool = False) -> Minimum | None:
+        """A first pass with as many steps as the fastest mode needs at z, or more if the path blows up.
+
+        `states` (T, n) tell where friction turns; with `even` every sample has the same steps, few of them.
+        """
+        first = self.options.substeps or self._stable(z)
+        for substeps in (first,) if self.options.substeps else (first, 4 * first, 16 * first):
+            self.substeps = substeps
+            if even:
+                self.steps = np.full(len(self.problem.time), max(min(first, STRONG_SUBSTEPS), substeps // 2))
+            else:
+                self.steps = steps_of(self.problem, self.kernel, self._values(z), states, substeps)
+            start = self._at(z, levels, self.steps)
+            if start is not None:
+                return start
+        return None
 
     def _values(self, z: Array) -> Array:
         return self.recursion.values(self.coordinates.values(z))
@@ -186,12 +223,16 @@ class _Fit:
         return evaluate(self.recursion, self.coordinates, self.belief, z, levels, steps)
 
     def _minimised(self, z: Array, levels: Array, states: Array) -> Minimum | None:
-        """Fit parameters and noise levels at the present step size; `states` (T, n) tell where friction turns."""
-        self.tell(f"fitting parameters and noise levels, {self.substeps} steps a sample")
+        """Fit with the present steps a sample; `states` (T, n) tell where friction turns."""
         self.steps = steps_of(self.problem, self.kernel, self._values(z), states, self.substeps)
+        return self._continued(self._at(z, levels, self.steps))
+
+    def _continued(self, start: Minimum | None) -> Minimum | None:
+        """Fit parameters and noise levels from a first pass with the present steps."""
+        self.tell(f"fitting parameters and noise levels, {self.substeps} steps a sample")
         found = minimise(
-            self.recursion, self.coordinates, self.belief, self._at(z, levels, self.steps), self.steps, TOLERANCE,
-            self.options.max_iterations, self.noise,
+            self.recursion, self.coordinates, self.belief, start, self.steps, TOLERANCE, self.options.max_iterations,
+            self.noise,
         )  # fmt: skip
         self.iterations += found.iterations if found else 0
         return found
@@ -208,11 +249,9 @@ class _Fit:
                 return found
             covariance = finer.covariance
             step = covariance @ finer.gradient
-            least = STEP_TOLERANCE * np.where(self.coordinates.positive, 1.0, self.coordinates.spread)
-            allowed = np.maximum(0.1 * np.sqrt(np.diag(covariance)), least)
+            allowed = np.maximum(0.1 * np.sqrt(np.diag(covariance)), self._least)
             excess = float(np.max(np.abs(step) / allowed))
             if excess < 1.0 or 2 * self.substeps > MAX_SUBSTEPS:
-                self.coarse = excess >= 1.0
                 z = self.coordinates.clip(found.z + np.clip(step, -1.0, 1.0))
                 return replace(finer, z=z, decrement=found.decrement, integration=step)
             # the error of a method of order four falls with the fourth power of the step
@@ -221,12 +260,18 @@ class _Fit:
             found = self._minimised(z, found.levels, finer.last.states)
         return found
 
+    @property
+    def _least(self) -> Array:
+        """Change of each coordinate that is never worth a finer step."""
+        return STEP_TOLERANCE * np.where(self.coordinates.positive, 1.0, self.coordinates.spread)
+
     def _step_warning(self, found: Minimum) -> str:
         """What to say of an integration error that matters; nothing where it does not."""
-        if not self.coarse:
-            return ""
         share = np.abs(found.integration) / np.sqrt(np.diag(np.linalg.inv(found.hessian)))
-        worst = int(np.argmax(share))
+        matters = (np.abs(found.integration) > self._least) & (share > 0.1)
+        if 2 * self.substeps <= MAX_SUBSTEPS or not matters.any():
+            return ""
+        worst = int(np.argmax(share * matters))
         mode = fastest_mode(self.problem, self.kernel, self._values(found.z), self.rough_states, sliding=False)
         text = (
             f"{self.substeps} steps a sample are too few: twice as many would move {self.problem.free[worst]} by "

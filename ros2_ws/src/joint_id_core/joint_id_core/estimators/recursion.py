@@ -107,6 +107,15 @@ class Recursion:
         size = len(a.labels) + a.u.shape[1]
         score, information = np.empty(size), np.empty((size, size))
         self.kernel.module.noise_information(
-            a.y, a.label_states, self._begin, result.errors, result.variances, self._K, self._F, self._C, score, information
+            a.y,
+            a.label_states,
+            self._begin,
+            result.errors,
+            result.variances,
+            self._K,
+            self._F,
+            self._C,
+            score,
+            information,
         )
         return score, information

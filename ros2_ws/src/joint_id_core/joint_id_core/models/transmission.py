@@ -65,7 +65,7 @@ def transmission_ratio(theta_m: Any, p: Any, ops: Ops, kinematic_error: bool) ->
 
 
 def delay_parameters() -> tuple[Parameter, ...]:
-    """How late sensors are; negative where they are early. Real dual-encoder robots show 2 to 3 ms between the encoders."""
+    """How late sensors are; negative where early. Real dual-encoder robots show 2 to 3 ms between the encoders."""
     return (
         Parameter("delta_p", "s", "delay of the encoders against the drive signal", 0.0, -0.02, 0.02, spread=0.005),
         Parameter("delta_q", "s", "delay of the link encoder against the motor's", 0.0, -0.02, 0.02, spread=0.005),
