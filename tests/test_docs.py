@@ -170,7 +170,8 @@ def test_exit_codes_statuses_and_constants_in_the_text() -> None:
     assert f"| $L$ | {dc_motor.INDUCTANCE:.0e}".replace("e-0", "e-") in theory
     assert f"for `rigid_joint` {100 * RigidJoint.smoothing_share:g} % of the\npeak speed" in theory
     assert f"at most {innovations.MAX_SUBSTEPS}." in theory
-    assert list(innovations.ANNEALING) == [1e6, 1e3] and "$q$ times 1e6, 1e3, 1" in theory
+    assert (innovations.STRONG, innovations.STRONGEST) == (1e4, 1e6)
+    assert "$q$ starts at 1e4 times" in theory and "$q$ held at 1e6 times" in theory
 
 
 def test_the_readme_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
