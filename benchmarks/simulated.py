@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 
@@ -73,12 +73,14 @@ class ClosedLoop:
         torque: what the recorded torque does not show.
         plant: what moves.
         values: changes to its nominal parameters.
+        inputs: recorded beside the states.
     """
 
+    inputs: ClassVar = ("torque",)
     samples: int = 1000
     torque: Torque = Torque()
     plant: Model = MODEL_2
-    values: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    values: Mapping[str, float] = field(default_factory=dict)
 
     def motion(self, seed: int) -> Recording:
         """Simulate; `seed` is that of the torque's noise."""
@@ -101,6 +103,8 @@ class ClosedLoop:
 @dataclass(frozen=True)
 class VoltageSteps:
     """Model 3 under steps of voltage, from rest. Nothing in it is random."""
+
+    inputs: ClassVar = ("voltage",)
 
     def motion(self, seed: int) -> Recording:
         """Simulate; `seed` changes nothing."""

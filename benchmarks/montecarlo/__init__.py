@@ -1,0 +1,1 @@
+"""What `stats.py` measures, one part a file: cases, draws of them, other methods, tables."""
