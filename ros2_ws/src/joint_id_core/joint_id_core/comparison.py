@@ -143,7 +143,7 @@ def _fit(
     for share in SHARPER:
         tell(f"Coulomb step {1 / share:g} times as sharp")
         sharper = values | {n: share * w for n, w in smoothing.items()}
-        other = _fit_once(c, recording, sharper, fixed, freed, tell, found)
+        other = _fit_once(c, recording, sharper, fixed, freed, tell)
         if found.converged and not other.converged:
             continue
         if not other.deviance < found.deviance:
@@ -153,17 +153,11 @@ def _fit(
 
 
 def _fit_once(
-    c: Candidate,
-    recording: Recording,
-    values: dict[str, float],
-    fixed: set[str],
-    freed: set[str],
-    tell: Progress,
-    previous: Estimate | None = None,
+    c: Candidate, recording: Recording, values: dict[str, float], fixed: set[str], freed: set[str], tell: Progress
 ) -> Estimate:
-    """One fit, from `previous` where that converged."""
+    """One fit; one that runs away is a failed estimate."""
     try:
-        return fit_innovations(c.model, recording, values, fixed, freed, previous=previous, progress=tell)
+        return fit_innovations(c.model, recording, values, fixed, freed, progress=tell)
     except (ArithmeticError, np.linalg.LinAlgError) as error:  # one candidate that runs away must not end the others
         diverged = UnusableError(Status.DIVERGED, f"{recording.source}: {Status.DIVERGED.advice} ({error})")
         return unusable(c.model, "innovations", diverged, recording)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -132,11 +132,15 @@ def idle_drives(problem: Problem, q: Array) -> list[str]:
 
 
 def judge(
-    problem: Problem, found: Minimum, nrmse: Mapping[str, float], rows: Mapping[str, Shown], warning: str = ""
+    problem: Problem,
+    found: Minimum,
+    nrmse: Mapping[str, float],
+    rows: Mapping[str, Shown],
+    warnings: Sequence[str] = (),
 ) -> Judgement:
     """Decide how the fit ended: converged, not converged, or converged to a model that does not describe the data.
 
-    `warning` is added to the message.
+    `warnings` are added to the message.
     """
     residuals = explained(problem, found.last.residuals)
     reasons = [*residuals.reasons, *idle_drives(problem, found.levels[len(problem.labels) :])]
@@ -155,7 +159,7 @@ def judge(
         message += f"; this motion does not show {', '.join(unseen)}"
     for text in dict.fromkeys(v.together for v in rows.values() if v.together):
         message += f"; this model shows only {text}: hold one of these parameters"
-    if warning:
+    for warning in filter(None, warnings):
         message += f"; {warning}"
     if problem.dropped:
         message += f"; {problem.dropped} samples without an input were left out"

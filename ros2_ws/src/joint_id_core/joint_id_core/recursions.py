@@ -99,6 +99,7 @@ def innovations(
     K: Any,
     F: Any,
     C: Any,
+    J: Any,
     H: Any,
     g: Any,
 ) -> float:
@@ -112,6 +113,7 @@ def innovations(
     Receives X (T, NX) filtered states, e, S (T, NY) innovations and their variance (0, 1 where missing), K (T, NY, NX)
     gains, F (T, NX, NX + NU) derivatives of the next state by state and input and, where sensors are late, C (T, NY,
     NX) those of the predicted labels by the state, as `noise_information` needs them;
+    J (T, NY, NP) derivatives of the predicted labels by the parameters over sqrt(S), the gain held;
     H (NP, NP) = sum s s' and g (NP) = sum s e / sqrt(S) with s the derivative of the predicted label by the parameters
     over sqrt(S), the gain held.
     """
@@ -154,6 +156,8 @@ def innovations(
                 S[t, k] = 1.0
                 for j in range(CP):
                     V[s + k * CP + j] = 0.0
+                for j in range(NP):
+                    J[t, k, j] = 0.0
                 for m in range(NX):
                     K[t, k, m] = 0.0
                 continue
@@ -182,6 +186,8 @@ def innovations(
                     V[s + k * CP + j] = by_p[i, j] * root
                     for m in range(NX):
                         V[s + k * CP + j] += by_x[i, m] * V[m * CF + j] * root
+            for j in range(NP):
+                J[t, k, j] = V[s + k * CP + j]
             for j in range(CP):
                 V[gradient + j] += V[s + k * CP + j] * white
             for m in range(NX):
@@ -358,6 +364,47 @@ def noise_information(
         score[a] = d[sums + a]
         for b in range(NY + NU):
             info[a, b] = d[products + a * CL + b]
+
+
+def responses(
+    y: Any, label: Any, begin: Any, S: Any, K: Any, F: Any, C: Any, channel: Any, disturbance: Any, out: Any
+) -> None:
+    """How a small disturbance of an input would move the predicted labels, over sqrt(S), with known gains.
+
+    disturbance (T, ND): added to the input `channel` (ND); out (T, NY, ND), 0 where a label is missing.
+    """
+    ND = len(channel)
+    d = np.zeros((NX, ND))
+    new = np.zeros((NX, ND))
+    shown = np.zeros(ND)
+    for t in range(len(y)):
+        if begin[t] >= 0:
+            d[:] = 0.0
+        for k in range(len(label)):
+            if math.isnan(y[t, k]):
+                for j in range(ND):
+                    out[t, k, j] = 0.0
+                continue
+            root = 1.0 / math.sqrt(S[t, k])
+            for j in range(ND):
+                shown[j] = d[label[k], j]
+            if DELAYED:
+                shown[:] = 0.0
+                for m in range(NX):
+                    for j in range(ND):
+                        shown[j] += C[t, k, m] * d[m, j]
+            for j in range(ND):
+                out[t, k, j] = shown[j] * root
+            for m in range(NX):
+                for j in range(ND):
+                    d[m, j] -= K[t, k, m] * shown[j]
+        for m in range(NX):
+            for j in range(ND):
+                new[m, j] = F[t, m, NX + channel[j]] * disturbance[t, j]
+            for n in range(NX):
+                for j in range(ND):
+                    new[m, j] += F[t, m, n] * d[n, j]
+        d[:] = new
 
 
 def observations(X: Any, u: Any, p: Any, Y: Any) -> None:

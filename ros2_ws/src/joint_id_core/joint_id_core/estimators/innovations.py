@@ -18,6 +18,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.estimate import Estimate, ParameterEstimate, Status
 from joint_id_core.estimators.belief import Belief, Coordinates
 from joint_id_core.estimators.gauss_newton import Minimum, evaluate, minimise
+from joint_id_core.estimators.misfit import misfit
 from joint_id_core.estimators.noise import NoiseLevels
 from joint_id_core.estimators.recursion import Recursion
 from joint_id_core.estimators.start import rough_states
@@ -297,7 +298,8 @@ class _Fit:
         problem, model = self.problem, self.problem.model
         values = self.coordinates.values(found.z)
         p = self.recursion.values(values)
-        covariance_z = found.covariance
+        missing = misfit(self.recursion, self.coordinates, found, self.steps)
+        covariance_z = found.covariance + np.outer(missing.bias, missing.bias)
         slope = self.coordinates.slope(found.z)
         covariance = covariance_z * np.outer(slope, slope)
         known = self._combinations(dict(zip(model.parameter_names, p.tolist(), strict=True)), covariance)
@@ -320,7 +322,7 @@ class _Fit:
             self.kernel, problem, found.last.states, p, self.steps, self.options.horizon_s
         )
         nrmse = prediction.nrmse(problem, predictions)
-        judged = judge(problem, found, nrmse, rows, self._step_warning(found))
+        judged = judge(problem, found, nrmse, rows, (missing.text, self._step_warning(found)))
         noisy = (*problem.labels, *(f"input {n}" for n in model.input_names))
         sigma = np.sqrt(found.levels)
         return Estimate(

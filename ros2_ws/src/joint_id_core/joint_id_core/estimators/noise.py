@@ -53,11 +53,20 @@ class NoiseLevels:
             The step in logarithms, and the decrement: its squared length in units of the levels' uncertainty.
         """
         slope, matrix = score * levels, information * np.outer(levels, levels)
-        held = ((levels <= self.lower) & (slope < 0.0)) | ((levels >= self.upper) & (slope > 0.0))
-        free = ~held
-        change = np.ones_like(levels)
-        block = matrix[np.ix_(free, free)] + RIDGE * np.eye(int(free.sum()))
-        change[free] += np.linalg.solve(block, slope[free])
-        wanted = self.clip(levels * np.clip(change, 1.0 / LARGEST_CHANGE, LARGEST_CHANGE))
-        step = np.log(wanted / levels)
+        least = np.maximum(1.0 / LARGEST_CHANGE, self.lower / levels) - 1.0
+        most = np.minimum(LARGEST_CHANGE, self.upper / levels) - 1.0
+        change, held = np.zeros_like(levels), np.zeros(len(levels), dtype=bool)
+        for _ in levels:
+            free = ~held
+            block = matrix[np.ix_(free, free)] + RIDGE * np.eye(int(free.sum()))
+            change[free] = np.linalg.solve(block, (slope - matrix[:, held] @ change[held])[free])
+            beyond = free & ((change < least) | (change > most))
+            if not beyond.any():
+                break
+            # the others take their step beside what these are allowed to
+            change[beyond] = np.clip(change[beyond], least[beyond], most[beyond])
+            held |= beyond
+            if held.all():
+                break
+        step = np.log1p(change)
         return step, float(step @ matrix @ step)

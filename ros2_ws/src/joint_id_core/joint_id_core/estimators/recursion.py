@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from joint_id_core.codegen import Kernel
 from joint_id_core.errors import JointIdError
@@ -73,6 +74,8 @@ class Recursion:
         T, n, m = len(problem.time), len(mean), len(problem.labels)
         self._K, self._F = np.empty((T, m, n)), np.empty((T, n, n + problem.u.shape[1]))
         self._C = np.empty((T, m, n) if problem.model.label_delays else (1, 1, 1))
+        self._J = np.empty((T, m, len(kernel.sensitive)))
+        self._F[-1] = 0.0
         self._latest: Pass | None = None
 
     def values(self, free: Array) -> Array:
@@ -90,10 +93,38 @@ class Recursion:
         steps = np.array(np.broadcast_to(substeps, T), dtype=np.int64)
         cost = self.kernel.module.innovations(
             self.x0, self.P0, self._begin, self._X0, self._V0, a.time, a.u, a.y, a.label_states, a.gap,
-            levels[:m], levels[m:], self.Q_x, self.values(free), steps, X, e, S, self._K, self._F, self._C, H, g,
+            levels[:m], levels[m:], self.Q_x, self.values(free), steps, X, e, S, self._K, self._F, self._C, self._J,
+            H, g,
         )  # fmt: skip
         self._latest = Pass(float(cost), e, S, H[self._block], g[self._columns], X)
         return self._latest
+
+    def sensitivities(self, result: Pass, channel: NDArray[np.int64], disturbance: Array) -> tuple[Array, Array]:
+        """Derivatives of the predicted labels over sqrt(S), by the free parameters and by disturbances of inputs.
+
+        Args:
+            result: the latest pass.
+            channel: input that each disturbance is added to, shape (D,).
+            disturbance: in the unit of the input, shape (T, D).
+
+        Returns:
+            By the physical values of the free parameters (T, labels, free), and by the size of each disturbance
+            (T, labels, D).
+
+        Raises:
+            JointIdError: `result` is not the latest pass.
+        """
+        self._require_latest(result)
+        a = self.problem
+        out = np.empty((*result.errors.shape, len(channel)))
+        self.kernel.module.responses(
+            a.y, a.label_states, self._begin, result.variances, self._K, self._F, self._C, channel, disturbance, out
+        )
+        return self._J[:, :, self._columns], out
+
+    def _require_latest(self, result: Pass) -> None:
+        if result is not self._latest:
+            raise JointIdError("this is known of the latest pass only: run it again")
 
     def noise_information(self, result: Pass) -> tuple[Array, Array]:
         """Score (L,), minus half the slope of the cost by the noise levels, and their information matrix (L, L).
@@ -101,8 +132,7 @@ class Recursion:
         Raises:
             JointIdError: `result` is not the latest pass, whose gains are kept.
         """
-        if result is not self._latest:
-            raise JointIdError("the information of the noise levels is known of the latest pass only: run it again")
+        self._require_latest(result)
         a = self.problem
         size = len(a.labels) + a.u.shape[1]
         score, information = np.empty(size), np.empty((size, size))

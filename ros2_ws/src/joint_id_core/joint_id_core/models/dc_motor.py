@@ -41,7 +41,7 @@ class DCMotor(Model):
             "motor_velocity",
             positive("c_b", "Nm s/rad", "viscous friction of the bearing", 2.537e-4),
             positive("tau_fc", "Nm", "Coulomb friction of the motor", 4.464e-2),
-            side="m", w_s=0.2, w_typical=100.0, law=self.friction,
+            side="m", w_s=0.03, w_typical=100.0, law=self.friction,
         )  # fmt: skip
 
     @cached_property

@@ -1,0 +1,135 @@
+"""What a slightly wrong model leaves in the residuals, and what it does to the estimates.
+
+A score (Lagrange multiplier) test (Breusch & Pagan 1980; Ljung, System Identification, 2nd ed., section 16.5): would
+a small torque of a given shape, added to the drive or to the load, explain the residuals? Shapes are those that joint
+models most often lack. A torque that is found stands for a bias of the estimates, whose square goes into their
+covariance: already where it is no more than likely, since a bias that hardly shows in the residuals may still be large.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from joint_id_core.estimators.belief import Coordinates
+from joint_id_core.estimators.gauss_newton import Minimum
+from joint_id_core.estimators.recursion import Recursion
+from joint_id_core.problem import Problem
+from joint_id_core.recording import Array
+from joint_id_core.rk4 import Steps
+
+LIKELY = 2.0  # standard deviations of a shape's size from which its bias is counted; a right model shows 5 % of them
+SIGNIFICANT = 4.0  # from which it is told; one in 16,000
+MOST = 2  # shapes that are taken together: more of them cancel each other, and their bias grows without end
+LOW_SPEED = 0.1  # of the rms speed, below which friction rises in the shape of the Stribeck effect
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A torque that may be missing: its name, what to do about it, the input it acts on, its course (T,)."""
+
+    name: str
+    advice: str
+    channel: int
+    course: Array
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Shapes that may be there, each with its size in standard deviations, and the bias of the coordinates (k,)."""
+
+    found: tuple[tuple[Shape, float], ...]
+    bias: Array
+
+    @property
+    def text(self) -> str:
+        """In words; empty where nothing is significant."""
+        parts = [f"{s.name} ({size:.0f} sigma: {s.advice})" for s, size in self.found if size > SIGNIFICANT]
+        if not parts:
+            return ""
+        return f"the residuals show {' and '.join(parts)}; the standard deviations contain what that may do"
+
+
+def shapes(problem: Problem, states: Array, p: Array) -> list[Shape]:
+    """Torques that the model may lack, along the filtered path `states` (T, n) with all parameters `p`."""
+    model = problem.model
+    names, inputs = model.state_names, model.input_names
+    known = {**dict(zip(inputs, problem.u.T, strict=True)), **dict(zip(names, states.T, strict=True))}
+    drive = next((inputs.index(n) for n in ("torque", "current") if n in inputs), None)
+    load = inputs.index("external_torque") if "external_torque" in inputs else drive
+    found = []
+    for velocity, smoothing in model.smoothing.items():
+        channel = drive if velocity.startswith("motor") and drive is not None else load
+        if channel is None:
+            continue
+        w, side = known[velocity], velocity.split("_")[0]
+        speed = float(np.sqrt(np.mean(w**2))) or 1.0
+        direction = np.tanh(w / max(p[model.parameter_names.index(smoothing)], 0.01 * speed))
+        rise = direction * np.exp(-np.abs(w) / (LOW_SPEED * speed))
+        found.append(
+            Shape(f"friction at the {side} that changes at low speed", "try --friction stribeck", channel, rise)
+        )
+        bend = w * np.abs(w) / speed**2
+        found.append(Shape(f"friction at the {side} that bends with speed", "try --friction eyring", channel, bend))
+    if "link_position" in names and load is not None and "a_g" not in model.parameter_names:
+        q = known["link_position"] - float(np.mean(known["link_position"]))
+        found.append(Shape("a load that goes with the angle", "try --gravity", load, q / (float(np.ptp(q)) or 1.0)))
+    if drive is not None and "tau_0" not in model.parameter_names:
+        found.append(Shape("a constant torque", "try --offsets", drive, np.ones(len(states))))
+    if {"motor_position", "link_position", "motor_velocity"} <= known.keys() and drive is not None:
+        twist = known["motor_position"] / p[model.parameter_names.index("N")] - known["link_position"]
+        twist = twist - float(np.mean(twist))
+        cubic = twist**3 / (float(np.max(np.abs(twist**3))) or 1.0)
+        found.append(Shape("a spring that is not linear as the model has it", "try --free k_2", drive, cubic))
+    return found
+
+
+def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, steps: Steps) -> Misfit:
+    """Test the residuals of a fit for the shapes, the most significant one first, each beside those before."""
+    problem = recursion.problem
+    p = recursion.values(coordinates.values(found.z))
+    last = recursion.run(coordinates.values(found.z), found.levels, steps)
+    candidates = shapes(problem, last.states, p)
+    none = Misfit((), np.zeros_like(found.z))
+    if not candidates:
+        return none
+    channel = np.array([s.channel for s in candidates], dtype=np.int64)
+    course = np.ascontiguousarray(np.column_stack([s.course for s in candidates]))
+    J, D = recursion.sensitivities(last, channel, course)
+    J = J.reshape(-1, J.shape[2]) * coordinates.slope(found.z)
+    D = D.reshape(-1, D.shape[2])
+    r = last.residuals.ravel()
+    H_inverse = np.linalg.inv(found.hessian)
+    cross = J.T @ D
+    M = D.T @ D - cross.T @ H_inverse @ cross
+    a = D.T @ r - cross.T @ H_inverse @ (J.T @ r)
+    taken: list[int] = []
+    sizes: list[float] = []
+    for _ in range(min(MOST, len(candidates))):
+        best, size = _most_significant(M, a, np.diag(D.T @ D), taken)
+        if size < LIKELY:
+            break
+        taken.append(best)
+        sizes.append(size)
+    if not taken:
+        return none
+    gamma = np.linalg.solve(M[np.ix_(taken, taken)], a[taken])
+    bias = H_inverse @ cross[:, taken] @ gamma
+    return Misfit(tuple((candidates[k], size) for k, size in zip(taken, sizes, strict=True)), bias)
+
+
+def _most_significant(M: Array, a: Array, total: Array, taken: list[int]) -> tuple[int, float]:
+    """Index and size, in standard deviations, of the shape that explains most beside those already taken."""
+    rest = [k for k in range(len(a)) if k not in taken]
+    sizes = []
+    for k in rest:
+        if taken:
+            block = np.linalg.solve(M[np.ix_(taken, taken)], np.column_stack([M[taken, k], a[taken]]))
+            information, score = M[k, k] - M[k, taken] @ block[:, 0], a[k] - M[k, taken] @ block[:, 1]
+        else:
+            information, score = M[k, k], a[k]
+        # what the parameters can take on themselves, nearly all of it, shows nothing
+        sizes.append(abs(score) / np.sqrt(information) if information > 1e-6 * total[k] > 0.0 else 0.0)
+    best = int(np.argmax(sizes))
+    return rest[best], float(sizes[best])
