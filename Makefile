@@ -1,4 +1,4 @@
-# make setup | test | lint | demo | bench-rtde | clean. Each does all set-up that is still missing.
+# make setup | test | lint | demo | bench-rtde | bench-speed | bench-stats | clean. Each does all set-up that is missing.
 # Needs: Python 3.11 or 3.12 with venv and headers, gcc, g++, make and a Python package index.
 
 VENV := .venv
@@ -14,7 +14,7 @@ PACKAGES := $(wildcard $(WS)/src/joint_id_core/joint_id_core $(WS)/src/joint_id_
 UNIT_TESTS := $(wildcard $(WS)/src/joint_id_core/test)
 NODE_TESTS := $(wildcard $(WS)/src/joint_id_ros/test tests)
 
-.PHONY: all setup test lint demo bench-rtde clean
+.PHONY: all setup test lint demo bench-rtde bench-speed bench-stats clean
 all: setup
 
 setup: $(WS)/install/.built
@@ -49,6 +49,20 @@ demo: setup
 bench-rtde: setup
 	$(RUN) python benchmarks/rtde_loss.py
 	$(RUN) python benchmarks/rtde_faults.py
+
+# Libraries that only the benchmarks need. A peer that is missing is shown as missing, so a failure here ends nothing.
+$(VENV)/.peers: $(VENV)/.installed benchmarks/requirements.txt benchmarks/constraints.txt constraints.txt
+	@$(VENV)/bin/python -m pip install -qq -r benchmarks/requirements.txt -c benchmarks/constraints.txt \
+		-c constraints.txt && touch $@ || echo "benchmarks/requirements.txt could not be installed: going on without"
+
+# The engine beside a kernel in C++ (a few minutes), then other libraries on the same fits (half an hour).
+bench-speed: setup $(VENV)/.peers
+	$(RUN) python benchmarks/speed.py --json out/benchmarks/speed.json
+	$(RUN) python benchmarks/speed_peers.py --json out/benchmarks/speed_peers.json
+
+# Errors beside their predicted sigma, coverage of the intervals, and the paper's methods on the same data.
+bench-stats: setup
+	$(RUN) python benchmarks/stats.py --json out/benchmarks/stats.json
 
 clean:
 	rm -rf $(VENV) $(WS)/build $(WS)/install $(WS)/log out .mypy_cache .pytest_cache .ruff_cache .hypothesis
