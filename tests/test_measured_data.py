@@ -50,12 +50,16 @@ def emps() -> dict[str, Any]:
     ("name", "published"), [("J", 95.1089), ("c", 203.5034), ("tau_f", 20.3935), ("tau_0", -3.1648)]
 )
 def test_emps_has_the_published_parameters(emps, name, published):
-    """Within 1 % or two standard deviations of the published values; M, F_v, F_c and the offset."""
+    """Within 1 % of the published values; M, F_v, F_c and the offset.
+
+    The standard deviations hold what this model lacks: friction that rises at low speed moves viscous and Coulomb friction
+    by some percent, and the message says so.
+    """
     found = by_name(emps)[name]
     assert found["verdict"] == "estimated"
-    error = abs(found["value"] - published)
-    assert error < 0.01 * abs(published) or error < 2.0 * found["std_dev"], found
-    assert 0.0 < found["std_dev"] < 0.02 * abs(published)
+    assert abs(found["value"] - published) < 0.01 * abs(published), found
+    assert 0.0 < found["std_dev"] < 0.06 * abs(published)
+    assert "changes at low speed" in emps["message"] and "--friction stribeck" in emps["message"]
 
 
 def test_emps_predicts_the_record_with_force_pulses(emps):
@@ -81,7 +85,9 @@ def test_ur3e_elbow_stiffness_of_two_halves_agrees():
     spread = (a["std_dev"] ** 2 + b["std_dev"] ** 2) ** 0.5
     assert abs(a["value"] - b["value"]) < 2.0 * spread, (a, b)
     assert 3.9e3 < a["value"] < 4.7e3 and 3.9e3 < b["value"] < 4.7e3
-    assert max(a["std_dev"], b["std_dev"]) < 200.0
+    # the noise alone gives 60 Nm/rad; the rest is friction and a spring that are not quite as the model has them
+    assert max(a["std_dev"], b["std_dev"]) < 0.25 * a["value"]
+    assert all("the residuals show" in half["message"] for half in halves)
 
 
 def test_ur3e_shoulder_predicts_the_current_of_the_held_out_half(tmp_path):

@@ -173,10 +173,10 @@ class _Fit:
                 twice = best is not None and abs(other.cost - best.cost) < SAME_COST
                 best, steps = other, (self.substeps, self.steps)
         self.substeps, self.steps = steps
-        return best
+        return self._refined(best)
 
     def _annealed(self, z: Array) -> Minimum | None:
-        """One complete fit from z with rough noise levels: feedback from strong to optimal.
+        """One fit from z with rough noise levels and the first step size: feedback from strong to optimal.
 
         Where every state is measured the noise levels, fitted along, weaken the feedback by themselves as fast as the
         parameters come closer; unmeasured states need parameters that are not far off before that.
@@ -193,7 +193,7 @@ class _Fit:
             self.iterations += found.iterations
             z, states = found.z, found.last.states
         start = self._started(z, self.noise.clip(np.where(inputs, STRONG * rough, rough)), states)
-        return self._refined(self._continued(start))
+        return self._continued(start)
 
     def _started(self, z: Array, levels: Array, states: Array, even: bool = False) -> Minimum | None:
         """A first pass with as many steps as the fastest mode needs at z, or more if the path blows up.

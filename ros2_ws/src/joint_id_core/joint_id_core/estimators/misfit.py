@@ -21,6 +21,7 @@ from joint_id_core.rk4 import Steps
 
 LIKELY = 2.0  # standard deviations of a shape's size from which its bias is counted; a right model shows 5 % of them
 SIGNIFICANT = 4.0  # from which it is told; one in 16,000
+OWN_SHARE = 0.15  # of the information on a shape that the parameters must leave it: else they stand for it themselves
 MOST = 2  # shapes that are taken together: more of them cancel each other, and their bias grows without end
 LOW_SPEED = 0.1  # of the rms speed, below which friction rises in the shape of the Stribeck effect
 
@@ -77,7 +78,8 @@ def shapes(problem: Problem, states: Array, p: Array) -> list[Shape]:
         found.append(Shape("a load that goes with the angle", "try --gravity", load, q / (float(np.ptp(q)) or 1.0)))
     if drive is not None and "tau_0" not in model.parameter_names:
         found.append(Shape("a constant torque", "try --offsets", drive, np.ones(len(states))))
-    if {"motor_position", "link_position", "motor_velocity"} <= known.keys() and drive is not None:
+    sides = {"motor_position", "link_position", "motor_velocity"}
+    if sides <= known.keys() and drive is not None and "k_2" not in problem.free:
         twist = known["motor_position"] / p[model.parameter_names.index("N")] - known["link_position"]
         twist = twist - float(np.mean(twist))
         cubic = twist**3 / (float(np.max(np.abs(twist**3))) or 1.0)
@@ -129,7 +131,6 @@ def _most_significant(M: Array, a: Array, total: Array, taken: list[int]) -> tup
             information, score = M[k, k] - M[k, taken] @ block[:, 0], a[k] - M[k, taken] @ block[:, 1]
         else:
             information, score = M[k, k], a[k]
-        # what the parameters can take on themselves, nearly all of it, shows nothing
-        sizes.append(abs(score) / np.sqrt(information) if information > 1e-6 * total[k] > 0.0 else 0.0)
+        sizes.append(abs(score) / np.sqrt(information) if information > OWN_SHARE * total[k] > 0.0 else 0.0)
     best = int(np.argmax(sizes))
     return rest[best], float(sizes[best])

@@ -20,6 +20,7 @@ POINTS = 16
 KINK = 6.0
 JUMP = 0.1  # change of an input from one sample to the next, of its range in the record, that sets a fast mode going
 MORE_STEPS = 8
+MOST_STEPS = 64  # a joint that stands still takes them in every sample
 
 
 def fastest_mode(problem: Problem, kernel: Kernel, p: Array, states: Array, sliding: bool) -> float:
@@ -61,4 +62,4 @@ def steps_of(problem: Problem, kernel: Kernel, p: Array, states: Array, substeps
         more[:-1] |= near[1:] | (w[:-1] * w[1:] < 0.0)
     if kernel.cell == "implicit":
         more |= np.any(np.abs(np.diff(problem.u, axis=0, prepend=0.0)) > JUMP * np.ptp(problem.u, axis=0), axis=1)
-    return np.where(more, MORE_STEPS * substeps, substeps).astype(np.int64)
+    return np.where(more, max(substeps, min(MORE_STEPS * substeps, MOST_STEPS)), substeps).astype(np.int64)

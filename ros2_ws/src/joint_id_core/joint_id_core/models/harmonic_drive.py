@@ -34,13 +34,13 @@ MOTOR_SMOOTHING = 0.03  # rad/s at the motor shaft
 LINK_SMOOTHING = 3e-4  # rad/s
 
 
-def motor_friction(law: str, c_m: float, tau_fm: float) -> Friction:
+def motor_friction(law: str, c_m: float, tau_fm: float, w_s: float = MOTOR_SMOOTHING) -> Friction:
     """Friction on the motor side (paper Eq 9)."""
     return Friction(
         "motor_velocity",
         positive("c_m", "Nm s/rad", "viscous friction at the motor", c_m),
         positive("tau_fm", "Nm", "Coulomb friction at the motor", tau_fm),
-        side="m", w_s=MOTOR_SMOOTHING, w_typical=100.0, law=law,
+        side="m", w_s=w_s, w_typical=100.0, law=law,
     )  # fmt: skip
 
 

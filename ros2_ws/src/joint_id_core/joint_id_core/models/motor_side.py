@@ -27,6 +27,10 @@ from joint_id_core.models.transmission import (
 from joint_id_core.signals import Parameter, Signal, channel, positive
 
 
+# Joints that are held still are the ones this model is for: what they show near standstill is presliding, not a step.
+SMOOTHING = 0.1  # rad/s at the motor shaft
+
+
 def linear_spring_parameters() -> tuple[Parameter, ...]:
     """The spring of Model 2 with its cubic part fixed at zero."""
     rows = spring_parameters(k_1=5.164e3, k_2=0.0, c_1=18.938)
@@ -54,7 +58,7 @@ class MotorSide(Model):
 
     @cached_property
     def _friction(self) -> Friction:
-        return motor_friction(self.friction, c_m=1.018e-4, tau_fm=2.291e-2)
+        return motor_friction(self.friction, c_m=1.018e-4, tau_fm=2.291e-2, w_s=SMOOTHING)
 
     @cached_property
     def states(self) -> tuple[Signal, ...]:
