@@ -13,6 +13,7 @@ BUILD_TOOLS := setup/build.sh setup/launchers.py setup/drop_missing_includes.cma
 PACKAGES := $(wildcard $(WS)/src/joint_id_core/joint_id_core $(WS)/src/joint_id_ros/joint_id_ros)
 UNIT_TESTS := $(wildcard $(WS)/src/joint_id_core/test)
 NODE_TESTS := $(wildcard $(WS)/src/joint_id_ros/test tests)
+TIMED_TESTS := tests/test_chain.py tests/test_demo.py tests/test_driver.py tests/test_driver_faults.py
 
 .PHONY: all setup test lint demo bench-rtde bench-speed bench-stats clean
 all: setup
@@ -32,10 +33,11 @@ $(WS)/install/.built: $(VENV)/.installed $(BUILD_INPUTS) $(BUILD_TOOLS)
 	@sh setup/build.sh $(VENV)
 	@touch $@
 
-# The unit tests of the library share two cores; nodes that stream at 500 Hz run one test at a time.
+# Tests share two cores, but for those whose nodes stream at 500 Hz or run against a clock.
 test: setup
 	$(RUN) python -m pytest -n 2 --dist worksteal --durations=10 $(UNIT_TESTS)
-	$(RUN) python -m pytest --durations=10 $(NODE_TESTS)
+	$(RUN) python -m pytest -n 2 --dist loadfile --durations=10 $(NODE_TESTS) $(TIMED_TESTS:%=--ignore=%)
+	$(RUN) python -m pytest --durations=10 $(TIMED_TESTS)
 
 lint: setup
 	$(RUN) ruff check .

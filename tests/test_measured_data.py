@@ -52,8 +52,8 @@ def emps() -> dict[str, Any]:
 def test_emps_has_the_published_parameters(emps, name, published):
     """Within 1 % of the published values; M, F_v, F_c and the offset.
 
-    The standard deviations hold what this model lacks: friction that rises at low speed moves viscous and Coulomb friction
-    by some percent, and the message says so.
+    The standard deviations hold what this model lacks: friction that rises at low speed moves viscous and Coulomb
+    friction by some percent, and the message says so.
     """
     found = by_name(emps)[name]
     assert found["verdict"] == "estimated"

@@ -26,7 +26,6 @@ from joint_id_core.models.transmission import (
 )
 from joint_id_core.signals import Parameter, Signal, channel, positive
 
-
 # Joints that are held still are the ones this model is for: what they show near standstill is presliding, not a step.
 SMOOTHING = 0.1  # rad/s at the motor shaft
 
