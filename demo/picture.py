@@ -14,12 +14,11 @@ from matplotlib.figure import Figure
 from joint_id_core import rk4
 from joint_id_core.codegen import compile_model
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators.recursion import Recursion
-from joint_id_core.estimators.start import input_noise, label_noise
 from joint_id_core.models import Model
 from joint_id_core.problem import prepare
 from joint_id_core.recording import Array, Recording
 from joint_id_core.signals import CHANNELS
+from joint_id_core.validation import filtered
 from joint_id_msgs.msg import JointEstimate, ParameterEstimate
 
 AHEAD_S = 2.0  # how far the simulation runs ahead of the data
@@ -67,13 +66,10 @@ def predict(model: Model, recording: Recording, history: History) -> Prediction:
     values = {p.name: p.value for p in estimate.parameters}
     problem = prepare(model, recording.window(begin - LEAD_S, np.inf), values, held, estimate.free)
     kernel = compile_model(model)
-    recursion = Recursion(problem, kernel)
-    levels = dict(zip(estimate.signal, estimate.noise_std, strict=True))
-    R = [levels.get(n, v**0.5) ** 2 for n, v in zip(problem.labels, label_noise(problem), strict=True)]
-    q = [levels.get(f"input {n}", v**0.5) ** 2 for n, v in zip(model.input_names, input_noise(problem), strict=True)]
+    noise = dict(zip(estimate.signal, estimate.noise_std, strict=True))
+    states, steps = filtered(problem, kernel, noise, estimate.substeps)
     k = int(np.searchsorted(problem.time, begin))
-    state = recursion.run(problem.p[recursion.index], np.array(R), np.array(q), estimate.substeps).states[k]
-    X = rk4.rollout(kernel, state, problem.time[k:], problem.u[k:], problem.p, estimate.substeps)
+    X = rk4.rollout(kernel, states[k], problem.time[k:], problem.u[k:], problem.p, steps[k:])
     names = [n for n in SIGNALS if n in problem.labels][:PANELS]
     measured = {n: problem.y[k:, problem.labels.index(n)] for n in names}
     simulated = {n: X[:, model.state_names.index(n)] for n in names}

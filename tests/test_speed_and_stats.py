@@ -138,6 +138,12 @@ def test_strongly_coloured_torque_is_noticed(cache):
     assert (found.converged, found.coloured) == (0, 2)
 
 
+def test_a_friction_law_that_is_a_little_wrong_is_noticed(cache):
+    found = summary(measure(BY_NAME["Stribeck friction, 10%"], SEEDS, cache, 1))
+    right = summary(measure(BY_NAME["Model 2, all four states, 0.003 Nm"], SEEDS, cache, 1))
+    assert found.misfit > right.misfit
+
+
 def test_cases_measure_what_they_say(cache):
     for case in NOISE:
         assert set(recorded(case, 1000, cache).channels) == {*case.labels, *case.motion.inputs}, case.name
@@ -155,21 +161,21 @@ def test_the_summary_counts_and_averages():
     sigmas = {"a": 0.01, "b": 0.1}
 
     def draw(status: str, a: float, b: float) -> Draw:
-        return Draw(0, status, status == "poor_fit", 0.02, {"a": 0.01 * a, "b": 0.1 * b}, sigmas)
+        return Draw(0, status, status == "poor_fit", b == 9.0, 0.02, {"a": 0.01 * a, "b": 0.1 * b}, sigmas)
 
     draws = [draw("converged", 1.0, -3.0), draw("converged", 1.0, 1.0), draw("converged", 0.0, 9.0)]
-    draws += [draw("poor_fit", 5.0, 0.5), Draw(0, "diverged", False, 0.02, {}, {})]
+    draws += [draw("poor_fit", 5.0, 0.5), Draw(0, "diverged", False, False, 0.02, {}, {})]
     found = summary(draws)
-    assert (found.draws, found.converged, found.far, found.coloured) == (5, 3, 1, 1)
+    assert (found.draws, found.converged, found.far, found.coloured, found.misfit) == (5, 3, 1, 1, 1)
     np.testing.assert_allclose(found.ratio, [1.0, np.sqrt(5.0)])
     np.testing.assert_allclose(found.bias, [1.0, -1.0])
     np.testing.assert_allclose(found.error, [0.01, 0.1 * np.sqrt(5.0)])
     np.testing.assert_allclose(found.sigma, [0.01, 0.1])
     np.testing.assert_allclose(found.coverage, [1.0, 1.0 / 3.0])
     np.testing.assert_allclose(found.coverage_all, [3.0 / 4.0, 2.0 / 4.0])
-    assert "3 of 5 converged, 1 of them far off, 1 not white" in block("x", found)
+    assert "3 of 5 converged, 1 of them far off, 1 not white, 1 with a misfit" in block("x", found)
     (_, row) = table({"x": found}).splitlines()
-    assert row.split()[:5] == ["x", "5", "3", "1", "1"]
+    assert row.split()[:6] == ["x", "5", "3", "1", "1", "1"]
     (_, row) = methods_table({"x": draws}).splitlines()
     assert row.split()[:3] == ["x", "5", "3"]
     nothing = summary(draws[-1:])

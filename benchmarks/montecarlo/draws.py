@@ -28,7 +28,8 @@ class Draw:
     Attributes:
         seed: of the noise and of the start values.
         status: how the fit ended.
-        coloured: whether it says that residuals are not white.
+        coloured: whether it says that residuals are not white, and so did not converge.
+        misfit: whether it says that residuals show something the model lacks, which its intervals then contain.
         cpu_s: processor time of the fit in s.
         errors, sigmas: relative to the truth, by parameter; empty without a result.
     """
@@ -36,6 +37,7 @@ class Draw:
     seed: int
     status: str
     coloured: bool
+    misfit: bool
     cpu_s: float
     errors: Mapping[str, float]
     sigmas: Mapping[str, float]
@@ -70,7 +72,8 @@ def of(estimate: Estimate, truth: Mapping[str, float], seed: int, cpu_s: float) 
     rows = [estimate[name] for name in estimate.free if np.isfinite(estimate[name].std_dev)]
     errors = {row.name: row.value / truth[row.name] - 1.0 for row in rows}
     sigmas = {row.name: row.std_dev / truth[row.name] for row in rows}
-    return Draw(seed, estimate.status.value, "not white" in estimate.message, cpu_s, errors, sigmas)
+    says = estimate.message
+    return Draw(seed, estimate.status.value, "not white" in says, "residuals show" in says, cpu_s, errors, sigmas)
 
 
 def many(function: Callable[[int], Draw], seeds: Sequence[int], workers: int) -> list[Draw]:

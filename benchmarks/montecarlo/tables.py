@@ -22,7 +22,7 @@ class Summary:
     with a result, whatever they say of themselves.
 
     Attributes:
-        draws, converged, far, coloured: how many; `far` of those that converged.
+        draws, converged, far, coloured, misfit: how many; `far` of those that converged.
         names: of the parameters.
         error, sigma: rms error and median predicted standard deviation.
         ratio, bias: rms and mean of the error over its predicted standard deviation.
@@ -34,6 +34,7 @@ class Summary:
     converged: int
     far: int
     coloured: int
+    misfit: int
     names: tuple[str, ...]
     error: Array
     sigma: Array
@@ -52,7 +53,8 @@ def summary(draws: Sequence[Draw]) -> Summary:
     errors, sigmas = _columns(near, names)
     z = errors / sigmas
     return Summary(
-        len(draws), len(converged), len(converged) - len(near), sum(draw.coloured for draw in draws), names,
+        len(draws), len(converged), len(converged) - len(near), sum(draw.coloured for draw in draws),
+        sum(draw.misfit for draw in draws), names,
         _mean(errors**2) ** 0.5, np.median(sigmas, axis=0) if near else np.full(len(names), np.nan),
         _mean(z**2) ** 0.5, _mean(z), _coverage(converged, names), _coverage([d for d in draws if d.errors], names),
         1e3 * float(np.median([draw.cpu_s for draw in draws])),
@@ -92,7 +94,7 @@ def block(name: str, found: Summary) -> str:
     }
     head = (
         f"{name}: {found.converged} of {found.draws} converged, {found.far} of them far off, "
-        f"{found.coloured} not white, {found.cpu_ms:.0f} ms a fit\n"
+        f"{found.coloured} not white, {found.misfit} with a misfit, {found.cpu_ms:.0f} ms a fit\n"
     )
     if not _told(found.ratio):
         return head
@@ -106,14 +108,14 @@ def block(name: str, found: Summary) -> str:
 def table(found: Mapping[str, Summary]) -> str:
     """A row for each case; ranges are over the parameters."""
     lines = [
-        f"{'':<49}{'draws':>6}{'converged':>11}{'far off':>9}{'not white':>11}{'rms error/sigma':>17}"
+        f"{'':<49}{'draws':>6}{'converged':>11}{'far off':>9}{'not white':>11}{'misfit':>8}{'rms error/sigma':>17}"
         f"{'coverage':>15}{'mean':>7}{'all draws':>11}{'a fit':>9}",
     ]
     for name, s in found.items():
         ranges = (f"{np.min(v):.2f} to {np.max(v):.2f}" if _told(v) else "-" for v in (s.ratio, s.coverage))
         means = (f"{np.mean(v):.3f}" if _told(v) else "-" for v in (s.coverage, s.coverage_all))
         lines.append(
-            f"{name:<49}{s.draws:>6}{s.converged:>11}{s.far:>9}{s.coloured:>11}{next(ranges):>17}{next(ranges):>15}"
+            f"{name:<49}{s.draws:>6}{s.converged:>11}{s.far:>9}{s.coloured:>11}{s.misfit:>8}{next(ranges):>17}{next(ranges):>15}"
             f"{next(means):>7}{next(means):>11}{s.cpu_ms:>6.0f} ms"
         )
     return "\n".join(lines) + "\n"

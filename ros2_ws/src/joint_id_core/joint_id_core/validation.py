@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from joint_id_core.codegen import compile_model
+from joint_id_core import rk4
+from joint_id_core.codegen import Kernel, compile_model
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimate import Estimate
 from joint_id_core.estimators.noise import NoiseLevels
@@ -52,13 +55,7 @@ def held_out_errors(
     problem = prepare(model, recording, estimate.values, held, estimate.free)
     extra = tuple(n for n in estimate.free if model.parameter(n).fixed)
     kernel = compile_model(model, "tanh", extra)
-    recursion = Recursion(problem, kernel)
-    known = {name: std**2 for name, std in estimate.noise.items() if std > 0.0}
-    names = (*problem.labels, *(f"input {n}" for n in model.input_names))
-    levels = np.array([known.get(n, v) for n, v in zip(names, NoiseLevels.of(problem).rough, strict=True)])
-    substeps = max(1, estimate.substeps)
-    steps = steps_of(problem, kernel, problem.p, rough_states(problem), substeps)
-    states = recursion.run(problem.p[recursion.index], levels, steps).states
+    states, steps = filtered(problem, kernel, estimate.noise, estimate.substeps)
     predictions = free_runs(kernel, problem, states, problem.p, steps, horizon_s)
     judged = _settled(problem, horizon_s)
     if not judged.any():
@@ -75,6 +72,26 @@ def held_out_errors(
             lost = np.isfinite(problem.y[:, k]) & ~np.isfinite(predictions[name])
             errors[name][at] = np.where(lost, np.inf, (predictions[name] - problem.y[:, k]) / spread)[judged]
     return errors
+
+
+def filtered(problem: Problem, kernel: Kernel, noise: Mapping[str, float], substeps: int) -> tuple[Array, rk4.Steps]:
+    """States of a record filtered with the parameters of the problem, and the steps a sample that it took.
+
+    Args:
+        problem: the record, with the values to use as its start values.
+        kernel: of its model and cell.
+        noise: standard deviations as in `Estimate.noise`; those that are missing or zero are taken from the record.
+        substeps: as in `Estimate.substeps`.
+
+    Returns:
+        States, shape (T, n), and steps from each sample to the next, shape (T,).
+    """
+    names = (*problem.labels, *(f"input {n}" for n in problem.model.input_names))
+    rough = NoiseLevels.of(problem).rough
+    levels = np.array([v if not noise.get(n, 0.0) > 0.0 else noise[n] ** 2 for n, v in zip(names, rough, strict=True)])
+    steps = steps_of(problem, kernel, problem.p, rough_states(problem), max(1, substeps))
+    recursion = Recursion(problem, kernel)
+    return recursion.run(problem.p[recursion.index], levels, steps).states, steps
 
 
 def _settled(problem: Problem, horizon_s: float) -> np.ndarray:

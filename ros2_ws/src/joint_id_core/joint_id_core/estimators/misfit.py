@@ -91,7 +91,9 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, steps
     """Test the residuals of a fit for the shapes, the most significant one first, each beside those before."""
     problem = recursion.problem
     p = recursion.values(coordinates.values(found.z))
-    last = recursion.run(coordinates.values(found.z), found.levels, steps)
+    last = found.last
+    if not recursion.is_latest(last):
+        last = recursion.run(coordinates.values(found.z), found.levels, steps)
     candidates = shapes(problem, last.states, p)
     none = Misfit((), np.zeros_like(found.z))
     if not candidates:

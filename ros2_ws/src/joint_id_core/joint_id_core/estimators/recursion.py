@@ -122,8 +122,12 @@ class Recursion:
         )
         return self._J[:, :, self._columns], out
 
+    def is_latest(self, result: Pass) -> bool:
+        """Whether `result` is the latest pass, of which more is known than it holds."""
+        return result is self._latest
+
     def _require_latest(self, result: Pass) -> None:
-        if result is not self._latest:
+        if not self.is_latest(result):
             raise JointIdError("this is known of the latest pass only: run it again")
 
     def noise_information(self, result: Pass) -> tuple[Array, Array]:
