@@ -82,7 +82,7 @@ def many(function: Callable[[int], Draw], seeds: Sequence[int], workers: int) ->
         return [function(seed) for seed in seeds]
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, context) as pool:
-        return list(pool.map(function, seeds, chunksize=4))
+        return list(pool.map(function, seeds, chunksize=max(1, len(seeds) // (8 * workers))))
 
 
 def measure(case: Case, seeds: Sequence[int], cache: Path, workers: int) -> list[Draw]:
