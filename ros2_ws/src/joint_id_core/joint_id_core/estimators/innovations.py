@@ -149,7 +149,10 @@ class _Fit:
             return None
         self.substeps = self.options.substeps or previous.substeps
         z = self.coordinates.clip(self.coordinates.z(np.array([previous[n].value for n in previous.free])))
-        found = self._minimised(z, self.noise.clip(levels), self.rough_states)
+        levels = self.noise.clip(levels)
+        self.steps = steps_of(self.problem, self.kernel, self._values(z), self.rough_states, self.substeps)
+        self._choose_start(z, levels)
+        found = self._minimised(z, levels, self.rough_states)
         if found is not None and float(np.max(np.abs(found.z - z) / self.coordinates.spread)) < SAME_STEPS:
             return found  # the step size was judged for these values
         return self._refined(found)
@@ -173,6 +176,8 @@ class _Fit:
                 twice = best is not None and abs(other.cost - best.cost) < SAME_COST
                 best, steps = other, (self.substeps, self.steps)
         self.substeps, self.steps = steps
+        if best is not None and self._choose_start(best.z, best.levels):
+            best = self._minimised(best.z, best.levels, best.last.states)
         return self._refined(best)
 
     def _annealed(self, z: Array) -> Minimum | None:
@@ -211,6 +216,23 @@ class _Fit:
             if start is not None:
                 return start
         return None
+
+    def _choose_start(self, z: Array, levels: Array) -> bool:
+        """Start the record from the twist under its first load if that is likelier; whether it is.
+
+        For a motor position that is not measured. So it is in a window that begins in motion, and is not in one that
+        begins with a jump of the drive.
+        """
+        if "motor_position" not in set(self.problem.model.state_names) - set(self.problem.labels):
+            return False
+        self.recursion.start_near(None)
+        relaxed = self._at(z, levels, self.steps)
+        self.recursion.start_near(self._values(z))
+        loaded = self._at(z, levels, self.steps)
+        if loaded is not None and (relaxed is None or loaded.cost < relaxed.cost):
+            return True
+        self.recursion.start_near(None)
+        return False
 
     def _values(self, z: Array) -> Array:
         return self.recursion.values(self.coordinates.values(z))

@@ -61,22 +61,26 @@ class Recursion:
         self._block = np.ix_(columns, columns)
         self._columns = np.array(columns)
         self.index = np.array([problem.model.parameter_names.index(name) for name in problem.free])
+        self._after = np.flatnonzero(problem.gap > LONGEST_GAP) + 1
+        self._begin = np.full(len(problem.time), -1, dtype=np.int64)
+        self._begin[self._after] = np.arange(len(self._after))
         mean, spread = start_state(problem)
-        self.x0 = mean
         self.P0 = np.diag(spread**2)
         self.Q_x = STATE_NOISE * spread**2
-        after = np.flatnonzero(problem.gap > LONGEST_GAP) + 1
-        starts = [start_state(problem, int(k)) for k in after] or [(mean, spread)]
-        self._begin = np.full(len(problem.time), -1, dtype=np.int64)
-        self._begin[after] = np.arange(len(after))
-        self._X0 = np.array([mean for mean, _ in starts])
-        self._V0 = np.array([spread**2 for _, spread in starts])
+        self.start_near(None)
         T, n, m = len(problem.time), len(mean), len(problem.labels)
         self._K, self._F = np.empty((T, m, n)), np.empty((T, n, n + problem.u.shape[1]))
         self._C = np.empty((T, m, n) if problem.model.label_delays else (1, 1, 1))
         self._J = np.empty((T, m, len(kernel.sensitive)))
         self._F[-1] = 0.0
         self._latest: Pass | None = None
+
+    def start_near(self, p: Array | None) -> None:
+        """Take the starts of the record, and after its long gaps, for parameters `p` (all of them) near the truth."""
+        self.x0 = start_state(self.problem, 0, p)[0]
+        starts = [start_state(self.problem, int(k), p) for k in self._after] or [(self.x0, np.ones(len(self.x0)))]
+        self._X0 = np.array([mean for mean, _ in starts])
+        self._V0 = np.array([spread**2 for _, spread in starts])
 
     def values(self, free: Array) -> Array:
         """All parameter values with the free ones put in."""

@@ -18,13 +18,14 @@ _PARTNER = {
 }
 
 
-def start_state(problem: Problem, at: int = 0) -> tuple[Array, Array]:
+def start_state(problem: Problem, at: int = 0, p: Array | None = None) -> tuple[Array, Array]:
     """Prior of the state at sample `at`, before its labels: mean (n,) and standard deviation (n,).
 
     A measured state starts at its first label with a spread far above the label's own range, so that the
     label is not counted twice. An unmeasured one starts from the other side of the gear, with the spread of
     the twist, a velocity from the slope of its own position, or at zero with the spread that its signal is
-    known for.
+    known for. With parameters `p` that are near the truth, an unmeasured motor position is moved by the twist under
+    the drive of that moment.
     """
     model, recording = problem.model, problem.recording
     ratio = problem.p[model.parameter_names.index("N")] if "N" in model.parameter_names else 1.0
@@ -44,6 +45,8 @@ def start_state(problem: Problem, at: int = 0) -> tuple[Array, Array]:
         elif name in _PARTNER and _PARTNER[name][0] in known:
             partner, sd = _PARTNER[name]
             value, sd = ratio * known[partner][0], ratio * sd
+            if name == "motor_position" and p is not None:
+                value += ratio * _twist(problem, at, p)
         elif name.startswith("link_") and f"motor_{name[5:]}" in known:
             sd = dict(_PARTNER.values()).get(name, signal.scale)
             value = known[f"motor_{name[5:]}"][0] / ratio
@@ -59,6 +62,35 @@ def start_state(problem: Problem, at: int = 0) -> tuple[Array, Array]:
         mean.append(value)
         spread.append(sd)
     return np.array(mean), np.array(spread)
+
+
+def _twist(problem: Problem, at: int, values: Array) -> float:
+    """Twist in rad at which the spring of the gear balances the drive at sample `at`.
+
+    A cubic spring is several times stiffer under load than without: linearised at no twist the filter would take the
+    first labels for impossible.
+    """
+    model, names = problem.model, problem.model.parameter_names
+    p = dict(zip(names, values.tolist(), strict=True))
+    drive = next((n for n in ("torque", "current") if n in model.input_names), None)
+    if drive is None or not {"k_1", "k_2", "J_m", "c_m", "tau_fm", "N"} <= p.keys():
+        return 0.0
+    u = problem.u[at : at + 4, model.input_names.index(drive)]
+    torque = float(np.mean(u)) * p.get("k_t", 1.0) - p.get("tau_0", 0.0)
+    if "motor_velocity" in problem.labels:
+        w = problem.y[at : at + 8, problem.labels.index("motor_velocity")]
+        if np.isfinite(w).sum() > 1:
+            speed = float(np.nanmean(w))
+            torque -= p["c_m"] * speed + p["tau_fm"] * float(np.tanh(speed))
+            torque -= p["J_m"] * _slope(problem, "motor_velocity", at)
+    load = p["N"] * torque
+    # monotone, and convex for either sign: Newton's method from the larger of two bounds goes down to the root
+    x = abs(load) / max(p["k_1"], 1e-12)
+    if p["k_2"] > 0.0:
+        x = min(x, (abs(load) / p["k_2"]) ** (1 / 3))
+    for _ in range(20):
+        x -= (p["k_1"] * x + p["k_2"] * x**3 - abs(load)) / max(p["k_1"] + 3.0 * p["k_2"] * x * x, 1e-12)
+    return float(np.clip(np.copysign(x, load), -TWIST_SPREAD, TWIST_SPREAD))
 
 
 def rough_states(problem: Problem) -> Array:
