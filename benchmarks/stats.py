@@ -49,7 +49,9 @@ def methods(seeds: Sequence[int], cache: Path, workers: int) -> dict[str, list[D
         noise = case.name.rpartition(", ")[2]
         for name, (method, most) in METHODS.items():
             function = partial(method, case, NEAR, cache)
-            found[f"{name}, {noise}"] = many(function, seeds[:most], workers)
+            row = f"{name}, {noise}"
+            found[row] = many(function, seeds[:most], workers)
+            print(block(row, summary(found[row])), flush=True)
     print(f"Model 2, all four states, starts off by up to {NEAR:g}")
     print(methods_table(found), flush=True)
     return found

@@ -71,5 +71,5 @@ def deviations(data: Data, values: Mapping[str, float]) -> dict[str, float]:
 METHODS: dict[str, tuple[Callable[[Case, float, Path, int], Draw], int]] = {
     "innovations (ours)": (partial(estimator, "innovations"), 1000),
     "H-PINN": (partial(estimator, "hpinn"), 20),
-    "NLGR (SciPy)": (nlgr, 3),
+    "NLGR (SciPy)": (nlgr, 2),
 }

@@ -105,7 +105,7 @@ def test_link_position_and_motor_velocity_are_enough(seed):
 
 
 def test_windows_that_begin_under_load_are_followed_from_their_first_sample():
-    """The motor angle is not measured: its twist at the start comes from the drive, or a stiffening spring is missed."""
+    """The motor angle is not measured: the twist at the start comes from the drive."""
     whole = closed_loop(1)
     partial = Recording(whole.time, {n: whole[n] for n in PARTIAL})
     known = fit(HARMONIC, partial)
