@@ -18,7 +18,7 @@ import typer
 from joint_id_core.cli import app
 from joint_id_core.estimate import Status
 from joint_id_core.estimators.hpinn import HPinnOptions
-from joint_id_core.estimators.innovations import InnovationsOptions
+from joint_id_core.estimators.innovations_options import InnovationsOptions
 from joint_id_core.filtering import FilterOptions
 from joint_id_core.formats.topics import RAW
 from joint_id_core.models import LAWS, MODELS, Model, build

@@ -43,6 +43,7 @@ _FILTER = {
     "innovations": f"float64({_V}, {_M}, {_I}, {_M}, {_M}, {_V}, {_M}, {_M}, {_I}, {_V}, {_V}, {_V}, "
     f"{_V}, {_V}, {_I}, {_M}, {_M}, {_M}, {_T}, {_T}, {_T}, {_T}, {_M}, {_V})",
     "noise_information": f"void({_M}, {_I}, {_I}, {_M}, {_M}, {_T}, {_T}, {_T}, {_V}, {_M})",
+    "bounded_step": f"float64({_V}, {_M}, {_V}, {_V}, {_V}, float64, float64, {_V})",
     "responses": f"void({_M}, {_I}, {_I}, {_M}, {_T}, {_T}, {_T}, {_I}, {_M}, {_T})",
     "observations": f"void({_M}, {_M}, {_V}, {_M})",
 }

@@ -27,6 +27,8 @@ STRONG_CORRELATION = 0.95
 COLOURED = 0.3
 # Mean squared normalised innovation beyond which even the largest credible noise does not explain them.
 MOST_CHI2 = 1.5
+# Squared length in standard deviations of a last step beyond which the iteration had not settled.
+UNSETTLED = 4.0
 # Predictions that miss by as much as a constant would.
 POOR_NRMSE = 1.0
 
@@ -148,7 +150,7 @@ def judge(
     if poor:
         worst = max(poor, key=lambda n: poor[n])
         reasons.append(f"predictions of {worst} miss by {100 * poor[worst]:.0f} % of its variation")
-    if found.decrement > 1.0:
+    if found.decrement > UNSETTLED:
         status, message = Status.MAX_ITERATIONS, Status.MAX_ITERATIONS.advice
     elif reasons:
         status, message = Status.POOR_FIT, f"{'; '.join(reasons)}: {Status.POOR_FIT.advice}"

@@ -12,7 +12,8 @@ from joint_id_core import estimators
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimate import Estimate
 from joint_id_core.estimators.belief import Belief
-from joint_id_core.estimators.innovations import InnovationsOptions, fit_innovations
+from joint_id_core.estimators.innovations import fit_innovations
+from joint_id_core.estimators.innovations_options import InnovationsOptions
 from joint_id_core.models import Model
 from joint_id_core.options import check, option
 from joint_id_core.problem import split_parameters

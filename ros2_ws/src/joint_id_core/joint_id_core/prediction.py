@@ -36,12 +36,14 @@ def nrmse(problem: Problem, predictions: dict[str, Array]) -> dict[str, float]:
     """Rms of prediction minus label over the label's standard deviation; NaN for a constant label."""
     found = {}
     for k, name in enumerate(problem.labels):
-        seen = np.isfinite(problem.y[:, k])
-        y = problem.y[seen, k]
-        error, spread = predictions[name][seen] - y, float(np.std(y))
+        y, error = problem.y[:, k], predictions[name] - problem.y[:, k]
+        seen = np.isfinite(y)
+        if not seen.all():
+            y, error = y[seen], error[seen]
+        away = y - y.mean()
+        spread = float(away @ away)
         with np.errstate(over="ignore"):  # a prediction that blew up misses by an infinite amount
-            square = error @ error
-        found[name] = float(np.sqrt(square / len(y)) / spread) if spread > 0.0 else float("nan")
+            found[name] = float(np.sqrt(error @ error / spread)) if spread > 0.0 else float("nan")
     return found
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -58,6 +58,11 @@ class Problem:
     def period(self) -> float:
         """Median step in s."""
         return float(np.median(np.diff(self.time)))
+
+    def part(self, first: int, last: int) -> Problem:
+        """The samples from `first` to before `last`."""
+        rows = {name: getattr(self, name)[first:last] for name in ("time", "u", "y", "gap")}
+        return replace(self, **rows)
 
 
 def split_parameters(

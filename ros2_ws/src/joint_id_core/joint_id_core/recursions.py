@@ -22,6 +22,7 @@ NC: int  # parameter-only constants
 CP: int  # columns of the work space of `step_parameters`
 CF: int  # columns of the work space of `step_full`
 CL: int  # columns of the derivatives by noise levels
+CD: int  # disturbances whose responses are computed at once
 DELAYED: bool  # whether sensors show the states late
 constants: Callable[..., None]
 jacobian: Callable[..., None]
@@ -103,7 +104,7 @@ def innovations(
     H: Any,
     g: Any,
 ) -> float:
-    """Run the innovations form once over the record and return sum e^2/S + log S.
+    """Run the innovations form once over the record and return sum e^2/S + log S, NaN if the path blew up.
 
     x0 (NX), P0 (NX, NX): start and its covariance. begin (T): row of X0, V0 (B, NX), the state and its variances with
     which the record begins anew at this sample, or -1. y (T, NY): labels, NaN where missing; label (NY): their
@@ -172,6 +173,8 @@ def innovations(
                     for n in range(NX):
                         seen[m] += V[P + m * NX + n] * by_x[i, n]
                     variance += by_x[i, m] * seen[m]
+            if not variance > 0.0:  # the path blew up
+                return math.nan
             inverse = 1.0 / variance
             root = math.sqrt(inverse)
             white = error * root
@@ -214,12 +217,11 @@ def innovations(
             for n in range(NX):
                 V[P + n * NX + i] = V[P + i * NX + n]
         cost += math.log(volume)
-        for j in range(NP):
-            for n in range(CP):
-                total = V[hessian + j * CP + n]
-                for k in range(NX):
-                    total += V[s + k * CP + j] * V[s + k * CP + n]
-                V[hessian + j * CP + n] = total
+        for k in range(len(label)):
+            for j in range(NP):
+                row = V[s + k * CP + j]
+                for n in range(CP):
+                    V[hessian + j * CP + n] += row * V[s + k * CP + n]
         for m in range(NX):
             X[t, m] = x[m]
         if t == T - 1:
@@ -366,45 +368,97 @@ def noise_information(
             info[a, b] = d[products + a * CL + b]
 
 
+def bounded_step(
+    score: Any, info: Any, levels: Any, lower: Any, upper: Any, largest: float, ridge: float, step: Any
+) -> float:
+    """One scoring step of the logarithms of the noise levels, `step` (L), and its squared length by `info`.
+
+    score (L), info (L, L): of `noise_information`. No level leaves its bounds `lower`, `upper` (L) or changes by more
+    than a factor `largest`: one that would is held where it is allowed to go, and the others take their step beside it.
+    """
+    L = len(levels)
+    A, change, held = np.empty((L, L)), np.zeros(L), np.zeros(L)
+    for _ in range(L + 1):
+        for i in range(L):
+            step[i] = change[i] if held[i] > 0.0 else score[i] * levels[i]
+            for j in range(L):
+                A[i, j] = 0.0 if held[i] > 0.0 else info[i, j] * levels[i] * levels[j]
+            A[i, i] = 1.0 if held[i] > 0.0 else A[i, i] + ridge
+        for i in range(L):
+            for k in range(i + 1, L):
+                factor = A[k, i] / A[i, i]
+                for j in range(i, L):
+                    A[k, j] -= factor * A[i, j]
+                step[k] -= factor * step[i]
+        for i in range(L - 1, -1, -1):
+            for j in range(i + 1, L):
+                step[i] -= A[i, j] * step[j]
+            step[i] /= A[i, i]
+        beyond = 0
+        for i in range(L):
+            if held[i] > 0.0:
+                continue
+            least, most = max(1.0 / largest, lower[i] / levels[i]) - 1.0, min(largest, upper[i] / levels[i]) - 1.0
+            change[i] = min(max(step[i], least), most)
+            if change[i] != step[i]:
+                held[i] = 1.0
+                beyond += 1
+        if beyond == 0:
+            break
+    square = 0.0
+    for i in range(L):
+        step[i] = math.log1p(change[i])
+    for i in range(L):
+        for j in range(L):
+            square += step[i] * info[i, j] * levels[i] * levels[j] * step[j]
+    return square
+
+
 def responses(
     y: Any, label: Any, begin: Any, S: Any, K: Any, F: Any, C: Any, channel: Any, disturbance: Any, out: Any
 ) -> None:
-    """How a small disturbance of an input would move the predicted labels, over sqrt(S), with known gains.
+    """How small disturbances of inputs would move the predicted labels, over sqrt(S), with known gains.
 
-    disturbance (T, ND): added to the input `channel` (ND); out (T, NY, ND), 0 where a label is missing.
+    disturbance (T, CD): added to the inputs `channel` (CD); out (T, NY, CD), 0 where a label is missing.
     """
-    ND = len(channel)
-    d = np.zeros((NX, ND))
-    new = np.zeros((NX, ND))
-    shown = np.zeros(ND)
+    # One array, as in the steps: the change of the state, the next one, and what a label shows of it.
+    new, shown = NX * CD, 2 * NX * CD
+    d = np.zeros((2 * NX + 1) * CD)
     for t in range(len(y)):
         if begin[t] >= 0:
-            d[:] = 0.0
+            for j in range(NX * CD):
+                d[j] = 0.0
         for k in range(len(label)):
             if math.isnan(y[t, k]):
-                for j in range(ND):
+                for j in range(CD):
                     out[t, k, j] = 0.0
                 continue
+            i = label[k]
             root = 1.0 / math.sqrt(S[t, k])
-            for j in range(ND):
-                shown[j] = d[label[k], j]
+            for j in range(CD):
+                d[shown + j] = d[i * CD + j]
             if DELAYED:
-                shown[:] = 0.0
+                for j in range(CD):
+                    d[shown + j] = 0.0
                 for m in range(NX):
-                    for j in range(ND):
-                        shown[j] += C[t, k, m] * d[m, j]
-            for j in range(ND):
-                out[t, k, j] = shown[j] * root
+                    row = C[t, k, m]
+                    for j in range(CD):
+                        d[shown + j] += row * d[m * CD + j]
+            for j in range(CD):
+                out[t, k, j] = d[shown + j] * root
             for m in range(NX):
-                for j in range(ND):
-                    d[m, j] -= K[t, k, m] * shown[j]
+                gain = K[t, k, m]
+                for j in range(CD):
+                    d[m * CD + j] -= gain * d[shown + j]
         for m in range(NX):
-            for j in range(ND):
-                new[m, j] = F[t, m, NX + channel[j]] * disturbance[t, j]
+            for j in range(CD):
+                d[new + m * CD + j] = F[t, m, NX + channel[j]] * disturbance[t, j]
             for n in range(NX):
-                for j in range(ND):
-                    new[m, j] += F[t, m, n] * d[n, j]
-        d[:] = new
+                slope = F[t, m, n]
+                for j in range(CD):
+                    d[new + m * CD + j] += slope * d[n * CD + j]
+        for j in range(NX * CD):
+            d[j] = d[new + j]
 
 
 def observations(X: Any, u: Any, p: Any, Y: Any) -> None:

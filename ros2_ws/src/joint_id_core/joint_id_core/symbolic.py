@@ -125,7 +125,8 @@ class _Printer(PythonCodePrinter):
 # Columns of the sensitivity work space W: derivatives of the state by the parameters, then (full) by the state itself
 # at the start of the sample and by the inputs. Rows of D and Q, its time derivative and their sum, follow in the same
 # array, whose sizes are constants: only so can a compiler prove that nothing overlaps and use vector instructions.
-_ALIGN = 4
+_ALIGN = 8
+DISTURBANCES = 16  # columns of `responses`
 
 
 def _padded(columns: int) -> int:
@@ -307,6 +308,7 @@ def cell_text(model: Model, d: Derivative, cell: Cell) -> str:
         "CP": _padded(text.n_par),
         "CF": _padded(text.n_par + text.nx + text.nu),
         "CL": _padded(text.nx + text.nu),
+        "CD": DISTURBANCES,
     }
     functions = [text.constants_function(), text.jacobian(), text.observe()]
     if cell == "rk4":

@@ -10,7 +10,8 @@ from joint_id_core.codegen import compile_model
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimate import Status
 from joint_id_core.estimators import fit
-from joint_id_core.estimators.innovations import InnovationsOptions, fit_innovations
+from joint_id_core.estimators.innovations import fit_innovations
+from joint_id_core.estimators.innovations_options import InnovationsOptions
 from joint_id_core.models import build
 from joint_id_core.rk4 import rollout, rollout_sensitivities
 from joint_id_core.sensors import Sensors

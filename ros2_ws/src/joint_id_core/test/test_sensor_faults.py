@@ -11,7 +11,7 @@ from joint_id_core.codegen import compile_model
 from joint_id_core.control import PositionController, simulate_closed_loop
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import fit
-from joint_id_core.estimators.innovations import InnovationsOptions
+from joint_id_core.estimators.innovations_options import InnovationsOptions
 from joint_id_core.excitation import position_reference
 from joint_id_core.models import build
 from joint_id_core.recording import Recording

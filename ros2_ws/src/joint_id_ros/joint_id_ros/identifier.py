@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimate import Estimate
-from joint_id_core.estimators.innovations import InnovationsOptions
+from joint_id_core.estimators.innovations_options import InnovationsOptions
 from joint_id_core.formats.topics import SAMPLES
 from joint_id_core.online import OnlineIdentifier, OnlineOptions
 from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples

@@ -37,7 +37,7 @@ from joint_id_core.cli.model_options import (
 from joint_id_core.errors import JointIdError
 
 if TYPE_CHECKING:
-    from joint_id_core.estimators.innovations import InnovationsOptions
+    from joint_id_core.estimators.innovations_options import InnovationsOptions
 
 
 def fit(
@@ -120,7 +120,7 @@ def _options(estimator: str, cell: str, priors: list[str]) -> InnovationsOptions
     Raises:
         JointIdError: they were given for another estimator, or are not among the choices.
     """
-    from joint_id_core.estimators.innovations import InnovationsOptions
+    from joint_id_core.estimators.innovations_options import InnovationsOptions
 
     if estimator == "innovations":
         return InnovationsOptions(cell=cell, priors=",".join(priors))

@@ -31,6 +31,7 @@ class Coordinates:
             self.lower = np.where(self.positive, np.log(np.maximum(lower, 0.0)), lower)
             self.upper = np.where(self.positive, np.log(np.maximum(upper, 0.0)), upper)
         self.spread = np.array([(priors or {}).get(r.name, r.spread) for r in rows])
+        self.unit = np.where(self.positive, 1.0, self.spread)  # of a step: a factor e, or a spread
 
     def z(self, values: Array) -> Array:
         """Coordinates of physical values."""
@@ -51,6 +52,10 @@ class Coordinates:
     def at_bound(self, z: Array) -> NDArray[np.bool_]:
         """Which coordinates sit on a bound."""
         return (z <= self.lower) | (z >= self.upper)
+
+    def held(self, z: Array, g: Array) -> NDArray[np.bool_]:
+        """Which coordinates sit on a bound and would leave it along g."""
+        return ((z <= self.lower) & (g < 0.0)) | ((z >= self.upper) & (g > 0.0))
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,10 @@ MAX_STEP = 1.0  # a factor e in a positive parameter; keeps the first steps insi
 
 @dataclass(frozen=True)
 class Minimum:
-    """Where the iteration ended: coordinates, noise levels, the pass there; matrix, gradient and cost with the prior.
+    """Where the iteration ended: coordinates and noise levels; the last pass, matrix, gradient and cost with the prior.
 
-    `integration` is what the coordinates moved when the step of the integrator was halved last.
+    `decrement` is the squared length of the last step in standard deviations, `integration` what the coordinates moved
+    when the step of the integrator was halved last.
     """
 
     z: Array
@@ -43,14 +44,16 @@ def evaluate(
     recursion: Recursion, coordinates: Coordinates, belief: Belief, z: Array, levels: Array, substeps: Steps
 ) -> Minimum | None:
     """One pass at z, with the prior; None when its cost is not finite."""
-    last = recursion.run(coordinates.values(z), levels, substeps)
-    cost = last.cost + belief.cost(z)
+    values = coordinates.values(z)
+    last = recursion.run(values, levels, substeps)
+    d = z - belief.mean
+    pull = belief.precision @ d
+    cost = last.cost + float(d @ pull)
     if not np.isfinite(cost):
         return None
-    slope = coordinates.slope(z)
-    H = last.hessian * np.outer(slope, slope) + belief.precision
-    g = last.gradient * slope - belief.precision @ (z - belief.mean)
-    return Minimum(z, levels, last, H, g, cost, np.inf, 0, np.zeros_like(z))
+    slope = np.where(coordinates.positive, values, 1.0)
+    H = last.hessian * (slope[:, None] * slope) + belief.precision
+    return Minimum(z, levels, last, H, last.gradient * slope - pull, cost, np.inf, 0, np.zeros_like(z))
 
 
 def minimise(
@@ -67,8 +70,9 @@ def minimise(
 
     Stops when the step to take, squared in standard deviations (the Newton decrement dz' H dz, and that of the noise
     levels), is below `tolerance`, or when the score of the noise levels leads no further: it leaves out that the
-    linearisation depends on them. The derivative of the gain is left out of the gradient, so close to the
-    solution the cost may rise by a little along a correct step: steps with a decrement below 1 are taken as they are.
+    linearisation depends on them. That last step is taken without a pass of its own. The derivative of the gain is left
+    out of the gradient, so close to the solution the cost may rise by a little along a correct step: steps with a
+    decrement below 1 are taken as they are.
 
     Returns:
         The minimum, or None when there was no start.
@@ -82,22 +86,28 @@ def minimise(
     while iterations < max_iterations:
         if noise is not None and moved and noise_decrement >= 0.1 * tolerance:  # else they have settled
             before = push
-            push, noise_decrement = noise.step(here.levels, *recursion.noise_information(here.last))
+            push, noise_decrement = noise.step(recursion.kernel, here.levels, *recursion.noise_information(here.last))
             # the mean information may be less than the curvature: steps that go to and fro are too long
             share = 0.5 * share if push @ before < -0.25 * before @ before else min(1.0, 1.5 * share)
         z, H, g = here.z, here.hessian, here.gradient
-        active = ~(coordinates.at_bound(z) & (np.sign(g) == np.where(z >= coordinates.upper, 1.0, -1.0)))
-        dz = np.zeros_like(z)
-        Ha = H[np.ix_(active, active)]
-        dz[active] = np.linalg.solve(Ha + damping * np.diag(np.diag(Ha)), g[active])
+        damped = H.copy()
+        damped.flat[:: len(z) + 1] *= 1.0 + damping
+        held = coordinates.held(z, g)
+        if held.any():
+            active = ~held
+            dz = np.zeros_like(z)
+            dz[active] = np.linalg.solve(damped[np.ix_(active, active)], g[active])
+        else:
+            dz = np.asarray(np.linalg.solve(damped, g), dtype=float)
         decrement = float(dz @ H @ dz)
+        levels = here.levels * np.exp(share * push)
         if decrement < tolerance and (noise_decrement < tolerance or share < SMALLEST_SHARE):
+            here = replace(here, z=coordinates.clip(z + dz), levels=levels)
             break
         iterations += 1
-        longest = float(np.max(np.abs(dz) / np.where(coordinates.positive, 1.0, coordinates.spread)))
+        longest = float(np.max(np.abs(dz) / coordinates.unit))
         if longest > MAX_STEP:
             dz *= MAX_STEP / longest
-        levels = here.levels * np.exp(share * push)
         there = evaluate(recursion, coordinates, belief, coordinates.clip(z + dz), levels, substeps)
         small = decrement + noise_decrement < 1.0
         moved = there is not None and (there.cost < here.cost or (small and there.cost < here.cost + 1.0))

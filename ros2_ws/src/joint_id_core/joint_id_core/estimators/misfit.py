@@ -14,10 +14,9 @@ import numpy as np
 
 from joint_id_core.estimators.belief import Coordinates
 from joint_id_core.estimators.gauss_newton import Minimum
-from joint_id_core.estimators.recursion import Recursion
+from joint_id_core.estimators.recursion import Pass, Recursion
 from joint_id_core.problem import Problem
 from joint_id_core.recording import Array
-from joint_id_core.rk4 import Steps
 
 LIKELY = 2.0  # standard deviations of a shape's size from which its bias is counted; a right model shows 5 % of them
 SIGNIFICANT = 4.0  # from which it is told; one in 16,000
@@ -87,13 +86,13 @@ def shapes(problem: Problem, states: Array, p: Array) -> list[Shape]:
     return found
 
 
-def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, steps: Steps) -> Misfit:
-    """Test the residuals of a fit for the shapes, the most significant one first, each beside those before."""
+def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last: Pass) -> Misfit:
+    """Test the residuals of a fit for the shapes, the most significant one first, each beside those before.
+
+    `last` is its latest pass.
+    """
     problem = recursion.problem
     p = recursion.values(coordinates.values(found.z))
-    last = found.last
-    if not recursion.is_latest(last):
-        last = recursion.run(coordinates.values(found.z), found.levels, steps)
     candidates = shapes(problem, last.states, p)
     none = Misfit((), np.zeros_like(found.z))
     if not candidates:
@@ -101,17 +100,18 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, steps
     channel = np.array([s.channel for s in candidates], dtype=np.int64)
     course = np.ascontiguousarray(np.column_stack([s.course for s in candidates]))
     J, D = recursion.sensitivities(last, channel, course)
-    J = J.reshape(-1, J.shape[2]) * coordinates.slope(found.z)
     D = D.reshape(-1, D.shape[2])
     r = last.residuals.ravel()
+    slope = coordinates.slope(found.z)
     H_inverse = np.linalg.inv(found.hessian)
-    cross = J.T @ D
-    M = D.T @ D - cross.T @ H_inverse @ cross
-    a = D.T @ r - cross.T @ H_inverse @ (J.T @ r)
+    cross = slope[:, None] * (J.reshape(-1, J.shape[2]).T @ D)
+    total, projected = D.T @ D, cross.T @ H_inverse
+    M = total - projected @ cross
+    a = D.T @ r - projected @ (slope * last.gradient)
     taken: list[int] = []
     sizes: list[float] = []
     for _ in range(min(MOST, len(candidates))):
-        best, size = _most_significant(M, a, np.diag(D.T @ D), taken)
+        best, size = _most_significant(M, a, np.diag(total), taken)
         if size < LIKELY:
             break
         taken.append(best)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from joint_id_core.codegen import Kernel
 from joint_id_core.estimators.start import Roughness, input_noise
 from joint_id_core.problem import Problem
 from joint_id_core.recording import Array
@@ -39,34 +40,21 @@ class NoiseLevels:
         for signal, values, start in zip(problem.model.inputs, problem.u.T, input_noise(problem), strict=True):
             ceiling = Roughness.of(values).ceiling if signal.hold == "first" else (1e3 * signal.scale) ** 2
             rows.append((float(start), (1e-6 * signal.scale) ** 2, ceiling))
-        rough, lower, upper = np.array(rows).T
+        rough, lower, upper = np.ascontiguousarray(np.array(rows).T)
         return cls(rough, lower, np.maximum(lower, upper))
 
     def clip(self, levels: Array) -> Array:
         """The nearest levels within the bounds."""
         return np.clip(levels, self.lower, self.upper)
 
-    def step(self, levels: Array, score: Array, information: Array) -> tuple[Array, float]:
-        """One scoring step in the variances.
+    def step(self, kernel: Kernel, levels: Array, score: Array, information: Array) -> tuple[Array, float]:
+        """One scoring step in the variances, by the compiled `recursions.bounded_step`.
 
         Returns:
             The step in logarithms, and the decrement: its squared length in units of the levels' uncertainty.
         """
-        slope, matrix = score * levels, information * np.outer(levels, levels)
-        least = np.maximum(1.0 / LARGEST_CHANGE, self.lower / levels) - 1.0
-        most = np.minimum(LARGEST_CHANGE, self.upper / levels) - 1.0
-        change, held = np.zeros_like(levels), np.zeros(len(levels), dtype=bool)
-        for _ in levels:
-            free = ~held
-            block = matrix[np.ix_(free, free)] + RIDGE * np.eye(int(free.sum()))
-            change[free] = np.linalg.solve(block, (slope - matrix[:, held] @ change[held])[free])
-            beyond = free & ((change < least) | (change > most))
-            if not beyond.any():
-                break
-            # the others take their step beside what these are allowed to
-            change[beyond] = np.clip(change[beyond], least[beyond], most[beyond])
-            held |= beyond
-            if held.all():
-                break
-        step = np.log1p(change)
-        return step, float(step @ matrix @ step)
+        step = np.empty_like(levels)
+        decrement = kernel.module.bounded_step(
+            score, information, levels, self.lower, self.upper, LARGEST_CHANGE, RIDGE, step
+        )
+        return step, float(decrement)

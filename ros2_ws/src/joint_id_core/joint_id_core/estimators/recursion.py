@@ -64,11 +64,8 @@ class Recursion:
         self._after = np.flatnonzero(problem.gap > LONGEST_GAP) + 1
         self._begin = np.full(len(problem.time), -1, dtype=np.int64)
         self._begin[self._after] = np.arange(len(self._after))
-        mean, spread = start_state(problem)
-        self.P0 = np.diag(spread**2)
-        self.Q_x = STATE_NOISE * spread**2
         self.start_near(None)
-        T, n, m = len(problem.time), len(mean), len(problem.labels)
+        T, n, m = len(problem.time), len(self.x0), len(problem.labels)
         self._K, self._F = np.empty((T, m, n)), np.empty((T, n, n + problem.u.shape[1]))
         self._C = np.empty((T, m, n) if problem.model.label_delays else (1, 1, 1))
         self._J = np.empty((T, m, len(kernel.sensitive)))
@@ -77,7 +74,8 @@ class Recursion:
 
     def start_near(self, p: Array | None) -> None:
         """Take the starts of the record, and after its long gaps, for parameters `p` (all of them) near the truth."""
-        self.x0 = start_state(self.problem, 0, p)[0]
+        self.x0, spread = start_state(self.problem, 0, p)
+        self.P0, self.Q_x = np.diag(spread**2), STATE_NOISE * spread**2
         starts = [start_state(self.problem, int(k), p) for k in self._after] or [(self.x0, np.ones(len(self.x0)))]
         self._X0 = np.array([mean for mean, _ in starts])
         self._V0 = np.array([spread**2 for _, spread in starts])
@@ -94,7 +92,7 @@ class Recursion:
         T, m, k = len(a.time), len(a.labels), len(self.kernel.sensitive)
         X, e, S = np.empty((T, len(self.x0))), np.empty((T, m)), np.empty((T, m))
         H, g = np.empty((k, k)), np.empty(k)
-        steps = np.array(np.broadcast_to(substeps, T), dtype=np.int64)
+        steps = substeps if isinstance(substeps, np.ndarray) else np.full(T, substeps, dtype=np.int64)
         cost = self.kernel.module.innovations(
             self.x0, self.P0, self._begin, self._X0, self._V0, a.time, a.u, a.y, a.label_states, a.gap,
             levels[:m], levels[m:], self.Q_x, self.values(free), steps, X, e, S, self._K, self._F, self._C, self._J,
@@ -112,19 +110,35 @@ class Recursion:
             disturbance: in the unit of the input, shape (T, D).
 
         Returns:
-            By the physical values of the free parameters (T, labels, free), and by the size of each disturbance
-            (T, labels, D).
+            By the physical values of the free parameters (T, labels, free), valid until the next pass, and by the size
+            of each disturbance (T, labels, D).
+
+        Raises:
+            JointIdError: `result` is not the latest pass; more disturbances than the kernel has columns for.
+        """
+        self._require_latest(result)
+        a, count, most = self.problem, len(channel), self.kernel.module.CD
+        if count > most:
+            raise JointIdError(f"{count} disturbances: their responses are computed for at most {most} at once")
+        padded = np.zeros((len(a.time), most))
+        padded[:, :count] = disturbance
+        inputs = np.zeros(most, dtype=np.int64)
+        inputs[:count] = channel
+        out = np.empty((*result.errors.shape, most))
+        self.kernel.module.responses(
+            a.y, a.label_states, self._begin, result.variances, self._K, self._F, self._C, inputs, padded, out
+        )
+        J = self._J if len(self._columns) == self._J.shape[2] else self._J[:, :, self._columns]
+        return J, out[:, :, :count]
+
+    def scores(self, result: Pass) -> Array:
+        """What each sample adds to the gradient, shape (T, free), by the physical values of the free parameters.
 
         Raises:
             JointIdError: `result` is not the latest pass.
         """
         self._require_latest(result)
-        a = self.problem
-        out = np.empty((*result.errors.shape, len(channel)))
-        self.kernel.module.responses(
-            a.y, a.label_states, self._begin, result.variances, self._K, self._F, self._C, channel, disturbance, out
-        )
-        return self._J[:, :, self._columns], out
+        return np.asarray(np.einsum("tkp,tk->tp", self._J, result.residuals)[:, self._columns])
 
     def is_latest(self, result: Pass) -> bool:
         """Whether `result` is the latest pass, of which more is known than it holds."""

@@ -104,7 +104,9 @@ def rough_states(problem: Problem) -> Array:
     for name in model.state_names:
         if name in recording:
             seen = np.isfinite(recording[name])
-            if seen.any():
+            if len(seen) == len(time) and seen.all():
+                known[name] = recording[name]
+            elif seen.any():
                 known[name] = np.interp(time, recording.time[seen], recording[name][seen])
     across = {f"motor_{n}": (f"link_{n}", ratio) for n in ("position", "velocity")}
     across |= {link: (motor, 1.0 / ratio) for motor, (link, _) in across.items()}
@@ -121,6 +123,17 @@ def rough_states(problem: Problem) -> Array:
         else:
             X[:, i] = value
     return X
+
+
+def busiest(problem: Problem, length: int) -> int:
+    """First sample of that stretch of `length` samples in which inputs and labels vary most, each by its own range."""
+    every = max(1, length // 32)
+    signals, length = np.column_stack([problem.u, problem.y])[::every], length // every
+    signals = np.where(np.isfinite(signals), signals - np.nanmean(signals, axis=0), 0.0)
+    total = np.mean(signals**2, axis=0)
+    scaled = signals[:, total > 0.0] / np.sqrt(total[total > 0.0])
+    first = range(0, len(signals) - length + 1, max(1, length // 2))
+    return every * max(first, key=lambda k: float(np.sum(np.var(scaled[k : k + length], axis=0))))
 
 
 def _slope(problem: Problem, name: str, at: int) -> float:

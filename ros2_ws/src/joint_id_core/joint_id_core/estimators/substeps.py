@@ -13,7 +13,7 @@ from joint_id_core.rk4 import Steps
 # the fit. The cap is for wild intermediate parameter values, whose fits need not be accurate.
 LIMIT = 2.0
 MOST = 8
-POINTS = 16
+POINTS = 8
 
 # Close to standstill the slope of smoothed Coulomb friction is by far the fastest mode, elsewhere there is none:
 # samples that come within KINK smoothing velocities of zero, or cross it, take MORE_STEPS times as many steps.

@@ -1,0 +1,269 @@
+"""The way from a belief, or from an earlier estimate, to the minimum of the innovations cost: starts and step sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from joint_id_core.codegen import Kernel
+from joint_id_core.estimate import Estimate
+from joint_id_core.estimators.belief import Belief, Coordinates
+from joint_id_core.estimators.gauss_newton import Minimum, evaluate, minimise
+from joint_id_core.estimators.innovations_options import MAX_SUBSTEPS, InnovationsOptions
+from joint_id_core.estimators.noise import NoiseLevels
+from joint_id_core.estimators.recursion import Pass, Recursion
+from joint_id_core.estimators.start import busiest, rough_states
+from joint_id_core.estimators.substeps import fastest_mode, stable_substeps, steps_of
+from joint_id_core.identifiability import explained
+from joint_id_core.problem import Problem
+from joint_id_core.recording import Array
+from joint_id_core.rk4 import Steps
+
+STRONGEST, STRONG = 1e6, 1e4  # first input noise over its rough level: the feedback of the previous labels
+STRONG_SUBSTEPS = 2  # with that feedback a rough step does
+TOLERANCE = 0.1  # squared length of the last step in standard deviations
+NEAR = 4.0  # the same beside an earlier estimate, or before a pass that will show what is left
+EXCERPT, SHORTEST = 4, 250  # length of a record over that of its excerpt, and the shortest excerpt in samples
+STEP_TOLERANCE = 1e-4  # in z: what a finer step may still change where the data know better than that
+SAME_STEPS = 0.02  # shift of an estimate, in spreads of its prior, that leaves the steps as they are (5 % mostly)
+SAME_COST = 2.0  # two starts that end this near to each other in cost have found the same minimum
+EXTRA_STARTS = 6  # when states are not measured, the cost has several minima
+
+Progress = Callable[[str], None]
+
+
+class Search:
+    """The stages of one fit on one problem.
+
+    Attributes:
+        substeps: RK4 steps a sample where nothing asks for more; steps (T,): those of each sample.
+        iterations: of all stages.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        kernel: Kernel,
+        options: InnovationsOptions,
+        coordinates: Coordinates,
+        belief: Belief,
+        noise: NoiseLevels,
+        rough: Array,
+        tell: Progress,
+    ) -> None:
+        self.problem, self.kernel, self.options, self.tell = problem, kernel, options, tell
+        self.coordinates, self.belief, self.noise, self.rough_states = coordinates, belief, noise, rough
+        self.recursion = Recursion(problem, kernel)
+        self.substeps = options.substeps
+        self.steps: Steps = np.empty(0, dtype=np.int64)
+        self.iterations = 0
+        self.tolerance = TOLERANCE if options.substeps else NEAR
+
+    @classmethod
+    def of(
+        cls, problem: Problem, kernel: Kernel, options: InnovationsOptions, belief: Belief | None, tell: Progress
+    ) -> Search:
+        """A search from `belief`, or without one from the start values."""
+        coordinates = Coordinates(problem.model, problem.free, options.known(problem))
+        belief = belief or Belief.before_data(problem, coordinates)
+        return cls(problem, kernel, options, coordinates, belief, NoiseLevels.of(problem), rough_states(problem), tell)
+
+    def warm(self, previous: Estimate) -> Minimum | None:
+        """Start from a previous estimate of the same quantities; None if it is of others or leads nowhere."""
+        levels = np.square(np.array(list(previous.noise.values())))
+        if previous.free != self.problem.free or len(levels) != len(self.noise.lower):
+            return None
+        self.substeps = self.options.substeps or previous.substeps
+        z = self.coordinates.clip(self.coordinates.z(np.array([previous[n].value for n in previous.free])))
+        levels = self.noise.clip(levels)
+        self.steps = steps_of(self.problem, self.kernel, self._values(z), self.rough_states, self.substeps)
+        self._choose_start(z, levels)
+        found = self._minimised(z, levels, self.rough_states)
+        if found is not None and float(np.max(np.abs(found.z - z) / self.coordinates.spread)) < SAME_STEPS:
+            return found  # the step size was judged for these values
+        return self._refined(found)
+
+    def cold(self) -> Minimum | None:
+        """Start from the belief; from others too until one describes the data, or two with unmeasured states."""
+        found = self._annealed(self.belief.mean, whole=False)
+        best, steps = found, (self.substeps, self.steps)
+        twice = len(self.problem.labels) == len(self.problem.model.states)  # one minimum, as a rule
+        rng = np.random.default_rng(0)
+        for k in range(EXTRA_STARTS):
+            if twice and best is not None and not explained(self.problem, best.last.residuals).reasons:
+                break
+            self.tell(f"start {k + 2} of {EXTRA_STARTS + 1}")
+            scatter = 0.5 * self.coordinates.spread * rng.uniform(-1.0, 1.0, len(self.belief.mean))
+            other = self._annealed(self.coordinates.clip(self.belief.mean + scatter))
+            if other is None:
+                continue
+            twice = best is not None and (twice or abs(other.cost - best.cost) < SAME_COST)
+            if best is None or other.cost < best.cost:
+                twice = best is not None and abs(other.cost - best.cost) < SAME_COST
+                best, steps = other, (self.substeps, self.steps)
+        self.substeps, self.steps = steps
+        if best is not None and self._choose_start(best.z, best.levels):
+            best = self._minimised(best.z, best.levels, best.last.states)
+        return self._refined(best)
+
+    def _annealed(self, z: Array, whole: bool = True) -> Minimum | None:
+        """One fit from z with rough noise levels and the first step size: feedback from strong to optimal.
+
+        Where every state is measured the noise levels, fitted along, weaken the feedback by themselves as fast as the
+        parameters come closer; unmeasured states need parameters that are not far off before that. With `whole` false
+        the first part of the way is gone on an excerpt of the record.
+        """
+        rough, states = self.noise.rough, self.rough_states
+        inputs = np.arange(len(rough)) >= len(self.problem.labels)
+        if len(self.problem.labels) < len(self.problem.model.states):
+            start = self._started(z, np.where(inputs, STRONGEST * rough, rough), states, even=True)
+            found = minimise(
+                self.recursion, self.coordinates, self.belief, start, self.steps, 1.0, self.options.max_iterations
+            )
+            if found is None:
+                return None
+            self.iterations += found.iterations
+            z, states = found.z, found.last.states
+        elif not whole and (near := self._from_excerpt(z)) is not None:
+            return self._continued(self._started(near.z, near.levels, states))
+        start = self._started(z, self.noise.clip(np.where(inputs, STRONG * rough, rough)), states)
+        return self._continued(start)
+
+    def _from_excerpt(self, z: Array) -> Minimum | None:
+        """A fit of the part of the record where most happens, itself begun on an excerpt; None where it is too short.
+
+        Far from the solution a part of the record shows the way as well as all of it.
+        """
+        length = len(self.problem.time) // EXCERPT
+        if length < SHORTEST:
+            return None
+        first = busiest(self.problem, length)
+        part = self.problem.part(first, first + length)
+        if not np.isfinite(part.y).any(axis=0).all():
+            return None
+        excerpt = Search(
+            part, self.kernel, self.options, self.coordinates, self.belief, self.noise,
+            self.rough_states[first : first + length], self.tell,
+        )  # fmt: skip
+        found = excerpt._annealed(z, whole=False)
+        self.iterations += excerpt.iterations
+        return found if found is not None and found.decrement < NEAR else None
+
+    def _started(self, z: Array, levels: Array, states: Array, even: bool = False) -> Minimum | None:
+        """A first pass with as many steps as the fastest mode needs at z, or more if the path blows up.
+
+        `states` (T, n) tell where friction turns; with `even` every sample has the same steps, few of them.
+        """
+        first = self.options.substeps or self._stable(z)
+        for substeps in (first,) if self.options.substeps else (first, 4 * first, 16 * first):
+            self.substeps = substeps
+            if even:
+                self.steps = np.full(len(self.problem.time), max(min(first, STRONG_SUBSTEPS), substeps // 2))
+            else:
+                self.steps = steps_of(self.problem, self.kernel, self._values(z), states, substeps)
+            start = self._at(z, levels, self.steps)
+            if start is not None:
+                return start
+        return None
+
+    def _choose_start(self, z: Array, levels: Array) -> bool:
+        """Start the record from the twist under its first load if that is likelier; whether it is.
+
+        For a motor position that is not measured. So it is in a window that begins in motion, and is not in one that
+        begins with a jump of the drive.
+        """
+        if "motor_position" not in set(self.problem.model.state_names) - set(self.problem.labels):
+            return False
+        self.recursion.start_near(None)
+        relaxed = self._at(z, levels, self.steps)
+        self.recursion.start_near(self._values(z))
+        loaded = self._at(z, levels, self.steps)
+        if loaded is not None and (relaxed is None or loaded.cost < relaxed.cost):
+            return True
+        self.recursion.start_near(None)
+        return False
+
+    def _values(self, z: Array) -> Array:
+        return self.recursion.values(self.coordinates.values(z))
+
+    def _stable(self, z: Array) -> int:
+        if self.options.cell == "implicit":
+            return 1
+        return stable_substeps(self.problem, self.kernel, self._values(z), self.rough_states, sliding=True)
+
+    def _at(self, z: Array, levels: Array, steps: Steps) -> Minimum | None:
+        return evaluate(self.recursion, self.coordinates, self.belief, z, levels, steps)
+
+    def _minimised(self, z: Array, levels: Array, states: Array) -> Minimum | None:
+        """Fit with the present steps a sample; `states` (T, n) tell where friction turns."""
+        self.steps = steps_of(self.problem, self.kernel, self._values(z), states, self.substeps)
+        return self._continued(self._at(z, levels, self.steps))
+
+    def _continued(self, start: Minimum | None) -> Minimum | None:
+        """Fit parameters and noise levels from a first pass with the present steps."""
+        self.tell(f"fitting parameters and noise levels, {self.substeps} steps a sample")
+        found = minimise(
+            self.recursion, self.coordinates, self.belief, start, self.steps, self.tolerance,
+            self.options.max_iterations, self.noise,
+        )  # fmt: skip
+        self.iterations += found.iterations if found else 0
+        return found
+
+    def latest(self, found: Minimum) -> Pass:
+        """The pass of a minimum, run again if another one has come since: more is known of the latest."""
+        if self.recursion.is_latest(found.last):
+            return found.last
+        return self.recursion.run(self.coordinates.values(found.z), found.levels, self.steps)
+
+    def _refined(self, found: Minimum | None) -> Minimum | None:
+        """More steps a sample until twice as many move no estimate by 0.1 sigma, or by 0.01 % where sigma is less.
+
+        What they would do is seen from the gradient of one pass with twice as many steps. Its step is then taken, and
+        stands for the error that is left.
+        """
+        while found is not None and not self.options.substeps:
+            finer = self._at(found.z, found.levels, 2 * self.steps)
+            if finer is None:
+                return found
+            covariance = finer.covariance
+            step = shift = covariance @ finer.gradient
+            if self._excess(step, covariance) > 1.0:  # the integrator, or an iteration that ended early
+                here = self._at(found.z, found.levels, self.steps)
+                shift = step if here is None else covariance @ (finer.gradient - here.gradient)
+                if here is not None and self.tolerance > TOLERANCE and self._excess(step - shift, covariance) > 1.0:
+                    self.tolerance = TOLERANCE
+                    found = self._continued(here)
+                    continue
+            excess = self._excess(shift, covariance)
+            z = self.coordinates.clip(found.z + np.clip(step, -1.0, 1.0))
+            if excess < 1.0 or 2 * self.substeps > MAX_SUBSTEPS:
+                return replace(finer, z=z, decrement=found.decrement, integration=shift)
+            # the error of a method of order four falls with the fourth power of the step
+            self.substeps = min(MAX_SUBSTEPS, self.substeps * int(np.clip(np.ceil(excess**0.25), 2, 4)))
+            found = self._minimised(z, found.levels, finer.last.states)
+        return found
+
+    def _excess(self, shift: Array, covariance: Array) -> float:
+        """Largest shift over what is allowed of an integration error."""
+        return float(np.max(np.abs(shift) / np.maximum(0.1 * np.sqrt(np.diag(covariance)), self._least)))
+
+    @property
+    def _least(self) -> Array:
+        """Change of each coordinate that is never worth a finer step."""
+        return STEP_TOLERANCE * self.coordinates.unit
+
+    def step_warning(self, found: Minimum) -> str:
+        """What to say of an integration error that matters; nothing where it does not."""
+        share = np.abs(found.integration) / np.sqrt(np.diag(np.linalg.inv(found.hessian)))
+        matters = (np.abs(found.integration) > self._least) & (share > 0.1)
+        if 2 * self.substeps <= MAX_SUBSTEPS or not matters.any():
+            return ""
+        worst = int(np.argmax(share * matters))
+        mode = fastest_mode(self.problem, self.kernel, self._values(found.z), self.rough_states, sliding=False)
+        text = (
+            f"{self.substeps} steps a sample are too few: twice as many would move {self.problem.free[worst]} by "
+            f"{share[worst]:.2g} standard deviations, which its own now contains (fastest mode {-mode:.4g} 1/s)"
+        )
+        return text + ("; use the implicit cell (--cell implicit)" if self.options.cell == "rk4" else "")

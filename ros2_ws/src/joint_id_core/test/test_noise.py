@@ -1,0 +1,62 @@
+"""Steps of the noise levels, and the part of a record that a fit begins on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from joint_id_core.codegen import compile_model
+from joint_id_core.estimators.noise import LARGEST_CHANGE, RIDGE, NoiseLevels
+from joint_id_core.estimators.start import busiest
+from joint_id_core.models import build
+from joint_id_core.problem import prepare
+from joint_id_core.recording import Recording
+
+MODEL = build("rigid_joint")
+
+
+@pytest.fixture(scope="module")
+def kernel():
+    return compile_model(MODEL)
+
+
+@given(seed=st.integers(0, 10_000), size=st.floats(0.1, 100.0), room=st.floats(1.1, 1e4))
+def test_a_step_of_the_levels_is_the_best_within_its_bounds(kernel, seed, size, room):
+    """Free levels solve their own equations beside what the held ones do; held ones sit on a bound."""
+    rng = np.random.default_rng(seed)
+    count = 5
+    levels = 10.0 ** rng.uniform(-8.0, 2.0, count)
+    root = rng.standard_normal((count, count))
+    relative = root @ root.T + np.eye(count)
+    score, information = size * rng.standard_normal(count) / levels, relative / np.outer(levels, levels)
+    bounds = NoiseLevels(levels, levels / room, levels * room)
+    step, decrement = bounds.step(kernel, levels, score, information)
+    change, limit = np.expm1(step), min(LARGEST_CHANGE, room)
+    held = np.isclose(change, limit - 1.0) | np.isclose(change, 1.0 / limit - 1.0)
+    assert np.all(change <= limit - 1.0 + 1e-9) and np.all(change >= 1.0 / limit - 1.0 - 1e-9)
+    left = score * levels - (relative + RIDGE * np.eye(count)) @ change
+    assert np.all(np.abs(left[~held]) < 1e-6 * (1.0 + np.abs(score * levels).max()))
+    assert decrement == pytest.approx(step @ relative @ step)
+
+
+@given(begin=st.integers(0, 3000), length=st.integers(250, 1000))
+def test_the_busiest_part_holds_the_motion(begin, length):
+    """A joint that rests but for one swing, some labels missing: the part found overlaps it by more than half."""
+    samples, swing = 4000, length
+    begin = min(begin, samples - swing)
+    rng = np.random.default_rng(begin)
+    wave = np.zeros(samples)
+    wave[begin : begin + swing] = np.sin(np.linspace(0.0, 12.0, swing))
+    noise = 1e-3 * rng.standard_normal((3, samples))
+    noise[0, rng.random(samples) < 0.2] = np.nan
+    names = ("link_position", "link_velocity", "torque")
+    record = Recording(np.arange(samples) * 2e-3, {n: wave + e for n, e in zip(names, noise, strict=True)})
+    problem = prepare(MODEL, record)
+    first = busiest(problem, length)
+    assert 0 <= first <= samples - length
+    assert min(first + length, begin + swing) - max(first, begin) > length // 2
+    part = problem.part(first, first + length)
+    np.testing.assert_array_equal(part.time, problem.time[first : first + length])
+    assert part.y.flags.c_contiguous and len(part.u) == len(part.gap) == length
