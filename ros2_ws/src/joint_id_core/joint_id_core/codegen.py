@@ -25,7 +25,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TextIO
 
-from joint_id_core import implicit, models, recursions
+from joint_id_core import filter_recursions, gain_recursions, implicit, models, recursions
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import Model
 
@@ -82,8 +82,8 @@ def cache_directory() -> Path:
 def _generator_text() -> str:
     """Text of everything that shapes generated code; a change in it gives a new cache key."""
     here = Path(__file__).parent
-    own = ("symbolic.py", "recursions.py", "implicit.py", "codegen.py")
-    files = [*sorted((here / "models").glob("*.py")), *(here / name for name in own)]
+    own = ("symbolic", "cell_text", "recursions", "filter_recursions", "gain_recursions", "implicit", "codegen")
+    files = [*sorted((here / "models").glob("*.py")), *(here / f"{name}.py" for name in own)]
     return "".join(f.read_text() for f in files)
 
 
@@ -102,14 +102,15 @@ def _key(model: Model, friction: str, sensitive: tuple[str, ...], cell: str) -> 
 
 
 def _source(model: Model, friction: str, sensitive: tuple[str, ...], cell: str) -> str:
-    from joint_id_core import symbolic
+    from joint_id_core.cell_text import cell_text
+    from joint_id_core.symbolic import derive
 
-    derivative = symbolic.derive(model, friction, sensitive)  # type: ignore[arg-type]  # checked by compile_model
-    text = symbolic.cell_text(model, derivative, cell)  # type: ignore[arg-type]  # checked by compile_model
+    derivative = derive(model, friction, sensitive)  # type: ignore[arg-type]  # checked by compile_model
+    text = cell_text(model, derivative, cell)  # type: ignore[arg-type]  # checked by compile_model
     if cell == "implicit":
         text += _implicit_steps()
-    _, simulation, smooth_only = re.split(r"# --- compiled .*\n", inspect.getsource(recursions))
-    text += simulation + (smooth_only if friction == "tanh" else "")
+    for part in (recursions, filter_recursions, gain_recursions) if friction == "tanh" else (recursions,):
+        text += _after_mark(part)
     text = re.sub(r": (Any|int|float|bool)\b|-> (None|float)", "", text).replace(") :", "):")
     for name, signature in _signatures(friction).items():
         decorator = f'@njit("{signature}", cache=True, fastmath={_FASTMATH}, nogil=True, error_model="numpy")\n'
@@ -122,9 +123,15 @@ def _source(model: Model, friction: str, sensitive: tuple[str, ...], cell: str) 
     return head + text
 
 
+def _after_mark(part: ModuleType) -> str:
+    """The text of a module from where it is compiled."""
+    _, text = re.split(r"# --- compiled .*\n", inspect.getsource(part))
+    return text
+
+
 def _implicit_steps() -> str:
     """The implicit cell, its last function once for the parameters alone and once with states and inputs."""
-    _, text = re.split(r"# --- compiled .*\n", inspect.getsource(implicit))
+    text = _after_mark(implicit)
     shared, template = text.split("def step_COLUMNS")
     for name, columns in (("step_parameters", "CP"), ("step_full", "CF")):
         shared += f"def {name}{template}".replace("COLUMNS", columns)

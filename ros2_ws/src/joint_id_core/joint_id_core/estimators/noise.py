@@ -48,7 +48,7 @@ class NoiseLevels:
         return np.clip(levels, self.lower, self.upper)
 
     def step(self, kernel: Kernel, levels: Array, score: Array, information: Array) -> tuple[Array, float]:
-        """One scoring step in the variances, by the compiled `recursions.bounded_step`.
+        """One scoring step in the variances, by the compiled `gain_recursions.bounded_step`.
 
         Returns:
             The step in logarithms, and the decrement: its squared length in units of the levels' uncertainty.
