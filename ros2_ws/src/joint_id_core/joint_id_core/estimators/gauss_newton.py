@@ -13,6 +13,7 @@ from joint_id_core.recording import Array
 from joint_id_core.rk4 import Steps
 
 SMALLEST_SHARE = 0.02  # of a step of the noise levels
+STRONG_DAMPING = 0.1  # from which a short step does not mean that the solution is near
 MAX_STEP = 1.0  # a factor e in a positive parameter; keeps the first steps inside the model's validity
 
 
@@ -21,7 +22,9 @@ class Minimum:
     """Where the iteration ended: coordinates and noise levels; the last pass, matrix, gradient and cost with the prior.
 
     `decrement` is the squared length of the last step in standard deviations, `integration` what the coordinates moved
-    when the step of the integrator was halved last.
+    when the step of the integrator was halved last. `left` is not zero where the iteration stalled: there the way to
+    the solution of the estimating equation leads uphill, since the likelihood also knows the derivative of the gain. In
+    a right model the two agree; in a wrong one their distance says how far estimates are uncertain for it.
     """
 
     z: Array
@@ -33,11 +36,13 @@ class Minimum:
     decrement: float
     iterations: int
     integration: Array
+    left: Array
 
     @property
     def covariance(self) -> Array:
-        """Of the coordinates, shape (k, k): of the noise, and the square of the integration error."""
-        return np.asarray(np.linalg.inv(self.hessian) + np.outer(self.integration, self.integration), dtype=float)
+        """Of the coordinates, shape (k, k): of the noise, the squares of the integration error and of what is left."""
+        errors = np.outer(self.integration, self.integration) + np.outer(self.left, self.left)
+        return np.asarray(np.linalg.inv(self.hessian) + errors, dtype=float)
 
 
 def evaluate(
@@ -53,7 +58,9 @@ def evaluate(
         return None
     slope = np.where(coordinates.positive, values, 1.0)
     H = last.hessian * (slope[:, None] * slope) + belief.precision
-    return Minimum(z, levels, last, H, last.gradient * slope - pull, cost, np.inf, 0, np.zeros_like(z))
+    return Minimum(
+        z, levels, last, H, last.gradient * slope - pull, cost, np.inf, 0, np.zeros_like(z), np.zeros_like(z)
+    )
 
 
 def minimise(
@@ -118,4 +125,7 @@ def minimise(
             damping, share = max(damping, 1e-6) * 10.0, 0.5 * share
             if damping > 1e8:
                 break
-    return replace(here, decrement=decrement, iterations=iterations)
+    left = np.zeros_like(here.z)
+    if damping > STRONG_DAMPING:  # the steps became short because the cost rose along them
+        left = np.clip(np.linalg.solve(here.hessian, here.gradient), -MAX_STEP, MAX_STEP)
+    return replace(here, decrement=decrement, iterations=iterations, left=left)

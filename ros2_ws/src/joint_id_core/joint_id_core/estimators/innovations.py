@@ -19,7 +19,7 @@ from joint_id_core.estimators.gauss_newton import Minimum
 from joint_id_core.estimators.innovations_options import InnovationsOptions
 from joint_id_core.estimators.memory import memory
 from joint_id_core.estimators.misfit import misfit
-from joint_id_core.estimators.search import Progress, Search
+from joint_id_core.estimators.search import Progress, Search, stall_warning
 from joint_id_core.identifiability import judge, verdicts
 from joint_id_core.models import Model
 from joint_id_core.problem import Problem, UnusableError, prepare, unusable
@@ -90,7 +90,7 @@ def _estimate(search: Search, found: Minimum, elapsed: float) -> Estimate:
     problem, model = search.problem, search.problem.model
     values = search.coordinates.values(found.z)
     p = search.recursion.values(values)
-    last = search.latest(found)
+    last = search.recursion.renewed(found.last)
     missing = misfit(search.recursion, search.coordinates, found, last)
     coloured = memory(search.recursion, search.coordinates, found, last)
     covariance_z = found.covariance + np.outer(missing.bias, missing.bias) + coloured.excess
@@ -116,7 +116,9 @@ def _estimate(search: Search, found: Minimum, elapsed: float) -> Estimate:
         search.kernel, problem, found.last.states, p, search.steps, search.options.horizon_s
     )
     nrmse = prediction.nrmse(problem, predictions)
-    judged = judge(problem, found, nrmse, rows, (missing.text, coloured.text, search.step_warning(found)))
+    judged = judge(
+        problem, found, nrmse, rows, (missing.text, coloured.text, stall_warning(found), search.step_warning(found))
+    )
     noisy = (*problem.labels, *(f"input {n}" for n in model.input_names))
     sigma = np.sqrt(found.levels)
     return Estimate(

@@ -33,6 +33,7 @@ class Pass:
         hessian: Gauss-Newton matrix, shape (free, free): sum s s', s the derivative of a predicted label over sqrt(S).
         gradient: sum s e/sqrt(S), minus half the slope of the cost, shape (free,).
         states: filtered states, shape (T, n).
+        free, levels, steps: what it was run with.
     """
 
     cost: float
@@ -41,6 +42,9 @@ class Pass:
     hessian: Array
     gradient: Array
     states: Array
+    free: Array
+    levels: Array
+    steps: Steps
 
     @property
     def residuals(self) -> Array:
@@ -98,7 +102,7 @@ class Recursion:
             levels[:m], levels[m:], self.Q_x, self.values(free), steps, X, e, S, self._K, self._F, self._C, self._J,
             H, g,
         )  # fmt: skip
-        self._latest = Pass(float(cost), e, S, H[self._block], g[self._columns], X)
+        self._latest = Pass(float(cost), e, S, H[self._block], g[self._columns], X, free, levels, steps)
         return self._latest
 
     def sensitivities(self, result: Pass, channel: NDArray[np.int64], disturbance: Array) -> tuple[Array, Array]:
@@ -140,12 +144,12 @@ class Recursion:
         self._require_latest(result)
         return np.asarray(np.einsum("tkp,tk->tp", self._J, result.residuals)[:, self._columns])
 
-    def is_latest(self, result: Pass) -> bool:
-        """Whether `result` is the latest pass, of which more is known than it holds."""
-        return result is self._latest
+    def renewed(self, result: Pass) -> Pass:
+        """`result` as the latest pass, of which more is known than it holds: run again if another has come since."""
+        return result if result is self._latest else self.run(result.free, result.levels, result.steps)
 
     def _require_latest(self, result: Pass) -> None:
-        if not self.is_latest(result):
+        if result is not self._latest:
             raise JointIdError("this is known of the latest pass only: run it again")
 
     def noise_information(self, result: Pass) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from joint_id_core.estimators.belief import Belief, Coordinates
 from joint_id_core.estimators.gauss_newton import Minimum, evaluate, minimise
 from joint_id_core.estimators.innovations_options import MAX_SUBSTEPS, InnovationsOptions
 from joint_id_core.estimators.noise import NoiseLevels
-from joint_id_core.estimators.recursion import Pass, Recursion
+from joint_id_core.estimators.recursion import Recursion
 from joint_id_core.estimators.start import busiest, rough_states
 from joint_id_core.estimators.substeps import fastest_mode, stable_substeps, steps_of
 from joint_id_core.identifiability import explained
@@ -87,9 +87,11 @@ class Search:
 
     def cold(self) -> Minimum | None:
         """Start from the belief; from others too until one describes the data, or two with unmeasured states."""
-        found = self._annealed(self.belief.mean, whole=False)
-        best, steps = found, (self.substeps, self.steps)
         twice = len(self.problem.labels) == len(self.problem.model.states)  # one minimum, as a rule
+        if not twice:
+            self.tolerance = TOLERANCE  # the costs of several minima are compared
+        best = self._annealed(self.belief.mean, whole=False)
+        steps = (self.substeps, self.steps)
         rng = np.random.default_rng(0)
         for k in range(EXTRA_STARTS):
             if twice and best is not None and not explained(self.problem, best.last.residuals).reasons:
@@ -211,12 +213,6 @@ class Search:
         self.iterations += found.iterations if found else 0
         return found
 
-    def latest(self, found: Minimum) -> Pass:
-        """The pass of a minimum, run again if another one has come since: more is known of the latest."""
-        if self.recursion.is_latest(found.last):
-            return found.last
-        return self.recursion.run(self.coordinates.values(found.z), found.levels, self.steps)
-
     def _refined(self, found: Minimum | None) -> Minimum | None:
         """More steps a sample until twice as many move no estimate by 0.1 sigma, or by 0.01 % where sigma is less.
 
@@ -224,7 +220,9 @@ class Search:
         stands for the error that is left.
         """
         while found is not None and not self.options.substeps:
-            finer = self._at(found.z, found.levels, 2 * self.steps)
+            # near the limit of stability the path may stand some steps a sample and not twice as many
+            passes = (self._at(found.z, found.levels, k * self.steps) for k in (2, 4, 8))
+            finer = next((p for p in passes if p is not None), None)
             if finer is None:
                 return found
             covariance = finer.covariance
@@ -237,12 +235,16 @@ class Search:
                     found = self._continued(here)
                     continue
             excess = self._excess(shift, covariance)
-            z = self.coordinates.clip(found.z + np.clip(step, -1.0, 1.0))
+            moved = shift if found.left.any() else step
+            z = self.coordinates.clip(found.z + np.clip(moved, -1.0, 1.0))
+            refined = replace(finer, z=z, decrement=found.decrement, integration=shift, left=found.left)
             if excess < 1.0 or 2 * self.substeps > MAX_SUBSTEPS:
-                return replace(finer, z=z, decrement=found.decrement, integration=shift)
+                return refined
             # the error of a method of order four falls with the fourth power of the step
             self.substeps = min(MAX_SUBSTEPS, self.substeps * int(np.clip(np.ceil(excess**0.25), 2, 4)))
             found = self._minimised(z, found.levels, finer.last.states)
+            if found is None:
+                return refined
         return found
 
     def _excess(self, shift: Array, covariance: Array) -> float:
@@ -267,3 +269,14 @@ class Search:
             f"{share[worst]:.2g} standard deviations, which its own now contains (fastest mode {-mode:.4g} 1/s)"
         )
         return text + ("; use the implicit cell (--cell implicit)" if self.options.cell == "rk4" else "")
+
+
+def stall_warning(found: Minimum) -> str:
+    """What to say of an iteration that stalled; nothing where it did not."""
+    distance = float(np.sqrt(found.left @ found.hessian @ found.left))
+    if distance < 1.0:
+        return ""
+    return (
+        f"the iteration stalled {distance:.1f} standard deviations before the solution, as it does where the model "
+        "lacks something; the standard deviations contain that distance"
+    )
