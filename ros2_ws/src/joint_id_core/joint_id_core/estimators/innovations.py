@@ -113,7 +113,7 @@ def _estimate(search: Search, found: Minimum, elapsed: float) -> Estimate:
         for q, v in zip(model.parameters, p, strict=True)
     )
     predictions = prediction.free_runs(
-        search.kernel, problem, found.last.states, p, search.steps, search.options.horizon_s
+        search.kernel, problem, found.last.states, p, found.last.steps, search.options.horizon_s
     )
     nrmse = prediction.nrmse(problem, predictions)
     judged = judge(

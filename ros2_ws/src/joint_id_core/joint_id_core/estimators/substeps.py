@@ -9,14 +9,15 @@ from joint_id_core.problem import Problem
 from joint_id_core.recording import Array
 from joint_id_core.rk4 import Steps
 
-# RK4 is stable up to |lambda h| = 2.78 on the negative real axis; accuracy is left to the doubling test of
-# the fit. The cap is for wild intermediate parameter values, whose fits need not be accurate.
-LIMIT = 2.0
+# RK4 is stable up to this |lambda h| on the negative real axis; LIMIT keeps away from it, accuracy is left to the
+# doubling test of the fit. The cap is for wild intermediate parameter values, whose fits need not be accurate.
+STABLE, LIMIT = 2.78, 2.0
 MOST = 8
 POINTS = 8
 
 # Close to standstill the slope of smoothed Coulomb friction is by far the fastest mode, elsewhere there is none:
-# samples that come within KINK smoothing velocities of zero, or cross it, take MORE_STEPS times as many steps.
+# samples that come within KINK smoothing velocities of zero, or cross it, take MORE_STEPS times as many steps, or as
+# many as RK4 needs there to be stable.
 KINK = 6.0
 JUMP = 0.1  # change of an input from one sample to the next, of its range in the record, that sets a fast mode going
 MORE_STEPS = 8
@@ -35,8 +36,19 @@ def fastest_mode(problem: Problem, kernel: Kernel, p: Array, states: Array, slid
             i = problem.model.state_names.index(velocity)
             least = 100.0 * p[problem.model.parameter_names.index(smoothing)]
             X[:, i] = np.copysign(np.maximum(np.abs(X[:, i]), least), X[:, i])
-    A = np.empty((len(at), X.shape[1], X.shape[1]))
-    kernel.module.jacobians(X, np.ascontiguousarray(problem.u[at]), p, A)
+    return _fastest(kernel, X, problem.u[at], p)
+
+
+def standing_mode(problem: Problem, kernel: Kernel, p: Array, states: Array) -> float:
+    """Largest |lambda| in 1/s at standstill, where it is the slope of smoothed friction as a rule."""
+    X = states[:1].copy()
+    X[:, [problem.model.state_names.index(velocity) for velocity in problem.model.smoothing]] = 0.0
+    return _fastest(kernel, X, problem.u[:1], p)
+
+
+def _fastest(kernel: Kernel, X: Array, u: Array, p: Array) -> float:
+    A = np.empty((len(X), X.shape[1], X.shape[1]))
+    kernel.module.jacobians(X, np.ascontiguousarray(u), p, A)
     return float(np.max(np.abs(np.linalg.eigvals(A)))) if np.isfinite(A).all() else np.inf
 
 
@@ -62,4 +74,9 @@ def steps_of(problem: Problem, kernel: Kernel, p: Array, states: Array, substeps
         more[:-1] |= near[1:] | (w[:-1] * w[1:] < 0.0)
     if kernel.cell == "implicit":
         more |= np.any(np.abs(np.diff(problem.u, axis=0, prepend=0.0)) > JUMP * np.ptp(problem.u, axis=0), axis=1)
-    return np.where(more, max(substeps, min(MORE_STEPS * substeps, MOST_STEPS)), substeps).astype(np.int64)
+    many = MORE_STEPS * substeps
+    if kernel.cell == "rk4" and more.any() and len(problem.labels) < len(model.states):
+        # labels of all states hold the path, with fewer an unstable one is lost
+        mode = standing_mode(problem, kernel, p, states)
+        many = max(many, int(min(np.ceil(mode * problem.period / STABLE), MOST_STEPS)))
+    return np.where(more, max(substeps, min(many, MOST_STEPS)), substeps).astype(np.int64)
