@@ -158,7 +158,7 @@ def test_repository_files_that_commands_name_exist(page: Path) -> None:
 
 def test_exit_codes_statuses_and_constants_in_the_text() -> None:
     from joint_id_core import identifiability
-    from joint_id_core.estimators import innovations
+    from joint_id_core.estimators import innovations_options, memory, search
     from joint_id_core.models import RigidJoint, dc_motor, transmission
 
     verdicts = (ROOT / "docs/tutorials/verdicts.md").read_text()
@@ -169,9 +169,11 @@ def test_exit_codes_statuses_and_constants_in_the_text() -> None:
     assert f"| $N$ | {transmission.GEAR_RATIO:g} |" in theory
     assert f"| $L$ | {dc_motor.INDUCTANCE:.0e}".replace("e-0", "e-") in theory
     assert f"for `rigid_joint` {100 * RigidJoint.smoothing_share:g} % of the\npeak speed" in theory
-    assert f"at most {innovations.MAX_SUBSTEPS}." in theory
-    assert (innovations.STRONG, innovations.STRONGEST) == (1e4, 1e6)
+    assert f"at most {innovations_options.MAX_SUBSTEPS}." in theory
+    assert (search.STRONG, search.STRONGEST) == (1e4, 1e6)
     assert "$q$ starts at 1e4 times" in theory and "$q$ held at 1e6 times" in theory
+    assert (search.EXCERPT, search.SHORTEST) == (4, 250) and "at least 250 samples long" in theory
+    assert (memory.LAGS, memory.RARE) == (30, 1e-4) and "over 30 lags; where its probability is below 1e-4" in theory
 
 
 def test_the_readme_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -138,6 +138,12 @@ def test_strongly_coloured_torque_is_noticed(cache):
     assert (found.converged, found.coloured) == (0, 2)
 
 
+@pytest.mark.parametrize("name", ["coloured torque, 0.003 Nm", "torque ripple of 0.005 Nm"])
+def test_faint_colour_is_said_beside_the_estimate(name, cache):
+    found = summary(measure(BY_NAME[name], SEEDS[:3], cache, 1))
+    assert (found.converged, found.coloured) == (3, 3)
+
+
 def test_a_friction_law_that_is_a_little_wrong_is_noticed(cache):
     found = summary(measure(BY_NAME["Stribeck friction, 10%"], SEEDS, cache, 1))
     right = summary(measure(BY_NAME["Model 2, all four states, 0.003 Nm"], SEEDS, cache, 1))

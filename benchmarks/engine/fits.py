@@ -33,7 +33,7 @@ PARTS = {
     "passes of the innovations form, compiled": ("kernel.py", "innovations"),
     "information of the noise levels, compiled": ("kernel.py", "noise_information"),
     "checking and preparing the data": ("problem.py", "prepare"),
-    "predictions, verdicts, the result": ("innovations.py", "estimate"),
+    "predictions, verdicts, the result": ("innovations.py", "_estimate"),
 }
 
 

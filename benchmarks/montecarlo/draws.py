@@ -28,7 +28,7 @@ class Draw:
     Attributes:
         seed: of the noise and of the start values.
         status: how the fit ended.
-        coloured: whether it says that residuals are not white, and so did not converge.
+        coloured: whether it says that residuals are not white.
         misfit: whether it says that residuals show something the model lacks, which its intervals then contain.
         cpu_s: processor time of the fit in s.
         errors, sigmas: relative to the truth, by parameter; empty without a result.

@@ -109,7 +109,8 @@ def minimise(
         decrement = float(dz @ H @ dz)
         levels = here.levels * np.exp(share * push)
         if decrement < tolerance and (noise_decrement < tolerance or share < SMALLEST_SHARE):
-            here = replace(here, z=coordinates.clip(z + dz), levels=levels)
+            if damping <= STRONG_DAMPING:
+                here = replace(here, z=coordinates.clip(z + dz), levels=levels)
             break
         iterations += 1
         longest = float(np.max(np.abs(dz) / coordinates.unit))
