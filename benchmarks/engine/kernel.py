@@ -104,7 +104,7 @@ def compared(case: Case, yardstick: Yardstick, rounds: int) -> KernelTimes:
     kernel, (x0, time, u, p, steps, X, J) = both.kernel, both.arguments
     calls: dict[str, Callable[[], object]] = {
         "cpp": both.cpp,
-        "kernel": lambda: kernel.module.rollout_sensitivities(x0, time, u, p, steps, X, J),
+        "kernel": lambda: kernel.sensitivities.rollout_sensitivities(x0, time, u, p, steps, X, J),
         "rollout": lambda: rk4.rollout_sensitivities(kernel, x0, time, u, p, case.substeps),
     }
     times = in_turn(calls, rounds)

@@ -20,7 +20,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from types import ModuleType
 from typing import TextIO
@@ -34,9 +34,9 @@ log = logging.getLogger(__name__)
 # No "nnan": it would let the compiler drop the NaN test that marks a missing label.
 _FASTMATH = "{'reassoc', 'contract', 'arcp', 'nsz'}"
 _V, _M, _T, _I = "float64[::1]", "float64[:, ::1]", "float64[:, :, ::1]", "int64[::1]"
+_SENSITIVITIES = {"rollout_sensitivities": f"void({_V}, {_V}, {_M}, {_V}, {_I}, {_M}, {_T})"}
 _SIMULATION = {
     "rollout": f"void({_M}, int64, {_V}, {_M}, {_V}, {_I}, {_M})",
-    "rollout_sensitivities": f"void({_V}, {_V}, {_M}, {_V}, {_I}, {_M}, {_T})",
     "jacobians": f"void({_M}, {_M}, {_V}, {_T})",
 }
 _FILTER = {
@@ -57,9 +57,9 @@ CELLS = ("rk4", "implicit")
 
 @dataclass(frozen=True)
 class Kernel:
-    """The compiled module of a model.
+    """The compiled cell of a model.
 
-    `parameter_names` is the order of p, `sensitive` the order of sensitivity columns.
+    `parameter_names` is the order of p, `sensitive` that of sensitivity columns, `module` has the functions of a fit.
     """
 
     model: Model
@@ -68,6 +68,11 @@ class Kernel:
     parameter_names: tuple[str, ...]
     sensitive: tuple[str, ...]
     module: ModuleType
+
+    @cached_property
+    def sensitivities(self) -> ModuleType:
+        """Has `rollout_sensitivities`, which only some users of a cell need: compiled when it is first asked for."""
+        return _loaded(self.model, self.friction, self.sensitive, self.cell, "sensitivities")
 
 
 def cache_directory() -> Path:
@@ -101,7 +106,7 @@ def _key(model: Model, friction: str, sensitive: tuple[str, ...], cell: str) -> 
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
 
 
-def _source(model: Model, friction: str, sensitive: tuple[str, ...], cell: str) -> str:
+def _source(model: Model, friction: str, sensitive: tuple[str, ...], cell: str, part: str) -> str:
     from joint_id_core.cell_text import cell_text
     from joint_id_core.symbolic import derive
 
@@ -109,10 +114,13 @@ def _source(model: Model, friction: str, sensitive: tuple[str, ...], cell: str) 
     text = cell_text(model, derivative, cell)  # type: ignore[arg-type]  # checked by compile_model
     if cell == "implicit":
         text += _implicit_steps()
-    for part in (recursions, filter_recursions, gain_recursions) if friction == "tanh" else (recursions,):
-        text += _after_mark(part)
+    for loops in (recursions, filter_recursions, gain_recursions) if friction == "tanh" else (recursions,):
+        text += _after_mark(loops)
     text = re.sub(r": (Any|int|float|bool)\b|-> (None|float)", "", text).replace(") :", "):")
-    for name, signature in _signatures(friction).items():
+    wanted = _signatures(friction, part)
+    for name in {**_SENSITIVITIES, **_SIMULATION, **_FILTER}.keys() - wanted.keys():
+        text = re.sub(rf"\ndef {name}\(.*?(?=\n\n\n|\Z)", "", text, flags=re.DOTALL)
+    for name, signature in wanted.items():
         decorator = f'@njit("{signature}", cache=True, fastmath={_FASTMATH}, nogil=True, error_model="numpy")\n'
         text = text.replace(f"def {name}(", f"{decorator}def {name}(")
     inline = f'@njit(fastmath={_FASTMATH}, error_model="numpy")\n'
@@ -123,9 +131,9 @@ def _source(model: Model, friction: str, sensitive: tuple[str, ...], cell: str) 
     return head + text
 
 
-def _after_mark(part: ModuleType) -> str:
+def _after_mark(loops: ModuleType) -> str:
     """The text of a module from where it is compiled."""
-    _, text = re.split(r"# --- compiled .*\n", inspect.getsource(part))
+    _, text = re.split(r"# --- compiled .*\n", inspect.getsource(loops))
     return text
 
 
@@ -138,26 +146,28 @@ def _implicit_steps() -> str:
     return shared
 
 
-def _signatures(friction: str) -> dict[str, str]:
-    """Types of the compiled functions; with sign friction only those of the simulation, which H-PINN uses."""
+def _signatures(friction: str, part: str) -> dict[str, str]:
+    """Types of the compiled functions of a part; with sign friction only those of the simulation, which H-PINN uses."""
+    if part == "sensitivities":
+        return _SENSITIVITIES
     return {**_SIMULATION, **_FILTER} if friction == "tanh" else _SIMULATION
 
 
-def _build(folder: Path, model: Model, friction: str, sensitive: tuple[str, ...], cell: str) -> ModuleType:
-    """Load the module in `folder`, after writing its source if it is not there."""
-    path = folder / "kernel.py"
+def _build(folder: Path, model: Model, friction: str, sensitive: tuple[str, ...], cell: str, part: str) -> ModuleType:
+    """Load a part of the kernel in `folder`, after writing its source if it is not there."""
+    path = folder / f"{part}.py"
     if not path.exists():
         log.info("compiling model %s once, about 15 s; the result is kept in %s", model.name, folder)
         draft = path.with_suffix(".draft")
-        draft.write_text(_source(model, friction, sensitive, cell))
+        draft.write_text(_source(model, friction, sensitive, cell, part))
         draft.replace(path)
-    spec = importlib.util.spec_from_file_location(f"joint_id_kernel_{path.parent.name}", path)
+    spec = importlib.util.spec_from_file_location(f"joint_id_{part}_{path.parent.name}", path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     with _short_loops_vectorised():
         spec.loader.exec_module(module)
-    missing = [name for name in _signatures(friction) if not hasattr(module, name)]
+    missing = [name for name in _signatures(friction, part) if not hasattr(module, name)]
     if missing:  # a file cut short by a full disk is still valid Python
         raise ImportError(f"{path} has no {', '.join(missing)}")
     return module
@@ -214,13 +224,18 @@ def compile_model(model: Model, friction: str = "tanh", extra: tuple[str, ...] =
     for name in extra:
         model.parameter(name)
     sensitive = tuple(p.name for p in model.parameters if not p.fixed or p.name in extra)
+    module = _loaded(model, friction, sensitive, cell, "kernel")
+    return Kernel(model, friction, cell, model.parameter_names, sensitive, module)
+
+
+def _loaded(model: Model, friction: str, sensitive: tuple[str, ...], cell: str, part: str) -> ModuleType:
+    """A part of the kernel, from the cache or compiled."""
     folder = cache_directory() / f"{model.name}-{_key(model, friction, sensitive, cell)}"
     with _locked(folder):
         try:
-            module = _build(folder, model, friction, sensitive, cell)
+            return _build(folder, model, friction, sensitive, cell, part)
         except Exception as error:  # whatever is wrong with a cached file, a fresh build is the cure
             log.warning("the cached kernel in %s cannot be loaded (%s): building it again", folder, error)
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
-            module = _build(folder, model, friction, sensitive, cell)
-    return Kernel(model, friction, cell, model.parameter_names, sensitive, module)
+            return _build(folder, model, friction, sensitive, cell, part)

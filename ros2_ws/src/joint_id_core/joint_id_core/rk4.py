@@ -69,5 +69,5 @@ def rollout_sensitivities(
     x0, time, u, p, steps = _arrays(kernel, x0, time, u, p, substeps)
     T, n = len(time), len(x0)
     X, J = np.empty((T, n)), np.empty((T, n, len(kernel.sensitive)))
-    kernel.module.rollout_sensitivities(x0, time, u, p, steps, X, J)
+    kernel.sensitivities.rollout_sensitivities(x0, time, u, p, steps, X, J)
     return X, J

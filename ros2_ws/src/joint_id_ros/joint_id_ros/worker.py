@@ -1,7 +1,8 @@
-"""The thread in which the identifier computes, so that no callback ever waits for a fit."""
+"""The threads in which the identifier computes, so that no callback ever waits for a fit."""
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 import traceback
@@ -23,14 +24,14 @@ STOP_S = 2.0  # longest wait for the thread; launch and systemd kill a process t
 
 @dataclass(frozen=True)
 class Callbacks:
-    """What the thread calls; all from the thread."""
+    """What the threads of a worker call."""
 
     estimated: Callable[[str, Estimate, int], None]  # joint, estimate, origin of its times in ns
     problem: Callable[[str, str], None]  # kind, text
 
 
 class Worker:
-    """One `OnlineIdentifier` a joint, fed in a thread of its own.
+    """One `OnlineIdentifier` a joint, fed in a thread of its own; with several joints as many threads as cores help it.
 
     All samples that arrived meanwhile go into one update: when fits take longer than a hop, windows are
     skipped and the results stay current.
@@ -52,7 +53,7 @@ class Worker:
         self._identifiers: dict[str, OnlineIdentifier] = {}
         self._pending: deque[JointSamples | None] = deque()
         self._origin_ns: int | None = None
-        self._begun: float | None = None
+        self._begun: dict[str, float] = {}
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="identifier", daemon=True)
         self._thread.start()
@@ -64,8 +65,9 @@ class Worker:
 
     @property
     def busy_s(self) -> float:
-        """How long the fit under way has taken so far, in s; 0 when there is none."""
-        return time.monotonic() - self._begun if self._begun is not None else 0.0
+        """How long the longest fit under way has taken so far, in s; 0 when there is none."""
+        now = time.monotonic()
+        return now - min(self._begun.copy().values(), default=now)
 
     def add(self, message: JointSamples) -> None:
         """Hand over a sample that passed `conversions.check`, in order of its stamp."""
@@ -105,15 +107,30 @@ class Worker:
                     "missing joint",
                     f"joint {joint} is not in joint_samples (it has {have}): check parameters joints, set, fix, free",
                 )
-        for joint, recording in recordings.items():
-            if not self._wanted or joint in self._wanted:
-                self._fit(joint, recording, self._origin_ns)
-            if self._stop.is_set():
+        work = deque((joint, r) for joint, r in recordings.items() if not self._wanted or joint in self._wanted)
+        count = min(len(work), os.cpu_count() or 1)
+        # daemons, as this thread: a compilation must not hold up the end of the process
+        helpers = [threading.Thread(target=self._fit_all, args=(work,), daemon=True) for _ in range(count - 1)]
+        for helper in helpers:
+            helper.start()
+        self._fit_all(work)
+        for helper in helpers:
+            helper.join()
+
+    def _fit_all(self, work: deque[tuple[str, Recording]]) -> None:
+        """Fit joints until none is left; run by several threads at once."""
+        origin_ns = self._origin_ns
+        assert origin_ns is not None
+        while not self._stop.is_set():
+            try:
+                joint, recording = work.popleft()
+            except IndexError:
                 return
+            self._fit(joint, recording, origin_ns)
 
     def _fit(self, joint: str, recording: Recording, origin_ns: int) -> None:
         try:
-            self._begun = time.monotonic()
+            self._begun[joint] = time.monotonic()
             if joint not in self._identifiers:
                 self._identifiers[joint] = self._make(joint)
             estimate = self._identifiers[joint].update(recording)
@@ -128,4 +145,4 @@ class Worker:
             if estimate is not None and not self._stop.is_set():
                 self._callbacks.estimated(joint, estimate, origin_ns)
         finally:
-            self._begun = None
+            self._begun.pop(joint, None)
