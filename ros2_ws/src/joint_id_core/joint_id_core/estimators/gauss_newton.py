@@ -14,6 +14,7 @@ from joint_id_core.rk4 import Steps
 
 SMALLEST_SHARE = 0.02  # of a step of the noise levels
 STRONG_DAMPING = 0.1  # from which a short step does not mean that the solution is near
+NEGLIGIBLE = 0.01  # squared length of such a step at which the iteration is given up
 MAX_STEP = 1.0  # a factor e in a positive parameter; keeps the first steps inside the model's validity
 
 
@@ -77,9 +78,9 @@ def minimise(
 
     Stops when the step to take, squared in standard deviations (the Newton decrement dz' H dz, and that of the noise
     levels), is below `tolerance`, or when the score of the noise levels leads no further: it leaves out that the
-    linearisation depends on them. That last step is taken without a pass of its own. The derivative of the gain is left
-    out of the gradient, so close to the solution the cost may rise by a little along a correct step: steps with a
-    decrement below 1 are taken as they are.
+    linearisation depends on them. Where these are fitted, the last step is taken without a pass of its own. The
+    derivative of the gain is left out of the gradient, so close to the solution the cost may rise by a little along a
+    correct step: steps with a decrement below 1 are taken as they are.
 
     Returns:
         The minimum, or None when there was no start.
@@ -108,8 +109,10 @@ def minimise(
             dz = np.asarray(np.linalg.solve(damped, g), dtype=float)
         decrement = float(dz @ H @ dz)
         levels = here.levels * np.exp(share * push)
-        if decrement < tolerance and (noise_decrement < tolerance or share < SMALLEST_SHARE):
-            if damping <= STRONG_DAMPING:
+        free_step = damping <= STRONG_DAMPING
+        enough = tolerance if free_step else NEGLIGIBLE
+        if decrement < enough and (noise_decrement < enough or share < SMALLEST_SHARE):
+            if free_step and noise is not None:  # with rough noise levels it would lead back to the prior
                 here = replace(here, z=coordinates.clip(z + dz), levels=levels)
             break
         iterations += 1
