@@ -80,8 +80,3 @@ class Belief:
         scale = 1.0 / coordinates.slope(z)
         covariance = estimate.covariance * np.outer(scale, scale) * inflation
         return cls(estimate.free, z, np.asarray(np.linalg.inv(covariance), dtype=float))
-
-    def cost(self, z: Array) -> float:
-        """Squared Mahalanobis distance of z."""
-        d = z - self.mean
-        return float(d @ self.precision @ d)

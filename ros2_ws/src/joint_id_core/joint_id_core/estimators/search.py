@@ -40,6 +40,7 @@ class Search:
     Attributes:
         substeps: RK4 steps a sample where nothing asks for more; steps (T,): those of each sample.
         iterations: of all stages.
+        tolerance: squared length in standard deviations of the last step of a stage.
     """
 
     def __init__(
