@@ -32,9 +32,8 @@ from joint_id_ros.qos import STREAM_IN, STREAM_OUT
 PATIENCE_S = 180.0  # a limit for tests that hang, not a measure of speed: the first fit of a model compiles it
 
 
-def _heed_interrupts() -> None:
-    """Shells let their background jobs ignore SIGINT, and so would all that these start."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+# Shells let their background jobs ignore SIGINT, and so would every process that these start.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 class Process:
@@ -45,9 +44,8 @@ class Process:
         self.name, self._output = name, output
         with output.open("w") as file:
             self._popen = subprocess.Popen(
-                [sys.executable, str(script), *arguments], stdout=file, stderr=subprocess.STDOUT, env=environment,
-                preexec_fn=_heed_interrupts,
-            )  # fmt: skip
+                [sys.executable, str(script), *arguments], stdout=file, stderr=subprocess.STDOUT, env=environment
+            )
 
     @property
     def text(self) -> str:
