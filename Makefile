@@ -1,4 +1,4 @@
-# make setup | test | lint | demo | bench-rtde | bench-speed | bench-stats | clean. Each does all set-up that is missing.
+# make setup | test | lint | demo | paper | paper-quick | bench-rtde | bench-speed | bench-stats | clean. Each does all set-up that is missing.
 # Needs: Python 3.11 or 3.12 with venv and headers, gcc, g++, make and a Python package index.
 
 VENV := .venv
@@ -15,7 +15,7 @@ UNIT_TESTS := $(wildcard $(WS)/src/joint_id_core/test)
 NODE_TESTS := $(wildcard $(WS)/src/joint_id_ros/test tests)
 TIMED_TESTS := tests/test_chain.py tests/test_demo.py tests/test_driver.py tests/test_driver_faults.py
 
-.PHONY: all setup test lint demo bench-rtde bench-speed bench-stats clean
+.PHONY: all setup test lint demo paper paper-quick bench-rtde bench-speed bench-stats clean
 all: setup
 
 setup: $(WS)/install/.built
@@ -34,7 +34,7 @@ $(WS)/install/.built: $(VENV)/.installed $(BUILD_INPUTS) $(BUILD_TOOLS)
 	@touch $@
 
 # Tests share two cores, but for those whose nodes stream at 500 Hz or run against a clock.
-test: setup
+test: setup $(VENV)/.paper
 	$(RUN) python -m pytest -n 2 --dist worksteal --durations=10 $(UNIT_TESTS)
 	$(RUN) python -m pytest -n 2 --dist loadfile --durations=10 $(NODE_TESTS) $(TIMED_TESTS:%=--ignore=%)
 	$(RUN) python -m pytest --durations=10 $(TIMED_TESTS)
@@ -46,6 +46,18 @@ lint: setup
 
 demo: setup
 	$(RUN) python demo/demo.py
+
+# DeepXDE, which only the study of the paper needs. Where it cannot be had its rows are left out.
+$(VENV)/.paper: $(VENV)/.installed benchmarks/requirements-paper.txt benchmarks/constraints.txt constraints.txt
+	@$(VENV)/bin/python -m pip install -qq -r benchmarks/requirements-paper.txt -c benchmarks/constraints.txt \
+		-c constraints.txt && touch $@ || echo "benchmarks/requirements-paper.txt could not be installed: going on without"
+
+# The study of the paper: docs/paper.md (an hour), or every row once at reduced size (two minutes).
+paper: setup $(VENV)/.paper
+	$(RUN) python benchmarks/paper.py
+
+paper-quick: setup $(VENV)/.paper
+	$(RUN) python benchmarks/paper.py --quick --out out/paper
 
 # Ten minutes of a robot at 500 Hz through each client, then every fault of a robot through the driver.
 bench-rtde: setup
