@@ -10,16 +10,16 @@ from joint_id_core.estimators.start import start_state
 from joint_id_core.hpinn import HPinn, label_weights, torch, wmse
 from joint_id_core.problem import prepare
 from joint_id_core.training import LearningRate, make_labels, train
-from reproduction.cases import Case
+from reproduction.cases import FACTOR, Case
 from reproduction.runs import Run
 
 # The paper prints a piecewise decay and no rates. Of the rates tried these end nearest to the truth.
 RATES = LearningRate(0.02, (0.4, 0.6, 0.8), 0.3)
 
 
-def fit(case: Case, seed: int, epochs: int, substeps: int = 1) -> Run:
-    """Train for `epochs` with sign friction; the result is the epoch of lowest loss."""
-    start = {**case.truth, **case.start(seed)}
+def fit(case: Case, seed: int, epochs: int, substeps: int = 1, factor: float = FACTOR) -> Run:
+    """Train for `epochs` with sign friction, from starts off by `factor`; the result is the epoch of lowest loss."""
+    start = {**case.truth, **case.start(seed, factor)}
     problem = prepare(case.model, case.measured, start, freed=case.freed)
     labels = make_labels(problem, case.torsion)
     net = HPinn(case.model, start, problem.free, case.bounds, "sign", substeps)

@@ -9,7 +9,7 @@ from math import isfinite
 from pathlib import Path
 
 from reproduction import published
-from reproduction.cases import FACTOR, SMOOTHING
+from reproduction.cases import FACTOR, NEAR, SMOOTHING
 from reproduction.study import Row, Size
 
 TEMPLATE = Path(__file__).with_name("page.md")
@@ -46,7 +46,8 @@ def page(results: Results) -> str:
     states, ratio = ours_3.case.states, ours_3.case.truth["N"]
     twist = states[:, names.index("motor_position")] / ratio - states[:, names.index("link_position")]
     return TEMPLATE.read_text().format(
-        factor=f"{FACTOR:g}", starts=size.starts, slow_starts=size.slow_starts, limit=f"{size.limit_s:g}",
+        factor=f"{FACTOR:g}", near=f"{NEAR:g}",
+        starts=size.starts, slow_starts=size.slow_starts, limit=f"{size.limit_s:g}",
         machine=f"{platform.machine()}, Python {platform.python_version()}", smoothing=f"{SMOOTHING:g}",
         unknown=f"{100 * UNKNOWN:g} %",
         table_1=_parameters(one, published.TABLE_1, results.shown["dc_motor"]),

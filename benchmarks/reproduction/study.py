@@ -17,6 +17,7 @@ from reproduction.cases import Case
 from reproduction.runs import Run, mse
 
 Tell = Callable[[str], None]
+NEAR_STARTS = "H-PINN, near starts"
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,7 @@ def table_2(size: Size, tell: Tell) -> list[Row]:
             ("innovations", engine.fit, size.starts, 0),
             ("EKF", ekf.fit, size.starts, 0),
             ("H-PINN", partial(hpinn.fit, epochs=350), size.starts, 350),
+            (NEAR_STARTS, partial(hpinn.fit, epochs=350, factor=cases.NEAR), size.starts, 350),
             ("NLGR, tanh", partial(nlgr.fit, smooth=True, limit_s=size.limit_s), size.slow_starts, 0),
             ("NLGR, sign", partial(nlgr.fit, smooth=False, limit_s=size.limit_s), 1, 0),
             ("DeepXDE", partial(_deepxde, iterations=size.iterations), 1, size.iterations),
@@ -125,6 +127,7 @@ def table_4(size: Size, tell: Tell) -> list[Row]:
             ("innovations", engine.fit, size.starts, 0),
             ("EKF", ekf.fit, size.starts, 0),
             ("H-PINN", partial(hpinn.fit, epochs=300), size.starts, 300),
+            (NEAR_STARTS, partial(hpinn.fit, epochs=300, factor=cases.NEAR), size.starts, 300),
             ("NLGR, tanh", partial(nlgr.fit, smooth=True, limit_s=size.limit_s), size.slow_starts, 0),
         )
         for method, fit, starts, epochs in tasks:
