@@ -32,7 +32,7 @@ class Size:
 
 
 FULL = Size(10, 3, 30000, 60.0, True)
-QUICK = Size(1, 1, 200, 4.0, False)
+QUICK = Size(1, 1, 200, 1.0, False)
 
 
 @dataclass(frozen=True)
