@@ -10,12 +10,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from simulated import SENSORS
 
 from joint_id_core.control import PositionController, simulate_closed_loop
 from joint_id_core.excitation import position_reference
 from joint_id_core.models import Model, build
 from joint_id_core.recording import Array, Recording
-from joint_id_core.sensors import Sensors, ur_robot_sensors
+from joint_id_core.sensors import ur_robot_sensors
 from joint_id_core.simulation import simulate
 
 PERIOD_S, STEP_V = 1e-3, 12.0
@@ -24,15 +25,6 @@ FACTOR = 1.3  # by which start values are off at most
 NEAR = 1.1  # the same for a second run of H-PINN, which hardly leaves the valley that it starts in
 TORQUE_NOISE = 0.003  # Nm, of the simulated UR3e
 UR_RATE, UR_SECONDS = 500, 4.0
-SENSORS = Sensors(
-    noise={
-        "current": 0.05,
-        "motor_position": 1e-3,
-        "link_position": 1e-5,
-        "motor_velocity": 0.1,
-        "link_velocity": 1e-3,
-    }
-)
 
 
 @dataclass(frozen=True)
@@ -94,12 +86,12 @@ class Case:
         return replace(self, labels=labels, torsion=torsion, recording=self.recording.slice(0, count), true=true)
 
 
-def _step(name: str, samples: int, **options: object) -> Case:
+def _step(name: str, samples: int) -> Case:
     model = build(name)
     time = np.arange(samples) * PERIOD_S
     recording = simulate(model, time, {"voltage": np.full(samples, STEP_V)})
-    smoothing = {p: SMOOTHING for p in model.smoothing.values()}
-    return Case(name, model, recording, model.state_names, model.values(), smoothing=smoothing, **options)  # type: ignore[arg-type]
+    smoothing = dict.fromkeys(model.smoothing.values(), SMOOTHING)
+    return Case(name, model, recording, model.state_names, model.values(), smoothing=smoothing)
 
 
 def model_1(samples: int = 700) -> Case:
@@ -109,7 +101,7 @@ def model_1(samples: int = 700) -> Case:
 
 def model_3(samples: int = 500) -> Case:
     """The joint with its electrical circuit (Tables III and IV, Figs 4 and 7)."""
-    return _step("electromechanical", samples, freed=("c_b",), torsion=True, bounds={"tau_fm": (0.040, 0.055)})
+    return replace(_step("electromechanical", samples), freed=("c_b",), torsion=True, bounds={"tau_fm": (0.040, 0.055)})
 
 
 def noisy(case: Case, seed: int = 0) -> Case:

@@ -34,10 +34,11 @@ def _torsion(case: Case, states: Array) -> Array:
 def _save(axes: Sequence[Axes], path: Path) -> None:
     for ax in axes:
         ax.grid(alpha=0.3)
-    figure = axes[0].figure
+    figure = axes[0].get_figure(root=True)
+    assert figure is not None
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
-    plt.close(figure)  # type: ignore[arg-type]
+    plt.close(figure)
 
 
 def step(case: Case, path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -94,45 +94,50 @@ def _deepxde(case: Case, seed: int, iterations: int) -> Run:
     return alone(deep.fit, case, seed, iterations)  # it changes the default precision of its process
 
 
+# A method's name, what fits with it, from how many starts, for how many epochs.
+Task = tuple[str, Callable[[Case, int], Run], int, int]
+
+
+def _common(size: Size, epochs: int) -> list[Task]:
+    """The methods of both step responses."""
+    return [
+        ("innovations", engine.fit, size.starts, 0),
+        ("EKF", ekf.fit, size.starts, 0),
+        ("H-PINN", partial(hpinn.fit, epochs=epochs), size.starts, epochs),
+        (NEAR_STARTS, partial(hpinn.fit, epochs=epochs, factor=cases.NEAR), size.starts, epochs),
+        ("NLGR, tanh", partial(nlgr.fit, smooth=True, limit_s=size.limit_s), size.slow_starts, 0),
+    ]
+
+
+def _rows(tell: Tell, conditions: Sequence[tuple[str, Case]], tasks: Sequence[Task]) -> list[Row]:
+    return [
+        row(tell, method, labels, case, fit, starts, epochs)
+        for labels, case in conditions
+        for method, fit, starts, epochs in tasks
+    ]
+
+
 def table_2(size: Size, tell: Tell) -> list[Row]:
     """Model 1 (the first row of each method is also Table I and Fig. 6)."""
     whole = cases.model_1()
-    conditions = {
-        "2": whole, "2 ": whole.only(whole.labels, samples=500), "1": whole.only(("motor_velocity",), samples=500)
-    }  # fmt: skip
-    found = []
-    for labels, case in conditions.items():
-        tasks = (
-            ("innovations", engine.fit, size.starts, 0),
-            ("EKF", ekf.fit, size.starts, 0),
-            ("H-PINN", partial(hpinn.fit, epochs=350), size.starts, 350),
-            (NEAR_STARTS, partial(hpinn.fit, epochs=350, factor=cases.NEAR), size.starts, 350),
-            ("NLGR, tanh", partial(nlgr.fit, smooth=True, limit_s=size.limit_s), size.slow_starts, 0),
-            ("NLGR, sign", partial(nlgr.fit, smooth=False, limit_s=size.limit_s), 1, 0),
-            ("DeepXDE", partial(_deepxde, iterations=size.iterations), 1, size.iterations),
-        )
-        for method, fit, starts, epochs in tasks:
-            found.append(row(tell, method, labels.strip(), case, fit, starts, epochs))
-    return found
+    conditions = (
+        ("2", whole),
+        ("2", whole.only(whole.labels, samples=500)),
+        ("1", whole.only(("motor_velocity",), samples=500)),
+    )
+    of_the_motor: list[Task] = [
+        ("NLGR, sign", partial(nlgr.fit, smooth=False, limit_s=size.limit_s), 1, 0),
+        ("DeepXDE", partial(_deepxde, iterations=size.iterations), 1, size.iterations),
+    ]
+    return _rows(tell, conditions, [*_common(size, 350), *of_the_motor])
 
 
 def table_4(size: Size, tell: Tell) -> list[Row]:
     """Model 3 (the rows with the torsion are also Table III and Fig. 7)."""
     whole = cases.model_3()
     without = tuple(n for n in whole.labels if n != "link_velocity")
-    conditions = {"4": whole.only(without), "5": whole.only(whole.labels), "5 + torsion": whole}
-    found = []
-    for labels, case in conditions.items():
-        tasks = (
-            ("innovations", engine.fit, size.starts, 0),
-            ("EKF", ekf.fit, size.starts, 0),
-            ("H-PINN", partial(hpinn.fit, epochs=300), size.starts, 300),
-            (NEAR_STARTS, partial(hpinn.fit, epochs=300, factor=cases.NEAR), size.starts, 300),
-            ("NLGR, tanh", partial(nlgr.fit, smooth=True, limit_s=size.limit_s), size.slow_starts, 0),
-        )
-        for method, fit, starts, epochs in tasks:
-            found.append(row(tell, method, labels, case, fit, starts, epochs))
-    return found
+    conditions = (("4", whole.only(without)), ("5", whole.only(whole.labels)), ("5 + torsion", whole))
+    return _rows(tell, conditions, _common(size, 300))
 
 
 def table_5(size: Size, tell: Tell) -> list[Row]:
