@@ -31,7 +31,7 @@ class Size:
     eager: bool
 
 
-FULL = Size(10, 3, 30000, 60.0, True)
+FULL = Size(10, 3, 30000, 300.0, True)
 QUICK = Size(1, 1, 200, 1.0, False)
 
 
@@ -104,7 +104,7 @@ def _common(size: Size, epochs: int) -> list[Task]:
         ("innovations", engine.fit, size.starts, 0),
         ("EKF", ekf.fit, size.starts, 0),
         ("H-PINN", partial(hpinn.fit, epochs=epochs), size.starts, epochs),
-        (NEAR_STARTS, partial(hpinn.fit, epochs=epochs, factor=cases.NEAR), size.starts, epochs),
+        (NEAR_STARTS, partial(hpinn.fit, epochs=epochs, substeps=2, factor=cases.NEAR), size.starts, epochs),
         ("NLGR, tanh", partial(nlgr.fit, smooth=True, limit_s=size.limit_s), size.slow_starts, 0),
     ]
 
