@@ -27,8 +27,6 @@ STRONG_CORRELATION = 0.95
 COLOURED = 0.3
 # Mean squared normalised innovation beyond which even the largest credible noise does not explain them.
 MOST_CHI2 = 1.5
-# Squared length in standard deviations of a last step beyond which the iteration had not settled.
-UNSETTLED = 4.0
 # Predictions that miss by as much as a constant would.
 POOR_NRMSE = 1.0
 
@@ -62,8 +60,9 @@ def verdicts(
     ratio = deviation / coordinates.spread
     correlation = covariance_z / np.outer(deviation, deviation) - np.eye(len(free))
     found = dict.fromkeys(model.parameter_names, Shown(Verdict.FIXED, "held at this value"))
-    for i, (name, r, bound) in enumerate(zip(free, ratio, coordinates.at_bound(z), strict=True)):
-        row, apart, partner = model.parameter(name), "", int(np.argmax(np.abs(correlation[i])))
+    partners = np.argmax(np.abs(correlation), axis=1).tolist()
+    for i, (name, r, bound) in enumerate(zip(free, ratio.tolist(), coordinates.at_bound(z).tolist(), strict=True)):
+        row, apart, partner = model.parameter(name), "", partners[i]
         if abs(correlation[i, partner]) > STRONG_CORRELATION:
             apart = f"; it is hard to tell from {free[partner]} (correlation {correlation[i, partner]:+.3f})"
         if together and name in together:
@@ -96,10 +95,11 @@ class Residuals:
 def explained(problem: Problem, residuals: Array) -> Residuals:
     """Test normalised innovations (T, labels): mean square and lag-one autocorrelation."""
     present = np.isfinite(problem.y)
-    chi2 = float(np.sum(residuals[present] ** 2) / max(1, present.sum()))
+    chi2 = float(np.vdot(residuals, residuals)) / max(1, int(np.count_nonzero(present)))  # zero where there is no label
     whiteness = {}
     for k, name in enumerate(problem.labels):
-        e = residuals[present[:, k], k]
+        seen = present[:, k]
+        e = residuals[:, k] if seen.all() else residuals[seen, k]
         energy = float(e @ e)
         whiteness[name] = float(e[1:] @ e[:-1]) / energy if energy > 0 else 0.0
     reasons = []
@@ -150,7 +150,7 @@ def judge(
     if poor:
         worst = max(poor, key=lambda n: poor[n])
         reasons.append(f"predictions of {worst} miss by {100 * poor[worst]:.0f} % of its variation")
-    if found.decrement > UNSETTLED:
+    if not found.settled:
         status, message = Status.MAX_ITERATIONS, Status.MAX_ITERATIONS.advice
     elif reasons:
         status, message = Status.POOR_FIT, f"{'; '.join(reasons)}: {Status.POOR_FIT.advice}"

@@ -37,6 +37,7 @@ class Problem:
         labels: their channel names; label_states (labels,): their index among the states.
         p: start values of all parameters in the model's order.
         free: names of the parameters to estimate.
+        period: median step in s.
         gap: shape (T,), number of missing samples before the next one.
         dropped: samples left out because an input was missing.
         recording: the recording with derived channels.
@@ -50,14 +51,15 @@ class Problem:
     label_states: np.ndarray
     p: Array
     free: tuple[str, ...]
+    period: float
     gap: Array
     dropped: int
     recording: Recording
 
     @cached_property
-    def period(self) -> float:
-        """Median step in s."""
-        return float(np.median(np.diff(self.time)))
+    def span(self) -> Array:
+        """Largest minus smallest value of each label, shape (labels,); NaN where there is none."""
+        return np.asarray(np.fmax.reduce(self.y) - np.fmin.reduce(self.y))
 
     def part(self, first: int, last: int) -> Problem:
         """The samples from `first` to before `last`."""
@@ -138,8 +140,9 @@ def prepare(
             f"{recording.source} measures none of the states of model {model.name} "
             f"({', '.join(model.state_names)}): record at least one, or rename a column to it (--map)",
         )
-    y = np.column_stack([_without_frozen(recording[n]) for n in labels])[usable]
-    u, time = u[usable], recording.time[usable]
+    y, time = np.column_stack([_without_frozen(recording[n]) for n in labels]), recording.time
+    if not usable.all():
+        u, y, time = u[usable], y[usable], time[usable]
     seen = int(np.isfinite(y).any(axis=1).sum())
     if seen < MIN_SAMPLES:
         raise UnusableError(
@@ -148,14 +151,19 @@ def prepare(
             f"{seen} of these a label ({', '.join(labels)}), a fit needs {MIN_SAMPLES}: look for missing values with "
             "`joint-id info`",
         )
-    _require_motion(recording.source, labels, y)
     steps = np.diff(time, append=time[-1])
     period = float(np.median(steps[:-1]))
     gap = np.maximum(np.round(steps / period) - 1.0, 0.0)
     index = np.array([model.state_names.index(n) for n in labels], dtype=np.int64)
-    return Problem(
-        model, time, u, np.ascontiguousarray(y), labels, index, p, free, gap, int((~usable).sum()), recording
-    )
+    dropped = len(recording) - len(time)
+    problem = Problem(model, time, u, y, labels, index, p, free, period, gap, dropped, recording)
+    if not np.any(problem.span > 0.0):
+        raise UnusableError(
+            Status.NO_MOTION,
+            f"{recording.source}: {', '.join(labels)} did not change in this window: "
+            "move the joint, or check the sensor",
+        )
+    return problem
 
 
 def _smoothing(model: Model, recording: Recording) -> dict[str, float]:
@@ -192,25 +200,16 @@ def _without_frozen(values: Array) -> Array:
     Robots report a velocity of exactly zero below a threshold. That is no measurement of zero, and taken
     for one it makes the estimated noise of the sensor vanish. A quantised sensor is left as it is.
     """
+    if np.count_nonzero(values[1:] == values[:-1]) < 0.02 * len(values):
+        return values
     steps = np.abs(np.diff(values))
     moving = steps[steps > 0.0]
-    if not moving.size or np.count_nonzero(steps == 0.0) < 0.02 * len(values):
+    if not moving.size:
         return values
     if float(np.min(moving)) > 1e-3 * float(np.median(moving)):
         return values
     held = np.concatenate([[False], (steps == 0.0) & (values[1:] == 0.0)])
     return np.where(held, np.nan, values)
-
-
-def _require_motion(source: str, labels: tuple[str, ...], y: Array) -> None:
-    """Refuse a window in which every label is constant."""
-    with np.errstate(invalid="ignore"):
-        spans = [float(np.nanmax(c) - np.nanmin(c)) if np.isfinite(c).any() else 0.0 for c in y.T]
-    if not any(s > 0.0 for s in spans):
-        raise UnusableError(
-            Status.NO_MOTION,
-            f"{source}: {', '.join(labels)} did not change in this window: move the joint, or check the sensor",
-        )
 
 
 def unusable(model: Model, estimator: str, error: UnusableError, recording: Recording) -> Estimate:

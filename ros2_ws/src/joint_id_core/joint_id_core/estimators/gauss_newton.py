@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from joint_id_core.estimators.belief import Belief, Coordinates
 from joint_id_core.estimators.noise import NoiseLevels
@@ -12,6 +13,7 @@ from joint_id_core.estimators.recursion import Pass, Recursion
 from joint_id_core.recording import Array
 from joint_id_core.rk4 import Steps
 
+NEARLY = 1.0  # squared length in standard deviations of a last step at which an iteration may be cut off
 SMALLEST_SHARE = 0.02  # of a step of the noise levels
 STRONG_DAMPING = 0.1  # from which a short step does not mean that the solution is near
 NEGLIGIBLE = 0.01  # squared length of such a step at which the iteration is given up
@@ -22,7 +24,7 @@ MAX_STEP = 1.0  # a factor e in a positive parameter; keeps the first steps insi
 class Minimum:
     """Where the iteration ended: coordinates and noise levels; the last pass, matrix, gradient and cost with the prior.
 
-    `decrement` is the squared length of the last step in standard deviations, `integration` what the coordinates moved
+    `settled` says whether the last step was short enough, or nearly so; `integration` is what the coordinates moved
     when the step of the integrator was halved last. `left` is not zero where the iteration stalled: there the way to
     the solution of the estimating equation leads uphill, since the likelihood also knows the derivative of the gain. In
     a right model the two agree; in a wrong one their distance says how far estimates are uncertain for it.
@@ -34,7 +36,7 @@ class Minimum:
     hessian: Array
     gradient: Array
     cost: float
-    decrement: float
+    settled: bool
     iterations: int
     integration: Array
     left: Array
@@ -59,9 +61,7 @@ def evaluate(
         return None
     slope = np.where(coordinates.positive, values, 1.0)
     H = last.hessian * (slope[:, None] * slope) + belief.precision
-    return Minimum(
-        z, levels, last, H, last.gradient * slope - pull, cost, np.inf, 0, np.zeros_like(z), np.zeros_like(z)
-    )
+    return Minimum(z, levels, last, H, last.gradient * slope - pull, cost, False, 0, np.zeros_like(z), np.zeros_like(z))
 
 
 def minimise(
@@ -88,7 +88,7 @@ def minimise(
     if start is None:
         return None
     here = start
-    damping, share, decrement, iterations = 1e-3, 1.0, np.inf, 0
+    damping, share, settled, iterations = 1e-3, 1.0, False, 0
     push, noise_decrement = np.zeros_like(here.levels), np.inf if noise else 0.0
     moved = True
     while iterations < max_iterations:
@@ -100,17 +100,12 @@ def minimise(
         z, H, g = here.z, here.hessian, here.gradient
         damped = H.copy()
         damped.flat[:: len(z) + 1] *= 1.0 + damping
-        held = coordinates.held(z, g)
-        if held.any():
-            active = ~held
-            dz = np.zeros_like(z)
-            dz[active] = np.linalg.solve(damped[np.ix_(active, active)], g[active])
-        else:
-            dz = np.asarray(np.linalg.solve(damped, g), dtype=float)
+        dz = _step(damped, g, coordinates.held(z, g))
         decrement = float(dz @ H @ dz)
         levels = here.levels * np.exp(share * push)
         free_step = damping <= STRONG_DAMPING
         enough = tolerance if free_step else NEGLIGIBLE
+        settled = decrement < max(enough, NEARLY)
         if decrement < enough and (noise_decrement < enough or share < SMALLEST_SHARE):
             if free_step and noise is not None:  # with rough noise levels it would lead back to the prior
                 here = replace(here, z=coordinates.clip(z + dz), levels=levels)
@@ -131,5 +126,15 @@ def minimise(
                 break
     left = np.zeros_like(here.z)
     if damping > STRONG_DAMPING:  # the steps became short because the cost rose along them
-        left = np.clip(np.linalg.solve(here.hessian, here.gradient), -MAX_STEP, MAX_STEP)
-    return replace(here, decrement=decrement, iterations=iterations, left=left)
+        full = _step(here.hessian, here.gradient, coordinates.held(here.z, here.gradient))
+        left = np.clip(full, -MAX_STEP, MAX_STEP)
+    return replace(here, settled=settled, iterations=iterations, left=left)
+
+
+def _step(matrix: Array, gradient: Array, held: NDArray[np.bool_]) -> Array:
+    """The step of the coordinates that are not `held`."""
+    if not held.any():
+        return np.asarray(np.linalg.solve(matrix, gradient), dtype=float)
+    step, active = np.zeros_like(gradient), ~held
+    step[active] = np.linalg.solve(matrix[np.ix_(active, active)], gradient[active])
+    return step

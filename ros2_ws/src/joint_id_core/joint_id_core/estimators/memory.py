@@ -57,10 +57,10 @@ def memory(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
 def portmanteau(problem: Problem, residuals: Array) -> tuple[Array, Array]:
     """Ljung and Box's statistic over its expectation by label, and the probability that white noise shows more."""
     count = np.maximum(np.isfinite(problem.y).sum(axis=0), 1)
-    T = len(residuals)
-    spectrum = fft.rfft(residuals, fft.next_fast_len(T + LAGS, real=True), axis=0)
-    covariance = fft.irfft(spectrum.real**2 + spectrum.imag**2, fft.next_fast_len(T + LAGS, real=True), axis=0)
-    lags = np.arange(1, LAGS + 1)[:, None]
-    correlation = covariance[1 : LAGS + 1] / np.maximum(covariance[0], 1e-300)
-    statistic = np.sum(correlation**2 * count * (count + 2.0) / np.maximum(count - lags, 1), axis=0)
+    length = fft.next_fast_len(len(residuals) + LAGS, real=True)
+    spectrum = fft.rfft(np.ascontiguousarray(residuals.T), length)
+    covariance = fft.irfft(spectrum.real**2 + spectrum.imag**2, length)
+    correlation = covariance[:, 1 : LAGS + 1] / np.maximum(covariance[:, :1], 1e-300)
+    weights = (count * (count + 2.0))[:, None] / np.maximum(count[:, None] - np.arange(1, LAGS + 1), 1)
+    statistic = np.sum(correlation**2 * weights, axis=1)
     return statistic / LAGS, chdtrc(LAGS, statistic)

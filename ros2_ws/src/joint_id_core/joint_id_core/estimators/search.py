@@ -152,7 +152,7 @@ class Search:
         )  # fmt: skip
         found = excerpt._annealed(z, whole=False)
         self.iterations += excerpt.iterations
-        return found if found is not None and found.decrement < NEAR else None
+        return found if found is not None and found.settled else None
 
     def _started(self, z: Array, levels: Array, states: Array, even: bool = False) -> Minimum | None:
         """A first pass with as many steps as the fastest mode needs at z, or more if the path blows up.
@@ -238,7 +238,7 @@ class Search:
             excess = self._excess(shift, covariance)
             moved = shift if found.left.any() else step
             z = self.coordinates.clip(found.z + np.clip(moved, -1.0, 1.0))
-            refined = replace(finer, z=z, decrement=found.decrement, integration=shift, left=found.left)
+            refined = replace(finer, z=z, settled=found.settled, integration=shift, left=found.left)
             if excess < 1.0 or 2 * self.substeps > MAX_SUBSTEPS:
                 return refined
             # the error of a method of order four falls with the fourth power of the step

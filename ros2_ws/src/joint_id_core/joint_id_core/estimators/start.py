@@ -31,9 +31,11 @@ def start_state(problem: Problem, at: int = 0, p: Array | None = None) -> tuple[
     ratio = problem.p[model.parameter_names.index("N")] if "N" in model.parameter_names else 1.0
     first = {}
     for k, name in enumerate(problem.labels):
-        seen = np.flatnonzero(np.isfinite(problem.y[:, k]))
-        nearest = seen[min(int(np.searchsorted(seen, at)), len(seen) - 1)]
-        first[name] = (float(problem.y[nearest, k]), 10.0 * float(np.ptp(problem.y[seen, k])) + 1e-9)
+        nearest = at
+        if not np.isfinite(problem.y[at, k]):
+            seen = np.flatnonzero(np.isfinite(problem.y[:, k]))
+            nearest = int(seen[min(int(np.searchsorted(seen, at)), len(seen) - 1)])
+        first[name] = (float(problem.y[nearest, k]), 10.0 * float(problem.span[k]) + 1e-9)
     known = dict(first)
     for k, name in enumerate(model.input_names):
         known.setdefault(name, (float(problem.u[at, k]), 0.0))
@@ -55,7 +57,7 @@ def start_state(problem: Problem, at: int = 0, p: Array | None = None) -> tuple[
             value, sd = _slope(problem, name.replace("velocity", "position"), at), signal.scale
         elif name in recording and np.isfinite(recording[name]).any():
             finite = np.isfinite(recording[name])
-            nearest = np.argmin(np.abs(recording.time[finite] - problem.time[at]))
+            nearest = int(np.argmin(np.abs(recording.time[finite] - problem.time[at])))
             value, sd = float(recording[name][finite][nearest]), signal.scale
         else:
             value, sd = 0.0, signal.scale
@@ -111,7 +113,7 @@ def rough_states(problem: Problem) -> Array:
     across = {f"motor_{n}": (f"link_{n}", ratio) for n in ("position", "velocity")}
     across |= {link: (motor, 1.0 / ratio) for motor, (link, _) in across.items()}
     X = np.empty((len(time), len(model.states)))
-    for i, (name, value) in enumerate(zip(model.state_names, start_state(problem)[0], strict=True)):
+    for i, name in enumerate(model.state_names):
         partner, gear = across.get(name, ("", 1.0))
         position = name.replace("velocity", "position")
         if name in known:
@@ -121,7 +123,7 @@ def rough_states(problem: Problem) -> Array:
         elif position in known:
             X[:, i] = savgol_filter(known[position], 9, 2, deriv=1, delta=problem.period)
         else:
-            X[:, i] = value
+            X[:, i] = start_state(problem)[0][i]
     return X
 
 
