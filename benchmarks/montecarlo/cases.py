@@ -85,5 +85,9 @@ CASES = (
         _LOW, name=f"torque ripple of {RIPPLE:g} Nm", motion=ClosedLoop(torque=Torque(LOW, ripple=RIPPLE)),
         as_assumed=False,
     ),
+    replace(
+        _LOW, name=f"noise of the torque sensor, {LOW:g} Nm", motion=ClosedLoop(),
+        sensors=Sensors(noise={**SENSORS.noise, "torque": LOW}), as_assumed=False,
+    ),
     replace(_LOW, name=f"Stribeck friction, {SLIGHTLY:.0%}", motion=_stribeck(), as_assumed=False),
 )  # fmt: skip

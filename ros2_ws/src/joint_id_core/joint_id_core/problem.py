@@ -140,7 +140,7 @@ def prepare(
             f"{recording.source} measures none of the states of model {model.name} "
             f"({', '.join(model.state_names)}): record at least one, or rename a column to it (--map)",
         )
-    y, time = np.column_stack([_without_frozen(recording[n]) for n in labels]), recording.time
+    y, time = np.column_stack([_without_frozen(recording[n]) for n in labels]), np.ascontiguousarray(recording.time)
     if not usable.all():
         u, y, time = u[usable], y[usable], time[usable]
     seen = int(np.isfinite(y).any(axis=1).sum())

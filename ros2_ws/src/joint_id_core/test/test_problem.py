@@ -56,6 +56,12 @@ def test_a_missing_input_sample_makes_the_step_longer():
     assert problem.period == pytest.approx(0.01)
 
 
+def test_columns_of_a_table_are_laid_out_for_the_compiled_cell():
+    table = np.column_stack([TIME, np.sin(3 * TIME), np.cos(3 * TIME)])
+    problem = prepare(RIGID, Recording(table[:, 0], {"link_position": table[:, 1], "torque": table[:, 2]}))
+    assert problem.time.flags.c_contiguous and problem.y.flags.c_contiguous and problem.u.flags.c_contiguous
+
+
 def test_smoothing_of_friction_follows_the_speed_unless_it_is_given():
     w_s = {}
     for speed in (1e-3, 0.3, 1e3):

@@ -93,7 +93,7 @@ def _estimate(search: Search, found: Minimum, elapsed: float) -> Estimate:
     last = search.recursion.renewed(found.last)
     missing = misfit(search.recursion, search.coordinates, found, last)
     coloured = memory(search.recursion, search.coordinates, found, last)
-    covariance_z = found.covariance + np.outer(missing.bias, missing.bias) + coloured.excess
+    covariance_z = found.covariance + missing.excess + coloured.excess
     slope = search.coordinates.slope(found.z)
     covariance = covariance_z * np.outer(slope, slope)
     known = _combinations(problem, dict(zip(model.parameter_names, p.tolist(), strict=True)), covariance)

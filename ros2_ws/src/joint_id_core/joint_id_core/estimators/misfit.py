@@ -19,28 +19,35 @@ from joint_id_core.problem import Problem
 from joint_id_core.recording import Array
 
 LIKELY = 2.0  # standard deviations of a shape's size from which its bias is counted; a right model shows 5 % of them
+CREDIBLE = 3.0  # the same for noise of a sensor, whose bias does not shrink with the size that is found
 SIGNIFICANT = 4.0  # from which it is told; one in 16,000
 OWN_SHARE = 0.15  # of the information on a shape that the parameters must leave it: else they stand for it themselves
 MOST = 2  # shapes that are taken together: more of them cancel each other, and their bias grows without end
+FORESEEN = (-1.0, 1.0, 0.5, 0.0, -0.5)  # straight line through the last four samples, minus the present one
 LOW_SPEED = 0.1  # of the rms speed, below which friction rises in the shape of the Stribeck effect
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A torque that may be missing: its name, what to do about it, the input it acts on, its course (T,)."""
+    """A torque that may be missing: its name, what to do about it, the input it acts on, its course (T,).
+
+    With `sensor` it is noise of the input's sensor, which moves nothing: its size is positive then.
+    """
 
     name: str
     advice: str
     channel: int
     course: Array
+    sensor: bool = False
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """Shapes that may be there, each with its size in standard deviations, and the bias of the coordinates (k,)."""
+    """Shapes that may be there, each with its size in standard deviations, and what they add to the covariance of the
+    coordinates, (k, k): the squares of their bias."""
 
     found: tuple[tuple[Shape, float], ...]
-    bias: Array
+    excess: Array
 
     @property
     def text(self) -> str:
@@ -77,6 +84,15 @@ def shapes(problem: Problem, states: Array, p: Array) -> list[Shape]:
         found.append(Shape("a load that goes with the angle", "try --gravity", load, q / (float(np.ptp(q)) or 1.0)))
     if drive is not None and "tau_0" not in model.parameter_names:
         found.append(Shape("a constant torque", "try --offsets", drive, np.ones(len(states))))
+    if drive is not None:
+        # Noise of the drive itself is independent of what is recorded, a sensor's is part of it. Only the past may
+        # say what was to be expected: what follows is a controller's answer to the drive's own noise.
+        name, values = inputs[drive], problem.u[:, drive]
+        surprise = np.zeros(len(values))
+        surprise[len(FORESEEN) - 1 :] = np.convolve(values, FORESEEN, "valid")
+        surprise /= float(np.max(np.abs(surprise))) or 1.0
+        text, advice = f"noise in the recorded {name} that does not move the joint", f"record the commanded {name}"
+        found.append(Shape(text, advice, drive, surprise, sensor=True))
     sides = {"motor_position", "link_position", "motor_velocity"}
     if sides <= known.keys() and drive is not None and "k_2" not in problem.free:
         twist = known["motor_position"] / p[model.parameter_names.index("N")] - known["link_position"]
@@ -94,7 +110,7 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
     problem = recursion.problem
     p = recursion.values(coordinates.values(found.z))
     candidates = shapes(problem, last.states, p)
-    none = Misfit((), np.zeros_like(found.z))
+    none = Misfit((), np.zeros_like(found.hessian))
     if not candidates:
         return none
     channel = np.array([s.channel for s in candidates], dtype=np.int64)
@@ -108,24 +124,47 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
     total, projected = D.T @ D, cross.T @ H_inverse
     M = total - projected @ cross
     a = D.T @ r - projected @ (slope * last.gradient)
+    enough = CREDIBLE * np.sqrt(np.maximum(np.diag(M), 0.0))
+    possible = [k for k, s in enumerate(candidates) if not s.sensor or a[k] > enough[k]]
     taken: list[int] = []
     sizes: list[float] = []
-    for _ in range(min(MOST, len(candidates))):
-        best, size = _most_significant(M, a, np.diag(total), taken)
+    for _ in range(min(MOST, len(possible))):
+        best, size = _most_significant(M, a, np.diag(total), possible, taken)
         if size < LIKELY:
             break
         taken.append(best)
         sizes.append(size)
     if not taken:
         return none
-    gamma = np.linalg.solve(M[np.ix_(taken, taken)], a[taken])
-    bias = H_inverse @ cross[:, taken] @ gamma
-    return Misfit(tuple((candidates[k], size) for k, size in zip(taken, sizes, strict=True)), bias)
+    torques = [k for k in taken if not candidates[k].sensor]
+    bias = H_inverse @ cross[:, torques] @ np.linalg.solve(M[np.ix_(torques, torques)], a[torques])
+    excess = np.outer(bias, bias)
+    for k in set(taken).difference(torques):
+        bias = H_inverse @ _attenuation(recursion, coordinates, found, candidates[k].channel, last)
+        excess += np.outer(bias, bias)
+    return Misfit(tuple((candidates[k], size) for k, size in zip(taken, sizes, strict=True)), excess)
 
 
-def _most_significant(M: Array, a: Array, total: Array, taken: list[int]) -> tuple[int, float]:
+def _attenuation(recursion: Recursion, coordinates: Coordinates, found: Minimum, channel: int, last: Pass) -> Array:
+    """What noise of an input's sensor does to the score of the coordinates, (k,): as much as the same again would.
+
+    Simulation extrapolation (Cook & Stefanski, J. Am. Stat. Assoc. 89, 1994). Noise and its negative are added, so that
+    only what is of second order in them remains, which is the bias.
+    """
+    problem = recursion.problem
+    level = found.levels[len(problem.labels) + channel]
+    noise = np.sqrt(level) * np.random.default_rng(0).standard_normal(len(problem.time))
+    score = -2.0 * last.gradient
+    for more in (noise, -noise):
+        u = problem.u.copy()
+        u[:, channel] += more
+        score = score + recursion.with_inputs(u).run(last.free, last.levels, last.steps).gradient
+    return np.asarray(0.5 * score * coordinates.slope(found.z))
+
+
+def _most_significant(M: Array, a: Array, total: Array, possible: list[int], taken: list[int]) -> tuple[int, float]:
     """Index and size, in standard deviations, of the shape that explains most beside those already taken."""
-    rest = [k for k in range(len(a)) if k not in taken]
+    rest = [k for k in possible if k not in taken]
     sizes = []
     for k in rest:
         if taken:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,11 +78,18 @@ class Recursion:
 
     def start_near(self, p: Array | None) -> None:
         """Take the starts of the record, and after its long gaps, for parameters `p` (all of them) near the truth."""
+        self._near = p
         self.x0, spread = start_state(self.problem, 0, p)
         self.P0, self.Q_x = np.diag(spread**2), STATE_NOISE * spread**2
         starts = [start_state(self.problem, int(k), p) for k in self._after] or [(self.x0, np.ones(len(self.x0)))]
         self._X0 = np.array([mean for mean, _ in starts])
         self._V0 = np.array([spread**2 for _, spread in starts])
+
+    def with_inputs(self, u: Array) -> Recursion:
+        """The same recursion on other inputs, shape (T, inputs)."""
+        other = Recursion(replace(self.problem, u=u), self.kernel)
+        other.start_near(self._near)
+        return other
 
     def values(self, free: Array) -> Array:
         """All parameter values with the free ones put in."""
