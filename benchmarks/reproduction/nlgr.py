@@ -14,6 +14,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
+from joint_id_core.operations import SignOps, SmoothOps
 from joint_id_core.recording import Array
 from reproduction.cases import Case
 from reproduction.runs import Run
@@ -27,26 +28,13 @@ class _LimitError(Exception):
     """The time is up."""
 
 
-class _FloatOps:
-    """`models.Ops` on floats, with sign or tanh friction."""
-
-    sin = staticmethod(math.sin)
-    cos = staticmethod(math.cos)
-    exp = staticmethod(math.exp)
-    asinh = staticmethod(math.asinh)
-
-    def __init__(self, smooth: bool) -> None:
-        self.smooth = smooth
-
-    def direction(self, velocity: str, w: float, w_s: float) -> float:
-        return math.tanh(w / SMOOTHING) if self.smooth else float(np.sign(w))
-
-
 class _Simulation:
     """Residuals of the labels by the logarithms of the free parameters over their start."""
 
     def __init__(self, case: Case, start: dict[str, float], smooth: bool, end_s: float) -> None:
-        self.case, self.start, self.ops, self.end_s = case, start, _FloatOps(smooth), end_s
+        self.case, self.start, self.end_s = case, start, end_s
+        self.ops = SmoothOps() if smooth else SignOps()
+        self.smoothing = dict.fromkeys(case.model.smoothing.values(), SMOOTHING)
         self.z_best, self.lowest = np.zeros(len(case.free)), math.inf
         names = case.model.state_names
         self.columns = [names.index(n) for n in case.labels]
@@ -69,7 +57,7 @@ class _Simulation:
 
     def states(self, z: Array) -> Array:
         case = self.case
-        p, t = SimpleNamespace(**self.values(z)), case.recording.time
+        p, t = SimpleNamespace(**{**self.values(z), **self.smoothing}), case.recording.time
         x = np.empty((len(t), len(case.model.states)))
         x[0] = case.states[0]
         constant = bool(np.all(self.u == self.u[0]))

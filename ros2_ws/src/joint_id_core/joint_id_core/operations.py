@@ -1,7 +1,8 @@
-"""The functions a derivative may call (`models.Ops`), on plain floats and on arrays."""
+"""The functions a derivative may call (`models.Ops`), on floats, complex numbers and arrays."""
 
 from __future__ import annotations
 
+import cmath
 import math
 from typing import Any
 
@@ -29,6 +30,21 @@ class SignOps(SmoothOps):
     def direction(velocity: str, w: float, w_s: float) -> float:
         """Sign of the velocity."""
         return (w > 0) - (w < 0)
+
+
+class ComplexOps:
+    """Smoothed Coulomb friction on complex numbers."""
+
+    sin = staticmethod(cmath.sin)
+    cos = staticmethod(cmath.cos)
+    exp = staticmethod(cmath.exp)
+    asinh = staticmethod(cmath.asinh)
+
+    @staticmethod
+    def direction(velocity: str, w: complex, w_s: complex) -> complex:
+        """Smoothed direction of sliding."""
+        x = w / w_s
+        return cmath.tanh(x) if abs(x.real) < 300.0 else complex(math.copysign(1.0, x.real))  # it overflows there
 
 
 class ArrayOps:

@@ -8,34 +8,20 @@ found is one of the model and not of the motion.
 
 from __future__ import annotations
 
-import cmath
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 from types import SimpleNamespace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from joint_id_core.models import Model
+from joint_id_core.operations import ComplexOps
 from joint_id_core.recording import Array
 
 POINTS = 40  # random states, from a thousandth of their scale up: every part of a friction law shows somewhere
 EXACT = 1e-9  # singular value, relative to the largest, that stands for zero: rounding is near 1e-14
 STEP = 1e-30
-
-
-class _ComplexOps:
-    """`models.Ops` on complex numbers."""
-
-    sin = staticmethod(cmath.sin)
-    cos = staticmethod(cmath.cos)
-    exp = staticmethod(cmath.exp)
-    asinh = staticmethod(cmath.asinh)
-
-    @staticmethod
-    def direction(velocity: str, w: Any, w_s: Any) -> complex:
-        return cmath.tanh(w / w_s) if abs((w / w_s).real) < 300.0 else complex(math.copysign(1.0, (w / w_s).real))
 
 
 @dataclass(frozen=True)
@@ -131,7 +117,7 @@ def _sensitivity(
         columns = []
         for name in free:
             values = SimpleNamespace(**{n: complex(v, STEP if n == name else 0.0) for n, v in p.items()})
-            f = model.derivative([complex(v) for v in x], [complex(v) for v in u], values, _ComplexOps())
+            f = model.derivative([complex(v) for v in x], [complex(v) for v in u], values, ComplexOps())
             columns.append([complex(v).imag / STEP for v in f])
         blocks.append(np.array(columns).T)
     return np.concatenate(blocks)

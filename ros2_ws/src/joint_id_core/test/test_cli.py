@@ -14,19 +14,6 @@ from joint_id_core.recording import Recording
 
 
 @pytest.fixture
-def run(capsys):
-    """Run a command in this process: (exit code, stdout, stderr)."""
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as end:
-            app([str(a) for a in arguments], prog_name="joint-id")
-        out, err = capsys.readouterr()
-        return end.value.code, out, err
-
-    return call
-
-
-@pytest.fixture
 def motor(tmp_path, run):
     """Two seconds of a simulated motor."""
     path = tmp_path / "motor.csv"

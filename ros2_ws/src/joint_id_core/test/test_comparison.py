@@ -11,7 +11,6 @@ import pytest
 
 from joint_id_core import comparison, comparison_report, formats
 from joint_id_core.candidates import Candidate, parse
-from joint_id_core.cli import app
 from joint_id_core.comparison import compare
 from joint_id_core.control import PositionController, simulate_closed_loop
 from joint_id_core.errors import JointIdError
@@ -202,19 +201,6 @@ def half_still(moving_first: bool) -> Recording:
 def test_misuse_and_parts_that_show_nothing_are_refused(record, options, says):
     with pytest.raises(JointIdError, match=says):
         compare(parse(["rigid_joint"], rigid("stribeck")), record, **options)
-
-
-@pytest.fixture
-def run(capsys):
-    """Run a command in this process: (exit code, stdout, stderr)."""
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as end:
-            app([str(a) for a in arguments], prog_name="joint-id")
-        out, err = capsys.readouterr()
-        return end.value.code, out, err
-
-    return call
 
 
 @pytest.fixture
