@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 
+from joint_id_core.estimate import Estimate
 from reproduction import published
 from reproduction.cases import FACTOR, NEAR, SMOOTHING
 from reproduction.study import Row, Size
@@ -18,7 +19,7 @@ UNKNOWN = 0.5  # relative standard deviation from which a record does not show a
 
 @dataclass(frozen=True)
 class Results:
-    """Everything that the study found; `shown` by model (see `study.shown`), `log` values and deviations by name."""
+    """Everything that the study found; `shown` by model (see `study.shown`), `log` both fits of the UR3e log."""
 
     size: Size
     table_2: Sequence[Row]
@@ -27,7 +28,7 @@ class Results:
     stiff: Sequence[Row]
     shown: Mapping[str, Mapping[str, float]]
     epochs: Mapping[str, float]
-    log: Mapping[str, tuple[float, float]]
+    log: Sequence[Estimate]
 
 
 def page(results: Results) -> str:
@@ -138,11 +139,18 @@ def _table_5(rows: Sequence[Row]) -> str:
     return _lines(["", "truth", *(r.method for r in rows), "H-PINN, paper", "NLGR, paper"], lines)
 
 
-def _log(found: Mapping[str, tuple[float, float]]) -> str:
+def _log(found: Sequence[Estimate]) -> str:
     if not found:
         return "The public UR3e log was not present when this page was made."
-    values = ", ".join(f"`{n}` = {value:.3g} ± {std:.2g}" for n, (value, std) in found.items())
+    lines = []
+    for estimate in found:
+        rows = [estimate[n] for n in estimate.free if n in ("J_m", "k_1", "J_q", "tau_fm")]
+        values = ", ".join(f"`{r.name}` {r.value:.3g} ± {r.std_dev:.2g}" for r in rows)
+        lines.append([f"`{estimate.model}`", estimate.status.value.replace("_", " "), values])
     return (
-        "On the shoulder of the public UR3e log ([UR robots](tutorials/ur_robots.md), `harmonic_drive --gravity`, link "
-        f"position, motor velocity and current) it finds {values}."
+        "On the shoulder of the public UR3e log ([UR robots](tutorials/ur_robots.md): link position, motor velocity and "
+        "current at 125 Hz) it finds:\n\n"
+        + _lines(["model", "status", "estimates"], lines)
+        + "\n\nThe whole of Model 2 is more than a record without the other encoder shows: the fit says that its starts "
+        "do not agree. Its motor side alone is known."
     )

@@ -11,6 +11,7 @@ import numpy as np
 from engine.timing import alone
 
 from joint_id_core import estimators
+from joint_id_core.estimate import Estimate
 from joint_id_core.models import build
 from reproduction import cases, deep, ekf, engine, hpinn, nlgr
 from reproduction.cases import Case
@@ -181,13 +182,14 @@ def shown(case: Case) -> dict[str, float]:
     return {name: found.sigmas[name] / case.truth[name] for name in case.free}
 
 
-def log(folder: Path, tell: Tell) -> dict[str, tuple[float, float]]:
-    """Model 2 on the shoulder of a public UR3e log: estimates and standard deviations; empty where it is not there."""
+def log(folder: Path, tell: Tell) -> list[Estimate]:
+    """Model 2, and its motor side alone, on the shoulder of a public UR3e log; empty where it is not there."""
     recording = cases.ur3e_log(folder)
     if recording is None:
         tell(f"no UR3e log in {folder}")
-        return {}
-    model = build("harmonic_drive", actuation="current", gravity=True)
-    found = estimators.fit(model, recording, {"k_t": 0.1})
-    tell(f"UR3e log: {found.status.value}: {found.message[:120]}")
-    return {n: (found[n].value, found[n].std_dev) for n in ("J_m", "k_1", "J_q", "tau_fm")}
+        return []
+    models = build("harmonic_drive", actuation="current", gravity=True), build("motor_side", actuation="current")
+    found = [estimators.fit(model, recording, {"k_t": 0.1}) for model in models]
+    for estimate in found:
+        tell(f"UR3e log, {estimate.model}: {estimate.status.value}: {estimate.message[:120]}")
+    return found

@@ -139,10 +139,11 @@ def judge(
     nrmse: Mapping[str, float],
     rows: Mapping[str, Shown],
     warnings: Sequence[str] = (),
+    doubt: str = "",
 ) -> Judgement:
     """Decide how the fit ended: converged, not converged, or converged to a model that does not describe the data.
 
-    `warnings` are added to the message.
+    `warnings` are added to the message; a `doubt` about the minimum is a reason against the fit.
     """
     residuals = explained(problem, found.last.residuals)
     reasons = [*residuals.reasons, *idle_drives(problem, found.levels[len(problem.labels) :])]
@@ -150,6 +151,8 @@ def judge(
     if poor:
         worst = max(poor, key=lambda n: poor[n])
         reasons.append(f"predictions of {worst} miss by {100 * poor[worst]:.0f} % of its variation")
+    if doubt:
+        reasons.append(doubt)
     if not found.settled:
         status, message = Status.MAX_ITERATIONS, Status.MAX_ITERATIONS.advice
     elif reasons:

@@ -117,7 +117,12 @@ def _estimate(search: Search, found: Minimum, elapsed: float) -> Estimate:
     )
     nrmse = prediction.nrmse(problem, predictions)
     judged = judge(
-        problem, found, nrmse, rows, (missing.text, coloured.text, stall_warning(found), search.step_warning(found))
+        problem,
+        found,
+        nrmse,
+        rows,
+        (missing.text, coloured.text, stall_warning(found), search.step_warning(found)),
+        search.doubt,
     )
     noisy = (*problem.labels, *(f"input {n}" for n in model.input_names))
     sigma = np.sqrt(found.levels)

@@ -40,6 +40,7 @@ class Search:
     Attributes:
         substeps: RK4 steps a sample where nothing asks for more; steps (T,): those of each sample.
         iterations: of all stages.
+        doubt: why a better minimum may exist; empty where nothing speaks for that.
         tolerance: squared length in standard deviations of the last step of a stage.
     """
 
@@ -60,6 +61,7 @@ class Search:
         self.substeps = options.substeps
         self.steps: Steps = np.empty(0, dtype=np.int64)
         self.iterations = 0
+        self.doubt = ""
         self.tolerance = TOLERANCE if options.substeps else NEAR
 
     @classmethod
@@ -88,26 +90,31 @@ class Search:
 
     def cold(self) -> Minimum | None:
         """Start from the belief; from others too until one describes the data, or two with unmeasured states."""
-        twice = len(self.problem.labels) == len(self.problem.model.states)  # one minimum, as a rule
-        if not twice:
+        measured = len(self.problem.labels) == len(self.problem.model.states)  # one minimum, as a rule
+        if not measured:
             self.tolerance = TOLERANCE  # the costs of several minima are compared
-        best = self._annealed(self.belief.mean, whole=False)
-        steps = (self.substeps, self.steps)
+        found: list[tuple[Minimum, int, Steps]] = []
+        best, agreed = None, False
         rng = np.random.default_rng(0)
-        for k in range(EXTRA_STARTS):
-            if twice and best is not None and not explained(self.problem, best.last.residuals).reasons:
-                break
-            self.tell(f"start {k + 2} of {EXTRA_STARTS + 1}")
-            scatter = 0.5 * self.coordinates.spread * rng.uniform(-1.0, 1.0, len(self.belief.mean))
-            other = self._annealed(self.coordinates.clip(self.belief.mean + scatter))
-            if other is None:
+        for k in range(1 + EXTRA_STARTS):
+            z = self.belief.mean
+            if k:
+                self.tell(f"start {k + 1} of {1 + EXTRA_STARTS}")
+                z = self.coordinates.clip(z + 0.5 * self.coordinates.spread * rng.uniform(-1.0, 1.0, len(z)))
+            end = self._annealed(z, whole=k > 0)
+            if end is None:
                 continue
-            twice = best is not None and (twice or abs(other.cost - best.cost) < SAME_COST)
-            if best is None or other.cost < best.cost:
-                twice = best is not None and abs(other.cost - best.cost) < SAME_COST
-                best, steps = other, (self.substeps, self.steps)
-        self.substeps, self.steps = steps
-        if best is not None and self._choose_start(best.z, best.levels):
+            found.append((end, self.substeps, self.steps))
+            best, substeps, steps = min(found, key=lambda item: item[0].cost)
+            agreed = measured or sum(_same(best, other) for other, _, _ in found) > 1
+            if agreed and not explained(self.problem, best.last.residuals).reasons:
+                break
+        if best is None:
+            return None
+        self.substeps, self.steps = substeps, steps
+        if not agreed:
+            self.doubt = f"no two of {1 + EXTRA_STARTS} starts led to the same minimum, so a better one may exist"
+        if self._choose_start(best.z, best.levels):
             best = self._minimised(best.z, best.levels, best.last.states)
         return self._refined(best)
 
@@ -157,13 +164,14 @@ class Search:
     def _started(self, z: Array, levels: Array, states: Array, even: bool = False) -> Minimum | None:
         """A first pass with as many steps as the fastest mode needs at z, or more if the path blows up.
 
-        `states` (T, n) tell where friction turns; with `even` every sample has the same steps, few of them.
+        `states` (T, n) tell where friction turns; with `even` every sample has the same steps, few of
+        them, while that does.
         """
         first = self.options.substeps or self._stable(z)
         for substeps in (first,) if self.options.substeps else (first, 4 * first, 16 * first):
             self.substeps = substeps
-            if even:
-                self.steps = np.full(len(self.problem.time), max(min(first, STRONG_SUBSTEPS), substeps // 2))
+            if even and substeps == first:
+                self.steps = np.full(len(self.problem.time), min(first, STRONG_SUBSTEPS))
             else:
                 self.steps = steps_of(self.problem, self.kernel, self._values(z), states, substeps)
             start = self._at(z, levels, self.steps)
@@ -270,6 +278,12 @@ class Search:
             f"{share[worst]:.2g} standard deviations, which its own now contains (fastest mode {-mode:.4g} 1/s)"
         )
         return text + ("; use the implicit cell (--cell implicit)" if self.options.cell == "rk4" else "")
+
+
+def _same(one: Minimum, other: Minimum) -> bool:
+    """Whether two starts led to the same minimum: by its cost, or within a sigma where an iteration stalled."""
+    sigma = np.sqrt(np.diag(one.covariance + other.covariance))
+    return abs(one.cost - other.cost) < SAME_COST or bool(np.all(np.abs(one.z - other.z) < sigma))
 
 
 def stall_warning(found: Minimum) -> str:
