@@ -148,9 +148,8 @@ def _log(found: Sequence[Estimate]) -> str:
         values = ", ".join(f"`{r.name}` {r.value:.3g} ± {r.std_dev:.2g}" for r in rows)
         lines.append([f"`{estimate.model}`", estimate.status.value.replace("_", " "), values])
     return (
-        "On the shoulder of the public UR3e log ([UR robots](tutorials/ur_robots.md): link position, motor velocity and "
-        "current at 125 Hz) it finds:\n\n"
+        "On the shoulder of the public UR3e log ([UR robots](tutorials/ur_robots.md): link position, motor velocity "
+        "and current at 125 Hz) it finds:\n\n"
         + _lines(["model", "status", "estimates"], lines)
-        + "\n\nThe whole of Model 2 is more than a record without the other encoder shows: the fit says that its starts "
-        "do not agree. Its motor side alone is known."
+        + "\n\nThe whole of Model 2 does not describe this log, and the fit says so; its motor side alone does."
     )

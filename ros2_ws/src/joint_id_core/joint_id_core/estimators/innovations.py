@@ -121,7 +121,7 @@ def _estimate(search: Search, found: Minimum, elapsed: float) -> Estimate:
         found,
         nrmse,
         rows,
-        (missing.text, coloured.text, stall_warning(found), search.step_warning(found)),
+        (missing.text, coloured.text, stall_warning(found), search.step_warning(found), search.alone),
         search.doubt,
     )
     noisy = (*problem.labels, *(f"input {n}" for n in model.input_names))

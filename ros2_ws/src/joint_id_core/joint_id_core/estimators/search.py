@@ -22,6 +22,7 @@ from joint_id_core.recording import Array
 from joint_id_core.rk4 import Steps
 
 STRONGEST, STRONG = 1e6, 1e4  # first input noise over its rough level: the feedback of the previous labels
+FEEDBACK = (STRONGEST, STRONG, 1.0)  # tried in turn: a stiff joint may not stand the strongest
 STRONG_SUBSTEPS = 2  # with that feedback a rough step does
 TOLERANCE = 0.1  # squared length of the last step in standard deviations
 NEAR = 4.0  # the same beside an earlier estimate, or before a pass that will show what is left
@@ -40,7 +41,8 @@ class Search:
     Attributes:
         substeps: RK4 steps a sample where nothing asks for more; steps (T,): those of each sample.
         iterations: of all stages.
-        doubt: why a better minimum may exist; empty where nothing speaks for that.
+        doubt: why the minimum cannot be trusted; empty where nothing speaks against it.
+        alone: what to say of a minimum that only one start reached; empty where two did.
         tolerance: squared length in standard deviations of the last step of a stage.
     """
 
@@ -61,7 +63,7 @@ class Search:
         self.substeps = options.substeps
         self.steps: Steps = np.empty(0, dtype=np.int64)
         self.iterations = 0
-        self.doubt = ""
+        self.doubt = self.alone = ""
         self.tolerance = TOLERANCE if options.substeps else NEAR
 
     @classmethod
@@ -112,8 +114,11 @@ class Search:
         if best is None:
             return None
         self.substeps, self.steps = substeps, steps
-        if not agreed:
-            self.doubt = f"no two of {1 + EXTRA_STARTS} starts led to the same minimum, so a better one may exist"
+        starts = f"of {1 + EXTRA_STARTS} starts"
+        if len(found) == 1 and not agreed:
+            self.doubt = f"only one {starts} led to a minimum, the others nowhere, so a better one may exist"
+        elif not agreed:
+            self.alone = f"only one {starts} led to this minimum, the lowest of {len(found)}: a lower one may exist"
         if self._choose_start(best.z, best.levels):
             best = self._minimised(best.z, best.levels, best.last.states)
         return self._refined(best)
@@ -128,7 +133,8 @@ class Search:
         rough, states = self.noise.rough, self.rough_states
         inputs = np.arange(len(rough)) >= len(self.problem.labels)
         if len(self.problem.labels) < len(self.problem.model.states):
-            start = self._started(z, np.where(inputs, STRONGEST * rough, rough), states, even=True)
+            tries = (self._started(z, np.where(inputs, by * rough, rough), states, even=True) for by in FEEDBACK)
+            start = next((s for s in tries if s is not None), None)
             found = minimise(
                 self.recursion, self.coordinates, self.belief, start, self.steps, 1.0, self.options.max_iterations
             )

@@ -1,0 +1,94 @@
+"""Several starts where states are not measured: when they count as one, and what a fit says where they do not."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from joint_id_core.control import PositionController, simulate_closed_loop
+from joint_id_core.estimate import Status
+from joint_id_core.estimators import fit
+from joint_id_core.estimators.recursion import Recursion
+from joint_id_core.estimators.search import STRONG, STRONGEST, Search
+from joint_id_core.excitation import position_reference
+from joint_id_core.models import build
+from joint_id_core.sensors import Sensors
+
+MODEL = build("harmonic_drive")
+NOISE = {"link_position": 1e-5, "motor_velocity": 0.1}
+
+
+@functools.cache
+def record():
+    """Two seconds of Model 2 as a UR robot shows them: two of four states."""
+    motion = simulate_closed_loop(
+        MODEL, PositionController(), position_reference(), np.arange(1000) / 500, torque_noise=0.003, seed=1
+    )
+    return Sensors(noise=NOISE).measure(motion, 1, keep=(*NOISE, "torque"))
+
+
+@pytest.fixture
+def ends(monkeypatch):
+    """Let a function change how each start ends: change(number of the start, its end)."""
+
+    def changed_by(change):
+        real, count = Search._annealed, iter(range(100))
+
+        def annealed(self, z, whole=True):
+            return change(next(count), real(self, z, whole))
+
+        monkeypatch.setattr(Search, "_annealed", annealed)
+
+    return changed_by
+
+
+def test_two_starts_that_agree_are_enough():
+    estimate = fit(MODEL, record())
+    assert estimate.converged and "starts" not in estimate.message
+
+
+def test_a_start_that_alone_led_anywhere_is_not_trusted(ends):
+    ends(lambda k, end: end if k == 2 else None)
+    estimate = fit(MODEL, record())
+    assert estimate.status is Status.POOR_FIT
+    assert "only one of 7 starts led to a minimum, the others nowhere" in estimate.message
+
+
+def test_the_lowest_of_minima_that_disagree_is_taken_and_said_to_be_alone(ends):
+    free, away = fit(MODEL, record()), 0.0
+
+    def apart(k, end):
+        nonlocal away
+        away = 10.0 * k * np.sqrt(np.diag(end.covariance))
+        return end if k == 3 else replace(end, z=end.z + 10.0 + away, cost=end.cost + 50.0 + k * 50.0)
+
+    ends(apart)
+    estimate = fit(MODEL, record())
+    assert estimate.converged
+    assert "only one of 7 starts led to this minimum, the lowest of 7" in estimate.message
+    for name in free.free:
+        assert abs(estimate[name].value - free[name].value) < 0.2 * free[name].std_dev
+
+
+def test_ends_within_a_sigma_are_the_same_whatever_their_cost(ends):
+    """As where an iteration stalls on the way to the minimum."""
+    ends(lambda k, end: replace(end, z=end.z + 0.5 * k * np.sqrt(np.diag(end.covariance)), cost=end.cost + 30.0 * k))
+    assert "starts" not in fit(MODEL, record()).message
+
+
+def test_where_the_path_does_not_stand_the_strongest_feedback_a_weaker_one_is_taken(monkeypatch):
+    real, strengths = Recursion.run, set()
+
+    def run(self, free, levels, substeps):
+        result, strength = real(self, free, levels, substeps), levels[-2] / self.problem_level
+        strengths.add(float(strength))
+        return replace(result, cost=np.nan) if strength > 2.0 * STRONG else result
+
+    level = (0.02 * float(np.sqrt(np.mean(record()["torque"] ** 2)))) ** 2
+    monkeypatch.setattr(Recursion, "problem_level", level, raising=False)
+    monkeypatch.setattr(Recursion, "run", run)
+    assert fit(MODEL, record()).converged
+    assert max(strengths) == pytest.approx(STRONGEST)
