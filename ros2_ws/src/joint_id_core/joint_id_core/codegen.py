@@ -50,7 +50,7 @@ _FILTER = {
 # Called by those, never from Python: typed where they are called.
 _INLINE = (
     "constants", "jacobian", "observe", "inputs", "slope", "linearise", "factor", "solve", "matrix", "solve_stage",
-    "stages", "step", "step_parameters", "step_full",
+    "stages", "step", "step_parameters", "step_full", "work_space",
 )  # fmt: skip
 CELLS = ("rk4", "implicit")
 
@@ -116,7 +116,7 @@ def _source(model: Model, friction: str, sensitive: tuple[str, ...], cell: str, 
         text += _implicit_steps()
     for loops in (recursions, filter_recursions, gain_recursions) if friction == "tanh" else (recursions,):
         text += _after_mark(loops)
-    text = re.sub(r": (Any|int|float|bool)\b|-> (None|float)", "", text).replace(") :", "):")
+    text = re.sub(r": (Any|int|float|bool)\b|-> (None|float|Any)", "", text).replace(") :", "):")
     wanted = _signatures(friction, part)
     for name in {**_SENSITIVITIES, **_SIMULATION, **_FILTER}.keys() - wanted.keys():
         text = re.sub(rf"\ndef {name}\(.*?(?=\n\n\n|\Z)", "", text, flags=re.DOTALL)

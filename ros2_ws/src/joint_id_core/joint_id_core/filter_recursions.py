@@ -23,6 +23,7 @@ DELAYED: bool  # whether sensors show the states late
 constants: Callable[..., None]
 observe: Callable[..., None]
 step_full: Callable[..., None]
+work_space: Callable[[int], Any]
 
 
 # --- compiled from here ---
@@ -71,10 +72,11 @@ def innovations(
     c = np.empty(NC)
     constants(p, c)
     # One array (see the module): the columns of the step, P, A P, rows s of this sample's labels, sum s e, sum s s'.
-    P, M = NW * CF, NW * CF + NX * NX
-    s, gradient = M + NX * NX, M + NX * NX + NX * CP
+    square = (NX * NX + 7) // 8 * 8  # every row begins at a cache line
+    P, M = NW * CF, NW * CF + square
+    s, gradient = M + square, M + square + NX * CP
     hessian = gradient + CP
-    V = np.zeros(hessian + NP * CP)
+    V = work_space(hessian + NP * CP)
     x = x0.copy()
     shown, at, seen = np.empty(NX), np.empty(NX), np.empty(NX)
     by_x, by_p = np.empty((NX, NX)), np.empty((NX, max(NP, 1)))

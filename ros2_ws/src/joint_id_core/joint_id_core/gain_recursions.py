@@ -6,6 +6,7 @@ As `recursions`, this module is text for `codegen`.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ NU: int  # inputs
 CL: int  # columns of the derivatives by noise levels
 CD: int  # disturbances whose responses are computed at once
 DELAYED: bool  # whether sensors show the states late
+work_space: Callable[[int], Any]
 
 
 # --- compiled from here ---
@@ -34,7 +36,7 @@ def noise_information(
     NY = len(label)
     P, M, x, P_i = 0, NX * NX * CL, 2 * NX * NX * CL, (2 * NX * NX + NX) * CL
     S_, e_, sums, products = P_i + NX * CL, P_i + (NX + 1) * CL, P_i + (NX + 2) * CL, P_i + (NX + 3) * CL
-    d = np.zeros((2 * NX * NX + 2 * NX + 3 + CL) * CL)
+    d = work_space((2 * NX * NX + 2 * NX + 3 + CL) * CL)
     for t in range(len(y)):
         if begin[t] >= 0:
             for j in range(NX * NX * CL):
@@ -177,7 +179,7 @@ def responses(
     """
     # One array, as in the steps: the change of the state, the next one, and what a label shows of it.
     new, shown = NX * CD, 2 * NX * CD
-    d = np.zeros((2 * NX + 1) * CD)
+    d = work_space((2 * NX + 1) * CD)
     for t in range(len(y)):
         if begin[t] >= 0:
             for j in range(NX * CD):
