@@ -149,17 +149,20 @@ def _attenuation(recursion: Recursion, coordinates: Coordinates, found: Minimum,
     """What noise of an input's sensor does to the score of the coordinates, (k,): as much as the same again would.
 
     Simulation extrapolation (Cook & Stefanski, J. Am. Stat. Assoc. 89, 1994). Noise and its negative are added, so that
-    only what is of second order in them remains, which is the bias.
+    only what is of second order in them remains, which is the bias. Zero where the path does not stand the noise.
     """
     problem = recursion.problem
     level = found.levels[len(problem.labels) + channel]
     noise = np.sqrt(level) * np.random.default_rng(0).standard_normal(len(problem.time))
-    score = -2.0 * last.gradient
+    scores = []
     for more in (noise, -noise):
         u = problem.u.copy()
         u[:, channel] += more
-        score = score + recursion.with_inputs(u).run(last.free, last.levels, last.steps).gradient
-    return np.asarray(0.5 * score * coordinates.slope(found.z))
+        noisier = recursion.with_inputs(u).run(last.free, last.levels, last.steps)
+        if not np.isfinite(noisier.cost):
+            return np.zeros_like(found.z)
+        scores.append(noisier.gradient)
+    return np.asarray((0.5 * (scores[0] + scores[1]) - last.gradient) * coordinates.slope(found.z))
 
 
 def _most_significant(M: Array, a: Array, total: Array, possible: list[int], taken: list[int]) -> tuple[int, float]:
