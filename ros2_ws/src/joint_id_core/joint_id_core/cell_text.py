@@ -8,6 +8,7 @@ import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
 
 from joint_id_core.models import Model
+from joint_id_core.recursions import padded
 from joint_id_core.symbolic import Derivative
 
 Cell = Literal["rk4", "implicit"]
@@ -51,12 +52,6 @@ class _Printer(PythonCodePrinter):
 # Columns of the sensitivity work space W: derivatives of the state by the parameters, then (full) by the state itself
 # at the start of the sample and by the inputs. Rows of D and Q, its time derivative and their sum, follow in the same
 # array, whose sizes are constants: only so can a compiler prove that nothing overlaps and use vector instructions.
-_ALIGN = 8
-DISTURBANCES = 16  # columns of `responses`
-
-
-def _padded(columns: int) -> int:
-    return max(_ALIGN, -(-columns // _ALIGN) * _ALIGN)
 
 
 class _Text:
@@ -231,10 +226,8 @@ def cell_text(model: Model, d: Derivative, cell: Cell) -> str:
         "NP": text.n_par,
         "NC": max(1, len(text.constants)),
         "NW": (3 if cell == "rk4" else 8) * text.nx,
-        "CP": _padded(text.n_par),
-        "CF": _padded(text.n_par + text.nx + text.nu),
-        "CL": _padded(text.nx + text.nu),
-        "CD": DISTURBANCES,
+        "CP": padded(text.n_par),
+        "CF": padded(text.n_par + text.nx + text.nu),
     }
     functions = [text.constants_function(), text.jacobian(), text.observe()]
     if cell == "rk4":

@@ -17,10 +17,10 @@ import re
 import shutil
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from types import ModuleType
 from typing import TextIO
@@ -42,10 +42,12 @@ _SIMULATION = {
 _FILTER = {
     "innovations": f"float64({_V}, {_M}, {_I}, {_M}, {_M}, {_V}, {_M}, {_M}, {_I}, {_V}, {_V}, {_V}, "
     f"{_V}, {_V}, {_I}, {_M}, {_M}, {_M}, {_T}, {_T}, {_T}, {_T}, {_M}, {_V})",
+    "observations": f"void({_M}, {_M}, {_V}, {_M})",
+}
+_GAINS = {
     "noise_information": f"void({_M}, {_I}, {_I}, {_M}, {_M}, {_T}, {_T}, {_T}, {_V}, {_M})",
     "bounded_step": f"float64({_V}, {_M}, {_V}, {_V}, {_V}, float64, float64, {_V})",
     "responses": f"void({_M}, {_I}, {_I}, {_M}, {_T}, {_T}, {_T}, {_I}, {_M}, {_T})",
-    "observations": f"void({_M}, {_M}, {_V}, {_M})",
 }
 # Called by those, never from Python: typed where they are called.
 _INLINE = (
@@ -72,7 +74,12 @@ class Kernel:
     @cached_property
     def sensitivities(self) -> ModuleType:
         """Has `rollout_sensitivities`, which only some users of a cell need: compiled when it is first asked for."""
-        return _loaded(self.model, self.friction, self.sensitive, self.cell, "sensitivities")
+        return _cell(self.model, self.friction, self.sensitive, self.cell, "sensitivities", _SENSITIVITIES)
+
+    @cached_property
+    def gains(self) -> ModuleType:
+        """Has what `gain_recursions` says: the same for all models with as many states and inputs."""
+        return _gains(len(self.model.states), len(self.model.inputs), bool(self.model.label_delays))
 
 
 def cache_directory() -> Path:
@@ -93,8 +100,6 @@ def _generator_text() -> str:
 
 
 def _key(model: Model, friction: str, sensitive: tuple[str, ...], cell: str) -> str:
-    import numba
-
     if type(model).__module__.startswith(models.__name__ + "."):
         own = ""
     else:
@@ -102,11 +107,18 @@ def _key(model: Model, friction: str, sensitive: tuple[str, ...], cell: str) -> 
             own = inspect.getsource(sys.modules[type(model).__module__])
         except (OSError, TypeError):  # a model typed at a prompt has no source
             own = repr(id(type(model))) + str(time.time())
-    parts = (repr(model), friction, repr(sensitive), cell, numba.__version__, sys.version, own, _generator_text())
-    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
+    return _hash(repr(model), friction, repr(sensitive), cell, own)
 
 
-def _source(model: Model, friction: str, sensitive: tuple[str, ...], cell: str, part: str) -> str:
+def _hash(*parts: str) -> str:
+    import numba
+
+    return hashlib.sha256("\0".join((*parts, numba.__version__, sys.version, _generator_text())).encode()).hexdigest()[
+        :16
+    ]
+
+
+def _source(model: Model, friction: str, sensitive: tuple[str, ...], cell: str, wanted: Mapping[str, str]) -> str:
     from joint_id_core.cell_text import cell_text
     from joint_id_core.symbolic import derive
 
@@ -114,10 +126,14 @@ def _source(model: Model, friction: str, sensitive: tuple[str, ...], cell: str, 
     text = cell_text(model, derivative, cell)  # type: ignore[arg-type]  # checked by compile_model
     if cell == "implicit":
         text += _implicit_steps()
-    for loops in (recursions, filter_recursions, gain_recursions) if friction == "tanh" else (recursions,):
+    for loops in (recursions, filter_recursions) if friction == "tanh" else (recursions,):
         text += _after_mark(loops)
+    return _compiled(f"{model!r}, friction {friction}, cell {cell}", text, wanted)
+
+
+def _compiled(what: str, text: str, wanted: Mapping[str, str]) -> str:
+    """Source with the functions `wanted`, by their types, and those that are called by them."""
     text = re.sub(r": (Any|int|float|bool)\b|-> (None|float|Any)", "", text).replace(") :", "):")
-    wanted = _signatures(friction, part)
     for name in {**_SENSITIVITIES, **_SIMULATION, **_FILTER}.keys() - wanted.keys():
         text = re.sub(rf"\ndef {name}\(.*?(?=\n\n\n|\Z)", "", text, flags=re.DOTALL)
     for name, signature in wanted.items():
@@ -126,7 +142,7 @@ def _source(model: Model, friction: str, sensitive: tuple[str, ...], cell: str, 
     inline = f'@njit(fastmath={_FASTMATH}, error_model="numpy")\n'
     for name in _INLINE:
         text = text.replace(f"def {name}(", f"{inline}def {name}(")
-    head = f'"""Generated for {model!r}, friction {friction}, cell {cell}: do not edit."""\n\n'
+    head = f'"""Generated for {what}: do not edit."""\n\n'
     head += "import math\n\nimport numpy as np\nfrom numba import njit\n\n"
     return head + text
 
@@ -146,28 +162,20 @@ def _implicit_steps() -> str:
     return shared
 
 
-def _signatures(friction: str, part: str) -> dict[str, str]:
-    """Types of the compiled functions of a part; with sign friction only those of the simulation, which H-PINN uses."""
-    if part == "sensitivities":
-        return _SENSITIVITIES
-    return {**_SIMULATION, **_FILTER} if friction == "tanh" else _SIMULATION
-
-
-def _build(folder: Path, model: Model, friction: str, sensitive: tuple[str, ...], cell: str, part: str) -> ModuleType:
-    """Load a part of the kernel in `folder`, after writing its source if it is not there."""
-    path = folder / f"{part}.py"
+def _build(path: Path, what: str, source: Callable[[], str], wanted: Mapping[str, str]) -> ModuleType:
+    """Load a compiled module, after writing its source if it is not there."""
     if not path.exists():
-        log.info("compiling model %s once, about 15 s; the result is kept in %s", model.name, folder)
+        log.info("compiling %s once, about 10 s; the result is kept in %s", what, path.parent)
         draft = path.with_suffix(".draft")
-        draft.write_text(_source(model, friction, sensitive, cell, part))
+        draft.write_text(source())
         draft.replace(path)
-    spec = importlib.util.spec_from_file_location(f"joint_id_{part}_{path.parent.name}", path)
+    spec = importlib.util.spec_from_file_location(f"joint_id_{path.stem}_{path.parent.name}", path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     with _short_loops_vectorised():
         spec.loader.exec_module(module)
-    missing = [name for name in _signatures(friction, part) if not hasattr(module, name)]
+    missing = [name for name in wanted if not hasattr(module, name)]
     if missing:  # a file cut short by a full disk is still valid Python
         raise ImportError(f"{path} has no {', '.join(missing)}")
     return module
@@ -224,18 +232,42 @@ def compile_model(model: Model, friction: str = "tanh", extra: tuple[str, ...] =
     for name in extra:
         model.parameter(name)
     sensitive = tuple(p.name for p in model.parameters if not p.fixed or p.name in extra)
-    module = _loaded(model, friction, sensitive, cell, "kernel")
-    return Kernel(model, friction, cell, model.parameter_names, sensitive, module)
+    wanted = {**_SIMULATION, **_FILTER} if friction == "tanh" else _SIMULATION  # all that H-PINN uses
+    module = _cell(model, friction, sensitive, cell, "kernel", wanted)
+    kernel = Kernel(model, friction, cell, model.parameter_names, sensitive, module)
+    if friction == "tanh":
+        _ = kernel.gains  # compiled here, not in the first fit
+    return kernel
 
 
-def _loaded(model: Model, friction: str, sensitive: tuple[str, ...], cell: str, part: str) -> ModuleType:
-    """A part of the kernel, from the cache or compiled."""
+def _cell(
+    model: Model, friction: str, sensitive: tuple[str, ...], cell: str, part: str, wanted: Mapping[str, str]
+) -> ModuleType:
+    """A part of the kernel of a model."""
     folder = cache_directory() / f"{model.name}-{_key(model, friction, sensitive, cell)}"
+    source = partial(_source, model, friction, sensitive, cell, wanted)
+    return _loaded(folder / f"{part}.py", f"model {model.name}", source, wanted)
+
+
+@lru_cache(maxsize=64)
+def _gains(states: int, inputs: int, delayed: bool) -> ModuleType:
+    """The compiled `gain_recursions` for so many states and inputs."""
+    columns = recursions.padded(states + inputs)
+    sizes = f"NX = {states}\nNU = {inputs}\nCL = {columns}\nCD = {gain_recursions.DISTURBANCES}\nDELAYED = {delayed}\n"
+    text = sizes + _after_mark(recursions) + _after_mark(gain_recursions)
+    what = f"noise statistics of {states} states and {inputs} inputs"
+    path = cache_directory() / f"gains-{_hash(sizes)}" / "gains.py"
+    return _loaded(path, what, lambda: _compiled(what, text, _GAINS), _GAINS)
+
+
+def _loaded(path: Path, what: str, source: Callable[[], str], wanted: Mapping[str, str]) -> ModuleType:
+    """A compiled module, from the cache or compiled."""
+    folder = path.parent
     with _locked(folder):
         try:
-            return _build(folder, model, friction, sensitive, cell, part)
+            return _build(path, what, source, wanted)
         except Exception as error:  # whatever is wrong with a cached file, a fresh build is the cure
             log.warning("the cached kernel in %s cannot be loaded (%s): building it again", folder, error)
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
-            return _build(folder, model, friction, sensitive, cell, part)
+            return _build(path, what, source, wanted)

@@ -224,6 +224,7 @@ def observations(X: Any, u: Any, p: Any, Y: Any) -> None:
     constants(p, c)
     by_x, by_p = np.empty((NX, NX)), np.empty((NX, max(NP, 1)))
     for t in range(len(X)):
-        Y[t] = X[t]
+        for i in range(NX):
+            Y[t, i] = X[t, i]
         if DELAYED:
             observe(X[t], u[max(t - 1, 0)], u[t], c, Y[t], by_x, by_p)

@@ -1,6 +1,6 @@
 """What follows from the gains that a pass of `filter_recursions` stored: noise levels, and what a disturbance does.
 
-As `recursions`, this module is text for `codegen`.
+As `recursions`, this module is text for `codegen`: compiled once for all models with as many states and inputs.
 """
 
 from __future__ import annotations
@@ -14,10 +14,12 @@ import numpy as np
 NX: int  # states
 NU: int  # inputs
 CL: int  # columns of the derivatives by noise levels
-CD: int  # disturbances whose responses are computed at once
+CD: int  # disturbances whose responses are computed at once: DISTURBANCES
 DELAYED: bool  # whether sensors show the states late
 work_space: Callable[[int], Any]
 
+
+DISTURBANCES = 16
 
 # --- compiled from here ---
 

@@ -138,7 +138,8 @@ def stages(x: Any, k: Any, stage: int, hs: float, u: Any, c: Any, y: Any, space:
     if stage == 0:
         slope(y, u, c, k[0])
         return
-    k[stage] = k[stage - 1]
+    for i in range(len(x)):
+        k[stage, i] = k[stage - 1, i]
     solve_stage(y, k[stage], hs * GAMMA, u, c, space, M, order)
     for i in range(len(x)):
         y[i] += hs * GAMMA * k[stage, i]

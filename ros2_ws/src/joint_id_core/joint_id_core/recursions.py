@@ -1,6 +1,6 @@
 """The loops over time of a simulation around one compiled step.
 
-This module is never called: `codegen` puts its text behind the generated functions of a model and compiles
+What follows the mark is never called: `codegen` puts its text behind the generated functions of a model and compiles
 both together, which is why those and the sizes are only declared here. The work space V of the sensitivities is one
 array of rows, `columns` apart: NX rows W of derivatives of the state, then the step's own. Its columns are the
 derivatives by the NP parameters, in `step_full` then by the NX states at the start of the sample and the NU inputs.
@@ -24,6 +24,14 @@ step: Callable[..., None]
 step_parameters: Callable[..., None]
 
 
+ALIGN = 8  # numbers in a cache line
+
+
+def padded(columns: int) -> int:
+    """Columns of a row that ends with a cache line."""
+    return max(ALIGN, -(-columns // ALIGN) * ALIGN)
+
+
 # --- compiled from here ---
 
 
@@ -44,9 +52,10 @@ def rollout(X0: Any, block: int, time: Any, u: Any, p: Any, substeps: Any, X: An
     constants(p, c)
     x = X0[0].copy()
     for t in range(len(time)):
-        X[t] = x
-        if t % block == 0:
-            x[:] = X0[t // block]
+        for i in range(NX):  # of slices the compiler makes text for errors, which takes it two seconds
+            X[t, i] = x[i]
+            if t % block == 0:
+                x[i] = X0[t // block, i]
         if t < len(time) - 1:
             step(x, x, u[t], u[t + 1], c, time[t + 1] - time[t], substeps[t])
 

@@ -54,7 +54,7 @@ class NoiseLevels:
             The step in logarithms, and the decrement: its squared length in units of the levels' uncertainty.
         """
         step = np.empty_like(levels)
-        decrement = kernel.module.bounded_step(
+        decrement = kernel.gains.bounded_step(
             score, information, levels, self.lower, self.upper, LARGEST_CHANGE, RIDGE, step
         )
         return step, float(decrement)

@@ -128,7 +128,7 @@ class Recursion:
             JointIdError: `result` is not the latest pass; more disturbances than the kernel has columns for.
         """
         self._require_latest(result)
-        a, count, most = self.problem, len(channel), self.kernel.module.CD
+        a, count, most = self.problem, len(channel), self.kernel.gains.CD
         if count > most:
             raise JointIdError(f"{count} disturbances: their responses are computed for at most {most} at once")
         padded = np.zeros((len(a.time), most))
@@ -136,7 +136,7 @@ class Recursion:
         inputs = np.zeros(most, dtype=np.int64)
         inputs[:count] = channel
         out = np.empty((*result.errors.shape, most))
-        self.kernel.module.responses(
+        self.kernel.gains.responses(
             a.y, a.label_states, self._begin, result.variances, self._K, self._F, self._C, inputs, padded, out
         )
         J = self._J if len(self._columns) == self._J.shape[2] else self._J[:, :, self._columns]
@@ -169,7 +169,7 @@ class Recursion:
         a = self.problem
         size = len(a.labels) + a.u.shape[1]
         score, information = np.empty(size), np.empty((size, size))
-        self.kernel.module.noise_information(
+        self.kernel.gains.noise_information(
             a.y,
             a.label_states,
             self._begin,
