@@ -31,7 +31,7 @@ NOISY = ClosedLoop(torque=Torque(white=0.003))
 # Where the time of a fit goes: functions by what they do, of the generated kernel and of the engine; none calls another
 PARTS = {
     "passes of the innovations form, compiled": ("kernel.py", "innovations"),
-    "information of the noise levels, compiled": ("kernel.py", "noise_information"),
+    "information of the noise levels, compiled": ("gains.py", "noise_information"),
     "checking and preparing the data": ("problem.py", "prepare"),
     "predictions, verdicts, the result": ("innovations.py", "_estimate"),
 }
