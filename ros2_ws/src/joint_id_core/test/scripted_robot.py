@@ -73,7 +73,7 @@ class Robot:
                     self.sock.sendall(answer)
         except EOFError:
             pass  # the client has seen enough
-        except Exception as error:
+        except Exception as error:  # raised again in the test's own thread
             self._failures.put(error)
 
     def _exactly(self, size):
@@ -131,7 +131,7 @@ def in_background(call):
     def run():
         try:
             call()
-        except Exception as error:
+        except Exception as error:  # whatever it is, the test looks at it
             raised.append(error)
 
     thread = threading.Thread(target=run)

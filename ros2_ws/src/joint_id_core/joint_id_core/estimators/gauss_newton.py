@@ -138,3 +138,14 @@ def _step(matrix: Array, gradient: Array, held: NDArray[np.bool_]) -> Array:
     step, active = np.zeros_like(gradient), ~held
     step[active] = np.linalg.solve(matrix[np.ix_(active, active)], gradient[active])
     return step
+
+
+def stall_warning(found: Minimum) -> str:
+    """What to say of an iteration that stalled; nothing where it did not."""
+    distance = float(np.sqrt(found.left @ found.hessian @ found.left))
+    if distance < 1.0:
+        return ""
+    return (
+        f"the iteration stalled {distance:.1f} standard deviations before the solution, as it does where the model "
+        "lacks something; the standard deviations contain that distance"
+    )

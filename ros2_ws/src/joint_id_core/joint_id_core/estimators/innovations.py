@@ -15,11 +15,11 @@ from joint_id_core import prediction
 from joint_id_core.codegen import compile_model
 from joint_id_core.estimate import Estimate, ParameterEstimate, Status
 from joint_id_core.estimators.belief import Belief
-from joint_id_core.estimators.gauss_newton import Minimum
+from joint_id_core.estimators.gauss_newton import Minimum, stall_warning
 from joint_id_core.estimators.innovations_options import InnovationsOptions
 from joint_id_core.estimators.memory import memory
 from joint_id_core.estimators.misfit import misfit
-from joint_id_core.estimators.search import Progress, Search, stall_warning
+from joint_id_core.estimators.search import Progress, Search
 from joint_id_core.identifiability import judge, verdicts
 from joint_id_core.models import Model
 from joint_id_core.problem import Problem, UnusableError, prepare, unusable

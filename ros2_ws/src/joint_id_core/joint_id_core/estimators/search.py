@@ -290,14 +290,3 @@ def _same(one: Minimum, other: Minimum) -> bool:
     """Whether two starts led to the same minimum: by its cost, or within a sigma where an iteration stalled."""
     sigma = np.sqrt(np.diag(one.covariance + other.covariance))
     return abs(one.cost - other.cost) < SAME_COST or bool(np.all(np.abs(one.z - other.z) < sigma))
-
-
-def stall_warning(found: Minimum) -> str:
-    """What to say of an iteration that stalled; nothing where it did not."""
-    distance = float(np.sqrt(found.left @ found.hessian @ found.left))
-    if distance < 1.0:
-        return ""
-    return (
-        f"the iteration stalled {distance:.1f} standard deviations before the solution, as it does where the model "
-        "lacks something; the standard deviations contain that distance"
-    )
