@@ -53,6 +53,7 @@ def page(results: Results) -> str:
         unknown=f"{100 * UNKNOWN:g} %",
         table_1=_parameters(one, published.TABLE_1, results.shown["dc_motor"]),
         table_2=_conditions(results.table_2, published.TABLE_2),
+        status=" or ".join(sorted({f"`{run.ended}`" for row in (ours_1, ours_3) for run in row.runs})),
         worst_1=_percent(max(ours_1.error(n) for n in published.TABLE_1)),
         table_3=_parameters(three, published.TABLE_3, results.shown["electromechanical"]),
         table_4=_conditions(results.table_4, published.TABLE_4),
