@@ -67,6 +67,19 @@ class ParameterEstimate:
 
 
 @dataclass(frozen=True)
+class NoiseInformation:
+    """What the data say of the logarithms of the noise variances, in the order of `Estimate.noise`.
+
+    Attributes:
+        matrix: information matrix, shape (L, L).
+        least: the part of its diagonal that single samples have, without what they share, shape (L,).
+    """
+
+    matrix: Array
+    least: Array
+
+
+@dataclass(frozen=True)
 class Estimate:
     """What an estimator returns.
 
@@ -79,6 +92,7 @@ class Estimate:
         covariance: of the free parameters in SI units, shape (len(free), len(free)).
         nrmse: by signal, rms of prediction minus label over the label's standard deviation.
         noise: estimated standard deviation by label and noisy input, SI units.
+        noise_information: how well these are known; None where an estimator does not say.
         chi2: mean squared normalised innovation; 1 for a correct model.
         whiteness: by label, lag-one autocorrelation of the innovations; 0 for a correct model.
         deviance: -2 log likelihood of the labels at the estimate, without its constant term (NaN where an estimator
@@ -110,6 +124,7 @@ class Estimate:
     end: float = float("nan")
     samples: int = 0
     predictions: Mapping[str, Array] | None = None
+    noise_information: NoiseInformation | None = None
 
     @property
     def converged(self) -> bool:

@@ -19,26 +19,91 @@ DELAYED: bool  # whether sensors show the states late
 work_space: Callable[[int], Any]
 
 
-DISTURBANCES = 16
+DISTURBANCES = 8
 
 # --- compiled from here ---
 
 
-def noise_information(
-    y: Any, label: Any, begin: Any, e: Any, S: Any, K: Any, F: Any, C: Any, score: Any, info: Any
-) -> None:
-    """Score and information of the noise levels (R, then q) from what `innovations` stored.
+def noise_score(y: Any, label: Any, e: Any, S: Any, K: Any, F: Any, C: Any, score: Any, least: Any) -> None:
+    """Score of the noise levels (R, then q), minus half the derivative of the cost, from what `innovations` stored.
 
-    score (L) is minus half the derivative of its cost by the levels, info (L, L) the matrix
-    sum dS dS' / (2 S^2) + de de' / S (Harvey, Forecasting, Structural Time Series Models and the Kalman Filter, 1989,
-    section 3.4.5), with L = NY + NU. The derivatives run forward with the filter; that of the linearisation itself
-    is left out.
+    By the disturbance smoother, which runs backward and needs no derivatives by each level (Koopman & Shephard,
+    Biometrika 79, 1992). The derivative of the linearisation itself is left out. F ends with zeros. score, least (L):
+    least is the part of the information on each level that single samples have, without what they share.
     """
-    # One array, as in the steps: derivatives of P, of A P, of x, of column i of P, of S and e, then the two results.
+    # One array, as in the steps: N, N (F, B), r (F, B) and N K.
+    NY, columns = len(label), NX + NU
+    N, A, r, along, v = 0, NX * NX, NX * NX + NX * columns, NX * NX + NX * columns + NX, NX * NX + (NX + 1) * columns + NX
+    d = work_space(NX * NX + (NX + 1) * columns + 2 * NX)
+    for k in range(NY + NU):
+        score[k] = 0.0
+        least[k] = 0.0
+    for t in range(len(y) - 1, -1, -1):
+        for n in range(columns):
+            d[along + n] = 0.0
+        for m in range(NX):
+            for n in range(columns):
+                d[along + n] += d[r + m] * F[t, m, n]
+                d[A + m * columns + n] = 0.0
+            for k in range(NX):
+                row = d[N + m * NX + k]
+                for n in range(columns):
+                    d[A + m * columns + n] += row * F[t, k, n]
+        for k in range(NU):
+            D = 0.0
+            for m in range(NX):
+                D += F[t, m, NX + k] * d[A + m * columns + NX + k]
+            score[NY + k] += 0.5 * (d[along + NX + k] * d[along + NX + k] - D)
+            least[NY + k] += 0.5 * D * D
+        for m in range(NX):
+            d[r + m] = d[along + m]
+            for n in range(NX):
+                d[N + m * NX + n] = 0.0
+            for k in range(NX):
+                slope = F[t, k, m]
+                for n in range(NX):
+                    d[N + m * NX + n] += slope * d[A + k * columns + n]
+        for k in range(NY - 1, -1, -1):
+            if math.isnan(y[t, k]):
+                continue
+            i = label[k]
+            inverse = 1.0 / S[t, k]
+            u, D = e[t, k] * inverse, inverse
+            for m in range(NX):
+                total = 0.0
+                for n in range(NX):
+                    total += d[N + m * NX + n] * K[t, k, n]
+                d[v + m] = total
+                u -= K[t, k, m] * d[r + m]
+                D += K[t, k, m] * total
+            score[k] += 0.5 * (u * u - D)
+            least[k] += 0.5 * D * D
+            if DELAYED:
+                for m in range(NX):
+                    row = C[t, k, m]
+                    d[r + m] += row * u
+                    for n in range(NX):
+                        d[N + m * NX + n] += row * (C[t, k, n] * D - d[v + n]) - d[v + m] * C[t, k, n]
+                continue
+            d[r + i] += u
+            for m in range(NX):
+                d[N + i * NX + m] -= d[v + m]
+                d[N + m * NX + i] -= d[v + m]
+            d[N + i * NX + i] += D
+
+
+def noise_information(y: Any, label: Any, begin: Any, e: Any, S: Any, K: Any, F: Any, C: Any, info: Any) -> None:
+    """Information of the noise levels (R, then q) from what `innovations` stored.
+
+    info (L, L), L = NY + NU, is the matrix sum dS dS' / (2 S^2) + de de' / S (Harvey, Forecasting, Structural Time
+    Series Models and the Kalman Filter, 1989, section 3.4.5). The derivatives run forward with the filter; that of the
+    linearisation itself is left out.
+    """
+    # One array, as in the steps: derivatives of P, of A P, of x, of column i of P, of S and e, then the result.
     NY = len(label)
     P, M, x, P_i = 0, NX * NX * CL, 2 * NX * NX * CL, (2 * NX * NX + NX) * CL
-    S_, e_, sums, products = P_i + NX * CL, P_i + (NX + 1) * CL, P_i + (NX + 2) * CL, P_i + (NX + 3) * CL
-    d = work_space((2 * NX * NX + 2 * NX + 3 + CL) * CL)
+    S_, e_, products = P_i + NX * CL, P_i + (NX + 1) * CL, P_i + (NX + 2) * CL
+    d = work_space((2 * NX * NX + 2 * NX + 2 + CL) * CL)
     for t in range(len(y)):
         if begin[t] >= 0:
             for j in range(NX * NX * CL):
@@ -73,8 +138,6 @@ def noise_information(
                         d[S_ + a] += row * d[P_i + m * CL + a]
                         d[e_ + a] -= row * d[x + m * CL + a]
             d[S_ + k] += 1.0
-            for a in range(CL):
-                d[sums + a] += 0.5 * (z * z - w) * d[S_ + a] - z * d[e_ + a]
             for b in range(NY + NU):
                 along, level = 0.5 * w * w * d[S_ + b], w * d[e_ + b]
                 for a in range(CL):
@@ -121,7 +184,6 @@ def noise_information(
                     d[P + (m * NX + n) * CL + a] = d[P_i + a]
                     d[P + (n * NX + m) * CL + a] = d[P_i + a]
     for a in range(NY + NU):
-        score[a] = d[sums + a]
         for b in range(NY + NU):
             info[a, b] = d[products + a * CL + b]
 
@@ -131,16 +193,16 @@ def bounded_step(
 ) -> float:
     """One scoring step of the logarithms of the noise levels, `step` (L), and its squared length by `info`.
 
-    score (L), info (L, L): of `noise_information`. No level leaves its bounds `lower`, `upper` (L) or changes by more
+    score (L), info (L, L): by the logarithms. No level leaves its bounds `lower`, `upper` (L) or changes by more
     than a factor `largest`: one that would is held where it is allowed to go, and the others take their step beside it.
     """
     L = len(levels)
     A, change, held = np.empty((L, L)), np.zeros(L), np.zeros(L)
     for _ in range(L + 1):
         for i in range(L):
-            step[i] = change[i] if held[i] > 0.0 else score[i] * levels[i]
+            step[i] = change[i] if held[i] > 0.0 else score[i]
             for j in range(L):
-                A[i, j] = 0.0 if held[i] > 0.0 else info[i, j] * levels[i] * levels[j]
+                A[i, j] = 0.0 if held[i] > 0.0 else info[i, j]
             A[i, i] = 1.0 if held[i] > 0.0 else A[i, i] + ridge
         for i in range(L):
             for k in range(i + 1, L):
@@ -168,7 +230,7 @@ def bounded_step(
         step[i] = math.log1p(change[i])
     for i in range(L):
         for j in range(L):
-            square += step[i] * info[i, j] * levels[i] * levels[j] * step[j]
+            square += step[i] * info[i, j] * step[j]
     return square
 
 

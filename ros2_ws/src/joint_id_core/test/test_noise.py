@@ -30,14 +30,14 @@ def test_a_step_of_the_levels_is_the_best_within_its_bounds(kernel, seed, size, 
     levels = 10.0 ** rng.uniform(-8.0, 2.0, count)
     root = rng.standard_normal((count, count))
     relative = root @ root.T + np.eye(count)
-    score, information = size * rng.standard_normal(count) / levels, relative / np.outer(levels, levels)
+    score = size * rng.standard_normal(count)
     bounds = NoiseLevels(levels, levels / room, levels * room)
-    step, decrement = bounds.step(kernel, levels, score, information)
+    step, decrement = bounds.step(kernel, levels, score, relative)
     change, limit = np.expm1(step), min(LARGEST_CHANGE, room)
     held = np.isclose(change, limit - 1.0) | np.isclose(change, 1.0 / limit - 1.0)
     assert np.all(change <= limit - 1.0 + 1e-9) and np.all(change >= 1.0 / limit - 1.0 - 1e-9)
-    left = score * levels - (relative + RIDGE * np.eye(count)) @ change
-    assert np.all(np.abs(left[~held]) < 1e-6 * (1.0 + np.abs(score * levels).max()))
+    left = score - (relative + RIDGE * np.eye(count)) @ change
+    assert np.all(np.abs(left[~held]) < 1e-6 * (1.0 + np.abs(score).max()))
     assert decrement == pytest.approx(step @ relative @ step)
 
 

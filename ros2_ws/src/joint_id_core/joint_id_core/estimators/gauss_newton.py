@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.estimators.belief import Belief, Coordinates
-from joint_id_core.estimators.noise import NoiseLevels
+from joint_id_core.estimators.noise import NoiseScoring
 from joint_id_core.estimators.recursion import Pass, Recursion
 from joint_id_core.recording import Array
 from joint_id_core.rk4 import Steps
@@ -72,7 +72,7 @@ def minimise(
     substeps: Steps,
     tolerance: float,
     max_iterations: int,
-    noise: NoiseLevels | None = None,
+    noise: NoiseScoring | None = None,
 ) -> Minimum | None:
     """Minimise innovations cost plus prior from `start` (see `evaluate`), with the noise levels where `noise` is given.
 
@@ -94,7 +94,7 @@ def minimise(
     while iterations < max_iterations:
         if noise is not None and moved and noise_decrement >= 0.1 * tolerance:  # else they have settled
             before = push
-            push, noise_decrement = noise.step(recursion.kernel, here.levels, *recursion.noise_information(here.last))
+            push, noise_decrement = noise.step(here.last)
             # the mean information may be less than the curvature: steps that go to and fro are too long
             share = 0.5 * share if push @ before < -0.25 * before @ before else min(1.0, 1.5 * share)
         z, H, g = here.z, here.hessian, here.gradient

@@ -135,4 +135,5 @@ def _estimate(search: Search, found: Minimum, elapsed: float) -> Estimate:
         substeps=search.substeps, iterations=search.iterations,
         elapsed_s=elapsed, start=float(problem.time[0]), end=float(problem.time[-1]),
         samples=len(problem.time), predictions=predictions,
+        noise_information=search.scoring.known,
     )  # fmt: skip

@@ -11,12 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from joint_id_core.codegen import Kernel
+from joint_id_core.estimate import NoiseInformation
+from joint_id_core.estimators.recursion import Pass, Recursion
 from joint_id_core.estimators.start import Roughness, input_noise
 from joint_id_core.problem import Problem
 from joint_id_core.recording import Array
 
 LARGEST_CHANGE = 20.0  # factor of a variance in one step: the information is only that of the present levels
 RIDGE = 1e-3  # information added to the logarithm of each level, so that one which nothing shows stays where it is
+HOLDS = 0.25  # relative change of what single samples say of a level up to which the information matrix is kept
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,8 @@ class NoiseLevels:
     def step(self, kernel: Kernel, levels: Array, score: Array, information: Array) -> tuple[Array, float]:
         """One scoring step in the variances, by the compiled `gain_recursions.bounded_step`.
 
+        score (L,) and information (L, L) are by the logarithms of the levels.
+
         Returns:
             The step in logarithms, and the decrement: its squared length in units of the levels' uncertainty.
         """
@@ -58,3 +63,25 @@ class NoiseLevels:
             score, information, levels, self.lower, self.upper, LARGEST_CHANGE, RIDGE, step
         )
         return step, float(decrement)
+
+
+class NoiseScoring:
+    """Steps of the noise levels beside the passes of one recursion.
+
+    The score is that of each pass. The information matrix costs ten times as much and only shapes the step: it is kept
+    while what single samples say of each level stays the same, also from an earlier window.
+
+    Attributes:
+        bounds: of the levels.
+        known: the latest information, or an earlier one that is believed to hold; None before the first step.
+    """
+
+    def __init__(self, recursion: Recursion, bounds: NoiseLevels, known: NoiseInformation | None = None) -> None:
+        self.recursion, self.bounds, self.known = recursion, bounds, known
+
+    def step(self, last: Pass) -> tuple[Array, float]:
+        """The step in logarithms from the latest pass, and its decrement: see `NoiseLevels.step`."""
+        score, least = self.recursion.noise_score(last)
+        if self.known is None or np.any(np.abs(least - self.known.least) > HOLDS * self.known.least + RIDGE):
+            self.known = NoiseInformation(self.recursion.noise_information(last), least)
+        return self.bounds.step(self.recursion.kernel, last.levels, score, self.known.matrix)

@@ -159,26 +159,32 @@ class Recursion:
         if result is not self._latest:
             raise JointIdError("this is known of the latest pass only: run it again")
 
-    def noise_information(self, result: Pass) -> tuple[Array, Array]:
-        """Score (L,), minus half the slope of the cost by the noise levels, and their information matrix (L, L).
+    def noise_score(self, result: Pass) -> tuple[Array, Array]:
+        """Score of the noise levels, minus half the slope of the cost, and the least information on each, both (L,).
+
+        Both are by the logarithms of the levels.
 
         Raises:
             JointIdError: `result` is not the latest pass, whose gains are kept.
         """
         self._require_latest(result)
-        a = self.problem
-        size = len(a.labels) + a.u.shape[1]
-        score, information = np.empty(size), np.empty((size, size))
-        self.kernel.gains.noise_information(
-            a.y,
-            a.label_states,
-            self._begin,
-            result.errors,
-            result.variances,
-            self._K,
-            self._F,
-            self._C,
-            score,
-            information,
+        a, levels = self.problem, result.levels
+        score, least = np.empty_like(levels), np.empty_like(levels)
+        self.kernel.gains.noise_score(
+            a.y, a.label_states, result.errors, result.variances, self._K, self._F, self._C, score, least
         )
-        return score, information
+        return score * levels, least * levels**2
+
+    def noise_information(self, result: Pass) -> Array:
+        """Information matrix of the logarithms of the noise levels, shape (L, L).
+
+        Raises:
+            JointIdError: `result` is not the latest pass, whose gains are kept.
+        """
+        self._require_latest(result)
+        a, levels = self.problem, result.levels
+        information = np.empty((len(levels), len(levels)))
+        self.kernel.gains.noise_information(
+            a.y, a.label_states, self._begin, result.errors, result.variances, self._K, self._F, self._C, information
+        )
+        return np.asarray(information * np.outer(levels, levels))

@@ -12,7 +12,7 @@ from joint_id_core.estimate import Estimate
 from joint_id_core.estimators.belief import Belief, Coordinates
 from joint_id_core.estimators.gauss_newton import Minimum, evaluate, minimise
 from joint_id_core.estimators.innovations_options import MAX_SUBSTEPS, InnovationsOptions
-from joint_id_core.estimators.noise import NoiseLevels
+from joint_id_core.estimators.noise import NoiseLevels, NoiseScoring
 from joint_id_core.estimators.recursion import Recursion
 from joint_id_core.estimators.start import busiest, rough_states
 from joint_id_core.estimators.substeps import fastest_mode, stable_substeps, steps_of
@@ -29,6 +29,7 @@ NEAR = 4.0  # the same beside an earlier estimate, or before a pass that will sh
 EXCERPT, SHORTEST = 4, 250  # length of a record over that of its excerpt, and the shortest excerpt in samples
 STEP_TOLERANCE = 1e-4  # in z: what a finer step may still change where the data know better than that
 SAME_STEPS = 0.02  # shift of an estimate, in spreads of its prior, that leaves the steps as they are (5 % mostly)
+SAME_LEVELS = 0.15  # change of a noise level's logarithm that leaves the covariance as it is (8 % of a sigma at most)
 SAME_COST = 2.0  # two starts that end this near to each other in cost have found the same minimum
 EXTRA_STARTS = 6  # when states are not measured, the cost has several minima
 
@@ -60,6 +61,7 @@ class Search:
         self.problem, self.kernel, self.options, self.tell = problem, kernel, options, tell
         self.coordinates, self.belief, self.noise, self.rough_states = coordinates, belief, noise, rough
         self.recursion = Recursion(problem, kernel)
+        self.scoring = NoiseScoring(self.recursion, noise)
         self.substeps = options.substeps
         self.steps: Steps = np.empty(0, dtype=np.int64)
         self.iterations = 0
@@ -83,9 +85,12 @@ class Search:
         self.substeps = self.options.substeps or previous.substeps
         z = self.coordinates.clip(self.coordinates.z(np.array([previous[n].value for n in previous.free])))
         levels = self.noise.clip(levels)
+        self.scoring.known = previous.noise_information
         self.steps = steps_of(self.problem, self.kernel, self._values(z), self.rough_states, self.substeps)
         self._choose_start(z, levels)
         found = self._minimised(z, levels, self.rough_states)
+        if found is not None and np.max(np.abs(np.log(found.levels / found.last.levels))) > SAME_LEVELS:
+            found = self._continued(self._at(found.z, found.levels, self.steps))
         if found is not None and float(np.max(np.abs(found.z - z) / self.coordinates.spread)) < SAME_STEPS:
             return found  # the step size was judged for these values
         return self._refined(found)
@@ -223,7 +228,7 @@ class Search:
         self.tell(f"fitting parameters and noise levels, {self.substeps} steps a sample")
         found = minimise(
             self.recursion, self.coordinates, self.belief, start, self.steps, self.tolerance,
-            self.options.max_iterations, self.noise,
+            self.options.max_iterations, self.scoring,
         )  # fmt: skip
         self.iterations += found.iterations if found else 0
         return found
