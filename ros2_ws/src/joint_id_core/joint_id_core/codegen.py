@@ -45,10 +45,10 @@ _FILTER = {
     "observations": f"void({_M}, {_M}, {_V}, {_M})",
 }
 _GAINS = {
-    "noise_score": f"void({_M}, {_I}, {_M}, {_M}, {_T}, {_T}, {_T}, {_V}, {_V})",
-    "noise_information": f"void({_M}, {_I}, {_I}, {_M}, {_M}, {_T}, {_T}, {_T}, {_M})",
+    "noise_score": f"void({_M}, {_I}, {_M}, {_M}, {_T}, {_T}, {_T}, {_V})",
+    "noise_information": f"void({_M}, {_I}, {_I}, {_M}, {_M}, {_T}, {_T}, {_T}, {_V}, {_M})",
     "bounded_step": f"float64({_V}, {_M}, {_V}, {_V}, {_V}, float64, float64, {_V})",
-    "responses": f"void({_M}, {_I}, {_I}, {_M}, {_T}, {_T}, {_T}, {_I}, {_M}, {_T})",
+    "disturbances": f"void({_M}, {_I}, {_I}, {_M}, {_M}, {_T}, {_T}, {_T}, {_T}, {_I}, {_M}, {_M}, {_M}, {_V})",
 }
 # Called by those, never from Python: typed where they are called.
 _INLINE = (

@@ -72,11 +72,13 @@ class NoiseInformation:
 
     Attributes:
         matrix: information matrix, shape (L, L).
-        least: the part of its diagonal that single samples have, without what they share, shape (L,).
+        levels: the variances that it was computed at, shape (L,).
+        observations: the number of label values that it covers.
     """
 
     matrix: Array
-    least: Array
+    levels: Array
+    observations: int
 
 
 @dataclass(frozen=True)

@@ -24,20 +24,24 @@ DISTURBANCES = 8
 # --- compiled from here ---
 
 
-def noise_score(y: Any, label: Any, e: Any, S: Any, K: Any, F: Any, C: Any, score: Any, least: Any) -> None:
-    """Score of the noise levels (R, then q), minus half the derivative of the cost, from what `innovations` stored.
+def noise_score(y: Any, label: Any, e: Any, S: Any, K: Any, F: Any, C: Any, score: Any) -> None:
+    """Score (L) of the noise levels as `noise_information` has it, at a third of the cost and without the information.
 
     By the disturbance smoother, which runs backward and needs no derivatives by each level (Koopman & Shephard,
-    Biometrika 79, 1992). The derivative of the linearisation itself is left out. F ends with zeros. score, least (L):
-    least is the part of the information on each level that single samples have, without what they share.
+    Biometrika 79, 1992). F ends with zeros.
     """
     # One array, as in the steps: N, N (F, B), r (F, B) and N K.
     NY, columns = len(label), NX + NU
-    N, A, r, along, v = 0, NX * NX, NX * NX + NX * columns, NX * NX + NX * columns + NX, NX * NX + (NX + 1) * columns + NX
+    N, A, r, along, v = (
+        0,
+        NX * NX,
+        NX * NX + NX * columns,
+        NX * NX + NX * columns + NX,
+        NX * NX + (NX + 1) * columns + NX,
+    )
     d = work_space(NX * NX + (NX + 1) * columns + 2 * NX)
     for k in range(NY + NU):
         score[k] = 0.0
-        least[k] = 0.0
     for t in range(len(y) - 1, -1, -1):
         for n in range(columns):
             d[along + n] = 0.0
@@ -54,7 +58,6 @@ def noise_score(y: Any, label: Any, e: Any, S: Any, K: Any, F: Any, C: Any, scor
             for m in range(NX):
                 D += F[t, m, NX + k] * d[A + m * columns + NX + k]
             score[NY + k] += 0.5 * (d[along + NX + k] * d[along + NX + k] - D)
-            least[NY + k] += 0.5 * D * D
         for m in range(NX):
             d[r + m] = d[along + m]
             for n in range(NX):
@@ -77,7 +80,6 @@ def noise_score(y: Any, label: Any, e: Any, S: Any, K: Any, F: Any, C: Any, scor
                 u -= K[t, k, m] * d[r + m]
                 D += K[t, k, m] * total
             score[k] += 0.5 * (u * u - D)
-            least[k] += 0.5 * D * D
             if DELAYED:
                 for m in range(NX):
                     row = C[t, k, m]
@@ -92,18 +94,21 @@ def noise_score(y: Any, label: Any, e: Any, S: Any, K: Any, F: Any, C: Any, scor
             d[N + i * NX + i] += D
 
 
-def noise_information(y: Any, label: Any, begin: Any, e: Any, S: Any, K: Any, F: Any, C: Any, info: Any) -> None:
-    """Information of the noise levels (R, then q) from what `innovations` stored.
+def noise_information(
+    y: Any, label: Any, begin: Any, e: Any, S: Any, K: Any, F: Any, C: Any, score: Any, info: Any
+) -> None:
+    """Score and information of the noise levels (R, then q) from what `innovations` stored.
 
-    info (L, L), L = NY + NU, is the matrix sum dS dS' / (2 S^2) + de de' / S (Harvey, Forecasting, Structural Time
-    Series Models and the Kalman Filter, 1989, section 3.4.5). The derivatives run forward with the filter; that of the
-    linearisation itself is left out.
+    score (L) is minus half the derivative of its cost by the levels, info (L, L) the matrix
+    sum dS dS' / (2 S^2) + de de' / S (Harvey, Forecasting, Structural Time Series Models and the Kalman Filter, 1989,
+    section 3.4.5), with L = NY + NU. The derivatives run forward with the filter; that of the linearisation itself
+    is left out.
     """
-    # One array, as in the steps: derivatives of P, of A P, of x, of column i of P, of S and e, then the result.
+    # One array, as in the steps: derivatives of P, of A P, of x, of column i of P, of S and e, then the two results.
     NY = len(label)
     P, M, x, P_i = 0, NX * NX * CL, 2 * NX * NX * CL, (2 * NX * NX + NX) * CL
-    S_, e_, products = P_i + NX * CL, P_i + (NX + 1) * CL, P_i + (NX + 2) * CL
-    d = work_space((2 * NX * NX + 2 * NX + 2 + CL) * CL)
+    S_, e_, sums, products = P_i + NX * CL, P_i + (NX + 1) * CL, P_i + (NX + 2) * CL, P_i + (NX + 3) * CL
+    d = work_space((2 * NX * NX + 2 * NX + 3 + CL) * CL)
     for t in range(len(y)):
         if begin[t] >= 0:
             for j in range(NX * NX * CL):
@@ -138,6 +143,8 @@ def noise_information(y: Any, label: Any, begin: Any, e: Any, S: Any, K: Any, F:
                         d[S_ + a] += row * d[P_i + m * CL + a]
                         d[e_ + a] -= row * d[x + m * CL + a]
             d[S_ + k] += 1.0
+            for a in range(CL):
+                d[sums + a] += 0.5 * (z * z - w) * d[S_ + a] - z * d[e_ + a]
             for b in range(NY + NU):
                 along, level = 0.5 * w * w * d[S_ + b], w * d[e_ + b]
                 for a in range(CL):
@@ -184,6 +191,7 @@ def noise_information(y: Any, label: Any, begin: Any, e: Any, S: Any, K: Any, F:
                     d[P + (m * NX + n) * CL + a] = d[P_i + a]
                     d[P + (n * NX + m) * CL + a] = d[P_i + a]
     for a in range(NY + NU):
+        score[a] = d[sums + a]
         for b in range(NY + NU):
             info[a, b] = d[products + a * CL + b]
 
@@ -234,24 +242,43 @@ def bounded_step(
     return square
 
 
-def responses(
-    y: Any, label: Any, begin: Any, S: Any, K: Any, F: Any, C: Any, channel: Any, disturbance: Any, out: Any
+def disturbances(
+    y: Any,
+    label: Any,
+    begin: Any,
+    e: Any,
+    S: Any,
+    K: Any,
+    F: Any,
+    C: Any,
+    J: Any,
+    channel: Any,
+    disturbance: Any,
+    cross: Any,
+    total: Any,
+    score: Any,
 ) -> None:
-    """How small disturbances of inputs would move the predicted labels, over sqrt(S), with known gains.
+    """How small disturbances of inputs would move the predicted labels, with known gains, beside parameters and errors.
 
-    disturbance (T, CD): added to the inputs `channel` (CD); out (T, NY, CD), 0 where a label is missing.
+    disturbance (T, CD): added to the inputs `channel` (CD). With d the response of a label over sqrt(S), s its row
+    of J: cross (NP, CD) = sum s d', total (CD, CD) = sum d d', score (CD) = sum d e / sqrt(S).
     """
-    # One array, as in the steps: the change of the state, the next one, and what a label shows of it.
-    new, shown = NX * CD, 2 * NX * CD
-    d = work_space((2 * NX + 1) * CD)
+    # One array, as in the steps: the change of the state, the next one, what a label shows of it, and the sums.
+    NP = J.shape[2]
+    new, shown, score_, total_, cross_ = (
+        NX * CD,
+        2 * NX * CD,
+        (2 * NX + 1) * CD,
+        (2 * NX + 2) * CD,
+        (2 * NX + 2 + CD) * CD,
+    )
+    d = work_space((2 * NX + 2 + CD + NP) * CD)
     for t in range(len(y)):
         if begin[t] >= 0:
             for j in range(NX * CD):
                 d[j] = 0.0
         for k in range(len(label)):
             if math.isnan(y[t, k]):
-                for j in range(CD):
-                    out[t, k, j] = 0.0
                 continue
             i = label[k]
             root = 1.0 / math.sqrt(S[t, k])
@@ -264,12 +291,22 @@ def responses(
                     row = C[t, k, m]
                     for j in range(CD):
                         d[shown + j] += row * d[m * CD + j]
-            for j in range(CD):
-                out[t, k, j] = d[shown + j] * root
             for m in range(NX):
                 gain = K[t, k, m]
                 for j in range(CD):
                     d[m * CD + j] -= gain * d[shown + j]
+            error = e[t, k] * root
+            for j in range(CD):
+                d[shown + j] *= root
+                d[score_ + j] += error * d[shown + j]
+            for n in range(CD):
+                row = d[shown + n]
+                for j in range(CD):
+                    d[total_ + n * CD + j] += row * d[shown + j]
+            for n in range(NP):
+                row = J[t, k, n]
+                for j in range(CD):
+                    d[cross_ + n * CD + j] += row * d[shown + j]
         for m in range(NX):
             for j in range(CD):
                 d[new + m * CD + j] = F[t, m, NX + channel[j]] * disturbance[t, j]
@@ -279,3 +316,9 @@ def responses(
                     d[new + m * CD + j] += slope * d[n * CD + j]
         for j in range(NX * CD):
             d[j] = d[new + j]
+    for j in range(CD):
+        score[j] = d[score_ + j]
+        for n in range(CD):
+            total[n, j] = d[total_ + n * CD + j]
+        for n in range(NP):
+            cross[n, j] = d[cross_ + n * CD + j]

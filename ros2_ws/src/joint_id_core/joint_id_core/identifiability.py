@@ -94,12 +94,11 @@ class Residuals:
 
 def explained(problem: Problem, residuals: Array) -> Residuals:
     """Test normalised innovations (T, labels): mean square and lag-one autocorrelation."""
-    present = np.isfinite(problem.y)
-    chi2 = float(np.vdot(residuals, residuals)) / max(1, int(np.count_nonzero(present)))  # zero where there is no label
+    observed = sum(len(row) for row in problem.rows)
+    chi2 = float(np.vdot(residuals, residuals)) / max(1, observed)  # zero where there is no label
     whiteness = {}
-    for k, name in enumerate(problem.labels):
-        seen = present[:, k]
-        e = residuals[:, k] if seen.all() else residuals[seen, k]
+    for k, (name, row) in enumerate(zip(problem.labels, residuals.T.copy(), strict=True)):
+        e = row if len(problem.rows[k]) == len(row) else row[problem.present[:, k]]
         energy = float(e @ e)
         whiteness[name] = float(e[1:] @ e[:-1]) / energy if energy > 0 else 0.0
     reasons = []
@@ -124,7 +123,7 @@ def idle_drives(problem: Problem, q: Array) -> list[str]:
     """Reasons for which a drive explains none of the motion: its noise, variance `q` (inputs,), exceeds itself."""
     reasons = []
     for signal, values, variance in zip(problem.model.inputs, problem.u.T, q, strict=True):
-        power = float(np.mean(values**2))
+        power = float(values @ values) / len(values)
         if signal.hold == "zero" and 0.0 < power < variance:
             noise, rms = f"{np.sqrt(variance):.2g} {signal.unit}", f"{np.sqrt(power):.2g} {signal.unit}"
             reasons.append(

@@ -75,12 +75,17 @@ class SlidingWindow:
         """The samples of the window as one recording; a channel that a part lacks is NaN there."""
         parts = list(self._parts)
         names = dict.fromkeys(n for part in parts for n in part.channels)
-        channels = {
-            n: np.concatenate([p.channels[n] if n in p else np.full(len(p), np.nan) for p in parts]) for n in names
-        }
         derived = frozenset().union(*(p.derived for p in parts))
         time = np.concatenate([p.time for p in parts])
-        return replace(parts[-1], time=time, channels=channels, derived=derived).window(self.end - self._length, np.inf)
+        first = int(np.searchsorted(time, self.end - self._length))
+        channels = {
+            n: np.concatenate([p.channels[n] if n in p else np.full(len(p), np.nan) for p in parts])[first:]
+            for n in names
+        }
+        whole = replace(parts[-1], time=time[first:], channels=channels, derived=derived)
+        if all(p.channels.keys() == names.keys() and p.derived == derived for p in parts):
+            self._parts = deque([whole])  # the next window joins this one and what came since
+        return whole
 
 
 class OnlineIdentifier:
@@ -139,7 +144,7 @@ class OnlineIdentifier:
         if first:
             self._next_fit = self._window.start + self.options.window_s
         # Half a sample of slack: a window of 1000 samples ends one period before its length.
-        if self._window.end < self._next_fit - 1.5 * (samples.period if len(samples) > 1 else 0.0):
+        if self._window.end < self._next_fit - 1.5 * samples.duration / max(1, len(samples) - 1):
             return None
         self._next_fit = self._window.end + self.options.hop_s
         return self._fit(self._window.recording())

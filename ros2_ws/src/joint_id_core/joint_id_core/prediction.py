@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -35,15 +36,12 @@ def free_runs(
 def nrmse(problem: Problem, predictions: dict[str, Array]) -> dict[str, float]:
     """Rms of prediction minus label over the label's standard deviation; NaN for a constant label."""
     found = {}
-    for k, name in enumerate(problem.labels):
-        y, error = problem.y[:, k], predictions[name] - problem.y[:, k]
-        seen = np.isfinite(y)
-        if not seen.all():
-            y, error = y[seen], error[seen]
-        away = y - y.mean()
+    for k, (name, y) in enumerate(zip(problem.labels, problem.rows, strict=True)):
+        predicted = predictions[name] if len(y) == len(problem.y) else predictions[name][problem.present[:, k]]
+        away, error = y - y.sum() / max(1, len(y)), predicted - y
         spread = float(away @ away)
         with np.errstate(over="ignore"):  # a prediction that blew up misses by an infinite amount
-            found[name] = float(np.sqrt(error @ error / spread)) if spread > 0.0 else float("nan")
+            found[name] = math.sqrt(error @ error / spread) if spread > 0.0 else math.nan
     return found
 
 

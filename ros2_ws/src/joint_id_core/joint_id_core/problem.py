@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimate import Estimate, ParameterEstimate, Status, Verdict
 from joint_id_core.filtering import complete
 from joint_id_core.models import Model
-from joint_id_core.recording import Array, Recording
+from joint_id_core.recording import Array, Recording, any_finite
 
 MIN_SAMPLES = 50  # fewer cannot carry a handful of parameters and their covariance
 
@@ -57,9 +58,22 @@ class Problem:
     recording: Recording
 
     @cached_property
+    def present(self) -> NDArray[np.bool_]:
+        """Which labels were measured, shape (T, labels)."""
+        return np.isfinite(self.y)
+
+    @cached_property
+    def rows(self) -> tuple[Array, ...]:
+        """The values of each label that were measured, each contiguous."""
+        rows = np.ascontiguousarray(self.y.T)
+        if self.present.all():
+            return tuple(rows)
+        return tuple(row[seen] for row, seen in zip(rows, self.present.T, strict=True))
+
+    @cached_property
     def span(self) -> Array:
         """Largest minus smallest value of each label, shape (labels,); NaN where there is none."""
-        return np.asarray(np.fmax.reduce(self.y) - np.fmin.reduce(self.y))
+        return np.array([row.max() - row.min() if len(row) else np.nan for row in self.rows])
 
     def part(self, first: int, last: int) -> Problem:
         """The samples from `first` to before `last`."""
@@ -120,7 +134,7 @@ def prepare(
             p[model.parameter_names.index(name)] = w_s
     columns = []
     for name in model.input_names:
-        if name in recording and np.isfinite(recording[name]).any():
+        if name in recording and any_finite(recording[name]):
             columns.append(recording[name])
         elif name in model.optional_inputs:
             columns.append(np.zeros(len(recording)))
@@ -131,8 +145,8 @@ def prepare(
                 f"{', '.join(recording.channels) or 'nothing'}; record it, rename a column to it (--map), "
                 "or use another model",
             )
-    u = np.column_stack(columns)
-    usable = np.isfinite(u).all(axis=1)
+    u = np.array(columns).T.copy()
+    usable = np.isfinite(u)
     labels = tuple(n for n in model.state_names if recording.measured(n))
     if not labels:
         raise UnusableError(
@@ -140,10 +154,12 @@ def prepare(
             f"{recording.source} measures none of the states of model {model.name} "
             f"({', '.join(model.state_names)}): record at least one, or rename a column to it (--map)",
         )
-    y, time = np.column_stack([_without_frozen(recording[n]) for n in labels]), np.ascontiguousarray(recording.time)
+    y, time = np.array([_without_frozen(recording[n]) for n in labels]).T.copy(), np.ascontiguousarray(recording.time)
     if not usable.all():
-        u, y, time = u[usable], y[usable], time[usable]
-    seen = int(np.isfinite(y).any(axis=1).sum())
+        rows = usable.all(axis=1)
+        u, y, time = u[rows], y[rows], time[rows]
+    present = np.isfinite(y)
+    seen = len(y) if present.all() else int(np.count_nonzero(present.any(axis=1)))
     if seen < MIN_SAMPLES:
         raise UnusableError(
             Status.TOO_SHORT,
@@ -151,13 +167,14 @@ def prepare(
             f"{seen} of these a label ({', '.join(labels)}), a fit needs {MIN_SAMPLES}: look for missing values with "
             "`joint-id info`",
         )
-    steps = np.diff(time, append=time[-1])
-    period = float(np.median(steps[:-1]))
-    gap = np.maximum(np.round(steps / period) - 1.0, 0.0)
+    steps = time[1:] - time[:-1]
+    period = float(np.partition(steps, len(steps) // 2)[len(steps) // 2])
+    gap = np.zeros(len(time))
+    np.maximum(np.rint(steps / period) - 1.0, 0.0, out=gap[:-1])
     index = np.array([model.state_names.index(n) for n in labels], dtype=np.int64)
     dropped = len(recording) - len(time)
     problem = Problem(model, time, u, y, labels, index, p, free, period, gap, dropped, recording)
-    if not np.any(problem.span > 0.0):
+    if not (problem.span > 0.0).any():
         raise UnusableError(
             Status.NO_MOTION,
             f"{recording.source}: {', '.join(labels)} did not change in this window: "
@@ -182,7 +199,7 @@ def _smoothing(model: Model, recording: Recording) -> dict[str, float]:
 def _peak(recording: Recording, velocity: str) -> float:
     """Largest speed in the record, from the position where it was not measured; NaN if neither was."""
     if recording.measured(velocity):
-        return float(np.nanmax(np.abs(recording[velocity])))
+        return float(np.fmax.reduce(np.abs(recording[velocity])))
     position = velocity.replace("velocity", "position")
     if not recording.measured(position):
         return float("nan")

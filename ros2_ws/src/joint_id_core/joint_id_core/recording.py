@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -12,6 +13,11 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.signals import CHANNELS
 
 Array = NDArray[np.float64]  # of any shape; docstrings say which
+
+
+def any_finite(values: Array) -> bool:
+    """Whether any of the values, shape (T,), is finite; the first one mostly is."""
+    return bool(len(values) and math.isfinite(values[0])) or bool(np.isfinite(values).any())
 
 
 @dataclass(frozen=True)
@@ -42,13 +48,12 @@ class Recording:
         time = np.asarray(self.time, dtype=float)
         if time.ndim != 1:
             raise JointIdError(f"{self.source}: time must be one-dimensional, not of shape {time.shape}")
-        bad = np.flatnonzero(~np.isfinite(time))
-        if bad.size:
-            raise JointIdError(f"{self.source}: time of sample {bad[0]} is {time[bad[0]]}: remove such samples")
-        steps = np.diff(time)
-        back = np.flatnonzero(steps <= 0)
-        if back.size:
-            k = int(back[0])
+        if not (finite := np.isfinite(time)).all():
+            k = int(np.argmin(finite))
+            raise JointIdError(f"{self.source}: time of sample {k} is {time[k]}: remove such samples")
+        steps = time[1:] - time[:-1]
+        if (back := steps <= 0.0).any():
+            k = int(np.argmax(back))
             what = "repeats" if steps[k] == 0 else "goes backwards"
             raise JointIdError(
                 f"{self.source}: time {what} at sample {k + 1} ({time[k]:.9g} s, then {time[k + 1]:.9g} s): "
@@ -61,8 +66,8 @@ class Recording:
             values = np.asarray(values, dtype=float)
             if values.shape != time.shape:
                 raise JointIdError(f"{self.source}: {name} has shape {values.shape}, time has {time.shape}")
-            if np.isinf(values).any():
-                k = int(np.flatnonzero(np.isinf(values))[0])
+            if (infinite := np.isinf(values)).any():
+                k = int(np.argmax(infinite))
                 raise JointIdError(f"{self.source}: {name} is infinite at sample {k} ({time[k]:.9g} s)")
             channels[name] = values
         object.__setattr__(self, "time", time)
@@ -102,7 +107,7 @@ class Recording:
 
     def measured(self, name: str) -> bool:
         """Whether the channel holds measurements (present, not derived, not all NaN)."""
-        return name in self.channels and name not in self.derived and bool(np.isfinite(self.channels[name]).any())
+        return name in self.channels and name not in self.derived and any_finite(self.channels[name])
 
     def window(self, start: float, end: float) -> Recording:
         """Samples with start <= time < end, in s on the recording's own clock."""

@@ -22,9 +22,9 @@ def _arrays(
         arrays[name] = np.ascontiguousarray(arrays[name], dtype=float)
         if arrays[name].shape != shape:
             raise JointIdError(f"{name} for model {model.name} must have shape {shape}, not {arrays[name].shape}")
-    steps = np.array(np.broadcast_to(substeps, len(time)), dtype=np.int64)
-    if np.min(steps) < 1:
-        raise JointIdError(f"substeps = {np.min(steps)}: must be at least 1")
+    steps = np.full(len(time), substeps, dtype=np.int64)
+    if steps.min(initial=1) < 1:
+        raise JointIdError(f"substeps = {steps.min()}: must be at least 1")
     return arrays["x0"], np.ascontiguousarray(time, dtype=float), arrays["u"], arrays["p"], steps
 
 

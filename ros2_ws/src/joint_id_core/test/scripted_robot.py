@@ -49,13 +49,13 @@ class Robot:
         self.asked = []
         self.sock = None
         self._listener = socket.create_server(("127.0.0.1", 0))
+        self._listener.settimeout(PATIENCE_S)  # before the thread starts: a test may end at once
         self.port = self._listener.getsockname()[1]
         self._failures = queue.Queue()
         self._thread = threading.Thread(target=self._play)
         self._thread.start()
 
     def _play(self):
-        self._listener.settimeout(PATIENCE_S)
         try:
             try:
                 self.sock, _ = self._listener.accept()

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from joint_id_core.codegen import compile_model
-from joint_id_core.estimators.noise import LARGEST_CHANGE, RIDGE, NoiseLevels
+from joint_id_core.estimators.noise import LARGEST_CHANGE, RIDGE, bounded_step
 from joint_id_core.estimators.start import busiest
 from joint_id_core.models import build
 from joint_id_core.problem import prepare
@@ -31,8 +31,7 @@ def test_a_step_of_the_levels_is_the_best_within_its_bounds(kernel, seed, size, 
     root = rng.standard_normal((count, count))
     relative = root @ root.T + np.eye(count)
     score = size * rng.standard_normal(count)
-    bounds = NoiseLevels(levels, levels / room, levels * room)
-    step, decrement = bounds.step(kernel, levels, score, relative)
+    step, decrement = bounded_step(kernel, levels, levels / room, levels * room, score, relative)
     change, limit = np.expm1(step), min(LARGEST_CHANGE, room)
     held = np.isclose(change, limit - 1.0) | np.isclose(change, 1.0 / limit - 1.0)
     assert np.all(change <= limit - 1.0 + 1e-9) and np.all(change >= 1.0 / limit - 1.0 - 1e-9)

@@ -118,26 +118,52 @@ def test_after_a_long_gap_the_record_begins_anew():
     np.testing.assert_allclose(found.hessian, sum(part.hessian for part in each), rtol=1e-9)
     np.testing.assert_allclose(found.gradient, sum(part.gradient for part in each), rtol=1e-9)
     noise, *of_each = (
-        (*r.noise_score(p), r.noise_information(p)) for r, p in zip((both, *alone), (found, *each), strict=True)
+        (r.noise_score(p), *r.noise_information(p)) for r, p in zip((both, *alone), (found, *each), strict=True)
     )
     for whole_part, parts in zip(noise, zip(*of_each, strict=True), strict=True):
         np.testing.assert_allclose(whole_part, sum(parts), rtol=1e-9)
 
 
-def test_gradient_and_matrix_are_those_of_the_predictions_with_frozen_gain(recursion):
-    """Against central differences of the Kalman filter whose gains are held while the parameters move."""
-    found = recursion.run(free_values(), LEVELS, SUBSTEPS)
-    _, white, _, _, gains, roots = kalman(recursion, TRUTH)
+def by_parameters(recursion):
+    """Derivatives of the whitened predictions by the parameters: central differences of the filter with its own gains
+    held."""
+    _, _, _, _, gains, roots = kalman(recursion, TRUTH)
     columns = []
     for name in FREE:
         h = 1e-5 * TRUTH[name]
         up, down = (kalman(recursion, {**TRUTH, name: TRUTH[name] + d}, gains)[2] for d in (h, -h))
         slope = [np.linalg.solve(r, (a - b) / (2 * h)) for r, a, b in zip(roots, up, down, strict=True)]
         columns.append(np.concatenate(slope))
-    J = np.column_stack(columns)
+    return np.column_stack(columns)
+
+
+def test_gradient_and_matrix_are_those_of_the_predictions_with_frozen_gain(recursion):
+    found = recursion.run(free_values(), LEVELS, SUBSTEPS)
+    white, J = kalman(recursion, TRUTH)[1], by_parameters(recursion)
     scale = np.sqrt(np.diag(J.T @ J))
     np.testing.assert_allclose(found.hessian / np.outer(scale, scale), J.T @ J / np.outer(scale, scale), atol=1e-5)
     np.testing.assert_allclose(found.gradient / scale, J.T @ white / scale, atol=1e-4)
+
+
+def test_responses_to_disturbances_are_those_to_other_inputs(recursion):
+    """A linear model's gains do not depend on its inputs: what shifted inputs predict differs by the response alone."""
+    a = recursion.problem
+    a.gap[:] = 0.0  # over a gap the gains depend on how much the inputs change
+    T = np.arange(len(a.time))
+    channel, course = np.array([0, 1, 1]), np.column_stack([np.sin(0.05 * T), np.ones(len(T)), np.cos(0.02 * T)])
+    found = recursion.run(free_values(), LEVELS, SUBSTEPS)
+    cross, total, score = recursion.disturbances(found, channel, course)
+    columns, seen = [], np.isfinite(a.y)
+    for c, shape in zip(channel, course.T, strict=True):
+        a.u[:, c] += shape
+        shifted = recursion.run(free_values(), LEVELS, SUBSTEPS)
+        a.u[:, c] -= shape
+        columns.append(((found.errors - shifted.errors) / np.sqrt(found.variances))[seen])
+    D, J = np.column_stack(columns), by_parameters(recursion)
+    size, scale = np.sqrt(np.diag(D.T @ D)), np.sqrt(np.diag(J.T @ J))
+    np.testing.assert_allclose(total, D.T @ D, atol=1e-9 * size.max() ** 2)
+    np.testing.assert_allclose(score, D.T @ found.residuals[seen], atol=1e-9 * size.max())
+    np.testing.assert_allclose(cross / np.outer(scale, size), J.T @ D / np.outer(scale, size), atol=1e-4)
 
 
 def cost_at(recursion, levels):
@@ -145,7 +171,9 @@ def cost_at(recursion, levels):
 
 
 def test_score_is_the_derivative_of_the_likelihood_by_the_noise_levels(recursion):
-    score, _ = recursion.noise_score(recursion.run(free_values(), LEVELS, SUBSTEPS))
+    found = recursion.run(free_values(), LEVELS, SUBSTEPS)
+    score, (forward, _) = recursion.noise_score(found), recursion.noise_information(found)
+    np.testing.assert_allclose(score, forward, rtol=1e-9)
     for k, step in enumerate(np.diag(1e-4 * LEVELS)):
         slope = (cost_at(recursion, LEVELS + step) - cost_at(recursion, LEVELS - step)) / 2e-4
         assert -2.0 * score[k] == pytest.approx(slope, rel=1e-5)
@@ -156,12 +184,9 @@ def test_information_of_the_noise_levels_is_the_mean_curvature_of_the_likelihood
     curvature, information = np.zeros((4, 4)), np.zeros((4, 4))
     for seed in range(6):
         r = Recursion(make_problem(seed, 600), compile_model(MODEL))
-        here = r.run(free_values(), LEVELS, 8)
-        information += r.noise_information(here)
-        score, least = r.noise_score(here)
-        assert np.all((least > 0.0) & (least <= np.diag(r.noise_information(here))))
+        information += r.noise_information(r.run(free_values(), LEVELS, 8))[1]
         for k, step in enumerate(np.diag(0.01 * LEVELS)):
-            up, down = (r.noise_score(r.run(free_values(), LEVELS + d, 8))[0] / (LEVELS + d) for d in (step, -step))
+            up, down = (r.noise_score(r.run(free_values(), LEVELS + d, 8)) / (LEVELS + d) for d in (step, -step))
             curvature[k] -= (up - down) / 0.02 * LEVELS
     shown = np.sqrt(np.diag(information))
     np.testing.assert_allclose(curvature / np.outer(shown, shown), information / np.outer(shown, shown), atol=0.15)

@@ -5,6 +5,7 @@ Coordinates z are the logarithm of positive parameters and the plain value of th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -26,10 +27,8 @@ class Coordinates:
     def __init__(self, model: Model, free: tuple[str, ...], priors: Mapping[str, float] | None = None) -> None:
         rows = [model.parameter(name) for name in free]
         self.positive = np.array([r.positive for r in rows])
-        lower, upper = np.array([r.lower for r in rows]), np.array([r.upper for r in rows])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            self.lower = np.where(self.positive, np.log(np.maximum(lower, 0.0)), lower)
-            self.upper = np.where(self.positive, np.log(np.maximum(upper, 0.0)), upper)
+        self.lower = np.array([_logarithm(r.lower) if r.positive else r.lower for r in rows])
+        self.upper = np.array([_logarithm(r.upper) if r.positive else r.upper for r in rows])
         self.spread = np.array([(priors or {}).get(r.name, r.spread) for r in rows])
         self.unit = np.where(self.positive, 1.0, self.spread)  # of a step: a factor e, or a spread
 
@@ -58,6 +57,11 @@ class Coordinates:
         return ((z <= self.lower) & (g < 0.0)) | ((z >= self.upper) & (g > 0.0))
 
 
+def _logarithm(bound: float) -> float:
+    """Of a bound of a positive parameter, which may be none."""
+    return math.log(bound) if bound > 0.0 else -math.inf
+
+
 @dataclass(frozen=True)
 class Belief:
     """A Gaussian belief: mean (k,) and precision (k, k) in coordinates of the `names`."""
@@ -76,7 +80,8 @@ class Belief:
     def after(cls, estimate: Estimate, model: Model, inflation: float = 1.0) -> Belief:
         """An estimate as the prior of later data, its covariance times `inflation` (forgetting)."""
         coordinates = Coordinates(model, estimate.free)
-        z = coordinates.z(np.array([estimate[n].value for n in estimate.free]))
+        values = estimate.values
+        z = coordinates.z(np.array([values[n] for n in estimate.free]))
         scale = 1.0 / coordinates.slope(z)
         covariance = estimate.covariance * np.outer(scale, scale) * inflation
         return cls(estimate.free, z, np.asarray(np.linalg.inv(covariance), dtype=float))

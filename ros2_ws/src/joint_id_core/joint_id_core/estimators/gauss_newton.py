@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,11 +42,16 @@ class Minimum:
     integration: Array
     left: Array
 
+    @cached_property
+    def inverse(self) -> Array:
+        """Of the matrix, shape (k, k): the covariance that the noise leaves to the coordinates."""
+        return np.asarray(np.linalg.inv(self.hessian), dtype=float)
+
     @property
     def covariance(self) -> Array:
         """Of the coordinates, shape (k, k): of the noise, the squares of the integration error and of what is left."""
         errors = np.outer(self.integration, self.integration) + np.outer(self.left, self.left)
-        return np.asarray(np.linalg.inv(self.hessian) + errors, dtype=float)
+        return np.asarray(self.inverse + errors, dtype=float)
 
 
 def evaluate(

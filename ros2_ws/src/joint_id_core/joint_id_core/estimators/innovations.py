@@ -131,7 +131,7 @@ def _estimate(search: Search, found: Minimum, elapsed: float) -> Estimate:
         parameters=parameters, free=problem.free, covariance=covariance, nrmse=nrmse,
         noise=dict(zip(noisy, map(float, sigma), strict=True)),
         chi2=judged.residuals.chi2, whiteness=judged.residuals.whiteness,
-        deviance=found.last.cost, observations=int(np.isfinite(problem.y).sum()),
+        deviance=found.last.cost, observations=sum(map(len, problem.rows)),
         substeps=search.substeps, iterations=search.iterations,
         elapsed_s=elapsed, start=float(problem.time[0]), end=float(problem.time[-1]),
         samples=len(problem.time), predictions=predictions,

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
 from scipy.special import chdtrc
 
 from joint_id_core.estimators.belief import Coordinates
@@ -45,7 +44,7 @@ def memory(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
     stretches = sums[LAGS:] - sums[:-LAGS]
     size, axes = np.linalg.eigh(stretches.T @ stretches / LAGS)
     grown = root.T @ axes * np.sqrt(np.maximum(size - 1.0, 0.0))
-    wider = np.sqrt(1.0 + np.diag(grown @ grown.T) / np.diag(np.linalg.inv(found.hessian)))
+    wider = np.sqrt(1.0 + np.diag(grown @ grown.T) / np.diag(found.inverse))
     text = (
         f"the residuals of {problem.labels[worst]} are not white (their autocorrelations over {LAGS} samples are "
         f"{np.sqrt(strength[worst]):.1f} times what noise leaves): torque noise with a memory, or a ripple; the "
@@ -56,11 +55,11 @@ def memory(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
 
 def portmanteau(problem: Problem, residuals: Array) -> tuple[Array, Array]:
     """Ljung and Box's statistic over its expectation by label, and the probability that white noise shows more."""
-    count = np.maximum(np.isfinite(problem.y).sum(axis=0), 1)
-    length = fft.next_fast_len(len(residuals) + LAGS, real=True)
-    spectrum = fft.rfft(np.ascontiguousarray(residuals.T), length)
-    covariance = fft.irfft(spectrum.real**2 + spectrum.imag**2, length)
-    correlation = covariance[:, 1 : LAGS + 1] / np.maximum(covariance[:, :1], 1e-300)
+    count = np.array([max(1, len(row)) for row in problem.rows])
+    ahead = np.zeros((len(residuals) + LAGS, len(count)))
+    ahead[: len(residuals)] = residuals
+    covariance = np.array([np.correlate(e, e[: len(residuals)], "valid") for e in np.ascontiguousarray(ahead.T)])
+    correlation = covariance[:, 1:] / np.maximum(covariance[:, :1], 1e-300)
     weights = (count * (count + 2.0))[:, None] / np.maximum(count[:, None] - np.arange(1, LAGS + 1), 1)
-    statistic = np.sum(correlation**2 * weights, axis=1)
+    statistic = np.einsum("kl,kl,kl->k", correlation, correlation, weights)
     return statistic / LAGS, chdtrc(LAGS, statistic)

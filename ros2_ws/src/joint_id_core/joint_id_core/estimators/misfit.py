@@ -8,6 +8,7 @@ covariance: already where it is no more than likely, since a bias that hardly sh
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,7 @@ SIGNIFICANT = 4.0  # from which it is told; one in 16,000
 OWN_SHARE = 0.15  # of the information on a shape that the parameters must leave it: else they stand for it themselves
 MOST = 2  # shapes that are taken together: more of them cancel each other, and their bias grows without end
 FORESEEN = (-1.0, 1.0, 0.5, 0.0, -0.5)  # straight line through the last four samples, minus the present one
+TINY = 1e-300
 LOW_SPEED = 0.1  # of the rms speed, below which friction rises in the shape of the Stribeck effect
 
 
@@ -60,9 +62,9 @@ class Misfit:
 
 def shapes(problem: Problem, states: Array, p: Array) -> list[Shape]:
     """Torques that the model may lack, along the filtered path `states` (T, n) with all parameters `p`."""
-    model = problem.model
+    model, value = problem.model, dict(zip(problem.model.parameter_names, p.tolist(), strict=True))
     names, inputs = model.state_names, model.input_names
-    known = {**dict(zip(inputs, problem.u.T, strict=True)), **dict(zip(names, states.T, strict=True))}
+    known = dict(zip((*inputs, *names), np.concatenate([problem.u, states], axis=1).T.copy(), strict=True))
     drive = next((inputs.index(n) for n in ("torque", "current") if n in inputs), None)
     load = inputs.index("external_torque") if "external_torque" in inputs else drive
     found = []
@@ -71,34 +73,33 @@ def shapes(problem: Problem, states: Array, p: Array) -> list[Shape]:
         if channel is None:
             continue
         w, side = known[velocity], velocity.split("_")[0]
-        speed = float(np.sqrt(np.mean(w**2))) or 1.0
-        direction = np.tanh(w / max(p[model.parameter_names.index(smoothing)], 0.01 * speed))
-        rise = direction * np.exp(-np.abs(w) / (LOW_SPEED * speed))
+        size = np.abs(w)
+        speed = math.sqrt(float(w @ w) / len(w)) or 1.0
+        rise = np.tanh(w / max(value[smoothing], 0.01 * speed)) * np.exp(size * (-1.0 / (LOW_SPEED * speed)))
         found.append(
             Shape(f"friction at the {side} that changes at low speed", "try --friction stribeck", channel, rise)
         )
-        bend = w * np.abs(w) / speed**2
-        found.append(Shape(f"friction at the {side} that bends with speed", "try --friction eyring", channel, bend))
-    if "link_position" in names and load is not None and "a_g" not in model.parameter_names:
-        q = known["link_position"] - float(np.mean(known["link_position"]))
-        found.append(Shape("a load that goes with the angle", "try --gravity", load, q / (float(np.ptp(q)) or 1.0)))
-    if drive is not None and "tau_0" not in model.parameter_names:
+        text = f"friction at the {side} that bends with speed"
+        found.append(Shape(text, "try --friction eyring", channel, w * size))
+    if "link_position" in names and load is not None and "a_g" not in value:
+        q = known["link_position"]
+        found.append(Shape("a load that goes with the angle", "try --gravity", load, q - q.mean()))
+    if drive is not None and "tau_0" not in value:
         found.append(Shape("a constant torque", "try --offsets", drive, np.ones(len(states))))
     if drive is not None:
         # Noise of the drive itself is independent of what is recorded, a sensor's is part of it. Only the past may
         # say what was to be expected: what follows is a controller's answer to the drive's own noise.
-        name, values = inputs[drive], problem.u[:, drive]
+        name, values = inputs[drive], known[inputs[drive]]
         surprise = np.zeros(len(values))
-        surprise[len(FORESEEN) - 1 :] = np.convolve(values, FORESEEN, "valid")
-        surprise /= float(np.max(np.abs(surprise))) or 1.0
+        surprise[len(FORESEEN) - 1 :] = np.correlate(values, FORESEEN[::-1], "valid")
         text, advice = f"noise in the recorded {name} that does not move the joint", f"record the commanded {name}"
         found.append(Shape(text, advice, drive, surprise, sensor=True))
     sides = {"motor_position", "link_position", "motor_velocity"}
     if sides <= known.keys() and drive is not None and "k_2" not in problem.free:
-        twist = known["motor_position"] / p[model.parameter_names.index("N")] - known["link_position"]
-        twist = twist - float(np.mean(twist))
-        cubic = twist**3 / (float(np.max(np.abs(twist**3))) or 1.0)
-        found.append(Shape("a spring that is not linear as the model has it", "try --free k_2", drive, cubic))
+        twist = known["motor_position"] / value["N"] - known["link_position"]
+        twist -= twist.mean()
+        text, cubic = "a spring that is not linear as the model has it", twist * twist * twist
+        found.append(Shape(text, "try --free k_2", drive, cubic))
     return found
 
 
@@ -114,16 +115,16 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
     if not candidates:
         return none
     channel = np.array([s.channel for s in candidates], dtype=np.int64)
-    course = np.ascontiguousarray(np.column_stack([s.course for s in candidates]))
-    J, D = recursion.sensitivities(last, channel, course)
-    D = D.reshape(-1, D.shape[2])
-    r = last.residuals.ravel()
+    course = np.array([s.course for s in candidates]).T
+    cross, total, score = recursion.disturbances(last, channel, course)
+    # a shape of no size has no scale
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(total), TINY))
     slope = coordinates.slope(found.z)
-    H_inverse = np.linalg.inv(found.hessian)
-    cross = slope[:, None] * (J.reshape(-1, J.shape[2]).T @ D)
-    total, projected = D.T @ D, cross.T @ H_inverse
+    cross = slope[:, None] * cross * scale
+    total = scale[:, None] * total * scale
+    projected = cross.T @ found.inverse
     M = total - projected @ cross
-    a = D.T @ r - projected @ (slope * last.gradient)
+    a = scale * score - projected @ (slope * last.gradient)
     enough = CREDIBLE * np.sqrt(np.maximum(np.diag(M), 0.0))
     possible = [k for k, s in enumerate(candidates) if not s.sensor or a[k] > enough[k]]
     taken: list[int] = []
@@ -137,10 +138,10 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
     if not taken:
         return none
     torques = [k for k in taken if not candidates[k].sensor]
-    bias = H_inverse @ cross[:, torques] @ np.linalg.solve(M[np.ix_(torques, torques)], a[torques])
+    bias = found.inverse @ cross[:, torques] @ np.linalg.solve(M[np.ix_(torques, torques)], a[torques])
     excess = np.outer(bias, bias)
     for k in set(taken).difference(torques):
-        bias = H_inverse @ _attenuation(recursion, coordinates, found, candidates[k].channel, last)
+        bias = found.inverse @ _attenuation(recursion, coordinates, found, candidates[k].channel, last)
         excess += np.outer(bias, bias)
     return Misfit(tuple((candidates[k], size) for k, size in zip(taken, sizes, strict=True)), excess)
 

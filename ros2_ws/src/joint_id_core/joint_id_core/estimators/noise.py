@@ -7,81 +7,112 @@ Identification, 2nd ed., section 9.3), so each takes its own step from the same 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from joint_id_core.codegen import Kernel
 from joint_id_core.estimate import NoiseInformation
 from joint_id_core.estimators.recursion import Pass, Recursion
-from joint_id_core.estimators.start import Roughness, input_noise
+from joint_id_core.estimators.start import credible_noise, input_noise, rough_noise
 from joint_id_core.problem import Problem
 from joint_id_core.recording import Array
 
 LARGEST_CHANGE = 20.0  # factor of a variance in one step: the information is only that of the present levels
 RIDGE = 1e-3  # information added to the logarithm of each level, so that one which nothing shows stays where it is
-HOLDS = 0.25  # relative change of what single samples say of a level up to which the information matrix is kept
+HOLDS = 0.25  # relative change of the levels, and of the number of labels, up to which their information is kept
 
 
 @dataclass(frozen=True)
 class NoiseLevels:
-    """Variances of labels and inputs, each of shape (labels + inputs,): rough ones to start from, and their bounds.
+    """Bounds of the variances of labels and inputs, each of shape (labels + inputs,).
 
     Never below the resolution of a label or 1e-6 of the typical size of an input; for measured motions never above
     what the signal shows. The noise of a drive has no such bound: it stands for everything the model does not know
     about the torque.
     """
 
-    rough: Array
+    problem: Problem
     lower: Array
     upper: Array
 
     @classmethod
     def of(cls, problem: Problem) -> NoiseLevels:
         """The levels for one problem."""
-        shown = [Roughness.of(column) for column in problem.y.T]
-        rows = [(r.noise, r.floor, r.ceiling) for r in shown]
-        for signal, values, start in zip(problem.model.inputs, problem.u.T, input_noise(problem), strict=True):
-            ceiling = Roughness.of(values).ceiling if signal.hold == "first" else (1e3 * signal.scale) ** 2
-            rows.append((float(start), (1e-6 * signal.scale) ** 2, ceiling))
-        rough, lower, upper = np.ascontiguousarray(np.array(rows).T)
-        return cls(rough, lower, np.maximum(lower, upper))
+        bounds = [credible_noise(row) for row in problem.rows]
+        for signal, values in zip(problem.model.inputs, problem.u.T, strict=True):
+            most = credible_noise(values)[1] if signal.hold == "first" else (1e3 * signal.scale) ** 2
+            bounds.append(((1e-6 * signal.scale) ** 2, most))
+        lower, upper = np.array(bounds).T.copy()
+        return cls(problem, lower, np.maximum(lower, upper))
+
+    @cached_property
+    def rough(self) -> Array:
+        """Rough levels to start from."""
+        problem = self.problem
+        labels = [max(rough_noise(row), least) for row, least in zip(problem.rows, self.lower, strict=False)]
+        return np.array([*labels, *input_noise(problem)])
 
     def clip(self, levels: Array) -> Array:
         """The nearest levels within the bounds."""
-        return np.clip(levels, self.lower, self.upper)
+        return np.minimum(np.maximum(levels, self.lower), self.upper)
 
-    def step(self, kernel: Kernel, levels: Array, score: Array, information: Array) -> tuple[Array, float]:
-        """One scoring step in the variances, by the compiled `gain_recursions.bounded_step`.
 
-        score (L,) and information (L, L) are by the logarithms of the levels.
+def bounded_step(
+    kernel: Kernel, levels: Array, lower: Array, upper: Array, score: Array, information: Array
+) -> tuple[Array, float]:
+    """One scoring step in the variances, by the compiled `gain_recursions.bounded_step`.
 
-        Returns:
-            The step in logarithms, and the decrement: its squared length in units of the levels' uncertainty.
-        """
-        step = np.empty_like(levels)
-        decrement = kernel.gains.bounded_step(
-            score, information, levels, self.lower, self.upper, LARGEST_CHANGE, RIDGE, step
-        )
-        return step, float(decrement)
+    score (L,) and information (L, L) are by the logarithms of the levels.
+
+    Returns:
+        The step in logarithms, and the decrement: its squared length in units of the levels' uncertainty.
+    """
+    step = np.empty_like(levels)
+    decrement = kernel.gains.bounded_step(score, information, levels, lower, upper, LARGEST_CHANGE, RIDGE, step)
+    return step, float(decrement)
 
 
 class NoiseScoring:
     """Steps of the noise levels beside the passes of one recursion.
 
-    The score is that of each pass. The information matrix costs ten times as much and only shapes the step: it is kept
-    while what single samples say of each level stays the same, also from an earlier window.
-
     Attributes:
         bounds: of the levels.
-        known: the latest information, or an earlier one that is believed to hold; None before the first step.
+        earlier: information from an earlier window near this one, kept while it holds: the score alone costs a third.
+        latest: information of this window, None where `earlier` held.
     """
 
-    def __init__(self, recursion: Recursion, bounds: NoiseLevels, known: NoiseInformation | None = None) -> None:
-        self.recursion, self.bounds, self.known = recursion, bounds, known
+    def __init__(self, recursion: Recursion, bounds: NoiseLevels) -> None:
+        self.recursion, self.bounds = recursion, bounds
+        self.earlier: NoiseInformation | None = None
+        self.latest: NoiseInformation | None = None
+
+    @property
+    def known(self) -> NoiseInformation | None:
+        """The latest information, or the earlier one that holds."""
+        return self.latest or self.earlier
 
     def step(self, last: Pass) -> tuple[Array, float]:
-        """The step in logarithms from the latest pass, and its decrement: see `NoiseLevels.step`."""
-        score, least = self.recursion.noise_score(last)
-        if self.known is None or np.any(np.abs(least - self.known.least) > HOLDS * self.known.least + RIDGE):
-            self.known = NoiseInformation(self.recursion.noise_information(last), least)
-        return self.bounds.step(self.recursion.kernel, last.levels, score, self.known.matrix)
+        """The step in logarithms from the latest pass, and its decrement: see `bounded_step`."""
+        observations = sum(map(len, self.recursion.problem.rows))
+        if self.earlier and self._holds(self.earlier, last.levels, observations):
+            score, matrix = self.recursion.noise_score(last), self.earlier.matrix
+        else:
+            score, matrix = self.recursion.noise_information(last)
+            self.latest = NoiseInformation(matrix, last.levels, observations)
+        bounds = self.bounds
+        return bounded_step(self.recursion.kernel, last.levels, bounds.lower, bounds.upper, score, matrix)
+
+    def _holds(self, earlier: NoiseInformation, levels: Array, observations: int) -> bool:
+        """Whether information on as many labels with such levels is the same: the motion changes little in it."""
+        as_many = abs(observations - earlier.observations) < HOLDS * earlier.observations
+        return as_many and _change(earlier, earlier.levels, levels) < HOLDS
+
+    def change(self, before: Array, after: Array) -> float:
+        """Largest change of the logarithm of a level, of those that change by more than the data leave open."""
+        return _change(self.known, before, after) if self.known else 0.0
+
+
+def _change(known: NoiseInformation, before: Array, after: Array) -> float:
+    moved = np.abs(np.log(after / before))
+    return float(np.max(moved, where=moved * moved * np.diag(known.matrix) > 1.0, initial=0.0))

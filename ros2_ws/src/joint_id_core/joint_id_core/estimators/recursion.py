@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +47,7 @@ class Pass:
     levels: Array
     steps: Steps
 
-    @property
+    @cached_property
     def residuals(self) -> Array:
         """Normalised innovations e/sqrt(S), shape (T, labels), 0 where a label is missing."""
         return np.asarray(self.errors / np.sqrt(self.variances))
@@ -112,17 +113,17 @@ class Recursion:
         self._latest = Pass(float(cost), e, S, H[self._block], g[self._columns], X, free, levels, steps)
         return self._latest
 
-    def sensitivities(self, result: Pass, channel: NDArray[np.int64], disturbance: Array) -> tuple[Array, Array]:
-        """Derivatives of the predicted labels over sqrt(S), by the free parameters and by disturbances of inputs.
+    def disturbances(self, result: Pass, channel: NDArray[np.int64], course: Array) -> tuple[Array, Array, Array]:
+        """How disturbances of inputs would move the predicted labels, beside the free parameters and the residuals.
 
         Args:
             result: the latest pass.
             channel: input that each disturbance is added to, shape (D,).
-            disturbance: in the unit of the input, shape (T, D).
+            course: in the unit of the input, shape (T, D).
 
         Returns:
-            By the physical values of the free parameters (T, labels, free), valid until the next pass, and by the size
-            of each disturbance (T, labels, D).
+            With the responses d of the predicted labels over sqrt(S) by the size of each disturbance, s those by the
+            physical values of the free parameters, r the residuals: sum s d' (free, D), sum d d' (D, D), sum d r (D,).
 
         Raises:
             JointIdError: `result` is not the latest pass; more disturbances than the kernel has columns for.
@@ -131,16 +132,14 @@ class Recursion:
         a, count, most = self.problem, len(channel), self.kernel.gains.CD
         if count > most:
             raise JointIdError(f"{count} disturbances: their responses are computed for at most {most} at once")
-        padded = np.zeros((len(a.time), most))
-        padded[:, :count] = disturbance
-        inputs = np.zeros(most, dtype=np.int64)
-        inputs[:count] = channel
-        out = np.empty((*result.errors.shape, most))
-        self.kernel.gains.responses(
-            a.y, a.label_states, self._begin, result.variances, self._K, self._F, self._C, inputs, padded, out
-        )
-        J = self._J if len(self._columns) == self._J.shape[2] else self._J[:, :, self._columns]
-        return J, out[:, :, :count]
+        padded, inputs = np.zeros((len(a.time), most)), np.zeros(most, dtype=np.int64)
+        padded[:, :count], inputs[:count] = course, channel
+        cross, total, score = np.empty((self._J.shape[2], most)), np.empty((most, most)), np.empty(most)
+        self.kernel.gains.disturbances(
+            a.y, a.label_states, self._begin, result.errors, result.variances, self._K, self._F, self._C, self._J,
+            inputs, padded, cross, total, score,
+        )  # fmt: skip
+        return cross[self._columns, :count], total[:count, :count], score[:count]
 
     def scores(self, result: Pass) -> Array:
         """What each sample adds to the gradient, shape (T, free), by the physical values of the free parameters.
@@ -159,32 +158,29 @@ class Recursion:
         if result is not self._latest:
             raise JointIdError("this is known of the latest pass only: run it again")
 
-    def noise_score(self, result: Pass) -> tuple[Array, Array]:
-        """Score of the noise levels, minus half the slope of the cost, and the least information on each, both (L,).
-
-        Both are by the logarithms of the levels.
+    def noise_score(self, result: Pass) -> Array:
+        """Score of the noise levels, minus half the slope of the cost by their logarithms, shape (L,).
 
         Raises:
             JointIdError: `result` is not the latest pass, whose gains are kept.
         """
         self._require_latest(result)
-        a, levels = self.problem, result.levels
-        score, least = np.empty_like(levels), np.empty_like(levels)
+        a, score = self.problem, np.empty_like(result.levels)
         self.kernel.gains.noise_score(
-            a.y, a.label_states, result.errors, result.variances, self._K, self._F, self._C, score, least
+            a.y, a.label_states, result.errors, result.variances, self._K, self._F, self._C, score
         )
-        return score * levels, least * levels**2
+        return score * result.levels
 
-    def noise_information(self, result: Pass) -> Array:
-        """Information matrix of the logarithms of the noise levels, shape (L, L).
+    def noise_information(self, result: Pass) -> tuple[Array, Array]:
+        """The same score (L,), and the information matrix of the logarithms of the noise levels, shape (L, L).
 
         Raises:
             JointIdError: `result` is not the latest pass, whose gains are kept.
         """
         self._require_latest(result)
         a, levels = self.problem, result.levels
-        information = np.empty((len(levels), len(levels)))
+        score, matrix = np.empty_like(levels), np.empty((len(levels), len(levels)))
         self.kernel.gains.noise_information(
-            a.y, a.label_states, self._begin, result.errors, result.variances, self._K, self._F, self._C, information
+            a.y, a.label_states, self._begin, result.errors, result.variances, self._K, self._F, self._C, score, matrix
         )
-        return np.asarray(information * np.outer(levels, levels))
+        return score * levels, matrix * np.outer(levels, levels)

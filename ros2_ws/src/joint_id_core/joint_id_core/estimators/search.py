@@ -13,7 +13,7 @@ from joint_id_core.estimators.belief import Belief, Coordinates
 from joint_id_core.estimators.gauss_newton import Minimum, evaluate, minimise
 from joint_id_core.estimators.innovations_options import MAX_SUBSTEPS, InnovationsOptions
 from joint_id_core.estimators.noise import NoiseLevels, NoiseScoring
-from joint_id_core.estimators.recursion import Recursion
+from joint_id_core.estimators.recursion import LONGEST_GAP, Recursion
 from joint_id_core.estimators.start import busiest, rough_states
 from joint_id_core.estimators.substeps import fastest_mode, stable_substeps, steps_of
 from joint_id_core.identifiability import explained
@@ -83,13 +83,14 @@ class Search:
         if previous.free != self.problem.free or len(levels) != len(self.noise.lower):
             return None
         self.substeps = self.options.substeps or previous.substeps
-        z = self.coordinates.clip(self.coordinates.z(np.array([previous[n].value for n in previous.free])))
+        values = previous.values
+        z = self.coordinates.clip(self.coordinates.z(np.array([values[n] for n in previous.free])))
         levels = self.noise.clip(levels)
-        self.scoring.known = previous.noise_information
+        self.scoring.earlier = previous.noise_information
         self.steps = steps_of(self.problem, self.kernel, self._values(z), self.rough_states, self.substeps)
         self._choose_start(z, levels)
-        found = self._minimised(z, levels, self.rough_states)
-        if found is not None and np.max(np.abs(np.log(found.levels / found.last.levels))) > SAME_LEVELS:
+        found = self._continued(self._at(z, levels, self.steps))
+        if found is not None and self.scoring.change(found.last.levels, found.levels) > SAME_LEVELS:
             found = self._continued(self._at(found.z, found.levels, self.steps))
         if found is not None and float(np.max(np.abs(found.z - z) / self.coordinates.spread)) < SAME_STEPS:
             return found  # the step size was judged for these values
@@ -97,6 +98,7 @@ class Search:
 
     def cold(self) -> Minimum | None:
         """Start from the belief; from others too until one describes the data, or two with unmeasured states."""
+        self.scoring.earlier = None
         measured = len(self.problem.labels) == len(self.problem.model.states)  # one minimum, as a rule
         if not measured:
             self.tolerance = TOLERANCE  # the costs of several minima are compared
@@ -198,14 +200,18 @@ class Search:
         """
         if "motor_position" not in set(self.problem.model.state_names) - set(self.problem.labels):
             return False
-        self.recursion.start_near(None)
-        relaxed = self._at(z, levels, self.steps)
-        self.recursion.start_near(self._values(z))
-        loaded = self._at(z, levels, self.steps)
-        if loaded is not None and (relaxed is None or loaded.cost < relaxed.cost):
-            return True
-        self.recursion.start_near(None)
-        return False
+        count = len(self.problem.time)
+        if count > SHORTEST and not np.any(self.problem.gap > LONGEST_GAP):  # its start is soon forgotten
+            count = SHORTEST
+        head = Recursion(self.problem.part(0, count), self.kernel)
+        costs = []
+        for near in (None, self._values(z)):
+            head.start_near(near)
+            found = evaluate(head, self.coordinates, self.belief, z, levels, self.steps[:count])
+            costs.append(np.inf if found is None else found.cost)
+        relaxed, loaded = costs
+        self.recursion.start_near(self._values(z) if loaded < relaxed else None)
+        return loaded < relaxed
 
     def _values(self, z: Array) -> Array:
         return self.recursion.values(self.coordinates.values(z))
@@ -278,7 +284,7 @@ class Search:
 
     def step_warning(self, found: Minimum) -> str:
         """What to say of an integration error that matters; nothing where it does not."""
-        share = np.abs(found.integration) / np.sqrt(np.diag(np.linalg.inv(found.hessian)))
+        share = np.abs(found.integration) / np.sqrt(np.diag(found.inverse))
         matters = (np.abs(found.integration) > self._least) & (share > 0.1)
         if 2 * self.substeps <= MAX_SUBSTEPS or not matters.any():
             return ""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.signal import savgol_filter
 
@@ -145,42 +143,46 @@ def _slope(problem: Problem, name: str, at: int) -> float:
     return float(np.polyfit(problem.time[seen] - problem.time[seen[0]], values[seen], 1)[0]) if len(seen) > 1 else 0.0
 
 
-@dataclass(frozen=True)
-class Roughness:
-    """What the samples of one measured signal say of its noise, as variances.
+def rough_noise(values: Array) -> float:
+    """Rough variance of a signal's noise, of its samples that were measured.
 
-    `noise` is a rough level: a smooth motion all but vanishes in third differences, white noise comes out times
-    sqrt(20); the median keeps events such as a reversal of friction out. `floor` is the smallest credible level:
-    quantisation if it shows, else 1e-7 of the range squared. `ceiling` is the largest one, twice what the rms of the
+    A smooth motion all but vanishes in third differences, white noise comes out times sqrt(20); the median keeps
+    events such as a reversal of friction out.
+    """
+    if len(values) < 4:
+        return 0.0
+    third = np.abs(_third(values[1:] - values[:-1]))
+    middle = float(np.partition(third, len(third) // 2)[len(third) // 2])
+    return (middle / 0.6745) ** 2 / 20.0
+
+
+def credible_noise(values: Array) -> tuple[float, float]:
+    """Smallest and largest credible variance of a signal's noise, from its samples that were measured.
+
+    The smallest is quantisation if it shows, else 1e-7 of the range squared. The largest is twice what the rms of the
     third differences allows: noise cannot be larger than what the signal itself shows, and without this bound a wrong
     model can explain itself by a sensor that is far worse than it is.
     """
-
-    noise: float
-    floor: float
-    ceiling: float
-
-    @classmethod
-    def of(cls, values: Array) -> Roughness:
-        """Of one signal, shape (T,), NaN where nothing was measured."""
-        finite = np.isfinite(values)
-        values = values if finite.all() else values[finite]
-        if len(values) < 4:
-            return cls(1e-24, 1e-24, 4e-24)
-        first = np.diff(values)
-        third = np.diff(first, n=2)
-        floor = (1e-7 * float(values.max() - values.min())) ** 2 + 1e-24
+    if len(values) < 4:
+        return 1e-24, 4e-24
+    first = values[1:] - values[:-1]
+    third = _third(first)
+    floor = (1e-7 * float(values.max() - values.min())) ** 2 + 1e-24
+    still = len(first) - int(np.count_nonzero(first))
+    if len(first) > still > 0.05 * len(values):
         steps = np.abs(first)
-        still = int(np.count_nonzero(steps == 0.0))
-        if len(steps) > still > 0.05 * len(values):
-            floor = max(floor, float(np.min(steps[steps > 0.0])) ** 2 / 12.0 * 0.1)
-        middle = np.partition(np.abs(third), len(third) // 2)[len(third) // 2]
-        noise = max((float(middle) / 0.6745) ** 2 / 20.0, floor)
-        return cls(noise, floor, max(4.0 * float(third @ third) / len(third) / 20.0, 4.0 * floor))
+        floor = max(floor, float(np.min(steps[steps > 0.0])) ** 2 / 12.0 * 0.1)
+    return floor, max(4.0 * float(third @ third) / len(third) / 20.0, 4.0 * floor)
+
+
+def _third(first: Array) -> Array:
+    """Third differences from first ones."""
+    second = first[1:] - first[:-1]
+    return np.asarray(second[1:] - second[:-1])
 
 
 def input_noise(problem: Problem) -> Array:
     """Rough variance of each input's noise per sample, shape (inputs,): 2 % of its rms, of its typical size if zero."""
-    rms = np.sqrt(np.mean(np.square(problem.u), axis=0))
+    rms = np.sqrt(np.einsum("tk,tk->k", problem.u, problem.u) / len(problem.u))
     typical = np.array([1e-3 * s.scale for s in problem.model.inputs])
     return np.square(np.maximum(0.02 * rms, typical))
