@@ -82,6 +82,23 @@ class NoiseInformation:
 
 
 @dataclass(frozen=True)
+class Checks:
+    """What the tests of a fit's residuals and predictions found.
+
+    Attributes:
+        texts: what to say of it, the empty text where a test found nothing.
+        excess: what it adds to the covariance of the estimation coordinates (`Belief`), shape (k, k).
+        nrmse: as in `Estimate`.
+        end: last instant of the data that were tested, in s.
+    """
+
+    texts: tuple[str, ...]
+    excess: Array
+    nrmse: Mapping[str, float]
+    end: float
+
+
+@dataclass(frozen=True)
 class Estimate:
     """What an estimator returns.
 
@@ -103,7 +120,9 @@ class Estimate:
         iterations, elapsed_s: cost of the fit.
         start, end: first and last instant of the data in s.
         samples: number of samples used.
-        predictions: by signal, the predicted labels, shape (T,), for plots; None for messages.
+        predictions: by signal, the predicted labels, shape (T,), for plots; None for messages, and where `checks` are
+            those of an earlier window.
+        checks: what tests of this fit found, or of an earlier one whose window reached into this one.
     """
 
     model: str
@@ -126,6 +145,7 @@ class Estimate:
     end: float = float("nan")
     samples: int = 0
     predictions: Mapping[str, Array] | None = None
+    checks: Checks | None = None
     noise_information: NoiseInformation | None = None
 
     @property

@@ -97,6 +97,9 @@ class OnlineIdentifier:
     a window needs far more noise than the last one, it is fitted by itself as well; if that explains it, the joint has
     changed (a load was picked up, say) and the memory is dropped.
 
+    What the model may lack, the memory of the residuals and predictions ahead are tested on windows that share no
+    sample: those between take over what was found.
+
     Args:
         model: model of the joint.
         values, fixed, freed: as in `estimators.fit`.
@@ -154,9 +157,12 @@ class OnlineIdentifier:
             return estimators.fit(
                 self.model, recording, self._values, self._fixed, self._freed, estimator=self.estimator
             )
+        start = float(recording.time[0])
+        tested = self._last.checks if self._last is not None else None
         estimate = fit_innovations(
             self.model, recording, self._values, self._fixed, self._freed, self._fit_options,
-            belief=self._belief(float(recording.time[0])), previous=self._last,
+            belief=self._belief(start), previous=self._last,
+            checks=tested if tested is not None and start <= tested.end else None,
         )  # fmt: skip
         if self._last is not None and self._drive_noise(estimate) > SURPRISE * self._drive_noise(self._last):
             alone = fit_innovations(self.model, recording, self._values, self._fixed, self._freed, self._fit_options)

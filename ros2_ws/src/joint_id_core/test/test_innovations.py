@@ -180,9 +180,9 @@ def test_a_positive_parameter_stays_positive():
 
 def test_an_estimate_stops_at_its_bound_and_says_so(monkeypatch):
     """A table that allows J only up to 1.5, where the data say 1.7."""
-    rows = tuple(replace(p, upper=1.5) if p.name == "J" else p for p in RIGID.parameters)
+    measured, rows = rigid(), tuple(replace(p, upper=1.5) if p.name == "J" else p for p in RIGID.parameters)
     monkeypatch.setattr(type(RIGID), "parameters", property(lambda self: rows))
-    estimate = fit(RIGID, rigid())
+    estimate = fit(RIGID, measured)
     assert estimate["J"].value == pytest.approx(1.5, rel=1e-12)
     assert estimate["J"].verdict is Verdict.AT_BOUND
     assert estimate["c"].verdict is Verdict.ESTIMATED

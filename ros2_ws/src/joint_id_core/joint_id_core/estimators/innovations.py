@@ -11,14 +11,12 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from joint_id_core import prediction
 from joint_id_core.codegen import compile_model
-from joint_id_core.estimate import Estimate, ParameterEstimate, Status
+from joint_id_core.estimate import Checks, Estimate, ParameterEstimate, Status
 from joint_id_core.estimators.belief import Belief
+from joint_id_core.estimators.checks import check
 from joint_id_core.estimators.gauss_newton import Minimum, stall_warning
 from joint_id_core.estimators.innovations_options import InnovationsOptions
-from joint_id_core.estimators.memory import memory
-from joint_id_core.estimators.misfit import misfit
 from joint_id_core.estimators.search import Progress, Search
 from joint_id_core.identifiability import judge, verdicts
 from joint_id_core.models import Model
@@ -36,6 +34,7 @@ def fit_innovations(
     options: InnovationsOptions | None = None,
     belief: Belief | None = None,
     previous: Estimate | None = None,
+    checks: Checks | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
     """Fit a model to a recording.
@@ -47,6 +46,7 @@ def fit_innovations(
         fixed, freed: names to hold although the table frees them, and the other way round.
         belief: prior from earlier data; without it the start values with the spreads of the parameter table.
         previous: a converged estimate of the same joint to start from, without annealing (warm start).
+        checks: of a window that reached into this one, to be taken over; without them the fit is tested.
         progress: called with a line of text now and then.
 
     Raises:
@@ -64,11 +64,12 @@ def fit_innovations(
     tell(f"preparing the compiled cell of {model.name}")
     search = Search.of(problem, compile_model(model, "tanh", extra, options.cell), options, belief, tell)
     found = search.warm(previous) if previous is not None and previous.converged else None
-    found = found or search.cold()
+    if found is None:
+        found, checks = search.cold(), None
     if found is None:
         diverged = UnusableError(Status.DIVERGED, f"{recording.source}: {Status.DIVERGED.advice}")
         return unusable(model, "innovations", diverged, recording)
-    return _estimate(search, found, time.perf_counter() - begun)
+    return _estimate(search, found, checks, begun)
 
 
 def _combinations(problem: Problem, values: dict[str, float], covariance: Array) -> dict[str, str]:
@@ -85,15 +86,14 @@ def _combinations(problem: Problem, values: dict[str, float], covariance: Array)
     return known
 
 
-def _estimate(search: Search, found: Minimum, elapsed: float) -> Estimate:
+def _estimate(search: Search, found: Minimum, checks: Checks | None, begun: float) -> Estimate:
     """Turn the minimum into an `Estimate`."""
     problem, model = search.problem, search.problem.model
-    values = search.coordinates.values(found.z)
-    p = search.recursion.values(values)
-    last = search.recursion.renewed(found.last)
-    missing = misfit(search.recursion, search.coordinates, found, last)
-    coloured = memory(search.recursion, search.coordinates, found, last)
-    covariance_z = found.covariance + missing.excess + coloured.excess
+    p = search.recursion.values(search.coordinates.values(found.z))
+    predictions = None
+    if checks is None:
+        checks, predictions = check(search, found)
+    covariance_z = found.covariance + checks.excess
     slope = search.coordinates.slope(found.z)
     covariance = covariance_z * np.outer(slope, slope)
     known = _combinations(problem, dict(zip(model.parameter_names, p.tolist(), strict=True)), covariance)
@@ -112,28 +112,24 @@ def _estimate(search: Search, found: Minimum, elapsed: float) -> Estimate:
         )
         for q, v in zip(model.parameters, p, strict=True)
     )
-    predictions = prediction.free_runs(
-        search.kernel, problem, found.last.states, p, found.last.steps, search.options.horizon_s
-    )
-    nrmse = prediction.nrmse(problem, predictions)
     judged = judge(
         problem,
         found,
-        nrmse,
+        checks.nrmse,
         rows,
-        (missing.text, coloured.text, stall_warning(found), search.step_warning(found), search.alone),
+        (*checks.texts, stall_warning(found), search.step_warning(found), search.alone),
         search.doubt,
     )
     noisy = (*problem.labels, *(f"input {n}" for n in model.input_names))
     sigma = np.sqrt(found.levels)
     return Estimate(
         model=model.name, estimator="innovations", status=judged.status, message=judged.message,
-        parameters=parameters, free=problem.free, covariance=covariance, nrmse=nrmse,
+        parameters=parameters, free=problem.free, covariance=covariance, nrmse=checks.nrmse,
         noise=dict(zip(noisy, map(float, sigma), strict=True)),
         chi2=judged.residuals.chi2, whiteness=judged.residuals.whiteness,
         deviance=found.last.cost, observations=sum(map(len, problem.rows)),
         substeps=search.substeps, iterations=search.iterations,
-        elapsed_s=elapsed, start=float(problem.time[0]), end=float(problem.time[-1]),
+        elapsed_s=time.perf_counter() - begun, start=float(problem.time[0]), end=float(problem.time[-1]),
         samples=len(problem.time), predictions=predictions,
-        noise_information=search.scoring.known,
+        checks=checks, noise_information=search.scoring.known,
     )  # fmt: skip

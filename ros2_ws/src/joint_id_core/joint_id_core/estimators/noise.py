@@ -21,6 +21,7 @@ from joint_id_core.recording import Array
 LARGEST_CHANGE = 20.0  # factor of a variance in one step: the information is only that of the present levels
 RIDGE = 1e-3  # information added to the logarithm of each level, so that one which nothing shows stays where it is
 HOLDS = 0.25  # relative change of the levels, and of the number of labels, up to which their information is kept
+SHOWN = 5.0  # information on the logarithm of a level from which the fit depends on it
 
 
 @dataclass(frozen=True)
@@ -109,10 +110,10 @@ class NoiseScoring:
         return as_many and _change(earlier, earlier.levels, levels) < HOLDS
 
     def change(self, before: Array, after: Array) -> float:
-        """Largest change of the logarithm of a level, of those that change by more than the data leave open."""
+        """Largest change of the logarithm of a level, of those that the data show."""
         return _change(self.known, before, after) if self.known else 0.0
 
 
 def _change(known: NoiseInformation, before: Array, after: Array) -> float:
-    moved = np.abs(np.log(after / before))
-    return float(np.max(moved, where=moved * moved * np.diag(known.matrix) > 1.0, initial=0.0))
+    shown = np.diag(known.matrix) > SHOWN
+    return float(np.max(np.abs(np.log(after / before)), where=shown, initial=0.0))
