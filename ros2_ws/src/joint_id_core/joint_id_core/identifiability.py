@@ -57,17 +57,25 @@ def verdicts(
     parameter, what is known in place of one that enters only in combination.
     """
     deviation = np.sqrt(np.diag(covariance_z))
-    ratio = deviation / coordinates.spread
-    correlation = covariance_z / np.outer(deviation, deviation) - np.eye(len(free))
-    found = dict.fromkeys(model.parameter_names, Shown(Verdict.FIXED, "held at this value"))
-    partners = np.argmax(np.abs(correlation), axis=1).tolist()
-    for i, (name, r, bound) in enumerate(zip(free, ratio.tolist(), coordinates.at_bound(z).tolist(), strict=True)):
-        row, apart, partner = model.parameter(name), "", partners[i]
-        if abs(correlation[i, partner]) > STRONG_CORRELATION:
-            apart = f"; it is hard to tell from {free[partner]} (correlation {correlation[i, partner]:+.3f})"
+    correlation = covariance_z / (deviation[:, None] * deviation)
+    correlation.flat[:: len(free) + 1] = 0.0
+    partners = np.abs(correlation).argmax(axis=1)
+    strongest = correlation[np.arange(len(free)), partners].tolist()
+    ratio, bounds = (deviation / coordinates.spread).tolist(), coordinates.at_bound(z).tolist()
+    place, held = {name: i for i, name in enumerate(free)}, Shown(Verdict.FIXED, "held at this value")
+    found = {}
+    for row in model.parameters:
+        name, apart = row.name, ""
+        if name not in place:
+            found[name] = held
+            continue
+        i = place[name]
+        r = ratio[i]
+        if abs(strongest[i]) > STRONG_CORRELATION:
+            apart = f"; it is hard to tell from {free[partners[i]]} (correlation {strongest[i]:+.3f})"
         if together and name in together:
             found[name] = Shown(Verdict.PRIOR, f"it enters only in combination: {together[name]}", together[name])
-        elif bound:
+        elif bounds[i]:
             end, side = (row.lower, "lower") if z[i] <= coordinates.lower[i] else (row.upper, "upper")
             found[name] = Shown(Verdict.AT_BOUND, f"the data pull it beyond its {side} bound {end:g} {row.unit}")
         elif r > NOT_EXCITED_RATIO:

@@ -11,7 +11,7 @@ import numpy as np
 from joint_id_core import estimators
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimate import Estimate
-from joint_id_core.estimators.belief import Belief
+from joint_id_core.estimators.belief import Belief, Coordinates
 from joint_id_core.estimators.innovations import fit_innovations
 from joint_id_core.estimators.innovations_options import InnovationsOptions
 from joint_id_core.models import Model
@@ -62,19 +62,23 @@ class SlidingWindow:
         """
         if not len(samples):
             return
-        if samples.time[0] <= self.end:
+        end = self.end
+        if samples.time[0] <= end:
             raise JointIdError(
-                f"{samples.source}: time goes backwards from {self.end:.6f} s to {samples.time[0]:.6f} s: "
+                f"{samples.source}: time goes backwards from {end:.6f} s to {samples.time[0]:.6f} s: "
                 "these samples were left out"
             )
         self._parts.append(samples)
-        while self._parts[0].time[-1] < self.end - self._length:
+        start = self.end - self._length
+        while self._parts[0].time[-1] < start:
             self._parts.popleft()
 
     def recording(self) -> Recording:
         """The samples of the window as one recording; a channel that a part lacks is NaN there."""
         parts = list(self._parts)
-        names = dict.fromkeys(n for part in parts for n in part.channels)
+        names: dict[str, None] = {}
+        for part in parts:
+            names |= dict.fromkeys(part.channels)
         derived = frozenset().union(*(p.derived for p in parts))
         time = np.concatenate([p.time for p in parts])
         first = int(np.searchsorted(time, self.end - self._length))
@@ -82,7 +86,7 @@ class SlidingWindow:
             n: np.concatenate([p.channels[n] if n in p else np.full(len(p), np.nan) for p in parts])[first:]
             for n in names
         }
-        whole = replace(parts[-1], time=time[first:], channels=channels, derived=derived)
+        whole = parts[-1].trusted(time[first:], channels, derived)  # the parts were checked, and so was their order
         if all(p.channels.keys() == names.keys() and p.derived == derived for p in parts):
             self._parts = deque([whole])  # the next window joins this one and what came since
         return whole
@@ -123,9 +127,9 @@ class OnlineIdentifier:
     ) -> None:
         if estimator not in estimators.ESTIMATORS:
             raise JointIdError(f"unknown estimator {estimator!r}: choose one of {', '.join(estimators.ESTIMATORS)}")
-        split_parameters(model, values or {}, fixed, freed)
+        _, free = split_parameters(model, values or {}, fixed, freed)
         self.model, self.options, self.estimator = model, options or OnlineOptions(), estimator
-        self._fit_options = fit_options
+        self._fit_options, self._coordinates = fit_options, Coordinates(model, free)
         self._values, self._fixed, self._freed = dict(values or {}), tuple(fixed), tuple(freed)
         self._window = SlidingWindow(self.options.window_s)
         self._next_fit = -np.inf
@@ -192,4 +196,4 @@ class OnlineIdentifier:
             return None
         self._past.appendleft(known)
         age = start - known.end + self.options.window_s
-        return Belief.after(known, self.model, inflation=float(np.exp(age / self.options.memory_s)))
+        return Belief.after(known, self._coordinates, inflation=float(np.exp(age / self.options.memory_s)))

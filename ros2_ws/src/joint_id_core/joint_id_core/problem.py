@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -63,17 +64,23 @@ class Problem:
         return np.isfinite(self.y)
 
     @cached_property
+    def table(self) -> Array | None:
+        """The labels as rows, shape (labels, T); None where some are missing."""
+        return np.ascontiguousarray(self.y.T) if self.present.all() else None
+
+    @cached_property
     def rows(self) -> tuple[Array, ...]:
         """The values of each label that were measured, each contiguous."""
-        rows = np.ascontiguousarray(self.y.T)
-        if self.present.all():
-            return tuple(rows)
-        return tuple(row[seen] for row, seen in zip(rows, self.present.T, strict=True))
+        if self.table is not None:
+            return tuple(self.table)
+        return tuple(np.ascontiguousarray(y[seen]) for y, seen in zip(self.y.T, self.present.T, strict=True))
 
     @cached_property
     def span(self) -> Array:
         """Largest minus smallest value of each label, shape (labels,); NaN where there is none."""
-        return np.array([row.max() - row.min() if len(row) else np.nan for row in self.rows])
+        if self.table is not None:
+            return np.asarray(self.table.max(axis=1) - self.table.min(axis=1))
+        return np.array([float(row.max() - row.min()) if len(row) else math.nan for row in self.rows])
 
     def part(self, first: int, last: int) -> Problem:
         """The samples from `first` to before `last`."""
@@ -95,11 +102,11 @@ def split_parameters(
     free = tuple(q.name for q in model.parameters if (not q.fixed or q.name in freed) and q.name not in fixed)
     if not free:
         raise JointIdError(f"model {model.name}: every parameter is fixed, there is nothing to estimate")
-    for name in free:
-        if model.parameter(name).positive and start[name] <= 0.0:
+    for row in model.parameters:
+        if row.name in free and row.positive and start[row.name] <= 0.0:
             raise JointIdError(
-                f"parameter {name} starts at {start[name]:g}: a positive parameter needs a start above zero; "
-                f"give one with --set, or hold it with --fix {name}=0"
+                f"parameter {row.name} starts at {start[row.name]:g}: a positive parameter needs a start above zero; "
+                f"give one with --set, or hold it with --fix {row.name}=0"
             )
     return np.array([start[n] for n in model.parameter_names]), free
 
@@ -154,7 +161,7 @@ def prepare(
             f"{recording.source} measures none of the states of model {model.name} "
             f"({', '.join(model.state_names)}): record at least one, or rename a column to it (--map)",
         )
-    y, time = np.array([_without_frozen(recording[n]) for n in labels]).T.copy(), np.ascontiguousarray(recording.time)
+    y, time = _without_frozen([recording[n] for n in labels]).T.copy(), np.ascontiguousarray(recording.time)
     if not usable.all():
         rows = usable.all(axis=1)
         u, y, time = u[rows], y[rows], time[rows]
@@ -168,9 +175,10 @@ def prepare(
             "`joint-id info`",
         )
     steps = time[1:] - time[:-1]
-    period = float(np.partition(steps, len(steps) // 2)[len(steps) // 2])
-    gap = np.zeros(len(time))
-    np.maximum(np.rint(steps / period) - 1.0, 0.0, out=gap[:-1])
+    period, gap = float(time[-1] - time[0]) / len(steps), np.zeros(len(time))
+    if steps.max() > 1.5 * period:  # there are gaps
+        period = float(np.median(steps))
+        np.maximum(np.rint(steps / period) - 1.0, 0.0, out=gap[:-1])
     index = np.array([model.state_names.index(n) for n in labels], dtype=np.int64)
     dropped = len(recording) - len(time)
     problem = Problem(model, time, u, y, labels, index, p, free, period, gap, dropped, recording)
@@ -211,22 +219,21 @@ def _peak(recording: Recording, velocity: str) -> float:
     return float(np.max(np.abs((values[8:] - values[:-8]) / (time[8:] - time[:-8]))))
 
 
-def _without_frozen(values: Array) -> Array:
-    """Zeros that a sensor repeats although it resolves far finer become NaN.
+def _without_frozen(signals: list[Array]) -> Array:
+    """The signals as rows, where zeros that a sensor repeats although it resolves far finer became NaN.
 
     Robots report a velocity of exactly zero below a threshold. That is no measurement of zero, and taken
     for one it makes the estimated noise of the sensor vanish. A quantised sensor is left as it is.
     """
-    if np.count_nonzero(values[1:] == values[:-1]) < 0.02 * len(values):
-        return values
-    steps = np.abs(np.diff(values))
-    moving = steps[steps > 0.0]
-    if not moving.size:
-        return values
-    if float(np.min(moving)) > 1e-3 * float(np.median(moving)):
-        return values
-    held = np.concatenate([[False], (steps == 0.0) & (values[1:] == 0.0)])
-    return np.where(held, np.nan, values)
+    rows = np.array(signals)
+    changes = np.count_nonzero(rows[:, 1:] != rows[:, :-1], axis=1)
+    for k in np.flatnonzero(changes <= 0.98 * rows.shape[1] - 1.0):
+        row = rows[k]
+        steps = np.abs(row[1:] - row[:-1])
+        moving = steps[steps > 0.0]
+        if moving.size and float(np.min(moving)) <= 1e-3 * float(np.median(moving)):
+            row[1:][(steps == 0.0) & (row[1:] == 0.0)] = np.nan
+    return rows
 
 
 def unusable(model: Model, estimator: str, error: UnusableError, recording: Recording) -> Estimate:

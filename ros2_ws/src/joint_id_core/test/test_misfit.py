@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from joint_id_core.control import PositionController, simulate_closed_loop
-from joint_id_core.estimators import fit
-from joint_id_core.estimators import innovations as engine
+from joint_id_core.estimators import checks, fit
 from joint_id_core.estimators.misfit import Misfit
 from joint_id_core.excitation import position_reference
 from joint_id_core.models import build
@@ -61,7 +60,7 @@ def test_what_is_missing_is_counted_in_the_intervals(monkeypatch):
         return float(np.mean(np.abs(z) < 1.96))
 
     counted = held_truth()
-    monkeypatch.setattr(engine, "misfit", nothing)
+    monkeypatch.setattr(checks, "misfit", nothing)
     assert held_truth() < 0.65
     assert counted > 0.8
 
@@ -82,6 +81,6 @@ def test_noise_of_the_torque_sensor_is_named_and_counted(monkeypatch):
     for estimate in fits:
         assert estimate.converged
         assert "noise in the recorded torque that does not move the joint" in estimate.message
-    monkeypatch.setattr(engine, "misfit", nothing)
+    monkeypatch.setattr(checks, "misfit", nothing)
     assert np.sqrt(np.mean(distances()[1] ** 2)) > 2.5
     assert np.sqrt(np.mean(counted**2)) < 1.2

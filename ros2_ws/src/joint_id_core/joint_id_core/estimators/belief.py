@@ -25,11 +25,18 @@ class Coordinates:
     """
 
     def __init__(self, model: Model, free: tuple[str, ...], priors: Mapping[str, float] | None = None) -> None:
-        rows = [model.parameter(name) for name in free]
-        self.positive = np.array([r.positive for r in rows])
-        self.lower = np.array([_logarithm(r.lower) if r.positive else r.lower for r in rows])
-        self.upper = np.array([_logarithm(r.upper) if r.positive else r.upper for r in rows])
-        self.spread = np.array([(priors or {}).get(r.name, r.spread) for r in rows])
+        rows = {row.name: row for row in model.parameters}
+        table = [
+            (
+                row.positive,
+                _logarithm(row.lower) if row.positive else row.lower,
+                _logarithm(row.upper) if row.positive else row.upper,
+                priors.get(row.name, row.spread) if priors else row.spread,
+            )
+            for row in (rows[name] for name in free)
+        ]
+        positive, self.lower, self.upper, self.spread = np.array(table).T
+        self.positive = positive > 0.0
         self.unit = np.where(self.positive, 1.0, self.spread)  # of a step: a factor e, or a spread
 
     def z(self, values: Array) -> Array:
@@ -77,9 +84,8 @@ class Belief:
         return cls(problem.free, coordinates.z(np.array(start)), np.diag(np.power(coordinates.spread, -2.0)))
 
     @classmethod
-    def after(cls, estimate: Estimate, model: Model, inflation: float = 1.0) -> Belief:
+    def after(cls, estimate: Estimate, coordinates: Coordinates, inflation: float = 1.0) -> Belief:
         """An estimate as the prior of later data, its covariance times `inflation` (forgetting)."""
-        coordinates = Coordinates(model, estimate.free)
         values = estimate.values
         z = coordinates.z(np.array([values[n] for n in estimate.free]))
         scale = 1.0 / coordinates.slope(z)

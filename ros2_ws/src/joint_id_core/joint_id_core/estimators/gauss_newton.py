@@ -148,7 +148,7 @@ def _step(matrix: Array, gradient: Array, held: NDArray[np.bool_]) -> Array:
 
 def stall_warning(found: Minimum) -> str:
     """What to say of an iteration that stalled; nothing where it did not."""
-    distance = float(np.sqrt(found.left @ found.hessian @ found.left))
+    distance = float(np.sqrt(found.left @ found.hessian @ found.left)) if found.left.any() else 0.0
     if distance < 1.0:
         return ""
     return (

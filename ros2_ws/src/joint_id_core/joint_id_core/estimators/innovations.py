@@ -24,6 +24,8 @@ from joint_id_core.problem import Problem, UnusableError, prepare, unusable
 from joint_id_core.recording import Array, Recording
 from joint_id_core.structure import combinations
 
+DEFAULTS = InnovationsOptions()
+
 
 def fit_innovations(
     model: Model,
@@ -53,14 +55,14 @@ def fit_innovations(
         JointIdError: misuse of names or values. Poor data come back as an `Estimate` with a status.
     """
     begun = time.perf_counter()
-    options = options or InnovationsOptions()
+    options = options or DEFAULTS
     tell = progress or (lambda _: None)
     try:
         problem = prepare(model, recording, values, fixed, freed)
     except UnusableError as error:
         return unusable(model, "innovations", error, recording)
-    table_free = {p.name for p in model.parameters if not p.fixed}
-    extra = tuple(n for n in problem.free if n not in table_free)
+    held = {p.name for p in model.parameters if p.fixed}
+    extra = tuple(n for n in problem.free if n in held)
     tell(f"preparing the compiled cell of {model.name}")
     search = Search.of(problem, compile_model(model, "tanh", extra, options.cell), options, belief, tell)
     found = search.warm(previous) if previous is not None and previous.converged else None
@@ -75,7 +77,7 @@ def fit_innovations(
 def _combinations(problem: Problem, values: dict[str, float], covariance: Array) -> dict[str, str]:
     """By parameter that enters only in combination, what is known instead."""
     model = problem.model
-    zero = {name for name, u in zip(model.input_names, problem.u.T, strict=True) if not np.any(u)}
+    zero = {name for name, u in zip(model.input_names, problem.u.T, strict=True) if not (u[0] or u.any())}
     zero |= {name for name in model.parameter_names if name not in problem.free and values[name] == 0.0}
     known: dict[str, str] = {}
     for group in combinations(model, problem.free, frozenset(zero)):

@@ -40,12 +40,20 @@ class NoiseLevels:
     @classmethod
     def of(cls, problem: Problem) -> NoiseLevels:
         """The levels for one problem."""
-        bounds = [credible_noise(row) for row in problem.rows]
+        table, span = problem.table, problem.span
+        if table is not None:
+            bounds = credible_noise(table, span)
+        else:
+            each = [credible_noise(row[None], span[k : k + 1]) for k, row in enumerate(problem.rows)]
+            bounds = np.concatenate(each, axis=1)
+        drives = []
         for signal, values in zip(problem.model.inputs, problem.u.T, strict=True):
-            most = credible_noise(values)[1] if signal.hold == "first" else (1e3 * signal.scale) ** 2
-            bounds.append(((1e-6 * signal.scale) ** 2, most))
-        lower, upper = np.array(bounds).T.copy()
-        return cls(problem, lower, np.maximum(lower, upper))
+            least, most = (1e-6 * signal.scale) ** 2, (1e3 * signal.scale) ** 2
+            if signal.hold == "first":
+                most = max(least, float(credible_noise(values[None], np.ptp(values)[None])[1, 0]))
+            drives.append((least, most))
+        lower, upper = np.concatenate([bounds, np.array(drives).T], axis=1)
+        return cls(problem, lower, upper)
 
     @cached_property
     def rough(self) -> Array:
@@ -115,5 +123,7 @@ class NoiseScoring:
 
 
 def _change(known: NoiseInformation, before: Array, after: Array) -> float:
-    shown = np.diag(known.matrix) > SHOWN
-    return float(np.max(np.abs(np.log(after / before)), where=shown, initial=0.0))
+    moved = np.abs(np.log(after / before))
+    return max(
+        (m for m, i in zip(moved.tolist(), known.matrix.diagonal().tolist(), strict=True) if i > SHOWN), default=0.0
+    )

@@ -62,9 +62,7 @@ class Recursion:
     def __init__(self, problem: Problem, kernel: Kernel) -> None:
         self.problem = problem
         self.kernel = kernel
-        columns = [kernel.sensitive.index(name) for name in problem.free]
-        self._block = np.ix_(columns, columns)
-        self._columns = np.array(columns)
+        self._columns = np.array([kernel.sensitive.index(name) for name in problem.free])
         self.index = np.array([problem.model.parameter_names.index(name) for name in problem.free])
         self._after = np.flatnonzero(problem.gap > LONGEST_GAP) + 1
         self._begin = np.full(len(problem.time), -1, dtype=np.int64)
@@ -82,9 +80,9 @@ class Recursion:
         self._near = p
         self.x0, spread = start_state(self.problem, 0, p)
         self.P0, self.Q_x = np.diag(spread**2), STATE_NOISE * spread**2
-        starts = [start_state(self.problem, int(k), p) for k in self._after] or [(self.x0, np.ones(len(self.x0)))]
+        starts = [start_state(self.problem, int(k), p) for k in self._after] or [(self.x0, spread)]
         self._X0 = np.array([mean for mean, _ in starts])
-        self._V0 = np.array([spread**2 for _, spread in starts])
+        self._V0 = np.array([spread for _, spread in starts]) ** 2
 
     def with_inputs(self, u: Array) -> Recursion:
         """The same recursion on other inputs, shape (T, inputs)."""
@@ -110,7 +108,9 @@ class Recursion:
             levels[:m], levels[m:], self.Q_x, self.values(free), steps, X, e, S, self._K, self._F, self._C, self._J,
             H, g,
         )  # fmt: skip
-        self._latest = Pass(float(cost), e, S, H[self._block], g[self._columns], X, free, levels, steps)
+        self._latest = Pass(
+            float(cost), e, S, H[self._columns[:, None], self._columns], g[self._columns], X, free, levels, steps
+        )
         return self._latest
 
     def disturbances(self, result: Pass, channel: NDArray[np.int64], course: Array) -> tuple[Array, Array, Array]:

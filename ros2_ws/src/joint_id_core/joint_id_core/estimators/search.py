@@ -284,9 +284,11 @@ class Search:
 
     def step_warning(self, found: Minimum) -> str:
         """What to say of an integration error that matters; nothing where it does not."""
+        if 2 * self.substeps <= MAX_SUBSTEPS:
+            return ""
         share = np.abs(found.integration) / np.sqrt(np.diag(found.inverse))
         matters = (np.abs(found.integration) > self._least) & (share > 0.1)
-        if 2 * self.substeps <= MAX_SUBSTEPS or not matters.any():
+        if not matters.any():
             return ""
         worst = int(np.argmax(share * matters))
         mode = fastest_mode(self.problem, self.kernel, self._values(found.z), self.rough_states, sliding=False)

@@ -102,7 +102,9 @@ def rough_states(problem: Problem) -> Array:
     ratio = problem.p[model.parameter_names.index("N")] if "N" in model.parameter_names else 1.0
     known = {name: problem.u[:, k] for k, name in enumerate(model.input_names)}
     for name in model.state_names:
-        if name in recording:
+        if name in problem.labels and len(problem.rows[k := problem.labels.index(name)]) == len(time):
+            known[name] = problem.rows[k]
+        elif name in recording:
             seen = np.isfinite(recording[name])
             if len(seen) == len(time) and seen.all():
                 known[name] = recording[name]
@@ -156,29 +158,30 @@ def rough_noise(values: Array) -> float:
     return (middle / 0.6745) ** 2 / 20.0
 
 
-def credible_noise(values: Array) -> tuple[float, float]:
-    """Smallest and largest credible variance of a signal's noise, from its samples that were measured.
+def credible_noise(rows: Array, span: Array) -> Array:
+    """Smallest and largest credible variances of signals' noise, shape (2, k), from rows of measured samples (k, T).
 
-    The smallest is quantisation if it shows, else 1e-7 of the range squared. The largest is twice what the rms of the
-    third differences allows: noise cannot be larger than what the signal itself shows, and without this bound a wrong
-    model can explain itself by a sensor that is far worse than it is.
+    The smallest is quantisation if it shows, else 1e-7 of the span (k,) of the values squared. The largest is twice what
+    the rms of the third differences allows: noise cannot be larger than what the signal itself shows, and without this
+    bound a wrong model can explain itself by a sensor that is far worse than it is.
     """
-    if len(values) < 4:
-        return 1e-24, 4e-24
-    first = values[1:] - values[:-1]
+    count = rows.shape[1]
+    if count < 4:
+        return np.outer([1e-24, 4e-24], np.ones(len(rows)))
+    first = rows[:, 1:] - rows[:, :-1]
     third = _third(first)
-    floor = (1e-7 * float(values.max() - values.min())) ** 2 + 1e-24
-    still = len(first) - int(np.count_nonzero(first))
-    if len(first) > still > 0.05 * len(values):
-        steps = np.abs(first)
-        floor = max(floor, float(np.min(steps[steps > 0.0])) ** 2 / 12.0 * 0.1)
-    return floor, max(4.0 * float(third @ third) / len(third) / 20.0, 4.0 * floor)
+    floor = (1e-7 * span) ** 2 + 1e-24
+    still = count - 1 - np.count_nonzero(first, axis=1)
+    for k in np.flatnonzero((still > 0.05 * count) & (still < count - 1)):
+        steps = np.abs(first[k])
+        floor[k] = max(floor[k], float(np.min(steps[steps > 0.0])) ** 2 / 12.0 * 0.1)
+    return np.array([floor, np.maximum(4.0 / 20.0 * np.einsum("kt,kt->k", third, third) / (count - 3), 4.0 * floor)])
 
 
 def _third(first: Array) -> Array:
     """Third differences from first ones."""
-    second = first[1:] - first[:-1]
-    return np.asarray(second[1:] - second[:-1])
+    second = first[..., 1:] - first[..., :-1]
+    return np.asarray(second[..., 1:] - second[..., :-1])
 
 
 def input_noise(problem: Problem) -> Array:
