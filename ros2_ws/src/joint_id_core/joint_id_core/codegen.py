@@ -45,7 +45,6 @@ _FILTER = {
     "observations": f"void({_M}, {_M}, {_V}, {_M})",
 }
 _GAINS = {
-    "noise_score": f"void({_M}, {_I}, {_M}, {_M}, {_T}, {_T}, {_T}, {_V})",
     "noise_information": f"void({_M}, {_I}, {_I}, {_M}, {_M}, {_T}, {_T}, {_T}, {_V}, {_M})",
     "bounded_step": f"float64({_V}, {_M}, {_V}, {_V}, {_V}, float64, float64, {_V})",
     "disturbances": f"void({_M}, {_I}, {_I}, {_M}, {_M}, {_T}, {_T}, {_T}, {_T}, {_I}, {_M}, {_M}, {_M}, {_V})",

@@ -67,21 +67,6 @@ class ParameterEstimate:
 
 
 @dataclass(frozen=True)
-class NoiseInformation:
-    """What the data say of the logarithms of the noise variances, in the order of `Estimate.noise`.
-
-    Attributes:
-        matrix: information matrix, shape (L, L).
-        levels: the variances that it was computed at, shape (L,).
-        observations: the number of label values that it covers.
-    """
-
-    matrix: Array
-    levels: Array
-    observations: int
-
-
-@dataclass(frozen=True)
 class Checks:
     """What the tests of a fit's residuals and predictions found.
 
@@ -89,13 +74,13 @@ class Checks:
         texts: what to say of it, the empty text where a test found nothing.
         excess: what it adds to the covariance of the estimation coordinates (`Belief`), shape (k, k).
         nrmse: as in `Estimate`.
-        end: last instant of the data that were tested, in s.
+        together: by parameter that enters only in combination, what is known instead.
     """
 
     texts: tuple[str, ...]
     excess: Array
     nrmse: Mapping[str, float]
-    end: float
+    together: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -111,7 +96,6 @@ class Estimate:
         covariance: of the free parameters in SI units, shape (len(free), len(free)).
         nrmse: by signal, rms of prediction minus label over the label's standard deviation.
         noise: estimated standard deviation by label and noisy input, SI units.
-        noise_information: how well these are known; None where an estimator does not say.
         chi2: mean squared normalised innovation; 1 for a correct model.
         whiteness: by label, lag-one autocorrelation of the innovations; 0 for a correct model.
         deviance: -2 log likelihood of the labels at the estimate, without its constant term (NaN where an estimator
@@ -120,9 +104,8 @@ class Estimate:
         iterations, elapsed_s: cost of the fit.
         start, end: first and last instant of the data in s.
         samples: number of samples used.
-        predictions: by signal, the predicted labels, shape (T,), for plots; None for messages, and where `checks` are
-            those of an earlier window.
-        checks: what tests of this fit found, or of an earlier one whose window reached into this one.
+        predictions: by signal, the predicted labels, shape (T,), for plots; None for messages.
+        checks: what tests of this fit found, or of the one that this estimate extends.
     """
 
     model: str
@@ -146,7 +129,6 @@ class Estimate:
     samples: int = 0
     predictions: Mapping[str, Array] | None = None
     checks: Checks | None = None
-    noise_information: NoiseInformation | None = None
 
     @property
     def converged(self) -> bool:

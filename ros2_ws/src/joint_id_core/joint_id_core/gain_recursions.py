@@ -24,76 +24,6 @@ DISTURBANCES = 8
 # --- compiled from here ---
 
 
-def noise_score(y: Any, label: Any, e: Any, S: Any, K: Any, F: Any, C: Any, score: Any) -> None:
-    """Score (L) of the noise levels as `noise_information` has it, at a fifth of the cost, without the information.
-
-    By the disturbance smoother, which runs backward and needs no derivatives by each level (Koopman & Shephard,
-    Biometrika 79, 1992). F ends with zeros.
-    """
-    # One array, as in the steps: N, N (F, B), r (F, B) and N K.
-    NY, columns = len(label), NX + NU
-    N, A, r, along, v = (
-        0,
-        NX * NX,
-        NX * NX + NX * columns,
-        NX * NX + NX * columns + NX,
-        NX * NX + (NX + 1) * columns + NX,
-    )
-    d = work_space(NX * NX + (NX + 1) * columns + 2 * NX)
-    for k in range(NY + NU):
-        score[k] = 0.0
-    for t in range(len(y) - 1, -1, -1):
-        for n in range(columns):
-            total = 0.0
-            for m in range(NX):
-                total += d[r + m] * F[t, m, n]
-            d[along + n] = total
-        for m in range(NX):
-            for n in range(columns):
-                total = 0.0
-                for k in range(NX):
-                    total += d[N + m * NX + k] * F[t, k, n]
-                d[A + m * columns + n] = total
-        for k in range(NU):
-            D = 0.0
-            for m in range(NX):
-                D += F[t, m, NX + k] * d[A + m * columns + NX + k]
-            score[NY + k] += 0.5 * (d[along + NX + k] * d[along + NX + k] - D)
-        for m in range(NX):
-            d[r + m] = d[along + m]
-            for n in range(NX):
-                total = 0.0
-                for k in range(NX):
-                    total += F[t, k, m] * d[A + k * columns + n]
-                d[N + m * NX + n] = total
-        for k in range(NY - 1, -1, -1):
-            if math.isnan(y[t, k]):
-                continue
-            i = label[k]
-            inverse = 1.0 / S[t, k]
-            u, D = e[t, k] * inverse, inverse
-            for m in range(NX):
-                total = 0.0
-                for n in range(NX):
-                    total += d[N + m * NX + n] * K[t, k, n]
-                d[v + m] = total
-                u -= K[t, k, m] * d[r + m]
-                D += K[t, k, m] * total
-            score[k] += 0.5 * (u * u - D)
-            if DELAYED:
-                for m in range(NX):
-                    row = C[t, k, m]
-                    d[r + m] += row * u
-                    for n in range(NX):
-                        d[N + m * NX + n] += row * (C[t, k, n] * D - d[v + n]) - d[v + m] * C[t, k, n]
-                continue
-            d[r + i] += u
-            for m in range(NX):
-                d[N + i * NX + m] -= d[v + m]
-                d[N + m * NX + i] -= d[v + m]
-            d[N + i * NX + i] += D
-
-
 def noise_information(
     y: Any, label: Any, begin: Any, e: Any, S: Any, K: Any, F: Any, C: Any, score: Any, info: Any
 ) -> None:
@@ -201,8 +131,9 @@ def bounded_step(
 ) -> float:
     """One scoring step of the logarithms of the noise levels, `step` (L), and its squared length by `info`.
 
-    score (L), info (L, L): by the logarithms. No level leaves its bounds `lower`, `upper` (L) or changes by more
-    than a factor `largest`: one that would is held where it is allowed to go, and the others take their step beside it.
+    score (L), info (L, L): of `noise_information`, by the logarithms. No level leaves its bounds `lower`, `upper` (L)
+    or changes by more than a factor `largest`: one that would is held where it is allowed to go, and the others take
+    their step beside it.
     """
     L = len(levels)
     A, change, held = np.empty((L, L)), np.zeros(L), np.zeros(L)

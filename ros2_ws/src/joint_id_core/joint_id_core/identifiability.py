@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from joint_id_core.estimate import Status, Verdict
+from joint_id_core.estimate import ParameterEstimate, Status, Verdict
 from joint_id_core.models import Model
 from joint_id_core.problem import Problem
 from joint_id_core.recording import Array
@@ -91,6 +92,17 @@ def verdicts(
     return found
 
 
+def table(
+    model: Model, free: tuple[str, ...], p: Array, covariance: Array, rows: Mapping[str, Shown], initial: Array
+) -> tuple[ParameterEstimate, ...]:
+    """All parameters: values `p`, deviations from the covariance of the `free` ones, verdicts, start values."""
+    std = dict(zip(free, np.sqrt(np.diag(covariance)).tolist(), strict=True))
+    return tuple(
+        ParameterEstimate(q.name, q.unit, v, std.get(q.name, math.nan), rows[q.name].verdict, v0, rows[q.name].reason)
+        for q, v, v0 in zip(model.parameters, p.tolist(), initial.tolist(), strict=True)
+    )
+
+
 @dataclass(frozen=True)
 class Residuals:
     """Statistics of the normalised innovations, and the reasons why they do not look like noise."""
@@ -166,13 +178,19 @@ def judge(
         status, message = Status.POOR_FIT, f"{'; '.join(reasons)}: {Status.POOR_FIT.advice}"
     else:
         status, message = Status.CONVERGED, "converged"
+    return Judgement(status, message + remarks(rows, warnings, problem.dropped), residuals)
+
+
+def remarks(rows: Mapping[str, Shown], warnings: Sequence[str], dropped: int) -> str:
+    """What to add to the message of a fit: what is not known, and what else there is to know."""
+    text = ""
     unseen = [n for n, v in rows.items() if v.verdict in (Verdict.NOT_EXCITED, Verdict.PRIOR) and not v.together]
     if unseen:
-        message += f"; this motion does not show {', '.join(unseen)}"
-    for text in dict.fromkeys(v.together for v in rows.values() if v.together):
-        message += f"; this model shows only {text}: hold one of these parameters"
+        text += f"; this motion does not show {', '.join(unseen)}"
+    for together in dict.fromkeys(v.together for v in rows.values() if v.together):
+        text += f"; this model shows only {together}: hold one of these parameters"
     for warning in filter(None, warnings):
-        message += f"; {warning}"
-    if problem.dropped:
-        message += f"; {problem.dropped} samples without an input were left out"
-    return Judgement(status, message, residuals)
+        text += f"; {warning}"
+    if dropped:
+        text += f"; {dropped} samples without an input were left out"
+    return text

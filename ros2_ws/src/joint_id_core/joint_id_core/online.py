@@ -12,6 +12,7 @@ from joint_id_core import estimators
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimate import Estimate
 from joint_id_core.estimators.belief import Belief, Coordinates
+from joint_id_core.estimators.extension import extend
 from joint_id_core.estimators.innovations import fit_innovations
 from joint_id_core.estimators.innovations_options import InnovationsOptions
 from joint_id_core.models import Model
@@ -21,6 +22,7 @@ from joint_id_core.recording import Recording
 
 # Growth of the drive's noise from one window to the next at which the memory is doubted.
 SURPRISE = 2.0
+WARM_UP = 100  # samples before the new ones that show the state of the joint
 
 
 @dataclass(frozen=True)
@@ -73,23 +75,24 @@ class SlidingWindow:
         while self._parts[0].time[-1] < start:
             self._parts.popleft()
 
-    def recording(self) -> Recording:
-        """The samples of the window as one recording; a channel that a part lacks is NaN there."""
-        parts = list(self._parts)
+    def recording(self, since: float = -np.inf) -> Recording:
+        """The samples of the window from `since` on as one recording; a channel that a part lacks is NaN there."""
+        start = max(since, self.end - self._length)
+        parts: list[Recording] = []
+        for part in reversed(self._parts):
+            first = int(np.searchsorted(part.time, start))
+            parts.insert(0, part.slice(first, len(part)) if first else part)
+            if first:
+                break
         names: dict[str, None] = {}
         for part in parts:
             names |= dict.fromkeys(part.channels)
         derived = frozenset().union(*(p.derived for p in parts))
-        time = np.concatenate([p.time for p in parts])
-        first = int(np.searchsorted(time, self.end - self._length))
         channels = {
-            n: np.concatenate([p.channels[n] if n in p else np.full(len(p), np.nan) for p in parts])[first:]
-            for n in names
+            n: np.concatenate([p.channels[n] if n in p else np.full(len(p), np.nan) for p in parts]) for n in names
         }
-        whole = parts[-1].trusted(time[first:], channels, derived)  # the parts were checked, and so was their order
-        if all(p.channels.keys() == names.keys() and p.derived == derived for p in parts):
-            self._parts = deque([whole])  # the next window joins this one and what came since
-        return whole
+        # the parts were checked, and so was their order
+        return parts[-1].trusted(np.concatenate([p.time for p in parts]), channels, derived)
 
 
 class OnlineIdentifier:
@@ -101,8 +104,8 @@ class OnlineIdentifier:
     a window needs far more noise than the last one, it is fitted by itself as well; if that explains it, the joint has
     changed (a load was picked up, say) and the memory is dropped.
 
-    What the model may lack, the memory of the residuals and predictions ahead are tested on windows that share no
-    sample: those between take over what was found.
+    A window is fitted as a whole, with its noise levels and all tests, once in its length. Between, the last estimate
+    is extended by the samples that came since, unless these do not agree with it.
 
     Args:
         model: model of the joint.
@@ -129,11 +132,12 @@ class OnlineIdentifier:
             raise JointIdError(f"unknown estimator {estimator!r}: choose one of {', '.join(estimators.ESTIMATORS)}")
         _, free = split_parameters(model, values or {}, fixed, freed)
         self.model, self.options, self.estimator = model, options or OnlineOptions(), estimator
-        self._fit_options, self._coordinates = fit_options, Coordinates(model, free)
+        self._fit_options, self._coordinates = fit_options or InnovationsOptions(), Coordinates(model, free)
         self._values, self._fixed, self._freed = dict(values or {}), tuple(fixed), tuple(freed)
         self._window = SlidingWindow(self.options.window_s)
         self._next_fit = -np.inf
         self._last: Estimate | None = None
+        self._fitted = -np.inf  # end of the last window that was fitted as a whole, if it converged
         self._past: deque[Estimate] = deque()
 
     def update(self, samples: Recording) -> Estimate | None:
@@ -154,19 +158,35 @@ class OnlineIdentifier:
         if self._window.end < self._next_fit - 1.5 * samples.duration / max(1, len(samples) - 1):
             return None
         self._next_fit = self._window.end + self.options.hop_s
-        return self._fit(self._window.recording())
+        return self._extended() or self._fit(self._window.recording())
+
+    def _extended(self) -> Estimate | None:
+        """The last estimate extended by what came since; None when it is time for a fit of the window.
+
+        That is once a window's length, or where the new samples do not agree with the last estimate.
+        """
+        last, options = self._last, self.options
+        if last is None or not options.memory_s or not self._window.end - options.window_s < self._fitted:
+            return None
+        recording = self._window.recording(last.end - WARM_UP * (last.end - last.start) / last.samples)
+        inflation = float(np.exp((self._window.end - last.end) / options.memory_s))
+        estimate = extend(
+            self.model, last, recording, self._values, self._fixed, self._freed, self._fit_options, inflation
+        )
+        if estimate is not None:
+            self._last = estimate
+            self._past.append(estimate)
+        return estimate
 
     def _fit(self, recording: Recording) -> Estimate:
+        self._fitted = -np.inf
         if self.estimator != "innovations":
             return estimators.fit(
                 self.model, recording, self._values, self._fixed, self._freed, estimator=self.estimator
             )
-        start = float(recording.time[0])
-        tested = self._last.checks if self._last is not None else None
         estimate = fit_innovations(
             self.model, recording, self._values, self._fixed, self._freed, self._fit_options,
-            belief=self._belief(start), previous=self._last,
-            checks=tested if tested is not None and start <= tested.end else None,
+            belief=self._belief(float(recording.time[0])), previous=self._last,
         )  # fmt: skip
         if self._last is not None and self._drive_noise(estimate) > SURPRISE * self._drive_noise(self._last):
             alone = fit_innovations(self.model, recording, self._values, self._fixed, self._freed, self._fit_options)
@@ -176,7 +196,7 @@ class OnlineIdentifier:
                     alone, message=f"{alone.message}; the joint has changed: older windows are forgotten"
                 )
         if estimate.converged:
-            self._last = estimate
+            self._last, self._fitted = estimate, estimate.end
             self._past.append(estimate)
         return estimate
 

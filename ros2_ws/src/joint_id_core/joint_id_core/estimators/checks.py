@@ -1,6 +1,8 @@
-"""Tests of a fit: what the model lacks, residuals that remember, and predictions ahead of the data."""
+"""Tests of a fit: what the model lacks, residuals that remember, predictions ahead, what enters only together."""
 
 from __future__ import annotations
+
+import numpy as np
 
 from joint_id_core import prediction
 from joint_id_core.estimate import Checks
@@ -8,7 +10,9 @@ from joint_id_core.estimators.gauss_newton import Minimum
 from joint_id_core.estimators.memory import memory
 from joint_id_core.estimators.misfit import misfit
 from joint_id_core.estimators.search import Search
+from joint_id_core.problem import Problem
 from joint_id_core.recording import Array
+from joint_id_core.structure import combinations
 
 
 def check(search: Search, found: Minimum) -> tuple[Checks, dict[str, Array]]:
@@ -20,7 +24,22 @@ def check(search: Search, found: Minimum) -> tuple[Checks, dict[str, Array]]:
     problem, recursion, coordinates = search.problem, search.recursion, search.coordinates
     last = recursion.renewed(found.last)
     missing, coloured = misfit(recursion, coordinates, found, last), memory(recursion, coordinates, found, last)
-    p = recursion.values(coordinates.values(found.z))
+    texts, excess = (missing.text, coloured.text), missing.excess + coloured.excess
+    p, slope = recursion.values(coordinates.values(found.z)), coordinates.slope(found.z)
+    together = _combinations(problem, p, (found.covariance + excess) * np.outer(slope, slope))
     predictions = prediction.free_runs(search.kernel, problem, last.states, p, last.steps, search.options.horizon_s)
-    texts, nrmse = (missing.text, coloured.text), prediction.nrmse(problem, predictions)
-    return Checks(texts, missing.excess + coloured.excess, nrmse, float(problem.time[-1])), predictions
+    return Checks(texts, excess, prediction.nrmse(problem, predictions), together), predictions
+
+
+def _combinations(problem: Problem, p: Array, covariance: Array) -> dict[str, str]:
+    """By parameter that enters only in combination, what is known instead."""
+    model, values = problem.model, dict(zip(problem.model.parameter_names, p.tolist(), strict=True))
+    zero = {name for name, u in zip(model.input_names, problem.u.T, strict=True) if not (u[0] or u.any())}
+    zero |= {name for name in model.parameter_names if name not in problem.free and values[name] == 0.0}
+    known: dict[str, str] = {}
+    for group in combinations(model, problem.free, frozenset(zero)):
+        value = group.value(values, problem.free, covariance)
+        unit = f" {model.parameter(group.names[0]).unit}" if group.kind == "sum" else ""
+        text = group.text if value is None else f"{group.text} = {value[0]:.6g} ± {value[1]:.2g}{unit}"
+        known |= dict.fromkeys(group.names, text)
+    return known

@@ -106,7 +106,7 @@ def minimise(
         z, H, g = here.z, here.hessian, here.gradient
         damped = H.copy()
         damped.flat[:: len(z) + 1] *= 1.0 + damping
-        dz = _step(damped, g, coordinates.held(z, g))
+        dz = newton_step(damped, g, coordinates.held(z, g))
         decrement = float(dz @ H @ dz)
         levels = here.levels * np.exp(share * push)
         free_step = damping <= STRONG_DAMPING
@@ -132,12 +132,12 @@ def minimise(
                 break
     left = np.zeros_like(here.z)
     if damping > STRONG_DAMPING:  # the steps became short because the cost rose along them
-        full = _step(here.hessian, here.gradient, coordinates.held(here.z, here.gradient))
+        full = newton_step(here.hessian, here.gradient, coordinates.held(here.z, here.gradient))
         left = np.clip(full, -MAX_STEP, MAX_STEP)
     return replace(here, settled=settled, iterations=iterations, left=left)
 
 
-def _step(matrix: Array, gradient: Array, held: NDArray[np.bool_]) -> Array:
+def newton_step(matrix: Array, gradient: Array, held: NDArray[np.bool_]) -> Array:
     """The step of the coordinates that are not `held`."""
     if not held.any():
         return np.asarray(np.linalg.solve(matrix, gradient), dtype=float)

@@ -12,17 +12,16 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from joint_id_core.codegen import compile_model
-from joint_id_core.estimate import Checks, Estimate, ParameterEstimate, Status
+from joint_id_core.estimate import Estimate, Status
 from joint_id_core.estimators.belief import Belief
 from joint_id_core.estimators.checks import check
 from joint_id_core.estimators.gauss_newton import Minimum, stall_warning
 from joint_id_core.estimators.innovations_options import InnovationsOptions
 from joint_id_core.estimators.search import Progress, Search
-from joint_id_core.identifiability import judge, verdicts
+from joint_id_core.identifiability import judge, table, verdicts
 from joint_id_core.models import Model
-from joint_id_core.problem import Problem, UnusableError, prepare, unusable
-from joint_id_core.recording import Array, Recording
-from joint_id_core.structure import combinations
+from joint_id_core.problem import UnusableError, prepare, unusable
+from joint_id_core.recording import Recording
 
 DEFAULTS = InnovationsOptions()
 
@@ -36,7 +35,6 @@ def fit_innovations(
     options: InnovationsOptions | None = None,
     belief: Belief | None = None,
     previous: Estimate | None = None,
-    checks: Checks | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
     """Fit a model to a recording.
@@ -48,7 +46,6 @@ def fit_innovations(
         fixed, freed: names to hold although the table frees them, and the other way round.
         belief: prior from earlier data; without it the start values with the spreads of the parameter table.
         previous: a converged estimate of the same joint to start from, without annealing (warm start).
-        checks: of a window that reached into this one, to be taken over; without them the fit is tested.
         progress: called with a line of text now and then.
 
     Raises:
@@ -66,54 +63,22 @@ def fit_innovations(
     tell(f"preparing the compiled cell of {model.name}")
     search = Search.of(problem, compile_model(model, "tanh", extra, options.cell), options, belief, tell)
     found = search.warm(previous) if previous is not None and previous.converged else None
-    if found is None:
-        found, checks = search.cold(), None
+    found = found or search.cold()
     if found is None:
         diverged = UnusableError(Status.DIVERGED, f"{recording.source}: {Status.DIVERGED.advice}")
         return unusable(model, "innovations", diverged, recording)
-    return _estimate(search, found, checks, begun)
+    return _estimate(search, found, begun)
 
 
-def _combinations(problem: Problem, values: dict[str, float], covariance: Array) -> dict[str, str]:
-    """By parameter that enters only in combination, what is known instead."""
-    model = problem.model
-    zero = {name for name, u in zip(model.input_names, problem.u.T, strict=True) if not (u[0] or u.any())}
-    zero |= {name for name in model.parameter_names if name not in problem.free and values[name] == 0.0}
-    known: dict[str, str] = {}
-    for group in combinations(model, problem.free, frozenset(zero)):
-        value = group.value(values, problem.free, covariance)
-        unit = f" {model.parameter(group.names[0]).unit}" if group.kind == "sum" else ""
-        text = group.text if value is None else f"{group.text} = {value[0]:.6g} ± {value[1]:.2g}{unit}"
-        known |= dict.fromkeys(group.names, text)
-    return known
-
-
-def _estimate(search: Search, found: Minimum, checks: Checks | None, begun: float) -> Estimate:
+def _estimate(search: Search, found: Minimum, begun: float) -> Estimate:
     """Turn the minimum into an `Estimate`."""
     problem, model = search.problem, search.problem.model
     p = search.recursion.values(search.coordinates.values(found.z))
-    predictions = None
-    if checks is None:
-        checks, predictions = check(search, found)
+    checks, predictions = check(search, found)
     covariance_z = found.covariance + checks.excess
     slope = search.coordinates.slope(found.z)
     covariance = covariance_z * np.outer(slope, slope)
-    known = _combinations(problem, dict(zip(model.parameter_names, p.tolist(), strict=True)), covariance)
-    rows = verdicts(model, problem.free, covariance_z, search.coordinates, found.z, known)
-    std = dict(zip(problem.free, np.sqrt(np.diag(covariance)), strict=True))
-    initial = dict(zip(model.parameter_names, problem.p, strict=True))
-    parameters = tuple(
-        ParameterEstimate(
-            q.name,
-            q.unit,
-            float(v),
-            float(std.get(q.name, np.nan)),
-            rows[q.name].verdict,
-            initial[q.name],
-            rows[q.name].reason,
-        )
-        for q, v in zip(model.parameters, p, strict=True)
-    )
+    rows = verdicts(model, problem.free, covariance_z, search.coordinates, found.z, checks.together)
     judged = judge(
         problem,
         found,
@@ -126,12 +91,13 @@ def _estimate(search: Search, found: Minimum, checks: Checks | None, begun: floa
     sigma = np.sqrt(found.levels)
     return Estimate(
         model=model.name, estimator="innovations", status=judged.status, message=judged.message,
-        parameters=parameters, free=problem.free, covariance=covariance, nrmse=checks.nrmse,
+        parameters=table(model, problem.free, p, covariance, rows, problem.p),
+        free=problem.free, covariance=covariance, nrmse=checks.nrmse,
         noise=dict(zip(noisy, map(float, sigma), strict=True)),
         chi2=judged.residuals.chi2, whiteness=judged.residuals.whiteness,
         deviance=found.last.cost, observations=sum(map(len, problem.rows)),
         substeps=search.substeps, iterations=search.iterations,
         elapsed_s=time.perf_counter() - begun, start=float(problem.time[0]), end=float(problem.time[-1]),
         samples=len(problem.time), predictions=predictions,
-        checks=checks, noise_information=search.scoring.known,
+        checks=checks,
     )  # fmt: skip

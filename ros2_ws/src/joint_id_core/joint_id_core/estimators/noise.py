@@ -12,7 +12,6 @@ from functools import cached_property
 import numpy as np
 
 from joint_id_core.codegen import Kernel
-from joint_id_core.estimate import NoiseInformation
 from joint_id_core.estimators.recursion import Pass, Recursion
 from joint_id_core.estimators.start import credible_noise, input_noise, rough_noise
 from joint_id_core.problem import Problem
@@ -20,7 +19,6 @@ from joint_id_core.recording import Array
 
 LARGEST_CHANGE = 20.0  # factor of a variance in one step: the information is only that of the present levels
 RIDGE = 1e-3  # information added to the logarithm of each level, so that one which nothing shows stays where it is
-HOLDS = 0.25  # relative change of the levels, and of the number of labels, up to which their information is kept
 SHOWN = 5.0  # information on the logarithm of a level from which the fit depends on it
 
 
@@ -83,47 +81,19 @@ def bounded_step(
 
 
 class NoiseScoring:
-    """Steps of the noise levels beside the passes of one recursion.
-
-    Attributes:
-        bounds: of the levels.
-        earlier: information from an earlier window near this one, kept while it holds: the score alone costs a third.
-        latest: information of this window, None where `earlier` held.
-    """
+    """Steps of the noise levels beside the passes of one recursion; `information` (L, L) is that of the latest step."""
 
     def __init__(self, recursion: Recursion, bounds: NoiseLevels) -> None:
         self.recursion, self.bounds = recursion, bounds
-        self.earlier: NoiseInformation | None = None
-        self.latest: NoiseInformation | None = None
-
-    @property
-    def known(self) -> NoiseInformation | None:
-        """The latest information, or the earlier one that holds."""
-        return self.latest or self.earlier
+        self.information = np.zeros((len(bounds.lower), len(bounds.lower)))
 
     def step(self, last: Pass) -> tuple[Array, float]:
         """The step in logarithms from the latest pass, and its decrement: see `bounded_step`."""
-        observations = sum(map(len, self.recursion.problem.rows))
-        if self.earlier and self._holds(self.earlier, last.levels, observations):
-            score, matrix = self.recursion.noise_score(last), self.earlier.matrix
-        else:
-            score, matrix = self.recursion.noise_information(last)
-            self.latest = NoiseInformation(matrix, last.levels, observations)
+        score, self.information = self.recursion.noise_information(last)
         bounds = self.bounds
-        return bounded_step(self.recursion.kernel, last.levels, bounds.lower, bounds.upper, score, matrix)
-
-    def _holds(self, earlier: NoiseInformation, levels: Array, observations: int) -> bool:
-        """Whether information on as many labels with such levels is the same: the motion changes little in it."""
-        as_many = abs(observations - earlier.observations) < HOLDS * earlier.observations
-        return as_many and _change(earlier, earlier.levels, levels) < HOLDS
+        return bounded_step(self.recursion.kernel, last.levels, bounds.lower, bounds.upper, score, self.information)
 
     def change(self, before: Array, after: Array) -> float:
         """Largest change of the logarithm of a level, of those that the data show."""
-        return _change(self.known, before, after) if self.known else 0.0
-
-
-def _change(known: NoiseInformation, before: Array, after: Array) -> float:
-    moved = np.abs(np.log(after / before))
-    return max(
-        (m for m, i in zip(moved.tolist(), known.matrix.diagonal().tolist(), strict=True) if i > SHOWN), default=0.0
-    )
+        shown = np.diag(self.information) > SHOWN
+        return float(np.max(np.abs(np.log(after / before)), where=shown, initial=0.0))

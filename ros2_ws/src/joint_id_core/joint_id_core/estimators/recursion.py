@@ -141,6 +141,16 @@ class Recursion:
         )  # fmt: skip
         return cross[self._columns, :count], total[:count, :count], score[:count]
 
+    def since(self, result: Pass, first: int) -> tuple[Array, Array]:
+        """Gauss-Newton matrix and gradient as in `Pass`, of the samples from `first` on alone.
+
+        Raises:
+            JointIdError: `result` is not the latest pass.
+        """
+        self._require_latest(result)
+        J = self._J[first:].reshape(-1, self._J.shape[2])[:, self._columns]
+        return J.T @ J, J.T @ result.residuals[first:].ravel()
+
     def scores(self, result: Pass) -> Array:
         """What each sample adds to the gradient, shape (T, free), by the physical values of the free parameters.
 
@@ -158,21 +168,8 @@ class Recursion:
         if result is not self._latest:
             raise JointIdError("this is known of the latest pass only: run it again")
 
-    def noise_score(self, result: Pass) -> Array:
-        """Score of the noise levels, minus half the slope of the cost by their logarithms, shape (L,).
-
-        Raises:
-            JointIdError: `result` is not the latest pass, whose gains are kept.
-        """
-        self._require_latest(result)
-        a, score = self.problem, np.empty_like(result.levels)
-        self.kernel.gains.noise_score(
-            a.y, a.label_states, result.errors, result.variances, self._K, self._F, self._C, score
-        )
-        return score * result.levels
-
     def noise_information(self, result: Pass) -> tuple[Array, Array]:
-        """The same score (L,), and the information matrix of the logarithms of the noise levels, shape (L, L).
+        """Score (L,), minus half the slope of the cost, and information matrix (L, L), by the logarithms of the levels.
 
         Raises:
             JointIdError: `result` is not the latest pass, whose gains are kept.

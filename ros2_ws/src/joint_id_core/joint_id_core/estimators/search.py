@@ -86,7 +86,6 @@ class Search:
         values = previous.values
         z = self.coordinates.clip(self.coordinates.z(np.array([values[n] for n in previous.free])))
         levels = self.noise.clip(levels)
-        self.scoring.earlier = previous.noise_information
         self.steps = steps_of(self.problem, self.kernel, self._values(z), self.rough_states, self.substeps)
         self._choose_start(z, levels)
         found = self._continued(self._at(z, levels, self.steps))
@@ -98,7 +97,6 @@ class Search:
 
     def cold(self) -> Minimum | None:
         """Start from the belief; from others too until one describes the data, or two with unmeasured states."""
-        self.scoring.earlier = None
         measured = len(self.problem.labels) == len(self.problem.model.states)  # one minimum, as a rule
         if not measured:
             self.tolerance = TOLERANCE  # the costs of several minima are compared

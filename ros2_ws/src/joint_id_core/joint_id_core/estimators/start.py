@@ -159,11 +159,11 @@ def rough_noise(values: Array) -> float:
 
 
 def credible_noise(rows: Array, span: Array) -> Array:
-    """Smallest and largest credible variances of signals' noise, shape (2, k), from rows of measured samples (k, T).
+    """Smallest and largest credible variances of signals' noise, shape (2, k), from rows (k, T) of samples.
 
-    The smallest is quantisation if it shows, else 1e-7 of the span (k,) of the values squared. The largest is twice what
-    the rms of the third differences allows: noise cannot be larger than what the signal itself shows, and without this
-    bound a wrong model can explain itself by a sensor that is far worse than it is.
+    The smallest is quantisation if it shows, else 1e-7 of the span (k,) of the values squared. The largest is twice
+    what the rms of the third differences allows: noise cannot be larger than what the signal itself shows, and without
+    this bound a wrong model can explain itself by a sensor that is far worse than it is.
     """
     count = rows.shape[1]
     if count < 4:
