@@ -78,7 +78,7 @@ def extend(
     step = newton_step(precision, g, coordinates.held(belief.mean, g))
     if not step @ precision @ step < FAR:
         return None
-    z, covariance = coordinates.clip(belief.mean + step), np.linalg.inv(precision)
+    z, covariance = coordinates.clip(belief.mean + step), np.asarray(np.linalg.inv(precision), dtype=float)
     rows = verdicts(model, problem.free, covariance, coordinates, z, previous.checks.together)
     slope = coordinates.slope(z)
     physical = covariance * np.outer(slope, slope)

@@ -50,7 +50,7 @@ class NoiseLevels:
             if signal.hold == "first":
                 most = max(least, float(credible_noise(values[None], np.ptp(values)[None])[1, 0]))
             drives.append((least, most))
-        lower, upper = np.concatenate([bounds, np.array(drives).T], axis=1)
+        lower, upper = np.ascontiguousarray(np.concatenate([bounds, np.array(drives).T], axis=1))
         return cls(problem, lower, upper)
 
     @cached_property
