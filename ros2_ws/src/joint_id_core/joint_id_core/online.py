@@ -10,7 +10,7 @@ import numpy as np
 
 from joint_id_core import estimators
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimate import Estimate
+from joint_id_core.estimate import Estimate, Status
 from joint_id_core.estimators.belief import Belief, Coordinates
 from joint_id_core.estimators.extension import extend
 from joint_id_core.estimators.innovations import fit_innovations
@@ -22,6 +22,8 @@ from joint_id_core.recording import Recording
 
 # Growth of the drive's noise from one window to the next at which the memory is doubted.
 SURPRISE = 2.0
+# Ends of a fit with the memory that a wrong memory may have brought about.
+UNEXPLAINED = (Status.POOR_FIT, Status.MAX_ITERATIONS, Status.DIVERGED)
 WARM_UP = 100  # samples before the new ones that show the state of the joint
 
 
@@ -101,8 +103,8 @@ class OnlineIdentifier:
     Each window starts from the last estimate (warm start). Its prior is the estimate whose window ended where
     this one starts, its covariance grown by what `memory_s` forgets: so no sample counts twice, and what older
     windows taught is kept (arrival cost). Windows without motion teach nothing and leave the memory as it is. When
-    a window needs far more noise than the last one, it is fitted by itself as well; if that explains it, the joint has
-    changed (a load was picked up, say) and the memory is dropped.
+    a window needs far more noise than the last one, or is not explained, it is fitted by itself as well; if that
+    explains it, the joint has changed (a load was picked up, say) and the memory is dropped.
 
     A window is fitted as a whole, with its noise levels and all tests, once in its length. Between, the last estimate
     is extended by the samples that came since, unless these do not agree with it.
@@ -188,9 +190,11 @@ class OnlineIdentifier:
             self.model, recording, self._values, self._fixed, self._freed, self._fit_options,
             belief=self._belief(float(recording.time[0])), previous=self._last,
         )  # fmt: skip
-        if self._last is not None and self._drive_noise(estimate) > SURPRISE * self._drive_noise(self._last):
+        noisy = self._last is not None and self._drive_noise(estimate) > SURPRISE * self._drive_noise(self._last)
+        if self._last is not None and (noisy or estimate.status in UNEXPLAINED):
             alone = fit_innovations(self.model, recording, self._values, self._fixed, self._freed, self._fit_options)
-            if alone.converged and SURPRISE * self._drive_noise(alone) < self._drive_noise(estimate):
+            better = not estimate.converged or SURPRISE * self._drive_noise(alone) < self._drive_noise(estimate)
+            if alone.converged and better:
                 self._past.clear()
                 estimate = replace(
                     alone, message=f"{alone.message}; the joint has changed: older windows are forgotten"
