@@ -39,7 +39,7 @@ class Problem:
         labels: their channel names; label_states (labels,): their index among the states.
         p: start values of all parameters in the model's order.
         free: names of the parameters to estimate.
-        period: median step in s.
+        period: typical step in s: their mean, or the median where there are gaps.
         gap: shape (T,), number of missing samples before the next one.
         dropped: samples left out because an input was missing.
         recording: the recording with derived channels.
@@ -57,6 +57,17 @@ class Problem:
     gap: Array
     dropped: int
     recording: Recording
+
+    @property
+    def freed(self) -> tuple[str, ...]:
+        """Parameters to estimate that the model's table holds."""
+        held = {p.name for p in self.model.parameters if p.fixed}
+        return tuple(name for name in self.free if name in held)
+
+    @property
+    def noise_names(self) -> tuple[str, ...]:
+        """Names of the noise levels of a fit: labels, then inputs."""
+        return (*self.labels, *(f"input {name}" for name in self.model.input_names))
 
     @cached_property
     def present(self) -> NDArray[np.bool_]:

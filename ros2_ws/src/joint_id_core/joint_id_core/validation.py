@@ -86,9 +86,10 @@ def filtered(problem: Problem, kernel: Kernel, noise: Mapping[str, float], subst
     Returns:
         States, shape (T, n), and steps from each sample to the next, shape (T,).
     """
-    names = (*problem.labels, *(f"input {n}" for n in problem.model.input_names))
     rough = NoiseLevels.of(problem).rough
-    levels = np.array([v if not noise.get(n, 0.0) > 0.0 else noise[n] ** 2 for n, v in zip(names, rough, strict=True)])
+    levels = np.array(
+        [v if not noise.get(n, 0.0) > 0.0 else noise[n] ** 2 for n, v in zip(problem.noise_names, rough, strict=True)]
+    )
     steps = steps_of(problem, kernel, problem.p, rough_states(problem), max(1, substeps))
     recursion = Recursion(problem, kernel)
     return recursion.run(problem.p[recursion.index], levels, steps).states, steps

@@ -59,13 +59,13 @@ def extend(
     except UnusableError:
         return None
     first = int(np.searchsorted(problem.time, previous.end, "right"))
-    same = problem.free == previous.free and (*problem.labels, *_inputs(model)) == tuple(previous.noise)
+    same = problem.free == previous.free and problem.noise_names == tuple(previous.noise)
     if not same or previous.checks is None or first == len(problem.time):
         return None
     coordinates = Coordinates(model, problem.free, options.known(problem))
     belief = Belief.after(previous, coordinates, inflation)
     p = np.array([known[n] for n in model.parameter_names])
-    recursion = Recursion(problem, compile_model(model, "tanh", _extra(model, problem), options.cell))
+    recursion = Recursion(problem, compile_model(model, "tanh", problem.freed, options.cell))
     recursion.start_near(p)
     steps = steps_of(problem, recursion.kernel, p, rough_states(problem), previous.substeps)
     last = recursion.run(p[recursion.index], np.square(list(previous.noise.values())), steps)
@@ -91,15 +91,6 @@ def extend(
         covariance=physical, chi2=chi2, deviance=float("nan"), iterations=0, elapsed_s=time.perf_counter() - begun,
         start=previous.start + end - previous.end, end=end, predictions=None,
     )  # fmt: skip
-
-
-def _inputs(model: Model) -> tuple[str, ...]:
-    return tuple(f"input {n}" for n in model.input_names)
-
-
-def _extra(model: Model, problem: Problem) -> tuple[str, ...]:
-    held = {p.name for p in model.parameters if p.fixed}
-    return tuple(n for n in problem.free if n in held)
 
 
 def _mean_square(problem: Problem, residuals: Array, first: int) -> float | None:

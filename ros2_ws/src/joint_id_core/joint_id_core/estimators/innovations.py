@@ -58,10 +58,8 @@ def fit_innovations(
         problem = prepare(model, recording, values, fixed, freed)
     except UnusableError as error:
         return unusable(model, "innovations", error, recording)
-    held = {p.name for p in model.parameters if p.fixed}
-    extra = tuple(n for n in problem.free if n in held)
     tell(f"preparing the compiled cell of {model.name}")
-    search = Search.of(problem, compile_model(model, "tanh", extra, options.cell), options, belief, tell)
+    search = Search.of(problem, compile_model(model, "tanh", problem.freed, options.cell), options, belief, tell)
     found = search.warm(previous) if previous is not None and previous.converged else None
     found = found or search.cold()
     if found is None:
@@ -87,13 +85,12 @@ def _estimate(search: Search, found: Minimum, begun: float) -> Estimate:
         (*checks.texts, stall_warning(found), search.step_warning(found), search.alone),
         search.doubt,
     )
-    noisy = (*problem.labels, *(f"input {n}" for n in model.input_names))
     sigma = np.sqrt(found.levels)
     return Estimate(
         model=model.name, estimator="innovations", status=judged.status, message=judged.message,
         parameters=table(model, problem.free, p, covariance, rows, problem.p),
         free=problem.free, covariance=covariance, nrmse=checks.nrmse,
-        noise=dict(zip(noisy, map(float, sigma), strict=True)),
+        noise=dict(zip(problem.noise_names, map(float, sigma), strict=True)),
         chi2=judged.residuals.chi2, whiteness=judged.residuals.whiteness,
         deviance=found.last.cost, observations=sum(map(len, problem.rows)),
         substeps=search.substeps, iterations=search.iterations,
