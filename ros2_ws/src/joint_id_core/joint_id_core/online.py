@@ -80,21 +80,23 @@ class SlidingWindow:
     def recording(self, since: float = -np.inf) -> Recording:
         """The samples of the window from `since` on as one recording; a channel that a part lacks is NaN there."""
         start = max(since, self.end - self._length)
-        parts: list[Recording] = []
+        parts: list[tuple[Recording, slice]] = []
         for part in reversed(self._parts):
             first = int(np.searchsorted(part.time, start))
-            parts.insert(0, part.slice(first, len(part)) if first else part)
+            parts.append((part, slice(first, None)))
             if first:
                 break
+        parts.reverse()
         names: dict[str, None] = {}
-        for part in parts:
+        for part, _ in parts:
             names |= dict.fromkeys(part.channels)
-        derived = frozenset().union(*(p.derived for p in parts))
+        derived = frozenset().union(*(part.derived for part, _ in parts))
         channels = {
-            n: np.concatenate([p.channels[n] if n in p else np.full(len(p), np.nan) for p in parts]) for n in names
+            n: np.concatenate([p.channels[n][rows] if n in p else np.full(len(p), np.nan)[rows] for p, rows in parts])
+            for n in names
         }
         # the parts were checked, and so was their order
-        return parts[-1].trusted(np.concatenate([p.time for p in parts]), channels, derived)
+        return parts[-1][0].trusted(np.concatenate([p.time[rows] for p, rows in parts]), channels, derived)
 
 
 class OnlineIdentifier:
