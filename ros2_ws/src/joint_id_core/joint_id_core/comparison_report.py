@@ -92,12 +92,12 @@ def _span(recording: Recording) -> dict[str, Any]:
     return {
         "source": recording.source,
         "samples": len(recording),
-        "start_s": float(recording.time[0]),
-        "end_s": float(recording.time[-1]),
+        "start_s": recording.origin + float(recording.time[0]),
+        "end_s": recording.origin + float(recording.time[-1]),
     }
 
 
 def _described(recording: Recording) -> str:
     gaps = f", {recording.gaps} gaps" if recording.gaps else ""
-    start, end = float(recording.time[0]), float(recording.time[-1])
+    start, end = (recording.origin + float(t) for t in (recording.time[0], recording.time[-1]))
     return f"{recording.source}, {start:.6g} to {end:.6g} s, {len(recording)} samples{gaps}"

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.signal
@@ -138,7 +138,7 @@ def complete(recording: Recording, options: FilterOptions | None = None) -> Reco
             if name not in added
         }
         time = recording.time - options.delay(period)
-        recording = Recording(time, filtered, recording.derived - set(added), recording.source, recording.joint)
+        recording = replace(recording, time=time, channels=filtered, derived=recording.derived - set(added))
     return recording.with_channels(added, derived=True)
 
 

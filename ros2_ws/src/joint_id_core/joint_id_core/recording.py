@@ -32,6 +32,8 @@ class Recording:
             values and inputs, never as labels.
         source: where it came from (a file, a topic), for messages.
         joint: name of the joint.
+        origin: whole seconds that `time` counts from on the clock of the source. Instants since 1970 as doubles would
+            be 0.24 us apart, in which a motor turns further than its encoder's noise.
 
     Raises:
         JointIdError: unknown channel, wrong shape, infinite values, time that is not strictly increasing.
@@ -42,6 +44,7 @@ class Recording:
     derived: frozenset[str] = frozenset()
     source: str = "recording"
     joint: str = ""
+    origin: int = 0
     _steps: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -121,8 +124,8 @@ class Recording:
     def trusted(self, time: Array, channels: Mapping[str, Array], derived: frozenset[str]) -> Recording:
         """A recording from the same source of samples that were checked before, without checking them again."""
         made = object.__new__(Recording)
-        fields = {"time": time, "channels": channels, "derived": derived, "source": self.source, "joint": self.joint}
-        for name, value in (fields | {"_steps": time[1:] - time[:-1]}).items():
+        new = {"time": time, "channels": channels, "derived": derived, "_steps": time[1:] - time[:-1]}
+        for name, value in (self.__dict__ | new).items():
             object.__setattr__(made, name, value)
         return made
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -64,8 +64,7 @@ class Sensors:
             for name, values in recording.channels.items()
             if name in wanted
         }
-        marks = recording.derived & frozenset(channels)
-        return Recording(recording.time, channels, marks, recording.source, recording.joint)
+        return replace(recording, channels=channels, derived=recording.derived & frozenset(channels))
 
 
 def ur_robot_sensors(N: float = GEAR_RATIO) -> Sensors:

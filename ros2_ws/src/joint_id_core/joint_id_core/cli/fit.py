@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -87,7 +88,9 @@ def fit(
             built, recording, values, fixed, freed=set(free or ()), estimator=estimator, progress=progress,
             options=_options(estimator, cell, prior or []),
         )  # fmt: skip
-    result = report.as_dict(estimate)
+    result = report.as_dict(
+        replace(estimate, start=recording.origin + estimate.start, end=recording.origin + estimate.end)
+    )
     text = report.table(estimate)
     if validate is not None and estimate.predictions is not None:
         from joint_id_core.validation import held_out, held_out_drive

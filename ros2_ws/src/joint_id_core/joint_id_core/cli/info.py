@@ -62,7 +62,7 @@ def _describe(recording: Recording) -> dict[str, Any]:
     return {
         "joint": recording.joint,
         "samples": len(recording),
-        "start_s": float(recording.time[0]) if len(recording) else None,
+        "start_s": recording.origin + float(recording.time[0]) if len(recording) else None,
         "duration_s": recording.duration,
         "rate_hz": 1.0 / recording.period if len(recording) > 1 else None,
         "gaps": recording.gaps,

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,9 @@ from joint_id_core.formats.definitions import typestore
 from joint_id_core.formats.topics import MEASURED_BITS, RAW, SAMPLES, Topic
 from joint_id_core.recording import Array, Recording
 
+NANO = 10**9
+DAY = 86400  # s; stamps of a simulation or a test begin near zero, and are kept as they are
+
 
 def read(path: Path, joint: str | None, mapping: Mapping[str, str]) -> Recording:
     """Read one joint; `joint` may be None when the bag holds only one. Channels without any value are left out.
@@ -35,17 +39,35 @@ def read(path: Path, joint: str | None, mapping: Mapping[str, str]) -> Recording
     """
     seen: dict[str, None] = {}
     with opened(path) as reader:
-        parts = [_read_topic(path, reader, source, joint, seen) for source in _sources(path, reader, mapping)]
+        tables = [_read_topic(path, reader, source, joint, seen) for source in _sources(path, reader, mapping)]
     names = _named(path, seen)
     if joint is None and len(names) > 1:
         raise JointIdError(f"{path} holds the joints {', '.join(names)}: choose one of them (--joint {names[0]})")
     if joint not in (None, *names):
         raise JointIdError(f"{path} has no joint {joint!r}: it has {', '.join(names)}")
     joint = names[0] if joint is None else joint
-    merged = _merge([part for part in parts if len(part)], path, joint)
+    filled = [table for table in tables if len(table.stamps)]
+    first = min(table.stamps[0] for table in filled) // NANO
+    parts = [table.recording(joint, first if first > DAY else 0) for table in filled]
+    merged = _merge(parts, path, joint)
     if not merged.channels:
         raise JointIdError(f"{path}: joint {joint} has no value on any topic: record it again")
     return merged
+
+
+@dataclass(frozen=True)
+class _Table:
+    """The samples of one joint on one topic: stamps in ns, channels, which are derived, and where they are from."""
+
+    stamps: list[int]
+    channels: dict[str, Array]
+    derived: frozenset[str]
+    where: str
+
+    def recording(self, joint: str, origin: int) -> Recording:
+        """With times that count from `origin`, in whole seconds: integers are subtracted, so that no digit is lost."""
+        time = np.array([(stamp - origin * NANO) / NANO for stamp in self.stamps])
+        return Recording(time, self.channels, self.derived, self.where, joint, origin)
 
 
 def joints(path: Path, mapping: Mapping[str, str]) -> tuple[str, ...]:
@@ -172,11 +194,11 @@ def _messages(reader: Reader, connection: Connection) -> Iterator[Any]:
         )
 
 
-def _read_topic(path: Path, reader: Reader, source: Source, joint: str | None, seen: dict[str, None]) -> Recording:
+def _read_topic(path: Path, reader: Reader, source: Source, joint: str | None, seen: dict[str, None]) -> _Table:
     """The samples of one joint (None: the first that is named) on one topic; notes all names in `seen`."""
     topic, connection, factors = source
     where = f"{path}, topic {connection.topic}"
-    times: list[float] = []
+    stamps: list[int] = []
     columns: dict[str, list[float]] = {name: [] for name in topic.fields.values()}
     never = np.zeros(len(columns), dtype=bool)  # channels that were not measured in some message
     for number, message in enumerate(_messages(reader, connection)):
@@ -187,7 +209,7 @@ def _read_topic(path: Path, reader: Reader, source: Source, joint: str | None, s
             continue
         index, length = message.name.index(joint), len(message.name)
         stamp = message.header.stamp
-        times.append((stamp.sec * 10**9 + stamp.nanosec) / 10**9)  # integers divide with one rounding
+        stamps.append(stamp.sec * NANO + stamp.nanosec)
         for k, (field, name) in enumerate(topic.fields.items()):
             values = getattr(message, field)
             if len(values) not in (0, length):
@@ -199,11 +221,11 @@ def _read_topic(path: Path, reader: Reader, source: Source, joint: str | None, s
             columns[name].append(value)
             if topic is SAMPLES and not message.measured & MEASURED_BITS[name] and value == value:
                 never[k] = True
-    if len(times) > 1 and not any(times):
+    if len(stamps) > 1 and not any(stamps):
         raise JointIdError(f"{where}: every header.stamp is zero: stamp the messages when publishing")
     channels = {name: factors.get(name, 1.0) * np.array(column) for name, column in columns.items()}
     derived = frozenset(name for name, flag in zip(columns, never, strict=True) if flag)
-    return Recording(np.array(times), channels, derived, source=where, joint=joint or "")
+    return _Table(stamps, channels, derived, where)
 
 
 def _merge(parts: list[Recording], path: Path, joint: str) -> Recording:
@@ -218,4 +240,4 @@ def _merge(parts: list[Recording], path: Path, joint: str) -> Recording:
             channels[name] = np.full(time.shape, np.nan)
             channels[name][rows] = values
     derived = frozenset(name for part in parts for name in part.derived if name in channels)
-    return Recording(time, channels, derived, source=str(path), joint=joint)
+    return Recording(time, channels, derived, str(path), joint, parts[0].origin)

@@ -13,7 +13,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.definitions import typestore
 from joint_id_core.formats.topics import JOINT_STATE, MEASURED_BITS, RAW, SAMPLES, Topic
-from joint_id_core.recording import Array, Recording
+from joint_id_core.recording import Recording
 
 _PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 _MAX_STAMP = 2**31  # s, header.stamp.sec is an int32
@@ -60,17 +60,20 @@ def _check(path: Path, recordings: Mapping[str, Recording]) -> None:
             raise JointIdError(
                 f"{path}: no message carries {extra[0]} (joint {joint}): leave it out or write a CSV file"
             )
-        if len(recording) and not 0 <= recording.time[0] <= recording.time[-1] < _MAX_STAMP:
-            raise JointIdError(
-                f"{path}: joint {joint} runs from {recording.time[0]:.9g} to {recording.time[-1]:.9g} s, a stamp holds "
-                f"0 to {_MAX_STAMP} s: shift the time"
-            )
+        if len(recording):
+            first, last = recording.origin + recording.time[0], recording.origin + recording.time[-1]
+            if not 0 <= first <= last < _MAX_STAMP:
+                raise JointIdError(
+                    f"{path}: joint {joint} runs from {first:.9g} to {last:.9g} s, a stamp holds 0 to {_MAX_STAMP} s: "
+                    "shift the time"
+                )
 
 
-def _stamps(path: Path, joint: str, time: Array) -> NDArray[np.int64]:
+def _stamps(path: Path, joint: str, recording: Recording) -> NDArray[np.int64]:
     """Times as integer nanoseconds; whole seconds apart, so that large times keep their digits."""
-    whole = np.floor(time)
-    stamps = whole.astype(np.int64) * 10**9 + np.rint((time - whole) * 1e9).astype(np.int64)
+    whole = np.floor(recording.time)
+    seconds = recording.origin + whole.astype(np.int64)
+    stamps = seconds * 10**9 + np.rint((recording.time - whole) * 1e9).astype(np.int64)
     if (np.diff(stamps) <= 0).any():
         k = int(np.flatnonzero(np.diff(stamps) <= 0)[0])
         raise JointIdError(f"{path}: joint {joint}, sample {k + 1} comes within 1 ns of the one before: thin it out")
@@ -84,7 +87,7 @@ def _rows(path: Path, recordings: Mapping[str, Recording]) -> dict[int, list[Row
     """By stamp in ns: which sample of which joint belongs to it."""
     rows: dict[int, list[Row]] = {}
     for joint, recording in recordings.items():
-        for k, stamp in enumerate(_stamps(path, joint, recording.time).tolist()):
+        for k, stamp in enumerate(_stamps(path, joint, recording).tolist()):
             rows.setdefault(stamp, []).append((joint, recording, k))
     return rows
 
