@@ -6,7 +6,7 @@ Every case is fitted to many draws of its noise, from starts that are off by up 
 one a fit reports, from its information at the estimate; at the truth that is the Cramer-Rao bound, to first order the
 same. So an rms error over sigma of 1 is the physical limit. With n draws that ratio is known to 0.7 / sqrt(n), and a
 coverage of 0.95 to 0.22 / sqrt(n). `montecarlo.cases` has the cases, first those whose noise the estimator assumes,
-then others. The last table has the two methods of the paper on the same data.
+then others. A table has the estimates of a sliding window, the last one the two methods of the paper on the same data.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
+from montecarlo import online
 from montecarlo.cases import CASES, FACTOR
 from montecarlo.draws import Draw, many, measure
 from montecarlo.methods import METHODS, NEAR
@@ -27,7 +28,7 @@ from montecarlo.tables import block, methods_table, summary, table
 from peers.process import SINGLE_CORE
 from speed_peers import machine
 
-SECTIONS = ("cases", "methods")
+SECTIONS = ("cases", "online", "methods")
 
 
 def cases(seeds: Sequence[int], cache: Path, workers: int) -> dict[str, list[Draw]]:
@@ -38,6 +39,16 @@ def cases(seeds: Sequence[int], cache: Path, workers: int) -> dict[str, list[Dra
         print(block(case.name, summary(found[case.name])), flush=True)
     others = sum(not case.as_assumed for case in CASES)
     print(f"starts off by up to {FACTOR:g}; the last {others} rows are not what the estimator assumes")
+    print(table({name: summary(draws) for name, draws in found.items()}), flush=True)
+    return found
+
+
+def sliding(seeds: Sequence[int], cache: Path, workers: int) -> dict[str, list[Draw]]:
+    """Estimates of a sliding window with memory, from a fifth as many motions."""
+    found = online.measure(seeds[: max(1, len(seeds) // 5)], cache, workers)
+    for name, draws in found.items():
+        print(block(name, summary(draws)), flush=True)
+    print("Model 2, a window of 2 s slides over 8 s, memory of 60 s")
     print(table({name: summary(draws) for name, draws in found.items()}), flush=True)
     return found
 
@@ -70,7 +81,7 @@ def main() -> None:
     args = parser.parse_args()
     os.environ.update(SINGLE_CORE)
     seeds = range(args.seed, args.seed + args.draws)
-    sections = {"cases": cases, "methods": methods}
+    sections = {"cases": cases, "online": sliding, "methods": methods}
     found = {name: sections[name](seeds, args.cache, args.workers) for name in args.sections}
     if args.json:
         rows = {s: {name: [asdict(d) for d in draws] for name, draws in part.items()} for s, part in found.items()}

@@ -9,6 +9,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from simulated import motion, start
@@ -17,6 +18,8 @@ from joint_id_core.estimate import Estimate
 from joint_id_core.estimators import fit
 from joint_id_core.recording import Recording
 from montecarlo.cases import FACTOR, Case
+
+T = TypeVar("T")
 
 FAR = 8.0  # standard deviations: no noise, but another minimum or a wrong model
 
@@ -76,8 +79,8 @@ def of(estimate: Estimate, truth: Mapping[str, float], seed: int, cpu_s: float) 
     return Draw(seed, estimate.status.value, "not white" in says, "residuals show" in says, cpu_s, errors, sigmas)
 
 
-def many(function: Callable[[int], Draw], seeds: Sequence[int], workers: int) -> list[Draw]:
-    """A draw for each seed; `function` is one of a module with its other arguments bound."""
+def many(function: Callable[[int], T], seeds: Sequence[int], workers: int) -> list[T]:
+    """A result for each seed; `function` is one of a module with its other arguments bound."""
     if workers == 1:
         return [function(seed) for seed in seeds]
     context = multiprocessing.get_context("spawn")
