@@ -11,10 +11,12 @@ import pytest
 from joint_id_core.control import PositionController, simulate_closed_loop
 from joint_id_core.estimate import Status
 from joint_id_core.estimators import fit
+from joint_id_core.estimators.innovations import fit_innovations
 from joint_id_core.estimators.recursion import Recursion
 from joint_id_core.estimators.search import STRONG, STRONGEST, Search
 from joint_id_core.excitation import position_reference
 from joint_id_core.models import build
+from joint_id_core.recording import Recording
 from joint_id_core.sensors import Sensors
 
 MODEL = build("harmonic_drive")
@@ -92,3 +94,32 @@ def test_where_the_path_does_not_stand_the_strongest_feedback_a_weaker_one_is_ta
     monkeypatch.setattr(Recursion, "run", run)
     assert fit(MODEL, record()).converged
     assert max(strengths) == pytest.approx(STRONGEST)
+
+
+def after_a_rest():
+    """The record after 0.6 s at rest, in which the velocity is not measured (robots report zero below a threshold)."""
+    rest, rng = 300, np.random.default_rng(0)
+    still = {
+        "link_position": record()["link_position"][0] + NOISE["link_position"] * rng.standard_normal(rest),
+        "motor_velocity": np.full(rest, np.nan),
+        "torque": np.zeros(rest),
+    }
+    channels = {n: np.concatenate([still[n], v]) for n, v in record().channels.items()}
+    return Recording(np.arange(rest + len(record())) / 500, channels)
+
+
+def test_a_window_that_begins_without_one_of_its_labels_is_fitted_from_the_last_estimate():
+    before, window = fit(MODEL, record()), after_a_rest()
+    estimate = fit_innovations(MODEL, window, previous=before)
+    assert estimate.status in (Status.CONVERGED, Status.POOR_FIT)
+    for name in before.free:
+        assert abs(estimate[name].value - before[name].value) < 4.0 * estimate[name].std_dev, name
+
+
+def test_a_cold_fit_after_a_warm_start_that_failed_is_the_cold_fit(monkeypatch):
+    """The warm start leaves nothing behind, as the start of the record under load."""
+    before, window = fit(MODEL, record()), record().slice(300, 1000)
+    real = Search.warm
+    monkeypatch.setattr(Search, "warm", lambda self, previous: real(self, previous) and None)
+    after = fit_innovations(MODEL, window, previous=before)
+    assert after.values == fit(MODEL, window).values

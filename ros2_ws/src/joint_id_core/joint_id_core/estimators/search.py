@@ -97,6 +97,7 @@ class Search:
 
     def cold(self) -> Minimum | None:
         """Start from the belief; from others too until one describes the data, or two with unmeasured states."""
+        self.recursion.start_near(None)  # a warm start may have failed before
         measured = len(self.problem.labels) == len(self.problem.model.states)  # one minimum, as a rule
         if not measured:
             self.tolerance = TOLERANCE  # the costs of several minima are compared
@@ -125,7 +126,10 @@ class Search:
         elif not agreed:
             self.alone = f"only one {starts} led to this minimum, the lowest of {len(found)}: a lower one may exist"
         if self._choose_start(best.z, best.levels):
-            best = self._minimised(best.z, best.levels, best.last.states)
+            loaded = self._minimised(best.z, best.levels, best.last.states)
+            if loaded is None:
+                self.recursion.start_near(None)
+            best = loaded or best
         return self._refined(best)
 
     def _annealed(self, z: Array, whole: bool = True) -> Minimum | None:

@@ -31,7 +31,9 @@ def start_state(problem: Problem, at: int = 0, p: Array | None = None) -> tuple[
     for k, name in enumerate(problem.labels):
         nearest = at
         if not np.isfinite(problem.y[at, k]):
-            seen = np.flatnonzero(np.isfinite(problem.y[:, k]))
+            seen = np.flatnonzero(problem.present[:, k])
+            if not seen.size:  # in a part of a record
+                continue
             nearest = int(seen[min(int(np.searchsorted(seen, at)), len(seen) - 1)])
         first[name] = (float(problem.y[nearest, k]), 10.0 * float(problem.span[k]) + 1e-9)
     known = dict(first)
