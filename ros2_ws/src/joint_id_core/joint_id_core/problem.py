@@ -187,7 +187,7 @@ def prepare(
         )
     steps = time[1:] - time[:-1]
     period, gap = float(time[-1] - time[0]) / len(steps), np.zeros(len(time))
-    if steps.max() > 1.5 * period:  # there are gaps
+    if steps.max() > 1.25 * period:  # there are gaps, or jitter as large
         period = float(np.median(steps))
         np.maximum(np.rint(steps / period) - 1.0, 0.0, out=gap[:-1])
     index = np.array([model.state_names.index(n) for n in labels], dtype=np.int64)

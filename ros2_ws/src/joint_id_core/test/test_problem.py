@@ -53,6 +53,16 @@ def test_a_missing_input_sample_makes_the_step_longer():
     assert problem.time[50] - problem.time[49] == pytest.approx(0.04)
     assert problem.gap[49] == 3.0
     assert problem.gap.sum() == 3.0
+
+
+@pytest.mark.parametrize("every", [4, 5, 10])
+def test_samples_that_are_lost_again_and_again_are_gaps(every):
+    """One of a few samples is missing throughout: the period is that of the others."""
+    whole = record()
+    kept = np.arange(len(whole)) % every > 0
+    problem = prepare(RIGID, Recording(whole.time[kept], {n: v[kept] for n, v in whole.channels.items()}))
+    assert problem.period == pytest.approx(0.01)
+    assert problem.gap.sum() == pytest.approx(len(whole) // every, abs=1)
     assert problem.period == pytest.approx(0.01)
 
 
