@@ -6,10 +6,12 @@ import numpy as np
 
 from joint_id_core import prediction
 from joint_id_core.estimate import Checks
-from joint_id_core.estimators.gauss_newton import Minimum
+from joint_id_core.estimators.gauss_newton import Minimum, stall_warning
+from joint_id_core.estimators.innovations_options import MAX_SUBSTEPS
 from joint_id_core.estimators.memory import memory
 from joint_id_core.estimators.misfit import misfit
 from joint_id_core.estimators.search import Search
+from joint_id_core.estimators.substeps import fastest_mode
 from joint_id_core.problem import Problem
 from joint_id_core.recording import Array
 from joint_id_core.structure import combinations
@@ -24,7 +26,8 @@ def check(search: Search, found: Minimum) -> tuple[Checks, dict[str, Array]]:
     problem, recursion, coordinates = search.problem, search.recursion, search.coordinates
     last = recursion.renewed(found.last)
     missing, coloured = misfit(recursion, coordinates, found, last), memory(recursion, coordinates, found, last)
-    texts, excess = (missing.text, coloured.text), missing.excess + coloured.excess
+    texts = (missing.text, coloured.text, stall_warning(found), _step_warning(search, found), search.alone)
+    excess = missing.excess + coloured.excess
     p, slope = recursion.values(coordinates.values(found.z)), coordinates.slope(found.z)
     together = _combinations(problem, p, (found.covariance + excess) * np.outer(slope, slope))
     predictions = prediction.free_runs(search.kernel, problem, last.states, p, last.steps, search.options.horizon_s)
@@ -43,3 +46,20 @@ def _combinations(problem: Problem, p: Array, covariance: Array) -> dict[str, st
         text = group.text if value is None else f"{group.text} = {value[0]:.6g} ± {value[1]:.2g}{unit}"
         known |= dict.fromkeys(group.names, text)
     return known
+
+
+def _step_warning(search: Search, found: Minimum) -> str:
+    """What to say of an integration error that matters; nothing where it does not."""
+    if 2 * search.substeps <= MAX_SUBSTEPS:
+        return ""
+    share = np.abs(found.integration) / np.sqrt(np.diag(found.inverse))
+    matters = (np.abs(found.integration) > search.least) & (share > 0.1)
+    if not matters.any():
+        return ""
+    worst, p = int(np.argmax(share * matters)), search.recursion.values(search.coordinates.values(found.z))
+    mode = fastest_mode(search.problem, search.kernel, p, search.rough_states, sliding=False)
+    text = (
+        f"{search.substeps} steps a sample are too few: twice as many would move {search.problem.free[worst]} by "
+        f"{share[worst]:.2g} standard deviations, which its own now contains (fastest mode {-mode:.4g} 1/s)"
+    )
+    return text + ("; use the implicit cell (--cell implicit)" if search.options.cell == "rk4" else "")

@@ -15,7 +15,7 @@ from joint_id_core.codegen import compile_model
 from joint_id_core.estimate import Estimate, Status
 from joint_id_core.estimators.belief import Belief
 from joint_id_core.estimators.checks import check
-from joint_id_core.estimators.gauss_newton import Minimum, stall_warning
+from joint_id_core.estimators.gauss_newton import Minimum
 from joint_id_core.estimators.innovations_options import InnovationsOptions
 from joint_id_core.estimators.search import Progress, Search
 from joint_id_core.identifiability import judge, table, verdicts
@@ -82,7 +82,7 @@ def _estimate(search: Search, found: Minimum, begun: float) -> Estimate:
         found,
         checks.nrmse,
         rows,
-        (*checks.texts, stall_warning(found), search.step_warning(found), search.alone),
+        checks.texts,
         search.doubt,
     )
     sigma = np.sqrt(found.levels)

@@ -15,7 +15,7 @@ from joint_id_core.estimators.innovations_options import MAX_SUBSTEPS, Innovatio
 from joint_id_core.estimators.noise import NoiseLevels, NoiseScoring
 from joint_id_core.estimators.recursion import LONGEST_GAP, Recursion
 from joint_id_core.estimators.start import busiest, rough_states
-from joint_id_core.estimators.substeps import fastest_mode, stable_substeps, steps_of
+from joint_id_core.estimators.substeps import stable_substeps, steps_of
 from joint_id_core.identifiability import explained
 from joint_id_core.problem import Problem
 from joint_id_core.recording import Array
@@ -277,28 +277,12 @@ class Search:
 
     def _excess(self, shift: Array, covariance: Array) -> float:
         """Largest shift over what is allowed of an integration error."""
-        return float(np.max(np.abs(shift) / np.maximum(0.1 * np.sqrt(np.diag(covariance)), self._least)))
+        return float(np.max(np.abs(shift) / np.maximum(0.1 * np.sqrt(np.diag(covariance)), self.least)))
 
     @property
-    def _least(self) -> Array:
+    def least(self) -> Array:
         """Change of each coordinate that is never worth a finer step."""
         return STEP_TOLERANCE * self.coordinates.unit
-
-    def step_warning(self, found: Minimum) -> str:
-        """What to say of an integration error that matters; nothing where it does not."""
-        if 2 * self.substeps <= MAX_SUBSTEPS:
-            return ""
-        share = np.abs(found.integration) / np.sqrt(np.diag(found.inverse))
-        matters = (np.abs(found.integration) > self._least) & (share > 0.1)
-        if not matters.any():
-            return ""
-        worst = int(np.argmax(share * matters))
-        mode = fastest_mode(self.problem, self.kernel, self._values(found.z), self.rough_states, sliding=False)
-        text = (
-            f"{self.substeps} steps a sample are too few: twice as many would move {self.problem.free[worst]} by "
-            f"{share[worst]:.2g} standard deviations, which its own now contains (fastest mode {-mode:.4g} 1/s)"
-        )
-        return text + ("; use the implicit cell (--cell implicit)" if self.options.cell == "rk4" else "")
 
 
 def _same(one: Minimum, other: Minimum) -> bool:
