@@ -119,7 +119,7 @@ class OnlineIdentifier:
         fit_options: of the innovations estimator.
 
     Raises:
-        JointIdError: unknown estimator, parameter names or values.
+        JointIdError: unknown estimator, parameter names, values or priors.
     """
 
     def __init__(
@@ -136,7 +136,8 @@ class OnlineIdentifier:
             raise JointIdError(f"unknown estimator {estimator!r}: choose one of {', '.join(estimators.ESTIMATORS)}")
         _, free = split_parameters(model, values or {}, fixed, freed)
         self.model, self.options, self.estimator = model, options or OnlineOptions(), estimator
-        self._fit_options, self._coordinates = fit_options or InnovationsOptions(), Coordinates(model, free)
+        self._fit_options = fit_options or InnovationsOptions()
+        self._coordinates = Coordinates(model, free, self._fit_options.known(model, free))
         self._values, self._fixed, self._freed = dict(values or {}), tuple(fixed), tuple(freed)
         self._window = SlidingWindow(self.options.window_s)
         self._next_fit = -np.inf

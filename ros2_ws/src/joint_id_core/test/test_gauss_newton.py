@@ -1,4 +1,4 @@
-"""The iteration on costs in one variable, whose solution is known."""
+"""The iteration, and the search for the largest likelihood, on costs in one variable, whose solution is known."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import pytest
 
 from joint_id_core.estimators.belief import Belief, Coordinates
 from joint_id_core.estimators.gauss_newton import MAX_STEP, evaluate, minimise
+from joint_id_core.estimators.most_likely import REACH, most_likely
+from joint_id_core.estimators.noise import NoiseLevels
 from joint_id_core.estimators.recursion import Pass
 from joint_id_core.models import build
 
@@ -16,22 +18,35 @@ INFORMATION = 100.0
 
 
 class Line:
-    """Passes whose estimating equation is solved at `solution`, and whose cost is least at `lowest`."""
+    """Passes whose estimating equation is solved at `solution`, and whose cost is least at `lowest`.
 
-    def __init__(self, solution: float, lowest: float) -> None:
-        self.solution, self.lowest = solution, lowest
+    By the logarithm of its one noise level it is least at `quiet`. Beyond `cliff` the path blows up.
+    """
+
+    def __init__(self, solution: float, lowest: float, quiet: float = 0.0, cliff: float = np.inf) -> None:
+        self.solution, self.lowest, self.quiet, self.cliff = solution, lowest, quiet, cliff
+
+    def renewed(self, last):
+        return last
+
+    def noise_information(self, last):
+        return np.zeros(1), np.full((1, 1), INFORMATION)
 
     def run(self, free, levels, steps):
         z = float(free[0])
         error = np.full((1, 1), z)
-        cost = INFORMATION * (z - self.lowest) ** 2
+        cost = INFORMATION * ((z - self.lowest) ** 2 + float(np.log(levels[0]) - self.quiet) ** 2)
+        cost = np.inf if z > self.cliff else cost
         hessian, gradient = np.full((1, 1), INFORMATION), np.array([INFORMATION * (self.solution - z)])
         return Pass(cost, error, np.ones((1, 1)), hessian, gradient, np.zeros((1, 1)), free, levels, steps)
 
 
+COORDINATES = Coordinates(MODEL, FREE)
+BELIEF = Belief(FREE, np.zeros(1), np.full((1, 1), 1e-12))
+
+
 def solved(line: Line):
-    coordinates = Coordinates(MODEL, FREE)
-    belief = Belief(FREE, np.zeros(1), np.full((1, 1), 1e-12))
+    coordinates, belief = COORDINATES, BELIEF
     steps = np.ones(1, dtype=np.int64)
     start = evaluate(line, coordinates, belief, np.array([0.2]), np.ones(1), steps)
     return minimise(line, coordinates, belief, start, steps, 0.01, 100)
@@ -58,3 +73,40 @@ def test_a_cost_that_is_not_finite_gives_no_pass():
     belief = Belief(FREE, np.zeros(1), np.eye(1))
     assert evaluate(line, coordinates, belief, np.zeros(1), np.ones(1), np.ones(1, dtype=np.int64)) is None
     assert minimise(line, coordinates, belief, None, np.ones(1, dtype=np.int64), 0.01, 5) is None
+
+
+def likeliest(line: Line, largest_noise: float = 1e6):
+    """From where the iteration stalls to the largest likelihood."""
+    found = solved(line)
+    assert found.left.any()
+    bounds = NoiseLevels(None, np.full(1, 1e-6), np.full(1, largest_noise))
+    return most_likely(line, COORDINATES, BELIEF, bounds, found)
+
+
+def test_the_largest_likelihood_is_found_for_coordinates_and_noise_whatever_the_equation_says():
+    found = likeliest(Line(0.45, -0.5, quiet=0.7))
+    assert found.z[0] == pytest.approx(-0.5, abs=0.01)  # a tenth of a standard deviation
+    assert np.log(found.levels[0]) == pytest.approx(0.7, abs=0.01)
+    assert found.settled
+    assert found.left[0] == pytest.approx(0.45 - found.z[0])  # as far as the two are apart, the estimate is uncertain
+    assert found.distance_left == pytest.approx(9.5, abs=0.1)
+
+
+def test_noise_levels_stay_within_their_bounds():
+    found = likeliest(Line(0.9, -0.5, quiet=0.7), largest_noise=1.5)
+    assert found.levels[0] == pytest.approx(1.5)
+    assert found.z[0] == pytest.approx(-0.5, abs=0.01)
+
+
+def test_the_search_stays_within_its_reach():
+    far = -10.0 * REACH * COORDINATES.unit[0]
+    found = likeliest(Line(0.9, far))
+    assert found.z[0] == pytest.approx(solved(Line(0.9, far)).z[0] - REACH * COORDINATES.unit[0])
+
+
+def test_a_path_that_blows_up_on_the_way_is_not_taken():
+    """The cost is least beyond the cliff; what is found is the best of what there is."""
+    line = Line(-0.9, 0.5, cliff=0.3)
+    found = likeliest(line)
+    assert np.isfinite(found.cost) and found.cost <= solved(line).cost
+    assert found.z[0] <= 0.3

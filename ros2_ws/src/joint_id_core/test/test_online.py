@@ -10,6 +10,7 @@ import pytest
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimate import Status
 from joint_id_core.estimators import fit
+from joint_id_core.estimators.innovations_options import InnovationsOptions
 from joint_id_core.excitation import multisine
 from joint_id_core.models import build
 from joint_id_core.online import OnlineIdentifier, OnlineOptions, SlidingWindow
@@ -164,5 +165,7 @@ def test_misuse_is_named_at_once():
         OnlineIdentifier(MODEL, estimator="magic")
     with pytest.raises(JointIdError, match="no parameter 'k_9'"):
         OnlineIdentifier(MODEL, {"k_9": 1.0})
+    with pytest.raises(JointIdError, match="no parameter 'k_9'"):
+        OnlineIdentifier(MODEL, fit_options=InnovationsOptions(priors="k_9=0.1"))
     with pytest.raises(JointIdError, match="option window_s = 0"):
         OnlineOptions(window_s=0.0)

@@ -6,11 +6,11 @@ import numpy as np
 
 from joint_id_core import prediction
 from joint_id_core.estimate import Checks
-from joint_id_core.estimators.gauss_newton import Minimum, stall_warning
+from joint_id_core.estimators.gauss_newton import Minimum
 from joint_id_core.estimators.innovations_options import MAX_SUBSTEPS
 from joint_id_core.estimators.memory import memory
 from joint_id_core.estimators.misfit import misfit
-from joint_id_core.estimators.search import Search
+from joint_id_core.estimators.search import FAR, Search
 from joint_id_core.estimators.substeps import fastest_mode
 from joint_id_core.problem import Problem
 from joint_id_core.recording import Array
@@ -26,7 +26,7 @@ def check(search: Search, found: Minimum) -> tuple[Checks, dict[str, Array]]:
     problem, recursion, coordinates = search.problem, search.recursion, search.coordinates
     last = recursion.renewed(found.last)
     missing, coloured = misfit(recursion, coordinates, found, last), memory(recursion, coordinates, found, last)
-    texts = (missing.text, coloured.text, stall_warning(found), _step_warning(search, found), search.alone)
+    texts = (missing.text, coloured.text, _stall_warning(found), _step_warning(search, found), search.alone)
     excess = missing.excess + coloured.excess
     p, slope = recursion.values(coordinates.values(found.z)), coordinates.slope(found.z)
     together = _combinations(problem, p, (found.covariance + excess) * np.outer(slope, slope))
@@ -46,6 +46,16 @@ def _combinations(problem: Problem, p: Array, covariance: Array) -> dict[str, st
         text = group.text if value is None else f"{group.text} = {value[0]:.6g} ± {value[1]:.2g}{unit}"
         known |= dict.fromkeys(group.names, text)
     return known
+
+
+def _stall_warning(found: Minimum) -> str:
+    """What to say of an iteration that stalled; nothing where it did not."""
+    if found.distance_left < FAR:
+        return ""
+    return (
+        f"likelihood and prediction errors ask for values {found.distance_left:.1f} standard deviations apart, as they "
+        "do where the model lacks something; the standard deviations contain that distance"
+    )
 
 
 def _step_warning(search: Search, found: Minimum) -> str:

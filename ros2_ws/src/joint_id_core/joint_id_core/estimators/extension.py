@@ -62,7 +62,7 @@ def extend(
     same = problem.free == previous.free and problem.noise_names == tuple(previous.noise)
     if not same or previous.checks is None or first == len(problem.time):
         return None
-    coordinates = Coordinates(model, problem.free, options.known(problem))
+    coordinates = Coordinates(model, problem.free, options.known(model, problem.free))
     belief = Belief.after(previous, coordinates, inflation)
     p = np.array([known[n] for n in model.parameter_names])
     recursion = Recursion(problem, compile_model(model, "tanh", problem.freed, options.cell))

@@ -48,6 +48,11 @@ class Minimum:
         return np.asarray(np.linalg.inv(self.hessian), dtype=float)
 
     @property
+    def distance_left(self) -> float:
+        """Length of the way that is left, in standard deviations."""
+        return float(np.sqrt(self.left @ self.hessian @ self.left)) if self.left.any() else 0.0
+
+    @property
     def covariance(self) -> Array:
         """Of the coordinates, shape (k, k): of the noise, the squares of the integration error and of what is left."""
         errors = np.outer(self.integration, self.integration) + np.outer(self.left, self.left)
@@ -132,8 +137,7 @@ def minimise(
                 break
     left = np.zeros_like(here.z)
     if damping > STRONG_DAMPING:  # the steps became short because the cost rose along them
-        full = newton_step(here.hessian, here.gradient, coordinates.held(here.z, here.gradient))
-        left = np.clip(full, -MAX_STEP, MAX_STEP)
+        left = way_left(here, coordinates)
     return replace(here, settled=settled, iterations=iterations, left=left)
 
 
@@ -146,12 +150,7 @@ def newton_step(matrix: Array, gradient: Array, held: NDArray[np.bool_]) -> Arra
     return step
 
 
-def stall_warning(found: Minimum) -> str:
-    """What to say of an iteration that stalled; nothing where it did not."""
-    distance = float(np.sqrt(found.left @ found.hessian @ found.left)) if found.left.any() else 0.0
-    if distance < 1.0:
-        return ""
-    return (
-        f"the iteration stalled {distance:.1f} standard deviations before the solution, as it does where the model "
-        "lacks something; the standard deviations contain that distance"
-    )
+def way_left(here: Minimum, coordinates: Coordinates) -> Array:
+    """From here to the solution of the estimating equation, as far as one step shows it."""
+    full = newton_step(here.hessian, here.gradient, coordinates.held(here.z, here.gradient))
+    return np.clip(full, -MAX_STEP, MAX_STEP)

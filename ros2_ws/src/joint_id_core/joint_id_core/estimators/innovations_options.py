@@ -8,8 +8,8 @@ import numpy as np
 
 from joint_id_core.codegen import CELLS
 from joint_id_core.errors import JointIdError
+from joint_id_core.models import Model
 from joint_id_core.options import check, option
-from joint_id_core.problem import Problem
 
 MAX_SUBSTEPS = 64
 
@@ -29,8 +29,8 @@ class InnovationsOptions:
     def __post_init__(self) -> None:
         check(self)
 
-    def known(self, problem: Problem) -> dict[str, float]:
-        """`priors` by parameter.
+    def known(self, model: Model, free: tuple[str, ...]) -> dict[str, float]:
+        """`priors` by parameter of `model`, of which those `free` are estimated.
 
         Raises:
             JointIdError: text that is not NAME=SD, a parameter that is held, a deviation that is not positive.
@@ -44,7 +44,7 @@ class InnovationsOptions:
                 raise JointIdError(f"option priors: cannot read {item!r}: write NAME=SD, e.g. k_t=0.05") from None
             if not 0.0 < deviation < np.inf:
                 raise JointIdError(f"option priors: {item!r}: a standard deviation is finite and above zero")
-            if problem.model.parameter(name).name not in problem.free:
+            if model.parameter(name).name not in free:
                 raise JointIdError(f"option priors: {name} is held: free it (--free {name}) or leave its prior out")
             found[name] = deviation
         return found

@@ -12,6 +12,7 @@ from joint_id_core.estimate import Estimate
 from joint_id_core.estimators.belief import Belief, Coordinates
 from joint_id_core.estimators.gauss_newton import Minimum, evaluate, minimise
 from joint_id_core.estimators.innovations_options import MAX_SUBSTEPS, InnovationsOptions
+from joint_id_core.estimators.most_likely import most_likely
 from joint_id_core.estimators.noise import NoiseLevels, NoiseScoring
 from joint_id_core.estimators.recursion import LONGEST_GAP, Recursion
 from joint_id_core.estimators.start import busiest, rough_states
@@ -30,6 +31,7 @@ EXCERPT, SHORTEST = 4, 250  # length of a record over that of its excerpt, and t
 STEP_TOLERANCE = 1e-4  # in z: what a finer step may still change where the data know better than that
 SAME_STEPS = 0.02  # shift of an estimate, in spreads of its prior, that leaves the steps as they are (5 % mostly)
 SAME_LEVELS = 0.15  # change of a noise level's logarithm that leaves the covariance as it is (8 % of a sigma at most)
+FAR = 1.0  # standard deviations that an iteration may stall before its solution
 SAME_COST = 2.0  # two starts that end this near to each other in cost have found the same minimum
 EXTRA_STARTS = 6  # when states are not measured, the cost has several minima
 
@@ -73,7 +75,7 @@ class Search:
         cls, problem: Problem, kernel: Kernel, options: InnovationsOptions, belief: Belief | None, tell: Progress
     ) -> Search:
         """A search from `belief`, or without one from the start values."""
-        coordinates = Coordinates(problem.model, problem.free, options.known(problem))
+        coordinates = Coordinates(problem.model, problem.free, options.known(problem.model, problem.free))
         belief = belief or Belief.before_data(problem, coordinates)
         return cls(problem, kernel, options, coordinates, belief, NoiseLevels.of(problem), rough_states(problem), tell)
 
@@ -91,7 +93,10 @@ class Search:
         found = self._continued(self._at(z, levels, self.steps))
         if found is not None and self.scoring.change(found.last.levels, found.levels) > SAME_LEVELS:
             found = self._continued(self._at(found.z, found.levels, self.steps))
-        if found is not None and float(np.max(np.abs(found.z - z) / self.coordinates.spread)) < SAME_STEPS:
+        if found is None:
+            return None
+        found = self._most_likely(found)
+        if float(np.max(np.abs(found.z - z) / self.coordinates.spread)) < SAME_STEPS:
             return found  # the step size was judged for these values
         return self._refined(found)
 
@@ -113,13 +118,19 @@ class Search:
             if end is None:
                 continue
             found.append((end, self.substeps, self.steps))
-            best, substeps, steps = min(found, key=lambda item: item[0].cost)
+            best = min((end for end, _, _ in found), key=lambda end: end.cost)
             agreed = measured or sum(_same(best, other) for other, _, _ in found) > 1
             if agreed and not explained(self.problem, best.last.residuals).reasons:
                 break
         if best is None:
             return None
-        self.substeps, self.steps = substeps, steps
+        found.sort(key=lambda item: item[0].cost)
+        for k, (end, substeps, steps) in enumerate(found):
+            found[k] = self._most_likely(end), substeps, steps
+            best, self.substeps, self.steps = min(found, key=lambda item: item[0].cost)
+            agreed = agreed or sum(_same(best, other) for other, _, _ in found) > 1
+            if agreed:
+                break
         starts = f"of {1 + EXTRA_STARTS} starts"
         if len(found) == 1 and not agreed:
             self.doubt = f"only one {starts} led to a minimum, the others nowhere, so a better one may exist"
@@ -241,6 +252,15 @@ class Search:
         self.iterations += found.iterations if found else 0
         return found
 
+    def _most_likely(self, found: Minimum) -> Minimum:
+        """Where the iteration stalled far from its solution, the point of largest likelihood near it."""
+        if found.distance_left < FAR:
+            return found
+        self.tell("the iteration stalled: searching the largest likelihood")
+        best = most_likely(self.recursion, self.coordinates, self.belief, self.noise, found)
+        self.iterations += best.iterations - found.iterations
+        return best
+
     def _refined(self, found: Minimum | None) -> Minimum | None:
         """More steps a sample until twice as many move no estimate by 0.1 sigma, or by 0.01 % where sigma is less.
 
@@ -273,6 +293,7 @@ class Search:
             found = self._minimised(z, found.levels, finer.last.states)
             if found is None:
                 return refined
+            found = self._most_likely(found)
         return found
 
     def _excess(self, shift: Array, covariance: Array) -> float:
