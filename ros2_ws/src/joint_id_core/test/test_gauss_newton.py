@@ -25,6 +25,7 @@ class Line:
 
     def __init__(self, solution: float, lowest: float, quiet: float = 0.0, cliff: float = np.inf) -> None:
         self.solution, self.lowest, self.quiet, self.cliff = solution, lowest, quiet, cliff
+        self.passes = 0
 
     def renewed(self, last):
         return last
@@ -33,6 +34,7 @@ class Line:
         return np.zeros(1), np.full((1, 1), INFORMATION)
 
     def run(self, free, levels, steps):
+        self.passes += 1
         z = float(free[0])
         error = np.full((1, 1), z)
         cost = INFORMATION * ((z - self.lowest) ** 2 + float(np.log(levels[0]) - self.quiet) ** 2)
@@ -75,12 +77,12 @@ def test_a_cost_that_is_not_finite_gives_no_pass():
     assert minimise(line, coordinates, belief, None, np.ones(1, dtype=np.int64), 0.01, 5) is None
 
 
-def likeliest(line: Line, largest_noise: float = 1e6):
+def likeliest(line: Line, largest_noise: float = 1e6, work: int = 1000):
     """From where the iteration stalls to the largest likelihood."""
     found = solved(line)
     assert found.left.any()
     bounds = NoiseLevels(None, np.full(1, 1e-6), np.full(1, largest_noise))
-    return most_likely(line, COORDINATES, BELIEF, bounds, found)
+    return most_likely(line, COORDINATES, BELIEF, bounds, found, work)
 
 
 def test_the_largest_likelihood_is_found_for_coordinates_and_noise_whatever_the_equation_says():
@@ -110,3 +112,12 @@ def test_a_path_that_blows_up_on_the_way_is_not_taken():
     found = likeliest(line)
     assert np.isfinite(found.cost) and found.cost <= solved(line).cost
     assert found.z[0] <= 0.3
+
+
+def test_the_search_takes_about_as_much_work_as_it_is_given():
+    line = Line(0.9, -0.5, quiet=0.7)
+    stalled = solved(line)
+    assert likeliest(line, work=3).cost == stalled.cost  # less than one iteration takes
+    passes = line.passes
+    assert likeliest(line, work=5).cost < stalled.cost
+    assert line.passes - passes < 10 + stalled.iterations + 2

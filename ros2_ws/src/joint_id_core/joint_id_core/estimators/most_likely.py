@@ -20,18 +20,24 @@ from joint_id_core.recording import Array
 
 DIFFERENCE = 1e-3  # in standard deviations: the cost has 10 digits, and is smooth over far more
 ENOUGH = 0.01  # change of half the cost at which the search ends: 0.14 standard deviations
-MOST_ITERATIONS = 40  # each takes a pass for every coordinate and noise level
+MOST_ITERATIONS = 40
 REACH = 4.0  # a factor 55 in a positive parameter or a variance; a step that tries more has lost its way
 LEAST_INFORMATION = 0.1  # on the logarithm of a noise level, so that one which nothing shows is not moved far
 BLOWN_UP = 1e4  # above the start: half the cost where the path blows up
 
 
 def most_likely(
-    recursion: Recursion, coordinates: Coordinates, belief: Belief, bounds: NoiseLevels, found: Minimum
+    recursion: Recursion, coordinates: Coordinates, belief: Belief, bounds: NoiseLevels, found: Minimum, work: int
 ) -> Minimum:
     """The minimum of the cost near `found`, over coordinates and noise levels within their bounds, by sequential
-    least squares programming (Kraft, DFVLR-FB 88-28, 1988). Its steps a sample are those of `found`."""
-    count = len(found.z)
+    least squares programming (Kraft, DFVLR-FB 88-28, 1988). Its steps a sample are those of `found`.
+
+    It ends when it has taken about `work` steps of the integrator, with the best that it has seen.
+    """
+    count, size = len(found.z), len(found.z) + len(found.levels)
+    iterations = min(MOST_ITERATIONS, work // ((size + 2) * int(found.last.steps.sum())))  # passes each takes, or so
+    if iterations < 1:
+        return found
     _, information = recursion.noise_information(recursion.renewed(found.last))
     unit = np.concatenate([np.diag(found.hessian), np.maximum(np.diag(information), LEAST_INFORMATION)]) ** -0.5
     start = np.concatenate([found.z, np.log(found.levels)])
@@ -53,7 +59,7 @@ def most_likely(
     ended = minimize(
         half_cost, np.zeros_like(start), method="SLSQP",
         bounds=Bounds((lower - start) / unit, (upper - start) / unit),
-        options={"eps": DIFFERENCE, "ftol": ENOUGH, "maxiter": MOST_ITERATIONS},
+        options={"eps": DIFFERENCE, "ftol": ENOUGH, "maxiter": iterations},
     )  # fmt: skip
     return replace(
         best, settled=found.settled or bool(ended.success), iterations=found.iterations + int(ended.nit),

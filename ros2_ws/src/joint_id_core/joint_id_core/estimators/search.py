@@ -68,6 +68,7 @@ class Search:
         self.steps: Steps = np.empty(0, dtype=np.int64)
         self.iterations = 0
         self.doubt = self.alone = ""
+        self._searched = 0  # work spent on the largest likelihood
         self.tolerance = TOLERANCE if options.substeps else NEAR
 
     @classmethod
@@ -253,11 +254,18 @@ class Search:
         return found
 
     def _most_likely(self, found: Minimum) -> Minimum:
-        """Where the iteration stalled far from its solution, the point of largest likelihood near it."""
+        """Where the iteration stalled far from its solution, the point of largest likelihood near it.
+
+        All searches of a fit together take no more work than what it did besides, so that it stays as fast, almost,
+        where the model is wrong.
+        """
         if found.distance_left < FAR:
             return found
         self.tell("the iteration stalled: searching the largest likelihood")
-        best = most_likely(self.recursion, self.coordinates, self.belief, self.noise, found)
+        before = self.recursion.work
+        left = before - 2 * self._searched
+        best = most_likely(self.recursion, self.coordinates, self.belief, self.noise, found, left)
+        self._searched += self.recursion.work - before
         self.iterations += best.iterations - found.iterations
         return best
 
