@@ -11,7 +11,7 @@ from joint_id_core.candidates import Candidate
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimate import Estimate, Status
 from joint_id_core.estimators.innovations import fit_innovations
-from joint_id_core.estimators.search import Progress
+from joint_id_core.estimators.stages import Progress
 from joint_id_core.problem import MIN_SAMPLES, UnusableError, unusable
 from joint_id_core.ranking import Ranking, rank
 from joint_id_core.recording import Recording

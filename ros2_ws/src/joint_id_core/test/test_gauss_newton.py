@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from joint_id_core.estimators.belief import Belief, Coordinates
-from joint_id_core.estimators.gauss_newton import MAX_STEP, evaluate, minimise
+from joint_id_core.estimators.gauss_newton import MAX_STEP, Cost, minimise
 from joint_id_core.estimators.most_likely import REACH, most_likely
 from joint_id_core.estimators.noise import NoiseLevels
 from joint_id_core.estimators.recursion import Pass
@@ -48,10 +48,8 @@ BELIEF = Belief(FREE, np.zeros(1), np.full((1, 1), 1e-12))
 
 
 def solved(line: Line):
-    coordinates, belief = COORDINATES, BELIEF
-    steps = np.ones(1, dtype=np.int64)
-    start = evaluate(line, coordinates, belief, np.array([0.2]), np.ones(1), steps)
-    return minimise(line, coordinates, belief, start, steps, 0.01, 100)
+    cost, steps = Cost(line, COORDINATES, BELIEF), np.ones(1, dtype=np.int64)
+    return minimise(cost, cost.at(np.array([0.2]), np.ones(1), steps), 0.01, 100)
 
 
 def test_where_cost_and_equation_agree_it_ends_there():
@@ -70,11 +68,9 @@ def test_where_they_do_not_it_stalls_and_counts_the_distance():
 
 
 def test_a_cost_that_is_not_finite_gives_no_pass():
-    line = Line(np.nan, np.nan)
-    coordinates = Coordinates(MODEL, FREE)
-    belief = Belief(FREE, np.zeros(1), np.eye(1))
-    assert evaluate(line, coordinates, belief, np.zeros(1), np.ones(1), np.ones(1, dtype=np.int64)) is None
-    assert minimise(line, coordinates, belief, None, np.ones(1, dtype=np.int64), 0.01, 5) is None
+    cost = Cost(Line(np.nan, np.nan), COORDINATES, BELIEF)
+    assert cost.at(np.zeros(1), np.ones(1), np.ones(1, dtype=np.int64)) is None
+    assert minimise(cost, None, 0.01, 5) is None
 
 
 def likeliest(line: Line, largest_noise: float = 1e6, work: int = 1000):
@@ -82,7 +78,7 @@ def likeliest(line: Line, largest_noise: float = 1e6, work: int = 1000):
     found = solved(line)
     assert found.left.any()
     bounds = NoiseLevels(None, np.full(1, 1e-6), np.full(1, largest_noise))
-    return most_likely(line, COORDINATES, BELIEF, bounds, found, work)
+    return most_likely(Cost(line, COORDINATES, BELIEF), bounds, found, work)
 
 
 def test_the_largest_likelihood_is_found_for_coordinates_and_noise_whatever_the_equation_says():

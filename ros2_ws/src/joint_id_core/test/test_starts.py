@@ -10,10 +10,11 @@ import pytest
 
 from joint_id_core.control import PositionController, simulate_closed_loop
 from joint_id_core.estimate import Status
-from joint_id_core.estimators import fit
+from joint_id_core.estimators import fit, search
+from joint_id_core.estimators.annealing import STRONG, STRONGEST
 from joint_id_core.estimators.innovations import fit_innovations
 from joint_id_core.estimators.recursion import Recursion
-from joint_id_core.estimators.search import STRONG, STRONGEST, Search
+from joint_id_core.estimators.search import Search
 from joint_id_core.excitation import position_reference
 from joint_id_core.models import build
 from joint_id_core.recording import Recording
@@ -37,12 +38,12 @@ def ends(monkeypatch):
     """Let a function change how each start ends: change(number of the start, its end)."""
 
     def changed_by(change):
-        real, count = Search._annealed, iter(range(100))
+        real, count = search.annealed, iter(range(100))
 
-        def annealed(self, z, whole=True):
-            return change(next(count), real(self, z, whole))
+        def annealed(stages, z, whole=True):
+            return change(next(count), real(stages, z, whole))
 
-        monkeypatch.setattr(Search, "_annealed", annealed)
+        monkeypatch.setattr(search, "annealed", annealed)
 
     return changed_by
 

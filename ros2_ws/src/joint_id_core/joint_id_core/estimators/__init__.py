@@ -9,7 +9,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.estimate import Estimate
 from joint_id_core.estimators.innovations import fit_innovations
 from joint_id_core.estimators.innovations_options import InnovationsOptions
-from joint_id_core.estimators.search import Progress
+from joint_id_core.estimators.stages import Progress
 from joint_id_core.models import Model
 from joint_id_core.recording import Recording
 

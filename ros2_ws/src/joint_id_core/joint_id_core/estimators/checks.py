@@ -10,27 +10,27 @@ from joint_id_core.estimators.gauss_newton import Minimum
 from joint_id_core.estimators.innovations_options import MAX_SUBSTEPS
 from joint_id_core.estimators.memory import memory
 from joint_id_core.estimators.misfit import misfit
-from joint_id_core.estimators.search import FAR, Search
+from joint_id_core.estimators.stages import FAR, Stages
 from joint_id_core.estimators.substeps import fastest_mode
 from joint_id_core.problem import Problem
 from joint_id_core.recording import Array
 from joint_id_core.structure import combinations
 
 
-def check(search: Search, found: Minimum) -> tuple[Checks, dict[str, Array]]:
-    """Test the minimum that a search found.
+def check(stages: Stages, found: Minimum, alone: str) -> tuple[Checks, dict[str, Array]]:
+    """Test a minimum; `alone` is what to say of one that only one start reached.
 
     Returns:
         What was found, and the predicted labels by name, each of shape (T,).
     """
-    problem, recursion, coordinates = search.problem, search.recursion, search.coordinates
+    problem, recursion, coordinates = stages.problem, stages.recursion, stages.coordinates
     last = recursion.renewed(found.last)
     missing, coloured = misfit(recursion, coordinates, found, last), memory(recursion, coordinates, found, last)
-    texts = (missing.text, coloured.text, _stall_warning(found), _step_warning(search, found), search.alone)
+    texts = (missing.text, coloured.text, _stall_warning(found), _step_warning(stages, found), alone)
     excess = missing.excess + coloured.excess
-    p, slope = recursion.values(coordinates.values(found.z)), coordinates.slope(found.z)
+    p, slope = stages.cost.values(found.z), coordinates.slope(found.z)
     together = _combinations(problem, p, (found.covariance + excess) * np.outer(slope, slope))
-    predictions = prediction.free_runs(search.kernel, problem, last.states, p, last.steps, search.options.horizon_s)
+    predictions = prediction.free_runs(stages.kernel, problem, last.states, p, last.steps, stages.options.horizon_s)
     return Checks(texts, excess, prediction.nrmse(problem, predictions), together), predictions
 
 
@@ -58,18 +58,18 @@ def _stall_warning(found: Minimum) -> str:
     )
 
 
-def _step_warning(search: Search, found: Minimum) -> str:
+def _step_warning(stages: Stages, found: Minimum) -> str:
     """What to say of an integration error that matters; nothing where it does not."""
-    if 2 * search.substeps <= MAX_SUBSTEPS:
+    if 2 * stages.substeps <= MAX_SUBSTEPS:
         return ""
     share = np.abs(found.integration) / np.sqrt(np.diag(found.inverse))
-    matters = (np.abs(found.integration) > search.least) & (share > 0.1)
+    matters = (np.abs(found.integration) > stages.least) & (share > 0.1)
     if not matters.any():
         return ""
-    worst, p = int(np.argmax(share * matters)), search.recursion.values(search.coordinates.values(found.z))
-    mode = fastest_mode(search.problem, search.kernel, p, search.rough_states, sliding=False)
+    worst, p = int(np.argmax(share * matters)), stages.cost.values(found.z)
+    mode = fastest_mode(stages.problem, stages.kernel, p, stages.rough_states, sliding=False)
     text = (
-        f"{search.substeps} steps a sample are too few: twice as many would move {search.problem.free[worst]} by "
+        f"{stages.substeps} steps a sample are too few: twice as many would move {stages.problem.free[worst]} by "
         f"{share[worst]:.2g} standard deviations, which its own now contains (fastest mode {-mode:.4g} 1/s)"
     )
-    return text + ("; use the implicit cell (--cell implicit)" if search.options.cell == "rk4" else "")
+    return text + ("; use the implicit cell (--cell implicit)" if stages.options.cell == "rk4" else "")

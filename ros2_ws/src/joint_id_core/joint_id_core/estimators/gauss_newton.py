@@ -59,33 +59,36 @@ class Minimum:
         return np.asarray(self.inverse + errors, dtype=float)
 
 
-def evaluate(
-    recursion: Recursion, coordinates: Coordinates, belief: Belief, z: Array, levels: Array, substeps: Steps
-) -> Minimum | None:
-    """One pass at z, with the prior; None when its cost is not finite."""
-    values = coordinates.values(z)
-    last = recursion.run(values, levels, substeps)
-    d = z - belief.mean
-    pull = belief.precision @ d
-    cost = last.cost + float(d @ pull)
-    if not np.isfinite(cost):
-        return None
-    slope = np.where(coordinates.positive, values, 1.0)
-    H = last.hessian * (slope[:, None] * slope) + belief.precision
-    return Minimum(z, levels, last, H, last.gradient * slope - pull, cost, False, 0, np.zeros_like(z), np.zeros_like(z))
+@dataclass(frozen=True)
+class Cost:
+    """What is minimised: the innovations cost of a record, and the distance from a prior, by estimation coordinates."""
+
+    recursion: Recursion
+    coordinates: Coordinates
+    belief: Belief
+
+    def values(self, z: Array) -> Array:
+        """All parameter values at z."""
+        return self.recursion.values(self.coordinates.values(z))
+
+    def at(self, z: Array, levels: Array, steps: Steps) -> Minimum | None:
+        """One pass at z; None when its cost is not finite."""
+        values = self.coordinates.values(z)
+        last = self.recursion.run(values, levels, steps)
+        d = z - self.belief.mean
+        pull = self.belief.precision @ d
+        cost = last.cost + float(d @ pull)
+        if not np.isfinite(cost):
+            return None
+        slope, none = np.where(self.coordinates.positive, values, 1.0), np.zeros_like(z)
+        hessian = last.hessian * (slope[:, None] * slope) + self.belief.precision
+        return Minimum(z, levels, last, hessian, last.gradient * slope - pull, cost, False, 0, none, none)
 
 
 def minimise(
-    recursion: Recursion,
-    coordinates: Coordinates,
-    belief: Belief,
-    start: Minimum | None,
-    substeps: Steps,
-    tolerance: float,
-    max_iterations: int,
-    noise: NoiseScoring | None = None,
+    cost: Cost, start: Minimum | None, tolerance: float, max_iterations: int, noise: NoiseScoring | None = None
 ) -> Minimum | None:
-    """Minimise innovations cost plus prior from `start` (see `evaluate`), with the noise levels where `noise` is given.
+    """Minimise the cost from `start`, with its steps, and with the noise levels where `noise` is given.
 
     Stops when the step to take, squared in standard deviations (the Newton decrement dz' H dz, and that of the noise
     levels), is below `tolerance`, or when the score of the noise levels leads no further: it leaves out that the
@@ -98,7 +101,7 @@ def minimise(
     """
     if start is None:
         return None
-    here = start
+    here, coordinates = start, cost.coordinates
     damping, share, settled, iterations = 1e-3, 1.0, False, 0
     push, noise_decrement = np.zeros_like(here.levels), np.inf if noise else 0.0
     moved = True
@@ -125,7 +128,7 @@ def minimise(
         longest = float(np.max(np.abs(dz) / coordinates.unit))
         if longest > MAX_STEP:
             dz *= MAX_STEP / longest
-        there = evaluate(recursion, coordinates, belief, coordinates.clip(z + dz), levels, substeps)
+        there = cost.at(coordinates.clip(z + dz), levels, start.last.steps)
         small = decrement + noise_decrement < 1.0
         moved = there is not None and (there.cost < here.cost or (small and there.cost < here.cost + 1.0))
         if moved:

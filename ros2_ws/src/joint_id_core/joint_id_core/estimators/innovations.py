@@ -17,7 +17,8 @@ from joint_id_core.estimators.belief import Belief
 from joint_id_core.estimators.checks import check
 from joint_id_core.estimators.gauss_newton import Minimum
 from joint_id_core.estimators.innovations_options import InnovationsOptions
-from joint_id_core.estimators.search import Progress, Search
+from joint_id_core.estimators.search import Search
+from joint_id_core.estimators.stages import Progress
 from joint_id_core.identifiability import judge, table, verdicts
 from joint_id_core.models import Model
 from joint_id_core.problem import UnusableError, prepare, unusable
@@ -59,7 +60,7 @@ def fit_innovations(
     except UnusableError as error:
         return unusable(model, "innovations", error, recording)
     tell(f"preparing the compiled cell of {model.name}")
-    search = Search.of(problem, compile_model(model, "tanh", problem.freed, options.cell), options, belief, tell)
+    search = Search(problem, compile_model(model, "tanh", problem.freed, options.cell), options, belief, tell)
     found = search.warm(previous) if previous is not None and previous.converged else None
     found = found or search.cold()
     if found is None:
@@ -70,21 +71,14 @@ def fit_innovations(
 
 def _estimate(search: Search, found: Minimum, begun: float) -> Estimate:
     """Turn the minimum into an `Estimate`."""
-    problem, model = search.problem, search.problem.model
-    p = search.recursion.values(search.coordinates.values(found.z))
-    checks, predictions = check(search, found)
+    stages, coordinates, problem = search.stages, search.stages.coordinates, search.stages.problem
+    model, p = problem.model, stages.cost.values(found.z)
+    checks, predictions = check(stages, found, search.alone)
     covariance_z = found.covariance + checks.excess
-    slope = search.coordinates.slope(found.z)
+    slope = coordinates.slope(found.z)
     covariance = covariance_z * np.outer(slope, slope)
-    rows = verdicts(model, problem.free, covariance_z, search.coordinates, found.z, checks.together)
-    judged = judge(
-        problem,
-        found,
-        checks.nrmse,
-        rows,
-        checks.texts,
-        search.doubt,
-    )
+    rows = verdicts(model, problem.free, covariance_z, coordinates, found.z, checks.together)
+    judged = judge(problem, found, checks.nrmse, rows, checks.texts, search.doubt)
     sigma = np.sqrt(found.levels)
     return Estimate(
         model=model.name, estimator="innovations", status=judged.status, message=judged.message,
@@ -93,7 +87,7 @@ def _estimate(search: Search, found: Minimum, begun: float) -> Estimate:
         noise=dict(zip(problem.noise_names, map(float, sigma), strict=True)),
         chi2=judged.residuals.chi2, whiteness=judged.residuals.whiteness,
         deviance=found.last.cost, observations=sum(map(len, problem.rows)),
-        substeps=search.substeps, iterations=search.iterations,
+        substeps=stages.substeps, iterations=stages.iterations,
         elapsed_s=time.perf_counter() - begun, start=float(problem.time[0]), end=float(problem.time[-1]),
         samples=len(problem.time), predictions=predictions,
         checks=checks,

@@ -12,10 +12,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import Bounds, minimize
 
-from joint_id_core.estimators.belief import Belief, Coordinates
-from joint_id_core.estimators.gauss_newton import Minimum, evaluate, way_left
+from joint_id_core.estimators.gauss_newton import Cost, Minimum, way_left
 from joint_id_core.estimators.noise import NoiseLevels
-from joint_id_core.estimators.recursion import Recursion
 from joint_id_core.recording import Array
 
 DIFFERENCE = 1e-3  # in standard deviations: the cost has 10 digits, and is smooth over far more
@@ -26,9 +24,7 @@ LEAST_INFORMATION = 0.1  # on the logarithm of a noise level, so that one which 
 BLOWN_UP = 1e4  # above the start: half the cost where the path blows up
 
 
-def most_likely(
-    recursion: Recursion, coordinates: Coordinates, belief: Belief, bounds: NoiseLevels, found: Minimum, work: int
-) -> Minimum:
+def most_likely(cost: Cost, bounds: NoiseLevels, found: Minimum, work: int) -> Minimum:
     """The minimum of the cost near `found`, over coordinates and noise levels within their bounds, by sequential
     least squares programming (Kraft, DFVLR-FB 88-28, 1988). Its steps a sample are those of `found`.
 
@@ -38,7 +34,8 @@ def most_likely(
     iterations = min(MOST_ITERATIONS, work // ((size + 2) * int(found.last.steps.sum())))  # passes each takes, or so
     if iterations < 1:
         return found
-    _, information = recursion.noise_information(recursion.renewed(found.last))
+    coordinates = cost.coordinates
+    _, information = cost.recursion.noise_information(cost.recursion.renewed(found.last))
     unit = np.concatenate([np.diag(found.hessian), np.maximum(np.diag(information), LEAST_INFORMATION)]) ** -0.5
     start = np.concatenate([found.z, np.log(found.levels)])
     reach = REACH * np.concatenate([coordinates.unit, np.ones_like(found.levels)])
@@ -49,7 +46,7 @@ def most_likely(
     def half_cost(x: Array) -> float:
         nonlocal best
         y = np.clip(start + unit * x, lower, upper)
-        here = evaluate(recursion, coordinates, belief, y[:count], np.exp(y[count:]), found.last.steps)
+        here = cost.at(y[:count], np.exp(y[count:]), found.last.steps)
         if here is None:
             return 0.5 * found.cost + BLOWN_UP
         if here.cost < best.cost:
