@@ -78,13 +78,15 @@ def ur3e(joint: int, *arguments: object, file: Path = UR3E, **kwargs: Any) -> di
 def test_ur3e_elbow_stiffness_of_two_halves_agrees():
     """The elbow is held still and disturbed by the shoulder; link position and motor velocity are all there is."""
     model = ("--model", "motor_side", "--set", "k_t=0.0802", "--map", "motor_velocity=101*actual_qd_2")
-    halves = [ur3e(2, *model, *part) for part in (("--end", HALF_S), ("--start", HALF_S))]
+    inertia = ("--set", "J_m=2e-4", "--prior", "J_m=0.5")  # which a joint that stands hardly shows
+    halves = [ur3e(2, *model, *inertia, *part) for part in (("--end", HALF_S), ("--start", HALF_S))]
     a, b = (by_name(half)["k_1"] for half in halves)
     assert [half["status"] for half in halves] == ["converged", "converged"]
     assert a["verdict"] == b["verdict"] == "estimated"
     spread = (a["std_dev"] ** 2 + b["std_dev"] ** 2) ** 0.5
     assert abs(a["value"] - b["value"]) < 2.0 * spread, (a, b)
-    assert 3.9e3 < a["value"] < 4.7e3 and 3.9e3 < b["value"] < 4.7e3
+    for half in (a, b):  # a prototype found 4467 +- 75 and 4247 +- 85, of noise alone
+        assert 4.2e3 - 2.0 * half["std_dev"] < half["value"] < 4.5e3 + 2.0 * half["std_dev"]
     # the noise alone gives 60 Nm/rad; the rest is friction and a spring that are not quite as the model has them
     assert max(a["std_dev"], b["std_dev"]) < 0.25 * a["value"]
     assert any("the residuals show" in half["message"] for half in halves)

@@ -7,6 +7,7 @@ from typing import Any, Literal
 import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
 
+from joint_id_core.filter_recursions import layout
 from joint_id_core.models import Model
 from joint_id_core.recursions import padded
 from joint_id_core.symbolic import Derivative
@@ -229,6 +230,8 @@ def cell_text(model: Model, d: Derivative, cell: Cell) -> str:
         "CP": padded(text.n_par),
         "CF": padded(text.n_par + text.nx + text.nu),
     }
+    sizes["SP"] = sizes["NW"] * sizes["CP"]
+    sizes |= layout(text.nx, text.n_par, sizes["CP"], sizes["NW"] * sizes["CF"])
     functions = [text.constants_function(), text.jacobian(), text.observe()]
     if cell == "rk4":
         functions += [

@@ -94,7 +94,9 @@ def cache_directory() -> Path:
 def _generator_text() -> str:
     """Text of everything that shapes generated code; a change in it gives a new cache key."""
     here = Path(__file__).parent
-    own = ("symbolic", "cell_text", "recursions", "filter_recursions", "gain_recursions", "implicit", "codegen")
+    own = (
+        "symbolic", "cell_text", "recursions", "filter_recursions", "gain_recursions", "implicit", "stack", "codegen"
+    )  # fmt: skip
     files = [*sorted((here / "models").glob("*.py")), *(here / f"{name}.py" for name in own)]
     return "".join(f.read_text() for f in files)
 
@@ -143,7 +145,8 @@ def _compiled(what: str, text: str, wanted: Mapping[str, str]) -> str:
     for name in _INLINE:
         text = text.replace(f"def {name}(", f"{inline}def {name}(")
     head = f'"""Generated for {what}: do not edit."""\n\n'
-    head += "import math\n\nimport numpy as np\nfrom numba import njit\n\n"
+    head += "import math\n\nimport numpy as np\nfrom numba import carray, njit\n\n"
+    head += "from joint_id_core.stack import on_stack\n\n"
     return head + text
 
 
@@ -254,7 +257,7 @@ def _gains(states: int, inputs: int, delayed: bool) -> ModuleType:
     """The compiled `gain_recursions` for so many states and inputs."""
     columns = recursions.padded(states + inputs)
     sizes = f"NX = {states}\nNU = {inputs}\nCL = {columns}\nCD = {gain_recursions.DISTURBANCES}\nDELAYED = {delayed}\n"
-    text = sizes + _after_mark(recursions) + _after_mark(gain_recursions)
+    text = sizes + _after_mark(gain_recursions)
     what = f"noise statistics of {states} states and {inputs} inputs"
     path = cache_directory() / f"gains-{_hash(sizes)}" / "gains.py"
     return _loaded(path, what, lambda: _compiled(what, text, _GAINS), _GAINS)

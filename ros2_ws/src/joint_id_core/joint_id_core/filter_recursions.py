@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from joint_id_core.recursions import padded
+
 NX: int  # states
 NW: int  # rows of the work space V
 NU: int  # inputs
@@ -19,11 +21,32 @@ NP: int  # parameters with sensitivities
 NC: int  # parameter-only constants
 CP: int  # columns of the work space of `step_parameters`
 CF: int  # columns of the work space of `step_full`
+SF: int  # numbers of the work space of `innovations`
+AT_P: int  # where its parts begin: see `layout`
+AT_M: int
+AT_s: int
+AT_g: int
+AT_H: int
 DELAYED: bool  # whether sensors show the states late
 constants: Callable[..., None]
 observe: Callable[..., None]
 step_full: Callable[..., None]
-work_space: Callable[[int], Any]
+carray: Callable[..., Any]  # of numba
+on_stack: Callable[[int], Any]
+
+
+def layout(states: int, parameters: int, columns: int, step: int) -> dict[str, int]:
+    """Where the parts of the work space of `innovations` begin, and its size SF.
+
+    After the numbers of the `step` come the covariance P and M = A P; then, in rows of `columns`, the derivatives s of
+    the labels of a sample over sqrt(S), the gradient g and the matrix H.
+    """
+    square = padded(states * states)  # every part begins at a cache line
+    sizes = {"AT_M": square, "AT_s": square, "AT_g": states * columns, "AT_H": columns, "SF": parameters * columns}
+    found = {"AT_P": step}
+    for name, size in sizes.items():
+        found[name] = step = step + size
+    return found
 
 
 # --- compiled from here ---
@@ -71,18 +94,16 @@ def innovations(
     """
     c = np.empty(NC)
     constants(p, c)
-    # One array (see the module): the columns of the step, P, A P, rows s of this sample's labels, sum s e, sum s s'.
-    square = (NX * NX + 7) // 8 * 8  # every row begins at a cache line
-    P, M = NW * CF, NW * CF + square
-    s, gradient = M + square, M + square + NX * CP
-    hessian = gradient + CP
-    V = work_space(hessian + NP * CP)
+    # One array (see `layout`): the columns of the step, P, A P, rows s of this sample's labels, sum s e, sum s s'.
+    V = carray(on_stack(SF), SF)
+    for j in range(SF):
+        V[j] = 0.0
     x = x0.copy()
     shown, at, seen = np.empty(NX), np.empty(NX), np.empty(NX)
     by_x, by_p = np.empty((NX, NX)), np.empty((NX, max(NP, 1)))
     for m in range(NX):
         for n in range(NX):
-            V[P + m * NX + n] = P0[m, n]
+            V[AT_P + m * NX + n] = P0[m, n]
     T = len(time)
     cost = 0.0
     for t in range(T):
@@ -90,8 +111,8 @@ def innovations(
             for m in range(NX):
                 x[m] = X0[begin[t], m]
                 for n in range(NX):
-                    V[P + m * NX + n] = 0.0
-                V[P + m * NX + m] = V0[begin[t], m]
+                    V[AT_P + m * NX + n] = 0.0
+                V[AT_P + m * NX + m] = V0[begin[t], m]
                 for j in range(NP):
                     V[m * CF + j] = 0.0
         volume = 1.0
@@ -108,14 +129,14 @@ def innovations(
                 e[t, k] = 0.0
                 S[t, k] = 1.0
                 for j in range(CP):
-                    V[s + k * CP + j] = 0.0
+                    V[AT_s + k * CP + j] = 0.0
                 for j in range(NP):
                     J[t, k, j] = 0.0
                 for m in range(NX):
                     K[t, k, m] = 0.0
                 continue
             error = y[t, k] - x[i]
-            variance = V[P + i * NX + i] + R[k]
+            variance = V[AT_P + i * NX + i] + R[k]
             if DELAYED:
                 error = y[t, k] - shown[i]
                 variance = R[k]
@@ -123,7 +144,7 @@ def innovations(
                     error -= by_x[i, m] * (x[m] - at[m])
                     seen[m] = 0.0
                     for n in range(NX):
-                        seen[m] += V[P + m * NX + n] * by_x[i, n]
+                        seen[m] += V[AT_P + m * NX + n] * by_x[i, n]
                     variance += by_x[i, m] * seen[m]
             if not variance > 0.0:  # the path blew up
                 return math.nan
@@ -135,45 +156,45 @@ def innovations(
             e[t, k] = error
             S[t, k] = variance
             for j in range(CP):
-                V[s + k * CP + j] = V[i * CF + j] * root
+                V[AT_s + k * CP + j] = V[i * CF + j] * root
             if DELAYED:
                 for j in range(NP):
-                    V[s + k * CP + j] = by_p[i, j] * root
+                    V[AT_s + k * CP + j] = by_p[i, j] * root
                     for m in range(NX):
-                        V[s + k * CP + j] += by_x[i, m] * V[m * CF + j] * root
+                        V[AT_s + k * CP + j] += by_x[i, m] * V[m * CF + j] * root
             for j in range(NP):
-                J[t, k, j] = V[s + k * CP + j]
+                J[t, k, j] = V[AT_s + k * CP + j]
             for j in range(CP):
-                V[gradient + j] += V[s + k * CP + j] * white
+                V[AT_g + j] += V[AT_s + k * CP + j] * white
             for m in range(NX):
-                gain = (seen[m] if DELAYED else V[P + m * NX + i]) * inverse
+                gain = (seen[m] if DELAYED else V[AT_P + m * NX + i]) * inverse
                 K[t, k, m] = gain
                 x[m] += gain * error
                 gain *= variance * root
                 for j in range(CP):
-                    V[m * CF + j] -= gain * V[s + k * CP + j]
+                    V[m * CF + j] -= gain * V[AT_s + k * CP + j]
             if DELAYED:
                 for m in range(NX):
                     for n in range(NX):
-                        V[P + m * NX + n] -= 0.5 * (K[t, k, m] * seen[n] + K[t, k, n] * seen[m])
+                        V[AT_P + m * NX + n] -= 0.5 * (K[t, k, m] * seen[n] + K[t, k, n] * seen[m])
                 continue
             for m in range(NX):
                 if m != i:
                     for n in range(NX):
                         if n != i:
-                            V[P + m * NX + n] -= K[t, k, m] * V[P + i * NX + n]
+                            V[AT_P + m * NX + n] -= K[t, k, m] * V[AT_P + i * NX + n]
             # P (1 - K) with 1 - K = R / S: a difference of nearly equal numbers would lose it
             left = R[k] * inverse
             for n in range(NX):
-                V[P + i * NX + n] *= left
+                V[AT_P + i * NX + n] *= left
             for n in range(NX):
-                V[P + n * NX + i] = V[P + i * NX + n]
+                V[AT_P + n * NX + i] = V[AT_P + i * NX + n]
         cost += math.log(volume)
         for k in range(len(label)):
             for j in range(NP):
-                row = V[s + k * CP + j]
+                row = V[AT_s + k * CP + j]
                 for n in range(CP):
-                    V[hessian + j * CP + n] += row * V[s + k * CP + n]
+                    V[AT_H + j * CP + n] += row * V[AT_s + k * CP + n]
         for m in range(NX):
             X[t, m] = x[m]
         if t == T - 1:
@@ -194,27 +215,27 @@ def innovations(
             for n in range(NX):
                 total = 0.0
                 for k in range(NX):
-                    total += V[m * CF + NP + k] * V[P + k * NX + n]
-                V[M + m * NX + n] = total
+                    total += V[m * CF + NP + k] * V[AT_P + k * NX + n]
+                V[AT_M + m * NX + n] = total
         for m in range(NX):
             for n in range(m + 1):
                 total = 0.0
                 for k in range(NX):
-                    total += V[M + m * NX + k] * V[n * CF + NP + k]
-                V[P + m * NX + n] = total
+                    total += V[AT_M + m * NX + k] * V[n * CF + NP + k]
+                V[AT_P + m * NX + n] = total
         for k in range(NU):
             variance = q[k] + gap[t] * (u[t + 1, k] - u[t, k]) ** 2
             for m in range(NX):
                 for n in range(m + 1):
-                    V[P + m * NX + n] += V[m * CF + NP + NX + k] * variance * V[n * CF + NP + NX + k]
+                    V[AT_P + m * NX + n] += V[m * CF + NP + NX + k] * variance * V[n * CF + NP + NX + k]
         for m in range(NX):
-            V[P + m * NX + m] += Q_x[m]
+            V[AT_P + m * NX + m] += Q_x[m]
             for n in range(m):
-                V[P + n * NX + m] = V[P + m * NX + n]
+                V[AT_P + n * NX + m] = V[AT_P + m * NX + n]
     for j in range(NP):
-        g[j] = V[gradient + j]
+        g[j] = V[AT_g + j]
         for n in range(NP):
-            H[j, n] = V[hessian + j * CP + n]
+            H[j, n] = V[AT_H + j * CP + n]
     return cost
 
 

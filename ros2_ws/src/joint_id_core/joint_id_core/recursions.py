@@ -2,8 +2,9 @@
 
 What follows the mark is never called: `codegen` puts its text behind the generated functions of a model and compiles
 both together, which is why those and the sizes are only declared here. The work space V of the sensitivities is one
-array of rows, `columns` apart: NX rows W of derivatives of the state, then the step's own. Its columns are the
-derivatives by the NP parameters, in `step_full` then by the NX states at the start of the sample and the NU inputs.
+array on the stack: rows, `columns` apart, NX of which are W, the derivatives of the state, then the step's own. Its
+columns are the derivatives by the NP parameters, in `step_full` then by the NX states at the start of the sample and
+the NU inputs.
 """
 
 from __future__ import annotations
@@ -18,6 +19,9 @@ NW: int  # rows of the work space V
 NP: int  # parameters with sensitivities
 NC: int  # parameter-only constants
 CP: int  # columns of the work space of `step_parameters`
+SP: int  # its numbers
+carray: Callable[..., Any]  # of numba
+on_stack: Callable[[int], Any]
 constants: Callable[..., None]
 jacobian: Callable[..., None]
 step: Callable[..., None]
@@ -33,13 +37,6 @@ def padded(columns: int) -> int:
 
 
 # --- compiled from here ---
-
-
-def work_space(size: int) -> Any:
-    """Zeros that begin at a cache line (64 bytes): a vector that crosses one costs twice as much to load."""
-    block = np.zeros(size + 7)
-    first = (8 - (block.ctypes.data // 8) % 8) % 8
-    return block[first : first + size]
 
 
 def rollout(X0: Any, block: int, time: Any, u: Any, p: Any, substeps: Any, X: Any) -> None:
@@ -65,7 +62,9 @@ def rollout_sensitivities(x0: Any, time: Any, u: Any, p: Any, substeps: Any, X: 
     c = np.empty(NC)
     constants(p, c)
     x = x0.copy()
-    V = work_space(NW * CP)
+    V = carray(on_stack(SP), SP)
+    for j in range(SP):
+        V[j] = 0.0
     for t in range(len(time)):
         for i in range(NX):
             X[t, i] = x[i]

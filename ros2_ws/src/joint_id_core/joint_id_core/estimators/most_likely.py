@@ -24,16 +24,20 @@ LEAST_INFORMATION = 0.1  # on the logarithm of a noise level, so that one which 
 BLOWN_UP = 1e4  # above the start: half the cost where the path blows up
 
 
-def most_likely(cost: Cost, bounds: NoiseLevels, found: Minimum, work: int) -> Minimum:
+def passes_each(found: Minimum) -> int:
+    """Passes that an iteration takes, as a rule: one for every slope, and two along the step."""
+    return len(found.z) + len(found.levels) + 2
+
+
+def most_likely(cost: Cost, bounds: NoiseLevels, found: Minimum, iterations: int) -> Minimum:
     """The minimum of the cost near `found`, over coordinates and noise levels within their bounds, by sequential
     least squares programming (Kraft, DFVLR-FB 88-28, 1988). Its steps a sample are those of `found`.
 
-    It ends when it has taken about `work` steps of the integrator, with the best that it has seen.
+    After so many `iterations` it ends with the best that it has seen.
     """
-    count, size = len(found.z), len(found.z) + len(found.levels)
-    iterations = min(MOST_ITERATIONS, work // ((size + 2) * int(found.last.steps.sum())))  # passes each takes, or so
     if iterations < 1:
         return found
+    count = len(found.z)
     coordinates = cost.coordinates
     _, information = cost.recursion.noise_information(cost.recursion.renewed(found.last))
     unit = np.concatenate([np.diag(found.hessian), np.maximum(np.diag(information), LEAST_INFORMATION)]) ** -0.5
@@ -56,7 +60,7 @@ def most_likely(cost: Cost, bounds: NoiseLevels, found: Minimum, work: int) -> M
     ended = minimize(
         half_cost, np.zeros_like(start), method="SLSQP",
         bounds=Bounds((lower - start) / unit, (upper - start) / unit),
-        options={"eps": DIFFERENCE, "ftol": ENOUGH, "maxiter": iterations},
+        options={"eps": DIFFERENCE, "ftol": ENOUGH, "maxiter": min(iterations, MOST_ITERATIONS)},
     )  # fmt: skip
     return replace(
         best, settled=found.settled or bool(ended.success), iterations=found.iterations + int(ended.nit),

@@ -74,7 +74,6 @@ class Recursion:
         self._J = np.empty((T, m, len(kernel.sensitive)))
         self._F[-1] = 0.0
         self._latest: Pass | None = None
-        self.work = 0  # steps of the integrator so far
 
     def start_near(self, p: Array | None) -> None:
         """Take the starts of the record, and after its long gaps, for parameters `p` (all of them) near the truth."""
@@ -104,7 +103,6 @@ class Recursion:
         X, e, S = np.empty((T, len(self.x0))), np.empty((T, m)), np.empty((T, m))
         H, g = np.empty((k, k)), np.empty(k)
         steps = substeps if isinstance(substeps, np.ndarray) else np.full(T, substeps, dtype=np.int64)
-        self.work += int(steps.sum())
         cost = self.kernel.module.innovations(
             self.x0, self.P0, self._begin, self._X0, self._V0, a.time, a.u, a.y, a.label_states, a.gap,
             levels[:m], levels[m:], self.Q_x, self.values(free), steps, X, e, S, self._K, self._F, self._C, self._J,

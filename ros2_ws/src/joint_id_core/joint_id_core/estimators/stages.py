@@ -9,7 +9,7 @@ import numpy as np
 
 from joint_id_core.estimators.gauss_newton import Cost, Minimum, minimise
 from joint_id_core.estimators.innovations_options import MAX_SUBSTEPS, InnovationsOptions
-from joint_id_core.estimators.most_likely import most_likely
+from joint_id_core.estimators.most_likely import most_likely, passes_each
 from joint_id_core.estimators.noise import NoiseLevels, NoiseScoring
 from joint_id_core.estimators.recursion import Recursion
 from joint_id_core.estimators.substeps import stable_substeps, steps_of
@@ -45,7 +45,7 @@ class Stages:
         self.steps: Steps = np.empty(0, dtype=np.int64)
         self.iterations = 0
         self.tolerance = TOLERANCE if options.substeps else NEAR
-        self._searched = 0  # work spent on the largest likelihood
+        self._work = self._searched = 0  # steps of the integrator, and those spent on the largest likelihood
 
     def of_part(self, first: int, length: int) -> Stages | None:
         """The same for a part of the record; None where it lacks a label."""
@@ -98,7 +98,9 @@ class Stages:
 
     def _minimised(self, start: Minimum | None, tolerance: float, noise: NoiseScoring | None = None) -> Minimum | None:
         found = minimise(self.cost, start, tolerance, self.options.max_iterations, noise)
-        self.iterations += found.iterations if found else 0
+        if found is not None:
+            self.iterations += found.iterations
+            self._work += found.iterations * int(self.steps.sum())
         return found
 
     def again(self, found: Minimum, substeps: int) -> Minimum | None:
@@ -115,9 +117,9 @@ class Stages:
         if found.distance_left < FAR:
             return found
         self.tell("the iteration stalled: searching the largest likelihood")
-        before = self.recursion.work
-        best = most_likely(self.cost, self.noise, found, before - 2 * self._searched)
-        self._searched += self.recursion.work - before
+        each = passes_each(found) * int(found.last.steps.sum())
+        best = most_likely(self.cost, self.noise, found, (self._work - self._searched) // each)
+        self._searched += (best.iterations - found.iterations) * each
         self.iterations += best.iterations - found.iterations
         return best
 
