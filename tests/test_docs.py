@@ -158,7 +158,7 @@ def test_repository_files_that_commands_name_exist(page: Path) -> None:
 
 def test_exit_codes_statuses_and_constants_in_the_text() -> None:
     from joint_id_core import identifiability
-    from joint_id_core.estimators import innovations_options, memory, search
+    from joint_id_core.estimators import annealing, innovations_options, memory
     from joint_id_core.models import RigidJoint, dc_motor, transmission
 
     verdicts = (ROOT / "docs/tutorials/verdicts.md").read_text()
@@ -170,9 +170,9 @@ def test_exit_codes_statuses_and_constants_in_the_text() -> None:
     assert f"| $L$ | {dc_motor.INDUCTANCE:.0e}".replace("e-0", "e-") in theory
     assert f"for `rigid_joint` {100 * RigidJoint.smoothing_share:g} % of the\npeak speed" in theory
     assert f"at most {innovations_options.MAX_SUBSTEPS}." in theory
-    assert (search.STRONG, search.STRONGEST) == (1e4, 1e6)
+    assert (annealing.STRONG, annealing.STRONGEST) == (1e4, 1e6)
     assert "$q$ starts at 1e4 times" in theory and "$q$ held at 1e6 times" in theory
-    assert (search.EXCERPT, search.SHORTEST) == (4, 250) and "at least 250 samples long" in theory
+    assert (annealing.EXCERPT, annealing.SHORTEST) == (4, 250) and "at least 250 samples long" in theory
     assert (memory.LAGS, memory.RARE) == (30, 1e-4) and "over 30 lags; where its probability is below 1e-4" in theory
 
 
