@@ -35,7 +35,7 @@ def main() -> None:
     results = page.Results(
         size, table_2, table_4, study.table_5(size, tell), study.stiff(size, tell),
         {case.model.name: study.shown(case) for case in (cases.model_1(), cases.model_3())},
-        study.eager_epochs(tell) if size.eager else {}, study.log(args.data, tell),
+        study.eager_epochs(tell) if size.eager else {}, study.log(args.data, size.log_s, tell),
     )  # fmt: skip
     images = args.out / "images"
     figures.step(cases.model_3(), images / "paper_fig4.png")

@@ -23,17 +23,22 @@ NEAR_STARTS = "H-PINN, near starts"
 
 @dataclass(frozen=True)
 class Size:
-    """How much is run: starts of the fast methods and of the slow ones, iterations of DeepXDE, limit of NLGR in s."""
+    """How much is run.
+
+    Starts of the fast methods and of the slow ones, iterations of DeepXDE, limit of NLGR in s, whether epochs of eager
+    torch are timed, length of the measured log in s.
+    """
 
     starts: int
     slow_starts: int
     iterations: int
     limit_s: float
     eager: bool
+    log_s: float
 
 
-FULL = Size(10, 3, 30000, 300.0, True)
-QUICK = Size(1, 1, 200, 1.0, False)
+FULL = Size(10, 3, 30000, 300.0, True, np.inf)
+QUICK = Size(1, 1, 200, 1.0, False, 10.0)
 
 
 @dataclass(frozen=True)
@@ -182,12 +187,16 @@ def shown(case: Case) -> dict[str, float]:
     return {name: found.sigmas[name] / case.truth[name] for name in case.free}
 
 
-def log(folder: Path, tell: Tell) -> list[Estimate]:
-    """Model 2, and its motor side alone, on the shoulder of a public UR3e log; empty where it is not there."""
+def log(folder: Path, length_s: float, tell: Tell) -> list[Estimate]:
+    """Model 2, and its motor side alone, on the shoulder of a public UR3e log; empty where it is not there.
+
+    Of the log only the first `length_s` are taken.
+    """
     recording = cases.ur3e_log(folder)
     if recording is None:
         tell(f"no UR3e log in {folder}")
         return []
+    recording = recording.window(-np.inf, float(recording.time[0]) + length_s)
     models = build("harmonic_drive", actuation="current", gravity=True), build("motor_side", actuation="current")
     found = [estimators.fit(model, recording, {"k_t": 0.1}) for model in models]
     for estimate in found:
