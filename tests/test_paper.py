@@ -19,7 +19,8 @@ def results() -> page.Results:
     size, tell = study.QUICK, print
     return page.Results(
         size, study.table_2(size, tell), study.table_4(size, tell), study.table_5(size, tell), study.stiff(size, tell),
-        {case.model.name: study.shown(case) for case in (cases.model_1(), cases.model_3())}, {}, study.log(DATA, study.QUICK.log_s, tell),
+        {case.model.name: study.shown(case) for case in (cases.model_1(), cases.model_3())}, {},
+        study.log(DATA, size.log_s, tell),
     )  # fmt: skip
 
 
