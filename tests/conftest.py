@@ -57,6 +57,10 @@ class Process:
         """Whether the process is there."""
         return self._popen.poll() is None
 
+    def loaded(self, library: str) -> bool:
+        """Whether it has loaded a library with this in its path."""
+        return library in Path(f"/proc/{self._popen.pid}/maps").read_text()
+
     def signal(self, number: signal.Signals) -> None:
         """Send a signal to this process alone."""
         self._popen.send_signal(number)
