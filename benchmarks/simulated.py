@@ -13,12 +13,12 @@ from typing import ClassVar
 import numpy as np
 
 import joint_id_core
-from joint_id_core.control import ControlledJoint, PositionController
-from joint_id_core.excitation import position_reference
+from joint_id_core.data.recording import Array, Recording
 from joint_id_core.models import Model, build
-from joint_id_core.recording import Array, Recording
-from joint_id_core.sensors import Sensors
-from joint_id_core.simulation import simulate
+from joint_id_core.simulation.excitation import position_reference
+from joint_id_core.simulation.position_control import ControlledJoint, PositionController
+from joint_id_core.simulation.sensors import Sensors
+from joint_id_core.simulation.simulator import simulate
 
 MODEL_2 = build("harmonic_drive")
 MODEL_3 = build("electromechanical")
@@ -146,6 +146,8 @@ def start(model: Model, seed: int, factor: float) -> dict[str, float]:
 def _simulation_text() -> str:
     """Everything that a motion is made by: a change in it makes motions anew."""
     core = Path(joint_id_core.__file__).parent
-    names = ("simulation", "stick_slip", "dormand_prince", "control", "excitation", "signals")
-    files = [Path(__file__), *(core / f"{name}.py" for name in names), *sorted((core / "models").glob("*.py"))]
+    files = [
+        Path(__file__),
+        *(file for room in ("simulation", "models") for file in sorted((core / room).glob("*.py"))),
+    ]
     return "".join(file.read_text() for file in files)

@@ -29,9 +29,9 @@ from peers.model2 import FREE, MODEL, Data
 from peers.process import SINGLE_CORE, Peer
 from peers.results import OURS, Run, table
 
-from joint_id_core.control import PositionController, simulate_closed_loop
-from joint_id_core.excitation import position_reference
-from joint_id_core.sensors import Sensors
+from joint_id_core.simulation.excitation import position_reference
+from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
+from joint_id_core.simulation.sensors import Sensors
 
 # Modules of benchmarks/peers, with how many starts at most: the slow ones get few.
 PEERS = {

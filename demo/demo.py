@@ -21,7 +21,7 @@ from nodes import NodeFailedError
 from ros_domain import own_domain
 
 from joint_id_core import formats
-from joint_id_core.codegen import compile_model
+from joint_id_core.cell.kernel import compile_model
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import HarmonicDrive, Model
 from joint_id_msgs.msg import ParameterEstimate
@@ -90,7 +90,7 @@ def _arguments() -> argparse.Namespace:
 
 def _compile(model: Model) -> None:
     """Compile the model before anything moves; the compiler says so when its cache has no such kernel."""
-    logger = logging.getLogger("joint_id_core.codegen")
+    logger = logging.getLogger("joint_id_core.cell.kernel")
     logger.handlers = [logging.StreamHandler(sys.stdout)]
     logger.setLevel(logging.INFO)
     compile_model(model)

@@ -11,14 +11,14 @@ from live import History, free
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from joint_id_core import rk4
-from joint_id_core.codegen import compile_model
+from joint_id_core.cell.kernel import compile_model
+from joint_id_core.cell.rollout import rollout
+from joint_id_core.data.recording import Array, Recording
+from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError
+from joint_id_core.estimators.shared.fit_data import prepare
 from joint_id_core.models import Model
-from joint_id_core.problem import prepare
-from joint_id_core.recording import Array, Recording
-from joint_id_core.signals import CHANNELS
-from joint_id_core.validation import filtered
+from joint_id_core.validation.held_out import filtered
 from joint_id_msgs.msg import JointEstimate, ParameterEstimate
 
 AHEAD_S = 2.0  # how far the simulation runs ahead of the data
@@ -64,16 +64,16 @@ def predict(model: Model, recording: Recording, history: History) -> Prediction:
     estimate = ([e for e in good if history.time(e) <= begin - start] or good)[-1]
     held = {p.name for p in estimate.parameters} - set(estimate.free)
     values = {p.name: p.value for p in estimate.parameters}
-    problem = prepare(model, recording.window(begin - LEAD_S, np.inf), values, held, estimate.free)
+    data = prepare(model, recording.window(begin - LEAD_S, np.inf), values, held, estimate.free)
     kernel = compile_model(model)
     noise = dict(zip(estimate.signal, estimate.noise_std, strict=True))
-    states, steps = filtered(problem, kernel, noise, estimate.substeps)
-    k = int(np.searchsorted(problem.time, begin))
-    X = rk4.rollout(kernel, states[k], problem.time[k:], problem.u[k:], problem.p, steps[k:])
-    names = [n for n in SIGNALS if n in problem.labels][:PANELS]
-    measured = {n: problem.y[k:, problem.labels.index(n)] for n in names}
+    states, steps = filtered(data, kernel, noise, estimate.substeps)
+    k = int(np.searchsorted(data.time, begin))
+    X = rollout(kernel, states[k], data.time[k:], data.u[k:], data.p, steps[k:])
+    names = [n for n in SIGNALS if n in data.labels][:PANELS]
+    measured = {n: data.y[k:, data.labels.index(n)] for n in names}
     simulated = {n: X[:, model.state_names.index(n)] for n in names}
-    return Prediction(problem.time[k:] - start, measured, simulated, history.time(estimate))
+    return Prediction(data.time[k:] - start, measured, simulated, history.time(estimate))
 
 
 def draw(path: Path, model: Model, recording: Recording, history: History) -> None:

@@ -16,15 +16,15 @@ from typing import Any
 import typer
 
 from joint_id_core.cli import app
-from joint_id_core.estimate import Status
-from joint_id_core.estimators.hpinn import HPinnOptions
-from joint_id_core.estimators.innovations_options import InnovationsOptions
-from joint_id_core.filtering import FilterOptions
+from joint_id_core.data.signals import CHANNELS, Parameter
+from joint_id_core.estimators.hpinn.fit import HPinnOptions
+from joint_id_core.estimators.innovations.options import InnovationsOptions
+from joint_id_core.filtering.offline import FilterOptions
 from joint_id_core.formats.topics import RAW
 from joint_id_core.models import LAWS, MODELS, Model, build
-from joint_id_core.online import OnlineOptions
+from joint_id_core.online.identifier import OnlineOptions
+from joint_id_core.results.estimate import Status
 from joint_id_core.rtde.stream import StreamOptions
-from joint_id_core.signals import CHANNELS, Parameter
 from joint_id_ros.driver_options import DriverOptions
 from joint_id_ros.inputs import InputOptions
 from joint_id_ros.model_options import ModelOptions

@@ -17,10 +17,10 @@ import numpy as np
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 
-from joint_id_core.control import PositionController, simulate_closed_loop
-from joint_id_core.excitation import position_reference
 from joint_id_core.models import build
-from joint_id_core.sensors import ur_robot_sensors
+from joint_id_core.simulation.excitation import position_reference
+from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
+from joint_id_core.simulation.sensors import ur_robot_sensors
 
 ORDER = ("shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint", "shoulder_pan_joint")
 KIND = "sensor_msgs/msg/JointState"

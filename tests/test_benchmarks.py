@@ -14,9 +14,9 @@ import pytest
 from peers.model2 import FREE, MODEL, SMOOTHING, SUBSTEPS, Data, Ops, parameters, rk4, unknowns, values
 from peers.results import Run, table
 
-from joint_id_core.codegen import compile_model
-from joint_id_core.recording import Recording
-from joint_id_core.rk4 import rollout
+from joint_id_core.cell.kernel import compile_model
+from joint_id_core.cell.rollout import rollout
+from joint_id_core.data.recording import Recording
 
 ROOT = Path(__file__).resolve().parent.parent
 X0 = np.array([3.0, 0.0297, 40.0, 0.39])

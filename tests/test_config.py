@@ -10,9 +10,9 @@ import pytest
 import yaml
 from sensor_msgs.msg import JointState
 
-from joint_id_core.filtering import FilterOptions
+from joint_id_core.filtering.offline import FilterOptions
 from joint_id_core.models import build
-from joint_id_core.online import OnlineOptions
+from joint_id_core.online.identifier import OnlineOptions
 from joint_id_core.rtde.stream import StreamOptions
 from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples, ParameterEstimate
 from joint_id_ros.driver_options import DriverOptions

@@ -157,8 +157,10 @@ def test_repository_files_that_commands_name_exist(page: Path) -> None:
 
 
 def test_exit_codes_statuses_and_constants_in_the_text() -> None:
-    from joint_id_core import identifiability
-    from joint_id_core.estimators import annealing, innovations_options, memory
+    from joint_id_core.estimators.innovations import annealing
+    from joint_id_core.estimators.innovations import options as innovations_options
+    from joint_id_core.estimators.innovations import verdicts as identifiability
+    from joint_id_core.estimators.innovations import whiteness as memory
     from joint_id_core.models import RigidJoint, dc_motor, transmission
 
     verdicts = (ROOT / "docs/tutorials/verdicts.md").read_text()

@@ -6,9 +6,9 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from robot_messages import NANO, stamp
 
-from joint_id_core.excitation import multisine
 from joint_id_core.models import build
-from joint_id_core.simulation import simulate
+from joint_id_core.simulation.excitation import multisine
+from joint_id_core.simulation.simulator import simulate
 from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples, ParameterEstimate
 from joint_id_ros.qos import LATEST
 

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import fit
-from joint_id_core.estimators.innovations_options import InnovationsOptions
+from joint_id_core.estimators.innovations.options import InnovationsOptions
 from joint_id_core.formats import write_bag
 from joint_id_core.models import build
-from joint_id_core.recording import Recording
 from joint_id_msgs.msg import JointEstimate, JointParams
 from joint_id_ros.qos import LATEST
 

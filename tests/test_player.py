@@ -5,8 +5,8 @@ import pytest
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
+from joint_id_core.data.recording import Recording
 from joint_id_core.formats import write_bag
-from joint_id_core.recording import Recording
 from joint_id_msgs.msg import JointSamples
 from joint_id_ros.qos import CLOCK
 

@@ -22,13 +22,13 @@ from montecarlo.tables import block, methods_table, summary, table
 from peers.model2 import SMOOTHING, Data
 from simulated import MODEL_2, RATE, SENSORS, ClosedLoop, Torque, motion, start
 
-from joint_id_core.codegen import compile_model
-from joint_id_core.control import PositionController, simulate_closed_loop
+from joint_id_core.cell.kernel import compile_model
+from joint_id_core.cell.rollout import rollout, rollout_sensitivities
+from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.excitation import position_reference
 from joint_id_core.models import build
-from joint_id_core.recording import Recording
-from joint_id_core.rk4 import rollout, rollout_sensitivities
+from joint_id_core.simulation.excitation import position_reference
+from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
 
 ROOT = Path(__file__).resolve().parent.parent
 SEEDS = range(1000, 1006)

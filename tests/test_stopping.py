@@ -6,8 +6,8 @@ import socket
 import numpy as np
 import pytest
 
+from joint_id_core.data.recording import Recording
 from joint_id_core.formats import write_bag
-from joint_id_core.recording import Recording
 
 NODES = ("sim", "filter", "identifier", "player", "driver")
 

@@ -12,13 +12,13 @@ from simulated import MODEL_2, SENSORS, ClosedLoop, Torque, motion, start
 
 from engine.timing import Times, in_turn
 from engine.yardstick import Rollout, Yardstick, at_steps, rollouts
-from joint_id_core.codegen import compile_model
+from joint_id_core.cell.kernel import compile_model
+from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimate import Estimate
 from joint_id_core.estimators import fit
-from joint_id_core.estimators.substeps import steps_of
-from joint_id_core.problem import prepare
-from joint_id_core.recording import Array, Recording
+from joint_id_core.estimators.shared.fit_data import prepare
+from joint_id_core.estimators.shared.substeps import steps_of
+from joint_id_core.results.estimate import Estimate
 
 TARGET = 40.0
 FACTOR = 3.0
@@ -32,8 +32,8 @@ NOISY = ClosedLoop(torque=Torque(white=0.003))
 PARTS = {
     "passes of the innovations form, compiled": ("kernel.py", "innovations"),
     "information of the noise levels, compiled": ("gains.py", "noise_information"),
-    "checking and preparing the data": ("problem.py", "prepare"),
-    "predictions, verdicts, the result": ("innovations.py", "_estimate"),
+    "checking and preparing the data": ("data.py", "prepare"),
+    "predictions, verdicts, the result": ("fit.py", "_estimate"),
 }
 
 
@@ -70,9 +70,9 @@ def measured(true: Recording, seed: int, labels: Sequence[str] = MODEL_2.state_n
 
 def mean_steps(estimate: Estimate, recording: Recording, true: Recording) -> float:
     """RK4 steps a sample at the end of a fit of Model 2, more of them where friction turns."""
-    problem, kernel = prepare(MODEL_2, recording), compile_model(MODEL_2)
+    data, kernel = prepare(MODEL_2, recording), compile_model(MODEL_2)
     p = np.array([estimate.values[name] for name in MODEL_2.parameter_names])
-    return float(np.mean(steps_of(problem, kernel, p, states_of(true), estimate.substeps)[:-1]))
+    return float(np.mean(steps_of(data, kernel, p, states_of(true), estimate.substeps)[:-1]))
 
 
 def states_of(true: Recording) -> Array:

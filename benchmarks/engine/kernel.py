@@ -11,8 +11,8 @@ import numpy as np
 
 from engine.timing import Times, in_turn
 from engine.yardstick import Rollout, Yardstick
-from joint_id_core import rk4
-from joint_id_core.codegen import Kernel, compile_model
+from joint_id_core.cell.kernel import Kernel, compile_model
+from joint_id_core.cell.rollout import rollout_sensitivities
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import build
 
@@ -105,7 +105,7 @@ def compared(case: Case, yardstick: Yardstick, rounds: int) -> KernelTimes:
     calls: dict[str, Callable[[], object]] = {
         "cpp": both.cpp,
         "kernel": lambda: kernel.sensitivities.rollout_sensitivities(x0, time, u, p, steps, X, J),
-        "rollout": lambda: rk4.rollout_sensitivities(kernel, x0, time, u, p, case.substeps),
+        "rollout": lambda: rollout_sensitivities(kernel, x0, time, u, p, case.substeps),
     }
     times = in_turn(calls, rounds)
     difference = both.difference()

@@ -15,8 +15,8 @@ from simulated import MODEL_2, ClosedLoop, Torque, motion, start
 
 from engine.fits import FACTOR, measured
 from engine.timing import Times, alone, in_turn, keep_to_one_core, once
+from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import fit
-from joint_id_core.recording import Recording
 
 TARGET = 1.1
 LENGTHS = (250, 500, 1000, 2000, 4000, 8000, 16000)

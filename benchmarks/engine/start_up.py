@@ -28,7 +28,9 @@ from joint_id_core.estimators import fit
 from engine.start_up import MOTION, SEED
 assert fit(MODEL_2, SENSORS.measure(motion(MOTION, SEED, pathlib.Path({cache!r})), SEED)).converged
 """
-COMPILE = "from joint_id_core import codegen, models; codegen.compile_model(models.build({model!r}))"
+COMPILE = """from joint_id_core.cell.kernel import compile_model
+from joint_id_core.models import build
+compile_model(build({model!r}))"""
 
 
 @dataclass(frozen=True)

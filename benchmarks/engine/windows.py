@@ -14,11 +14,11 @@ from simulated import MODEL_2, RATE, ClosedLoop, Torque, motion
 from engine.fits import LABELS, mean_steps, measured, rollout_of
 from engine.timing import Times, once
 from engine.yardstick import Yardstick, at_steps, rollouts
-from joint_id_core.estimate import Estimate
+from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import fit
-from joint_id_core.estimators.innovations import fit_innovations
-from joint_id_core.online import OnlineIdentifier, OnlineOptions
-from joint_id_core.recording import Recording
+from joint_id_core.estimators.innovations.fit import fit_innovations
+from joint_id_core.online.identifier import OnlineIdentifier, OnlineOptions
+from joint_id_core.results.estimate import Estimate
 
 TARGET = 6.0
 WINDOW_S, HOP_S = 2.0, 0.2

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from engine.timing import Times
+from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import Model
-from joint_id_core.recording import Array
 
 SOURCE = Path(__file__).resolve().parent.parent / "kernel.cpp"
 FLAGS = ("-O3", "-march=native", "-shared", "-fPIC")

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from simulated import MODEL_2, MODEL_3, SENSORS, ClosedLoop, Torque, VoltageSteps
 
 from joint_id_core.models import Model, build
-from joint_id_core.sensors import Sensors
+from joint_id_core.simulation.sensors import Sensors
 
 FACTOR = 3.0  # how far off start values are at most
 LOW, HIGH = 0.003, 0.02  # Nm at the motor: noise of the measured torque

@@ -14,9 +14,9 @@ from typing import TypeVar
 import numpy as np
 from simulated import motion, start
 
-from joint_id_core.estimate import Estimate
+from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import fit
-from joint_id_core.recording import Recording
+from joint_id_core.results.estimate import Estimate
 from montecarlo.cases import FACTOR, Case
 
 T = TypeVar("T")

@@ -16,8 +16,8 @@ from peers import scipy_least_squares
 from peers.model2 import FREE, Data, unknowns
 from simulated import MODEL_2, SENSORS, motion, start
 
+from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import fit
-from joint_id_core.recording import Recording
 from montecarlo.cases import ALL_2, Case
 from montecarlo.draws import Draw, of, recorded
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from joint_id_core.recording import Array
+from joint_id_core.data.recording import Array
 from montecarlo.draws import Draw
 
 INTERVAL = 1.959964  # standard deviations: 95 %

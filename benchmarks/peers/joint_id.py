@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from joint_id_core.codegen import compile_model
+from joint_id_core.cell.kernel import compile_model
 from joint_id_core.estimators import fit as fit_model
 from peers.model2 import FREE, MODEL, Data, Fit, processor_s
 

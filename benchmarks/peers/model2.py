@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from joint_id_core.data.recording import Array, Recording
 from joint_id_core.models import build
-from joint_id_core.recording import Array, Recording
 
 MODEL = build("harmonic_drive")
 FREE = tuple(p.name for p in MODEL.parameters if not p.fixed)

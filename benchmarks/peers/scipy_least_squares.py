@@ -11,7 +11,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
-from joint_id_core.recording import Array
+from joint_id_core.data.recording import Array
 from peers.model2 import (
     COST_TOLERANCE,
     FREE,

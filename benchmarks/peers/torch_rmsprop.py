@@ -12,7 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 import torch
 
-from joint_id_core.hpinn import RK4Cell, wmse
+from joint_id_core.estimators.hpinn.network import RK4Cell, wmse
 from peers.model2 import FREE, MODEL, Data, Fit, parameters, processor_s, unknowns, values
 
 EPOCHS = 300

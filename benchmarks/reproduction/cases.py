@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 from simulated import SENSORS
 
-from joint_id_core.control import PositionController, simulate_closed_loop
-from joint_id_core.excitation import position_reference
+from joint_id_core.data.recording import Array, Recording
 from joint_id_core.models import Model, build
-from joint_id_core.recording import Array, Recording
-from joint_id_core.sensors import ur_robot_sensors
-from joint_id_core.simulation import simulate
+from joint_id_core.simulation.excitation import position_reference
+from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
+from joint_id_core.simulation.sensors import ur_robot_sensors
+from joint_id_core.simulation.simulator import simulate
 
 PERIOD_S, STEP_V = 1e-3, 12.0
 SMOOTHING = 1e-4  # rad/s: friction of data without noise turns in the simulator at once, and every trace of it counts

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from joint_id_core.codegen import compile_model
-from joint_id_core.recording import Array
+from joint_id_core.cell.kernel import compile_model
+from joint_id_core.data.recording import Array
 from reproduction.cases import FACTOR, Case
 from reproduction.runs import Run
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 
 from joint_id_core.estimators import fit as fit_recording
-from joint_id_core.estimators.innovations_options import InnovationsOptions
+from joint_id_core.estimators.innovations.options import InnovationsOptions
 from reproduction.cases import Case
 from reproduction.runs import Run
 

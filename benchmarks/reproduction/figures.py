@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from joint_id_core.recording import Array
+from joint_id_core.data.recording import Array
 from reproduction.cases import Case
 from reproduction.runs import predicted
 from reproduction.study import Row

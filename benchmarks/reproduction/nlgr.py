@@ -14,8 +14,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
-from joint_id_core.operations import SignOps, SmoothOps
-from joint_id_core.recording import Array
+from joint_id_core.data.recording import Array
+from joint_id_core.models.operations import SignOps, SmoothOps
 from reproduction.cases import Case
 from reproduction.runs import Run
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 
-from joint_id_core.estimate import Estimate
+from joint_id_core.results.estimate import Estimate
 from reproduction import published
 from reproduction.cases import FACTOR, NEAR, SMOOTHING
 from reproduction.study import Row, Size

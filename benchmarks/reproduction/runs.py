@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError
-from joint_id_core.recording import Array
-from joint_id_core.simulation import simulate
+from joint_id_core.simulation.simulator import simulate
 from reproduction.cases import Case
 
 

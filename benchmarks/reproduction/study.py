@@ -11,8 +11,8 @@ import numpy as np
 from engine.timing import alone
 
 from joint_id_core import estimators
-from joint_id_core.estimate import Estimate
 from joint_id_core.models import build
+from joint_id_core.results.estimate import Estimate
 from reproduction import cases, deep, ekf, engine, hpinn, nlgr
 from reproduction.cases import Case
 from reproduction.runs import Run, mse

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from joint_id_core.recording import Recording
+from joint_id_core.data.recording import Recording
 
 STORAGES = ("mcap", "sqlite3")
 JOINT_STATE = "sensor_msgs/msg/JointState"

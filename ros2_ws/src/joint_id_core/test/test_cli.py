@@ -9,8 +9,8 @@ import pytest
 
 from joint_id_core import cli, formats
 from joint_id_core.cli import app
+from joint_id_core.data.recording import Recording
 from joint_id_core.models import MODELS, build
-from joint_id_core.recording import Recording
 
 
 @pytest.fixture

@@ -9,17 +9,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from joint_id_core import comparison, comparison_report, formats
-from joint_id_core.candidates import Candidate, parse
-from joint_id_core.comparison import compare
-from joint_id_core.control import PositionController, simulate_closed_loop
+from joint_id_core import formats
+from joint_id_core.comparison import compare as comparison
+from joint_id_core.comparison import report as comparison_report
+from joint_id_core.comparison.compare import compare
+from joint_id_core.comparison.model_text import Candidate, parse
+from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimate import Status
-from joint_id_core.excitation import multisine, position_reference
 from joint_id_core.models import LAWS, build
-from joint_id_core.recording import Recording
-from joint_id_core.sensors import Sensors
-from joint_id_core.simulation import simulate
+from joint_id_core.results.estimate import Status
+from joint_id_core.simulation.excitation import multisine, position_reference
+from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
+from joint_id_core.simulation.sensors import Sensors
+from joint_id_core.simulation.simulator import simulate
 
 TRUTH = {"J": 1.7, "c": 3.0, "tau_f": 2.0, "tau_0": -0.6}
 OF_LAW = {"coulomb_viscous": {}, "stribeck": {"dtau_s": 1.0, "w_b": 0.2}, "eyring": {"w_e": 0.5}}

@@ -5,16 +5,16 @@ import math
 import numpy as np
 import pytest
 
+from joint_id_core.data.recording import Recording
 from joint_id_core.emulator.arm import START_S, STOP_S, TICK_S
 from joint_id_core.emulator.controller import Controller
 from joint_id_core.emulator.robots import HOME, ROBOTS, build_joints
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimate import Verdict
 from joint_id_core.estimators import fit
-from joint_id_core.excitation import position_reference
 from joint_id_core.models import HarmonicDrive
-from joint_id_core.recording import Recording
+from joint_id_core.results.estimate import Verdict
 from joint_id_core.rtde.fields import FIELDS
+from joint_id_core.simulation.excitation import position_reference
 
 N = 101.0
 MOVING = (0, 3)

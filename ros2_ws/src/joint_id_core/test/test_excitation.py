@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from joint_id_core.errors import JointIdError
-from joint_id_core.excitation import build_multisine, harmonics, multisine, position_reference, step
+from joint_id_core.simulation.excitation import build_multisine, harmonics, multisine, position_reference, step
 
 
 def test_step_is_zero_before_its_start_and_full_from_then_on():

@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from joint_id_core.control import PositionController, simulate_closed_loop
+from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimate import Status
 from joint_id_core.estimators import fit
-from joint_id_core.estimators.extension import extend
-from joint_id_core.estimators.innovations_options import InnovationsOptions
-from joint_id_core.excitation import position_reference
+from joint_id_core.estimators.innovations.options import InnovationsOptions
 from joint_id_core.models import build
-from joint_id_core.online import OnlineIdentifier, OnlineOptions
-from joint_id_core.recording import Recording
-from joint_id_core.sensors import Sensors
+from joint_id_core.online.extension import extend
+from joint_id_core.online.identifier import OnlineIdentifier, OnlineOptions
+from joint_id_core.results.estimate import Status
+from joint_id_core.simulation.excitation import position_reference
+from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
+from joint_id_core.simulation.sensors import Sensors
 
 MODEL = build("harmonic_drive")
 NOISE = {"motor_position": 1e-3, "link_position": 1e-5, "motor_velocity": 0.1, "link_velocity": 1e-3}

@@ -6,9 +6,9 @@ import scipy.signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.filtering import FilterOptions, complete, differentiate
-from joint_id_core.recording import Recording
+from joint_id_core.filtering.offline import FilterOptions, complete, differentiate
 
 PERIOD = 0.002
 TIME = np.arange(1000) * PERIOD

@@ -12,10 +12,10 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from joint_id_core import formats
+from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.definitions import DEFINITIONS, typestore
 from joint_id_core.formats.topics import MEASURED_BITS
-from joint_id_core.recording import Recording
 
 from .bag_parts import RAW, STORAGES, data_file, recording
 

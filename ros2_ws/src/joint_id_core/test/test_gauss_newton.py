@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from joint_id_core.estimators.belief import Belief, Coordinates
-from joint_id_core.estimators.gauss_newton import MAX_STEP, Cost, minimise
-from joint_id_core.estimators.most_likely import REACH, most_likely, passes_each
-from joint_id_core.estimators.noise import NoiseLevels
-from joint_id_core.estimators.recursion import Pass
+from joint_id_core.estimators.innovations.belief import Belief, Coordinates
+from joint_id_core.estimators.innovations.gauss_newton import MAX_STEP, Cost, minimise
+from joint_id_core.estimators.innovations.likelihood_search import REACH, most_likely, passes_each
+from joint_id_core.estimators.innovations.noise import NoiseLevels
+from joint_id_core.estimators.innovations.recursion import Pass
 from joint_id_core.models import build
 
 MODEL = build("rigid_joint")

@@ -14,14 +14,14 @@ from scipy.linalg import expm
 
 torch = pytest.importorskip("torch")
 
+from joint_id_core.data.recording import Recording  # noqa: E402
 from joint_id_core.errors import JointIdError  # noqa: E402
-from joint_id_core.estimate import Status, Verdict  # noqa: E402
-from joint_id_core.estimators.hpinn import HPinnOptions, fit_hpinn  # noqa: E402
-from joint_id_core.hpinn import HPinn, RK4Cell, label_weights, wmse  # noqa: E402
+from joint_id_core.estimators.hpinn.fit import HPinnOptions, fit_hpinn  # noqa: E402
+from joint_id_core.estimators.hpinn.network import HPinn, RK4Cell, label_weights, wmse  # noqa: E402
+from joint_id_core.estimators.hpinn.training import LearningRate, make_labels, train  # noqa: E402
+from joint_id_core.estimators.shared.fit_data import prepare  # noqa: E402
 from joint_id_core.models import MODELS, build  # noqa: E402
-from joint_id_core.problem import prepare  # noqa: E402
-from joint_id_core.recording import Recording  # noqa: E402
-from joint_id_core.training import LearningRate, make_labels, train  # noqa: E402
+from joint_id_core.results.estimate import Status, Verdict  # noqa: E402
 
 TABLE_I = {"R": 4.932e-1, "c_b": 2.537e-4, "k_b": 5.794e-2, "k_t": 5.507e-2, "tau_fc": 4.464e-2}
 
@@ -177,15 +177,15 @@ def test_torsion_label():
     rng, samples = np.random.default_rng(4), 60
     channels = {n: rng.normal(size=samples) for n in (*model.state_names, "torque")}
     channels["motor_position"][7] = channels["link_position"][11] = np.nan
-    problem = prepare(model, Recording(np.arange(samples) * 1e-3, channels))
-    labels = make_labels(problem, torsion=True)
+    data = prepare(model, Recording(np.arange(samples) * 1e-3, channels))
+    labels = make_labels(data, torsion=True)
     expected = channels["motor_position"] / 101.0 - channels["link_position"]
     assert labels.names == (*model.state_names, "torsion")
     np.testing.assert_array_equal(np.isnan(labels.y[:, -1]), np.isnan(expected))
     np.testing.assert_allclose(labels.y[:, -1], expected, rtol=1e-12)
     x = np.array([101.0, 0.4, 7.0, 8.0])
     assert (labels.mix @ x[labels.states])[-1] == pytest.approx(0.6)
-    assert make_labels(problem, torsion=False).names == model.state_names
+    assert make_labels(data, torsion=False).names == model.state_names
 
 
 def test_training_finds_the_motor_of_table_i():
@@ -193,10 +193,10 @@ def test_training_finds_the_motor_of_table_i():
     model, recording = build("dc_motor"), motor_step()
     signs = dict(zip(TABLE_I, (1, -1, 1, -1, 1), strict=True))
     start = {name: value * (1 + 0.2 * signs[name]) for name, value in TABLE_I.items()}
-    problem = prepare(model, recording, start)
-    net = HPinn(model, model.values(start), problem.free, substeps=2)
-    labels = make_labels(problem, torsion=True)
-    history, finite = train(net, problem, labels, np.zeros(2), 350, LearningRate(0.01, (0.4, 0.6, 0.8), 0.3))
+    data = prepare(model, recording, start)
+    net = HPinn(model, model.values(start), data.free, substeps=2)
+    labels = make_labels(data, torsion=True)
+    history, finite = train(net, data, labels, np.zeros(2), 350, LearningRate(0.01, (0.4, 0.6, 0.8), 0.3))
     assert finite and len(history) == 350
     assert min(history) < 1e-3 * history[0]
     for name, truth in TABLE_I.items():
@@ -338,9 +338,9 @@ class NoTorch:
 sys.meta_path.insert(0, NoTorch())
 import numpy as np
 import joint_id_core
-from joint_id_core.estimators.hpinn import HPinnOptions, fit_hpinn
+from joint_id_core.estimators.hpinn.fit import HPinnOptions, fit_hpinn
 from joint_id_core.models import build
-from joint_id_core.recording import Recording
+from joint_id_core.data.recording import Recording
 HPinnOptions()
 try:
     fit_hpinn(build("dc_motor"), Recording(np.arange(3.0), {}))

@@ -10,16 +10,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from joint_id_core.control import PositionController, simulate_closed_loop
+from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimate import Status, Verdict
 from joint_id_core.estimators import fit
-from joint_id_core.estimators.innovations import fit_innovations
-from joint_id_core.excitation import multisine, position_reference
+from joint_id_core.estimators.innovations.fit import fit_innovations
 from joint_id_core.models import build
-from joint_id_core.recording import Recording
-from joint_id_core.sensors import Sensors
-from joint_id_core.simulation import simulate
+from joint_id_core.results.estimate import Status, Verdict
+from joint_id_core.simulation.excitation import multisine, position_reference
+from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
+from joint_id_core.simulation.sensors import Sensors
+from joint_id_core.simulation.simulator import simulate
 
 HARMONIC = build("harmonic_drive")
 RIGID = build("rigid_joint")

@@ -7,12 +7,13 @@ import functools
 import numpy as np
 import pytest
 
-from joint_id_core.control import PositionController, simulate_closed_loop
-from joint_id_core.estimators import checks, fit
-from joint_id_core.estimators.misfit import Misfit
-from joint_id_core.excitation import position_reference
+from joint_id_core.estimators import fit
+from joint_id_core.estimators.innovations import checks
+from joint_id_core.estimators.innovations.misfit import Misfit
 from joint_id_core.models import build
-from joint_id_core.sensors import Sensors
+from joint_id_core.simulation.excitation import position_reference
+from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
+from joint_id_core.simulation.sensors import Sensors
 
 PLAIN, STRIBECK = build("harmonic_drive"), build("harmonic_drive", friction="stribeck")
 TRUTH = PLAIN.values()

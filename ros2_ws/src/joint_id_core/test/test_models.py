@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from joint_id_core.data.signals import CHANNELS, Parameter, channel, positive
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import (
     LAWS,
@@ -20,8 +21,7 @@ from joint_id_core.models import (
     RigidJoint,
     build,
 )
-from joint_id_core.operations import SignOps, SmoothOps
-from joint_id_core.signals import CHANNELS, Parameter, channel, positive
+from joint_id_core.models.operations import SignOps, SmoothOps
 
 number = st.floats(-2.0, 2.0)
 speed = st.floats(-200.0, 200.0)

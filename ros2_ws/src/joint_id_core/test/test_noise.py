@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from joint_id_core.codegen import compile_model
-from joint_id_core.estimators.noise import LARGEST_CHANGE, RIDGE, bounded_step
-from joint_id_core.estimators.start import busiest
+from joint_id_core.cell.kernel import compile_model
+from joint_id_core.data.recording import Recording
+from joint_id_core.estimators.innovations.noise import LARGEST_CHANGE, RIDGE, bounded_step
+from joint_id_core.estimators.shared.fit_data import prepare
+from joint_id_core.estimators.shared.initial_state import busiest
 from joint_id_core.models import build
-from joint_id_core.problem import prepare
-from joint_id_core.recording import Recording
 
 MODEL = build("rigid_joint")
 
@@ -52,10 +52,10 @@ def test_the_busiest_part_holds_the_motion(begin, length):
     noise[0, rng.random(samples) < 0.2] = np.nan
     names = ("link_position", "link_velocity", "torque")
     record = Recording(np.arange(samples) * 2e-3, {n: wave + e for n, e in zip(names, noise, strict=True)})
-    problem = prepare(MODEL, record)
-    first = busiest(problem, length)
+    data = prepare(MODEL, record)
+    first = busiest(data, length)
     assert 0 <= first <= samples - length
     assert min(first + length, begin + swing) - max(first, begin) > length // 2
-    part = problem.part(first, first + length)
-    np.testing.assert_array_equal(part.time, problem.time[first : first + length])
+    part = data.part(first, first + length)
+    np.testing.assert_array_equal(part.time, data.time[first : first + length])
     assert part.y.flags.c_contiguous and len(part.u) == len(part.gap) == length

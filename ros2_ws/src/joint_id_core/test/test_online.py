@@ -7,16 +7,17 @@ import functools
 import numpy as np
 import pytest
 
+from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimate import Status
 from joint_id_core.estimators import fit
-from joint_id_core.estimators.innovations_options import InnovationsOptions
-from joint_id_core.excitation import multisine
+from joint_id_core.estimators.innovations.options import InnovationsOptions
 from joint_id_core.models import build
-from joint_id_core.online import OnlineIdentifier, OnlineOptions, SlidingWindow
-from joint_id_core.recording import Recording
-from joint_id_core.sensors import Sensors
-from joint_id_core.simulation import simulate
+from joint_id_core.online.identifier import OnlineIdentifier, OnlineOptions
+from joint_id_core.online.window import SlidingWindow
+from joint_id_core.results.estimate import Status
+from joint_id_core.simulation.excitation import multisine
+from joint_id_core.simulation.sensors import Sensors
+from joint_id_core.simulation.simulator import simulate
 
 MODEL = build("rigid_joint")
 TRUTH = {"J": 1.7, "c": 3.0, "tau_f": 2.0, "tau_0": -0.6}

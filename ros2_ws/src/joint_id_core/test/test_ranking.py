@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from joint_id_core.candidates import Candidate
-from joint_id_core.estimate import Estimate, ParameterEstimate, Status, Verdict
+from joint_id_core.comparison.model_text import Candidate
+from joint_id_core.comparison.ranking import rank
+from joint_id_core.comparison.trial import BLOCKS, HeldOut, Trial, same_data
 from joint_id_core.models import build
-from joint_id_core.ranking import rank
-from joint_id_core.trial import BLOCKS, HeldOut, Trial, same_data
+from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status, Verdict
 
 T = 800
 NOISE = np.random.default_rng(0).standard_normal((3, T))

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.recording import Recording
 
 TIME = np.array([0.0, 0.1, 0.2, 0.5, 0.6])
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from joint_id_core.codegen import compile_model
+from joint_id_core.cell.kernel import compile_model
+from joint_id_core.cell.rollout import rollout, rollout_sensitivities
+from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators.recursion import Recursion
+from joint_id_core.estimators.innovations.recursion import Recursion
+from joint_id_core.estimators.shared.fit_data import prepare
 from joint_id_core.models import build
-from joint_id_core.problem import prepare
-from joint_id_core.recording import Recording
-from joint_id_core.rk4 import rollout, rollout_sensitivities
 
 MODEL = build("dc_motor")
 TRUTH = MODEL.values({"tau_fc": 0.0})
@@ -63,7 +63,7 @@ def kalman(recursion, p, gains=None):
 
     With `gains` these are used instead of its own, which is how the derivative with frozen gain is defined.
     """
-    a = recursion.problem
+    a = recursion.data
     x, P = recursion.x0, recursion.P0
     cost, white, predicted, filtered, used, roots = 0.0, [], [], [], [], []
     for k in range(len(a.time)):
@@ -93,11 +93,11 @@ def free_values(p=TRUTH):
 
 def test_cost_is_the_exact_likelihood_of_a_linear_model(recursion):
     """-2 log L without its constant, missing labels and gaps included; so are innovations and states."""
-    assert np.isnan(recursion.problem.y).any() and recursion.problem.gap.sum() == 5
+    assert np.isnan(recursion.data.y).any() and recursion.data.gap.sum() == 5
     found = recursion.run(free_values(), LEVELS, SUBSTEPS)
     cost, white, _, filtered, _, _ = kalman(recursion, TRUTH)
     assert found.cost == pytest.approx(cost, rel=1e-7)
-    np.testing.assert_allclose(found.residuals[np.isfinite(recursion.problem.y)], white, atol=1e-5)
+    np.testing.assert_allclose(found.residuals[np.isfinite(recursion.data.y)], white, atol=1e-5)
     np.testing.assert_allclose(found.states, filtered, atol=1e-6 * np.abs(filtered).max())
 
 
@@ -145,7 +145,7 @@ def test_gradient_and_matrix_are_those_of_the_predictions_with_frozen_gain(recur
 
 def test_responses_to_disturbances_are_those_to_other_inputs(recursion):
     """A linear model's gains do not depend on its inputs: what shifted inputs predict differs by the response alone."""
-    a = recursion.problem
+    a = recursion.data
     a.gap[:] = 0.0  # over a gap the gains depend on how much the inputs change
     T = np.arange(len(a.time))
     channel, course = np.array([0, 1, 1]), np.column_stack([np.sin(0.05 * T), np.ones(len(T)), np.cos(0.02 * T)])
@@ -200,8 +200,8 @@ def test_noise_information_is_refused_for_an_older_pass(recursion):
 def test_without_feedback_it_is_the_simulation_error(recursion):
     """K = 0: residuals and Jacobian are those of the paper's network, the cost is weighted least squares."""
     recursion.P0, recursion.Q_x = np.zeros((2, 2)), np.zeros(2)
-    a, p = recursion.problem, free_values() * [1.2, 0.9, 1.1, 1.5]
-    recursion.problem.gap[:] = 0.0  # over a gap the input is uncertain, which alone would feed labels back
+    a, p = recursion.data, free_values() * [1.2, 0.9, 1.1, 1.5]
+    recursion.data.gap[:] = 0.0  # over a gap the input is uncertain, which alone would feed labels back
     found = recursion.run(p, np.concatenate([R, np.zeros(2)]), 3)
     arguments = (recursion.kernel, recursion.x0, a.time, a.u, recursion.values(p), 3)
     X, Sp = rollout_sensitivities(*arguments)
@@ -219,7 +219,7 @@ def test_without_feedback_it_is_the_simulation_error(recursion):
 
 def test_with_full_feedback_it_is_the_one_step_equation_error(recursion):
     """K = 1: every sample is predicted from the labels of the one before."""
-    a = recursion.problem
+    a = recursion.data
     a.y[:] = np.nan_to_num(a.y)  # whatever the labels are
     big = np.array([1e12, 1e12])
     found = recursion.run(free_values(), np.concatenate([R, big]), 3)

@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from joint_id_core.estimate import Estimate, ParameterEstimate, Status, Verdict
-from joint_id_core.report import as_dict, correlations, table
+from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status, Verdict
+from joint_id_core.results.report import as_dict, correlations, table
 
 
 def make_estimate(**changes) -> Estimate:

@@ -7,15 +7,15 @@ import functools
 import numpy as np
 import pytest
 
-from joint_id_core.codegen import compile_model
-from joint_id_core.control import PositionController, simulate_closed_loop
+from joint_id_core.cell.kernel import compile_model
+from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import fit
-from joint_id_core.estimators.innovations_options import InnovationsOptions
-from joint_id_core.excitation import position_reference
+from joint_id_core.estimators.innovations.options import InnovationsOptions
 from joint_id_core.models import build
-from joint_id_core.recording import Recording
-from joint_id_core.simulation import simulate
+from joint_id_core.simulation.excitation import position_reference
+from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
+from joint_id_core.simulation.simulator import simulate
 
 RATE, SAMPLES, FINE = 250, 1000, 4
 PLAIN, LATE = build("harmonic_drive"), build("harmonic_drive", delays=True)

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.recording import Recording
-from joint_id_core.sensors import UR_CHANNELS, Sensors, ur_robot_sensors
+from joint_id_core.simulation.sensors import UR_CHANNELS, Sensors, ur_robot_sensors
 
 LOG = Path(__file__).resolve().parents[5] / "shared/data/ur3e/wave_currentData_100v_40a.csv"
 

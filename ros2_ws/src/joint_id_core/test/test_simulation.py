@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from scipy.integrate import simpson, solve_ivp
 from scipy.linalg import expm
 
-from joint_id_core.dormand_prince import step
 from joint_id_core.models import LAWS, DCMotor, Electromechanical, HarmonicDrive, MotorSide, RigidJoint
-from joint_id_core.operations import SignOps
-from joint_id_core.simulation import JointSimulator, simulate
+from joint_id_core.models.operations import SignOps
+from joint_id_core.simulation.dormand_prince import step
+from joint_id_core.simulation.simulator import JointSimulator, simulate
 
 
 def linear_response(a, b, x, time, u_start, u_end):

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from joint_id_core.data.signals import channel, positive
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import DCMotor, HarmonicDrive, Model
-from joint_id_core.signals import channel, positive
-from joint_id_core.simulation import JointSimulator, simulate
+from joint_id_core.simulation.simulator import JointSimulator, simulate
 
 
 @dataclass(frozen=True)

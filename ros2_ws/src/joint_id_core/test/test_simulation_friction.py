@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from joint_id_core.models import LAWS, DCMotor, HarmonicDrive, MotorSide, RigidJoint
-from joint_id_core.simulation import JointSimulator, simulate
+from joint_id_core.simulation.simulator import JointSimulator, simulate
 
 
 @pytest.mark.parametrize("w_0", [3.0, -3.0])

@@ -8,17 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from joint_id_core.control import PositionController, simulate_closed_loop
-from joint_id_core.estimate import Status
-from joint_id_core.estimators import fit, search
-from joint_id_core.estimators.annealing import STRONG, STRONGEST
-from joint_id_core.estimators.innovations import fit_innovations
-from joint_id_core.estimators.recursion import Recursion
-from joint_id_core.estimators.search import Search
-from joint_id_core.excitation import position_reference
+from joint_id_core.data.recording import Recording
+from joint_id_core.estimators import fit
+from joint_id_core.estimators.innovations import search
+from joint_id_core.estimators.innovations.annealing import STRONG, STRONGEST
+from joint_id_core.estimators.innovations.fit import fit_innovations
+from joint_id_core.estimators.innovations.recursion import Recursion
+from joint_id_core.estimators.innovations.search import Search
 from joint_id_core.models import build
-from joint_id_core.recording import Recording
-from joint_id_core.sensors import Sensors
+from joint_id_core.results.estimate import Status
+from joint_id_core.simulation.excitation import position_reference
+from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
+from joint_id_core.simulation.sensors import Sensors
 
 MODEL = build("harmonic_drive")
 NOISE = {"link_position": 1e-5, "motor_velocity": 0.1}

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.filtering import FilterOptions, complete
-from joint_id_core.recording import Recording
-from joint_id_core.streaming import StreamingFilter
+from joint_id_core.filtering.offline import FilterOptions, complete
+from joint_id_core.filtering.streaming import StreamingFilter
 
 PERIOD = 0.002
 W = 2 * np.pi * np.array([1.0, 2.0, 3.5])  # one frequency a joint

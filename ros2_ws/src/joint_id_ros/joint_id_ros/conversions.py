@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from builtin_interfaces.msg import Time
 
+from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimate import Estimate, Status, Verdict
 from joint_id_core.formats.topics import MEASURED_BITS, SAMPLES, Topic
 from joint_id_core.models import Model
-from joint_id_core.recording import Recording
+from joint_id_core.results.estimate import Estimate, Status, Verdict
 from joint_id_msgs.msg import JointEstimate, JointSamples, ParameterEstimate
 
 NANO = 10**9

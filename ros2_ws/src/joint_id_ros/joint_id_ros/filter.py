@@ -13,9 +13,9 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
 from joint_id_core.errors import JointIdError
-from joint_id_core.filtering import FilterOptions
+from joint_id_core.filtering.offline import FilterOptions
+from joint_id_core.filtering.streaming import FilteredSample, StreamingFilter
 from joint_id_core.formats.topics import RAW
-from joint_id_core.streaming import FilteredSample, StreamingFilter
 from joint_id_msgs.msg import JointSamples, MotorTorques, MotorVoltages
 from joint_id_ros import conversions as convert
 from joint_id_ros.diagnostics import Diagnostics, Health

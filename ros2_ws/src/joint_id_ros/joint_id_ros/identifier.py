@@ -7,10 +7,10 @@ from collections import Counter
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimate import Estimate
-from joint_id_core.estimators.innovations_options import InnovationsOptions
+from joint_id_core.estimators.innovations.options import InnovationsOptions
 from joint_id_core.formats.topics import SAMPLES
-from joint_id_core.online import OnlineIdentifier, OnlineOptions
+from joint_id_core.online.identifier import OnlineIdentifier, OnlineOptions
+from joint_id_core.results.estimate import Estimate
 from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples
 from joint_id_ros import conversions as convert
 from joint_id_ros.diagnostics import Diagnostics, Health

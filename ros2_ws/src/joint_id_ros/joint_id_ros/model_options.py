@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-from joint_id_core.candidates import FLAGS
-from joint_id_core.codegen import CELLS
+from joint_id_core.cell.kernel import CELLS
+from joint_id_core.comparison.model_text import FLAGS
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ESTIMATORS
 from joint_id_core.models import LAWS, MODELS, Model, build

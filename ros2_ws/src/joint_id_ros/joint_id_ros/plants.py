@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from joint_id_core.control import ControlledJoint, PositionController
 from joint_id_core.errors import JointIdError
-from joint_id_core.excitation import STEP_S, STEPS_V, position_reference
 from joint_id_core.models import Electromechanical, HarmonicDrive, Model
 from joint_id_core.options import check, option
-from joint_id_core.simulation import JointSimulator
+from joint_id_core.simulation.excitation import STEP_S, STEPS_V, position_reference
+from joint_id_core.simulation.position_control import ControlledJoint, PositionController
+from joint_id_core.simulation.simulator import JointSimulator
 
 
 @dataclass(frozen=True)

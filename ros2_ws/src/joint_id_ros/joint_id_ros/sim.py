@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import Electromechanical
 from joint_id_core.options import check, option
-from joint_id_core.sensors import UR_CHANNELS, ur_robot_sensors
+from joint_id_core.simulation.sensors import UR_CHANNELS, ur_robot_sensors
 from joint_id_msgs.msg import JointParams, MotorVoltages
 from joint_id_ros import conversions as convert
 from joint_id_ros.diagnostics import Diagnostics, Health

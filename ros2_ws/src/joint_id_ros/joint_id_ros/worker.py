@@ -10,10 +10,10 @@ from collections import deque
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
+from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimate import Estimate
-from joint_id_core.online import OnlineIdentifier
-from joint_id_core.recording import Recording
+from joint_id_core.online.identifier import OnlineIdentifier
+from joint_id_core.results.estimate import Estimate
 from joint_id_msgs.msg import JointSamples
 from joint_id_ros.conversions import nanoseconds, to_recordings
 

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from sensor_msgs.msg import JointState
 
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimate import Estimate, ParameterEstimate, Status, Verdict
 from joint_id_core.formats.topics import MEASURED_BITS, RAW
 from joint_id_core.models import Electromechanical
+from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status, Verdict
 from joint_id_msgs.msg import JointEstimate, JointSamples
 from joint_id_msgs.msg import ParameterEstimate as ParameterMessage
 from joint_id_ros import conversions as convert

@@ -8,8 +8,8 @@ import rclpy
 from rclpy.parameter import Parameter
 
 from joint_id_core.errors import JointIdError
-from joint_id_core.filtering import FilterOptions
-from joint_id_core.online import OnlineOptions
+from joint_id_core.filtering.offline import FilterOptions
+from joint_id_core.online.identifier import OnlineOptions
 from joint_id_core.options import check, option
 from joint_id_ros.inputs import InputOptions
 from joint_id_ros.model_options import ModelOptions

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from joint_id_core.candidates import GRAMMAR, parse
 from joint_id_core.cli.arguments import Progress, pairs, print_json
 from joint_id_core.cli.fit_options import (
     EndOption,
@@ -24,10 +23,11 @@ from joint_id_core.cli.fit_options import (
 )
 from joint_id_core.cli.group import BAD_INPUT, complain
 from joint_id_core.cli.model_options import SetOption, Texts
+from joint_id_core.comparison.model_text import GRAMMAR, parse
 from joint_id_core.errors import JointIdError
 
 if TYPE_CHECKING:
-    from joint_id_core.trial import Trial
+    from joint_id_core.comparison.trial import Trial
 
 MODELS_HELP = (
     f"{GRAMMAR}; repeat it or separate with commas (default: every law of the models that the recording can tell of; "
@@ -58,8 +58,10 @@ def compare(
     values, fixed = given_and_held(set_, fix)
     texts = [text for option in models or () for text in option.split(",")]
 
-    from joint_id_core import comparison, comparison_report, formats
-    from joint_id_core.estimate import Status
+    from joint_id_core import formats
+    from joint_id_core.comparison import compare as comparison
+    from joint_id_core.comparison import report as comparison_report
+    from joint_id_core.results.estimate import Status
 
     mapping = pairs(map_ or (), "--map")
     recording = window(formats.read(file, joint, mapping), start, end)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from joint_id_core.candidates import drive_of
 from joint_id_core.cli.arguments import Progress, pairs, print_json
 from joint_id_core.cli.fit_options import (
     EndOption,
@@ -35,10 +34,11 @@ from joint_id_core.cli.model_options import (
     SetOption,
     build_model,
 )
+from joint_id_core.comparison.model_text import drive_of
 from joint_id_core.errors import JointIdError
 
 if TYPE_CHECKING:
-    from joint_id_core.estimators.innovations_options import InnovationsOptions
+    from joint_id_core.estimators.innovations.options import InnovationsOptions
 
 
 def fit(
@@ -70,8 +70,9 @@ def fit(
     """
     values, fixed = given_and_held(set_, fix)
 
-    from joint_id_core import estimators, formats, report
-    from joint_id_core.estimate import Status
+    from joint_id_core import estimators, formats
+    from joint_id_core.results import report
+    from joint_id_core.results.estimate import Status
 
     if plot is not None:
         from joint_id_core.cli.plot import check
@@ -93,7 +94,7 @@ def fit(
     )
     text = report.table(estimate)
     if validate is not None and estimate.predictions is not None:
-        from joint_id_core.validation import held_out, held_out_drive
+        from joint_id_core.validation.held_out import held_out, held_out_drive
 
         other = formats.read(validate, joint, mapping)
         nrmse = held_out(built, other, estimate)
@@ -123,7 +124,7 @@ def _options(estimator: str, cell: str, priors: list[str]) -> InnovationsOptions
     Raises:
         JointIdError: they were given for another estimator, or are not among the choices.
     """
-    from joint_id_core.estimators.innovations_options import InnovationsOptions
+    from joint_id_core.estimators.innovations.options import InnovationsOptions
 
     if estimator == "innovations":
         return InnovationsOptions(cell=cell, priors=",".join(priors))

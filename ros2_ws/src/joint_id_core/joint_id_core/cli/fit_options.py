@@ -12,7 +12,7 @@ from joint_id_core.cli.model_options import Texts
 from joint_id_core.errors import JointIdError
 
 if TYPE_CHECKING:
-    from joint_id_core.recording import Recording
+    from joint_id_core.data.recording import Recording
 
 MAP_HELP = "channel=column, or a product: torque=gtau*vir; of a bag channel=topic.field"
 FileArgument = Annotated[Path, typer.Argument(help="CSV, MAT or bag")]

@@ -10,7 +10,7 @@ import typer
 from joint_id_core.cli.arguments import pairs, print_json
 
 if TYPE_CHECKING:
-    from joint_id_core.recording import Recording
+    from joint_id_core.data.recording import Recording
 
 
 def info(
@@ -44,7 +44,7 @@ def _describe(recording: Recording) -> dict[str, Any]:
     """Facts about one joint; times in s, rate in Hz, values in SI units."""
     import numpy as np
 
-    from joint_id_core.signals import CHANNELS
+    from joint_id_core.data.signals import CHANNELS
 
     channels = []
     for name, values in recording.channels.items():

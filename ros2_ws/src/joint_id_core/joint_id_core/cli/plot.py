@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimate import Estimate
+from joint_id_core.estimators.shared.fit_data import prepare
 from joint_id_core.models import Model
-from joint_id_core.problem import prepare
-from joint_id_core.recording import Recording
+from joint_id_core.results.estimate import Estimate
 
 
 def check(path: Path) -> None:
@@ -39,15 +39,15 @@ def save(path: Path, model: Model, recording: Recording, estimate: Estimate) -> 
     from matplotlib.figure import Figure
 
     held = set(model.parameter_names) - set(estimate.free)
-    problem = prepare(model, recording, estimate.values, held, estimate.free)
+    data = prepare(model, recording, estimate.values, held, estimate.free)
     predictions = estimate.predictions or {}
     if not predictions:
         raise JointIdError(f"{recording.source}: the fit made no prediction, there is nothing to plot")
-    time = problem.time - problem.time[0]
+    time = data.time - data.time[0]
     figure = Figure(figsize=(9.0, 3.2 * len(predictions)), layout="constrained")
     axes = figure.subplots(2 * len(predictions), 1, sharex=True, squeeze=False, height_ratios=[2, 1] * len(predictions))
     for k, (name, predicted) in enumerate(predictions.items()):
-        measured = problem.y[:, problem.labels.index(name)]
+        measured = data.y[:, data.labels.index(name)]
         unit = model.states[model.state_names.index(name)].unit
         above, below = axes[2 * k, 0], axes[2 * k + 1, 0]
         above.plot(time, measured, ".", markersize=2, color="0.6", label="measured")

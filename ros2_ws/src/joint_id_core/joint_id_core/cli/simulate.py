@@ -21,8 +21,8 @@ from joint_id_core.cli.model_options import (
 from joint_id_core.errors import JointIdError
 
 if TYPE_CHECKING:
+    from joint_id_core.data.recording import Array, Recording
     from joint_id_core.models import Model
-    from joint_id_core.recording import Array, Recording
 
 
 def simulate(
@@ -55,7 +55,7 @@ def simulate(
     import numpy as np
 
     from joint_id_core import formats
-    from joint_id_core.sensors import ur_robot_sensors
+    from joint_id_core.simulation.sensors import ur_robot_sensors
 
     time = np.arange(round(duration * rate) + 1) / rate
     with Progress() as progress:
@@ -81,11 +81,11 @@ def _motion(model: Model, time: Array, truth: dict[str, float]) -> Recording:
     """Move the joint in a way that shows its parameters; no external torque."""
     import numpy as np
 
-    from joint_id_core.control import PositionController, simulate_closed_loop
-    from joint_id_core.excitation import STEP_S, STEPS_V, multisine, position_reference
+    from joint_id_core.data.recording import Recording
     from joint_id_core.models.transmission import GEAR_RATIO
-    from joint_id_core.recording import Recording
-    from joint_id_core.simulation import simulate as open_loop
+    from joint_id_core.simulation.excitation import STEP_S, STEPS_V, multisine, position_reference
+    from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
+    from joint_id_core.simulation.simulator import simulate as open_loop
 
     reference = position_reference()
     if "voltage" in model.input_names:

@@ -7,11 +7,11 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from joint_id_core.control import PositionController
 from joint_id_core.emulator.robots import Joint
-from joint_id_core.excitation import position_reference
 from joint_id_core.models import HarmonicDrive
-from joint_id_core.simulation import JointSimulator
+from joint_id_core.simulation.excitation import position_reference
+from joint_id_core.simulation.position_control import PositionController
+from joint_id_core.simulation.simulator import JointSimulator
 
 TICK_S = 0.002  # of the control loop
 START_S, STOP_S = 0.5, 0.2  # s, from rest to the full speed of the reference, and back

@@ -11,7 +11,7 @@ from joint_id_core.emulator.robots import Joint
 from joint_id_core.rtde.fields import FIELDS, JOINTS, TYPES, register_type
 from joint_id_core.rtde.modes import JointMode, RobotMode, SafetyMode
 from joint_id_core.rtde.packets import Value
-from joint_id_core.sensors import ur_robot_sensors
+from joint_id_core.simulation.sensors import ur_robot_sensors
 
 REGISTERS = 48
 MOTOR_POSITION_REGISTER, MOTOR_VELOCITY_REGISTER = 24, 30  # the first of six output_double_register_..

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING
 
+from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimate import Estimate
-from joint_id_core.estimators.innovations import fit_innovations
-from joint_id_core.estimators.innovations_options import InnovationsOptions
-from joint_id_core.estimators.stages import Progress
+from joint_id_core.estimators.innovations.fit import fit_innovations
+from joint_id_core.estimators.innovations.options import InnovationsOptions
+from joint_id_core.estimators.innovations.stages import Progress
 from joint_id_core.models import Model
-from joint_id_core.recording import Recording
+from joint_id_core.results.estimate import Estimate
 
 if TYPE_CHECKING:
-    from joint_id_core.estimators.hpinn import HPinnOptions
+    from joint_id_core.estimators.hpinn.fit import HPinnOptions
 
 ESTIMATORS = ("innovations", "hpinn")
 
@@ -39,7 +39,7 @@ def fit(
             raise JointIdError(f"estimator innovations takes InnovationsOptions, not {type(options).__name__}")
         return fit_innovations(model, recording, values, fixed, freed, options, progress=progress)
     if estimator == "hpinn":
-        from joint_id_core.estimators.hpinn import HPinnOptions, fit_hpinn  # needs torch, which is optional
+        from joint_id_core.estimators.hpinn.fit import HPinnOptions, fit_hpinn  # needs torch, which is optional
 
         if options is not None and not isinstance(options, HPinnOptions):
             raise JointIdError(f"estimator hpinn takes HPinnOptions, not {type(options).__name__}")

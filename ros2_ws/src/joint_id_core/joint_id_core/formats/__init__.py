@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
 
+from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats import csv_file, mat_file
 from joint_id_core.formats.csv_file import write_csv
-from joint_id_core.recording import Recording
 
 __all__ = ["contents", "joints", "read", "write_bag", "write_csv"]
 

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 from rosbags.interfaces import Connection
 
+from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.mapping import TIME, parse
 from joint_id_core.formats.topics import JOINT_STATE, RAW, Topic
-from joint_id_core.signals import CHANNELS
 
 FIELDS = {topic.type: tuple(topic.fields) for topic in RAW} | {JOINT_STATE: ("position", "velocity", "effort")}
 

@@ -20,11 +20,11 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.bag_mapping import Source, example, plan
 from joint_id_core.formats.definitions import typestore
 from joint_id_core.formats.topics import MEASURED_BITS, RAW, SAMPLES, Topic
-from joint_id_core.recording import Array, Recording
 
 NANO = 10**9
 DAY = 86400  # s; stamps of a simulation or a test begin near zero, and are kept as they are

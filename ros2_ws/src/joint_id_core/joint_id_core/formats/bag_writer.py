@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.rosbag2 import StoragePlugin, Writer
 
+from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.definitions import typestore
 from joint_id_core.formats.topics import JOINT_STATE, MEASURED_BITS, RAW, SAMPLES, Topic
-from joint_id_core.recording import Recording
 
 _PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 _MAX_STAMP = 2**31  # s, header.stamp.sec is an int32

@@ -1,6 +1,6 @@
 """CSV files: a header, then one line a sample.
 
-Columns are `time_s` and any of `joint_id_core.signals.CHANNELS`, in SI units; a missing column is an unmeasured
+Columns are `time_s` and any of `joint_id_core.data.signals.CHANNELS`, in SI units; a missing column is an unmeasured
 signal, an empty cell or `nan` a missing value. Other columns are left alone unless a mapping names them. The
 delimiter (comma, semicolon, tab or spaces) is found from the header.
 """
@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
+from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.mapping import TARGETS, TIME, plan
-from joint_id_core.recording import Array, Recording
 
 
 def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:

@@ -7,8 +7,8 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError
-from joint_id_core.signals import CHANNELS
 
 TIME = "time_s"
 TARGETS = (TIME, *CHANNELS)

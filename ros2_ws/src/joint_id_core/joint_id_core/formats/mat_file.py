@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import scipy.io
 
+from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.mapping import TIME, plan
-from joint_id_core.recording import Array, Recording
 
 
 def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:

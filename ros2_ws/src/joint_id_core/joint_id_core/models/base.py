@@ -8,8 +8,8 @@ from functools import cached_property
 from types import SimpleNamespace
 from typing import Any, ClassVar, Protocol
 
+from joint_id_core.data.signals import Parameter, Signal
 from joint_id_core.errors import JointIdError
-from joint_id_core.signals import Parameter, Signal
 
 
 class Ops(Protocol):

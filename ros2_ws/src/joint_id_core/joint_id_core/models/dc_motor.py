@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from joint_id_core.data.signals import Parameter, Signal, channel, positive
 from joint_id_core.models.base import Model, Ops
 from joint_id_core.models.friction import Friction
-from joint_id_core.signals import Parameter, Signal, channel, positive
 
 # The paper prints neither L nor J_r. L gives an electrical time constant L/R of about 1 ms, usual for a
 # motor of this size; J_r is the rotor inertia that Table V states for the UR3e.

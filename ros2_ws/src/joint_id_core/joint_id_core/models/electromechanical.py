@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from joint_id_core.data.signals import Parameter, Signal, channel, positive
 from joint_id_core.models.base import Model, Ops
 from joint_id_core.models.dc_motor import electrical_parameters
 from joint_id_core.models.friction import Friction
@@ -20,7 +21,6 @@ from joint_id_core.models.transmission import (
     spring_torque,
     transmission_ratio,
 )
-from joint_id_core.signals import Parameter, Signal, channel, positive
 
 
 @dataclass(frozen=True)

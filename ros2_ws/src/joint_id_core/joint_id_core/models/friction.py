@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from joint_id_core.data.signals import Parameter, positive
 from joint_id_core.errors import JointIdError
 from joint_id_core.models.base import Ops
-from joint_id_core.signals import Parameter, positive
 
 LAWS = ("coulomb_viscous", "stribeck", "eyring")
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from joint_id_core.data.signals import Parameter, Signal, channel, positive
 from joint_id_core.models.base import Model, Ops
 from joint_id_core.models.friction import Friction
 from joint_id_core.models.transmission import (
@@ -25,7 +26,6 @@ from joint_id_core.models.transmission import (
     spring_torque,
     transmission_ratio,
 )
-from joint_id_core.signals import Parameter, Signal, channel, positive
 
 # Against exact stick and slip, 1 rad/s at the motor leaves the residuals of a position-controlled joint coloured
 # (lag-one autocorrelation 0.6) and moves k_1 by 2 %. 0.1 rad/s, and 0.001 rad/s at the link, leave them white and bias

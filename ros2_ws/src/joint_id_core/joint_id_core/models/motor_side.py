@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
+from joint_id_core.data.signals import Parameter, Signal, channel, positive
 from joint_id_core.models.base import Model, Ops
 from joint_id_core.models.friction import Friction
 from joint_id_core.models.harmonic_drive import motor_friction
@@ -24,7 +25,6 @@ from joint_id_core.models.transmission import (
     spring_torque,
     transmission_ratio,
 )
-from joint_id_core.signals import Parameter, Signal, channel, positive
 
 # Joints that are held still are the ones this model is for: what they show near standstill is presliding, not a step.
 SMOOTHING = 0.1  # rad/s at the motor shaft

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from joint_id_core.data.signals import Parameter, Signal, channel, positive
 from joint_id_core.models.base import Model, Ops
 from joint_id_core.models.friction import Friction
 from joint_id_core.models.transmission import (
@@ -18,7 +19,6 @@ from joint_id_core.models.transmission import (
     gravity_parameters,
     gravity_torque,
 )
-from joint_id_core.signals import Parameter, Signal, channel, positive
 
 SMOOTHING = 0.01  # rad/s; without the motor's inertia apart, presliding in the gear shows up here
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any, Literal
 
+from joint_id_core.data.signals import Parameter, Signal, channel, positive
 from joint_id_core.models.base import Ops
-from joint_id_core.signals import Parameter, Signal, channel, positive
 
 Actuation = Literal["torque", "current"]
 

@@ -1,0 +1,1 @@
+"""A model becomes one compiled integration step: Runge-Kutta 4, or implicit for stiff joints."""

@@ -1,0 +1,1 @@
+"""The loops over time around a cell. They are templates: `cell.kernel` compiles them for each model."""

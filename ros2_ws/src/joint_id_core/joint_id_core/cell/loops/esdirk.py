@@ -1,0 +1,214 @@
+"""The implicit cell: a singly diagonally implicit Runge-Kutta step instead of RK4, for stiff joints.
+
+ESDIRK of order 4, L-stable and stiffly accurate: the implicit half of ARK4(3)6L[2]SA (Kennedy & Carpenter,
+Applied Numerical Mathematics 44, 2003). All its coefficients are below 1, so that a turn of Coulomb friction within
+a step does little harm; those of SDIRK4 (Hairer & Wanner, Solving Ordinary Differential Equations II, table 6.5)
+reach 8. Modes that die out within a fraction of the step are damped, however fast they are, where RK4 blows up beyond
+|lambda h| = 2.78. Every stage is solved by Newton's method, and the sensitivities are the exact derivatives of the
+solved stages, by the implicit function theorem with the same matrix.
+
+As `loops.simulate`, this module is never called: `cell.kernel` puts its text behind the generated functions of a
+model, the last function once for each number of columns, written COLUMNS here. Rows of the work space V after the NX
+of W: the slopes D of the six stages, then the argument of the one that is being made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+NX: int
+NU: int
+NP: int
+COLUMNS: int
+inputs: Callable[..., None]
+slope: Callable[..., None]
+jacobian: Callable[..., None]
+linearise: Callable[..., None]
+
+# --- compiled from here ---
+
+GAMMA = 0.25
+STAGES = (
+    (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    (1 / 4, 1 / 4, 0.0, 0.0, 0.0, 0.0),
+    (8611 / 62500, -1743 / 31250, 1 / 4, 0.0, 0.0, 0.0),
+    (5012029 / 34652500, -654441 / 2922500, 174375 / 388108, 1 / 4, 0.0, 0.0),
+    (15267082809 / 155376265600, -71443401 / 120774400, 730878875 / 902184768, 2285395 / 8070912, 1 / 4, 0.0),
+    (82889 / 524892, 0.0, 15625 / 83664, 69875 / 102672, -2260 / 8211, 1 / 4),
+)
+NODES = (0.0, 1 / 2, 83 / 250, 31 / 50, 17 / 20, 1.0)
+NEWTON = 30  # iterations at most: sharp friction may need some halved ones, a smooth stage takes three
+HALVINGS = 8
+EXACT = 1e-11  # relative change of a slope at which a stage is solved
+AS_EXACT_AS_CAN_BE = 1e-7  # change from which a step that brings nothing more is rounding, not failure
+
+
+def factor(M: Any, order: Any) -> None:
+    """LU decomposition of M (n, n) in place, with partial pivoting: row i of the result is row order[i] of M."""
+    size = len(M)
+    for i in range(size):
+        order[i] = i
+    for k in range(size):
+        best = k
+        for i in range(k + 1, size):
+            if abs(M[i, k]) > abs(M[best, k]):
+                best = i
+        if best != k:
+            order[k], order[best] = order[best], order[k]
+            for j in range(size):
+                M[k, j], M[best, j] = M[best, j], M[k, j]
+        for i in range(k + 1, size):
+            M[i, k] /= M[k, k]
+            for j in range(k + 1, size):
+                M[i, j] -= M[i, k] * M[k, j]
+
+
+def solve(M: Any, order: Any, r: Any, out: Any) -> None:
+    """Solve with the factors of M; r and out (n) are not the same array."""
+    size = len(M)
+    for i in range(size):
+        total = r[order[i]]
+        for j in range(i):
+            total -= M[i, j] * out[j]
+        out[i] = total
+    for i in range(size - 1, -1, -1):
+        total = out[i]
+        for j in range(i + 1, size):
+            total -= M[i, j] * out[j]
+        out[i] = total / M[i, i]
+
+
+def matrix(y: Any, hg: float, u: Any, c: Any, M: Any, order: Any) -> None:
+    """Factors of 1 - hg df/dx at y."""
+    jacobian(y, u, c, M)
+    for i in range(len(M)):
+        for j in range(len(M)):
+            M[i, j] *= -hg
+        M[i, i] += 1.0
+    factor(M, order)
+
+
+def solve_stage(y0: Any, k: Any, hg: float, u: Any, c: Any, space: Any, M: Any, order: Any) -> None:
+    """Newton's method for k = f(y0 + hg k), from the k given. space (4, NX) is work space.
+
+    A step that makes the residual larger is halved: across the turn of Coulomb friction whole ones may go to and fro.
+    """
+    f, residual, change, y = space[0], space[1], space[2], space[3]
+    n = len(k)
+    norm = 0.0
+    for i in range(n):
+        y[i] = y0[i] + hg * k[i]
+    slope(y, u, c, f)
+    for i in range(n):
+        residual[i] = f[i] - k[i]
+        norm += residual[i] * residual[i]
+    for _ in range(NEWTON):
+        matrix(y, hg, u, c, M, order)
+        solve(M, order, residual, change)
+        worst = 0.0
+        for i in range(n):
+            worst = max(worst, abs(change[i]) / (abs(k[i]) + abs(change[i]) + abs(y[i]) / hg * 1e-3 + 1e-9))
+        before, share = norm, 1.0
+        for halving in range(HALVINGS):
+            norm = 0.0
+            for i in range(n):
+                y[i] = y0[i] + hg * (k[i] + share * change[i])
+            slope(y, u, c, f)
+            for i in range(n):
+                residual[i] = f[i] - k[i] - share * change[i]
+                norm += residual[i] * residual[i]
+            if norm <= before or worst < AS_EXACT_AS_CAN_BE or halving == HALVINGS - 1:
+                break
+            share *= 0.5
+        for i in range(n):
+            k[i] += share * change[i]
+        if worst < EXACT or (worst < AS_EXACT_AS_CAN_BE and norm >= before):
+            break
+
+
+def stages(x: Any, k: Any, stage: int, hs: float, u: Any, c: Any, y: Any, space: Any, M: Any, order: Any) -> None:
+    """Fill the slope k[stage] and its argument y, from the slopes of the stages before."""
+    for i in range(len(x)):
+        y[i] = x[i]
+        for j in range(stage):
+            y[i] += hs * STAGES[stage][j] * k[j, i]
+    if stage == 0:
+        slope(y, u, c, k[0])
+        return
+    for i in range(len(x)):
+        k[stage, i] = k[stage - 1, i]
+    solve_stage(y, k[stage], hs * GAMMA, u, c, space, M, order)
+    for i in range(len(x)):
+        y[i] += hs * GAMMA * k[stage, i]
+
+
+def step(x: Any, V: Any, u0: Any, u1: Any, c: Any, h: float, substeps: int) -> None:
+    """Advance x by one sample of length h, in `substeps` implicit steps."""
+    k, u, y = np.zeros((6, NX)), np.empty(NU), np.empty(NX)
+    M, space, order = np.empty((NX, NX)), np.empty((4, NX)), np.empty(NX, dtype=np.int64)
+    hs = h / substeps
+    for s in range(substeps):
+        for stage in range(6):
+            inputs(u0, u1, (s + NODES[stage]) / substeps, u)
+            stages(x, k, stage, hs, u, c, y, space, M, order)
+        for i in range(NX):
+            x[i] = y[i]  # stiffly accurate: the last argument is the result
+
+
+def step_COLUMNS(x: Any, V: Any, u0: Any, u1: Any, c: Any, h: float, substeps: int) -> None:
+    """Advance x and the sensitivities in V by one sample of length h, in `substeps` implicit steps."""
+    k, u, y, f = np.zeros((6, NX)), np.empty(NU), np.empty(NX), np.empty(NX)
+    M, space, order = np.empty((NX, NX)), np.empty((4, NX)), np.empty(NX, dtype=np.int64)
+    A, B, G = np.empty((NX, NX)), np.empty((NX, max(NP, 1))), np.empty((NX, NU))
+    new = 7 * NX * COLUMNS
+    hs = h / substeps
+    for s in range(substeps):
+        for stage in range(6):
+            inputs(u0, u1, (s + NODES[stage]) / substeps, u)
+            stages(x, k, stage, hs, u, c, y, space, M, order)
+            hg = hs * GAMMA if stage > 0 else 0.0
+            linearise(y, u, c, f, A, B, G)
+            matrix(y, hg, u, c, M, order)
+            # (1 - hg A) D_stage = A (W + hs sum of earlier D) + B, all columns at once
+            for i in range(NX):
+                for j in range(COLUMNS):
+                    V[new + i * COLUMNS + j] = V[i * COLUMNS + j]
+                for m in range(stage):
+                    weight = hs * STAGES[stage][m]
+                    for j in range(COLUMNS):
+                        V[new + i * COLUMNS + j] += weight * V[((m + 1) * NX + i) * COLUMNS + j]
+            first = (stage + 1) * NX * COLUMNS
+            for i in range(NX):
+                row = order[i]
+                for j in range(COLUMNS):
+                    V[first + i * COLUMNS + j] = 0.0
+                for n in range(NX):
+                    weight = A[row, n]
+                    for j in range(COLUMNS):
+                        V[first + i * COLUMNS + j] += weight * V[new + n * COLUMNS + j]
+                for n in range(NP):
+                    V[first + i * COLUMNS + n] += B[row, n]
+                if COLUMNS >= NP + NX + NU:
+                    for n in range(NU):
+                        V[first + i * COLUMNS + NP + NX + n] += G[row, n]
+                for n in range(i):
+                    weight = M[i, n]
+                    for j in range(COLUMNS):
+                        V[first + i * COLUMNS + j] -= weight * V[first + n * COLUMNS + j]
+            for i in range(NX - 1, -1, -1):
+                for n in range(i + 1, NX):
+                    weight = M[i, n]
+                    for j in range(COLUMNS):
+                        V[first + i * COLUMNS + j] -= weight * V[first + n * COLUMNS + j]
+                weight = 1.0 / M[i, i]
+                for j in range(COLUMNS):
+                    V[first + i * COLUMNS + j] *= weight
+        for i in range(NX):
+            x[i] = y[i]
+            for m in range(6):
+                weight = hs * STAGES[5][m]
+                for j in range(COLUMNS):
+                    V[i * COLUMNS + j] += weight * V[((m + 1) * NX + i) * COLUMNS + j]

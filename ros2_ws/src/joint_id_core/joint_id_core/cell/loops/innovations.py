@@ -1,0 +1,251 @@
+"""The loop over time of the innovations form: the filter with its sensitivities.
+
+As `loops.simulate`, this module is text for `cell.kernel`, with the same work space V. It is compiled with smooth
+friction only: a filter needs derivatives.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from joint_id_core.cell.loops.simulate import padded
+
+NX: int  # states
+NW: int  # rows of the work space V
+NU: int  # inputs
+NP: int  # parameters with sensitivities
+NC: int  # parameter-only constants
+CP: int  # columns of the work space of `step_parameters`
+CF: int  # columns of the work space of `step_full`
+SF: int  # numbers of the work space of `innovations`
+AT_P: int  # where its parts begin: see `layout`
+AT_M: int
+AT_s: int
+AT_g: int
+AT_H: int
+DELAYED: bool  # whether sensors show the states late
+constants: Callable[..., None]
+observe: Callable[..., None]
+step_full: Callable[..., None]
+carray: Callable[..., Any]  # of numba
+on_stack: Callable[[int], Any]
+
+
+def layout(states: int, parameters: int, columns: int, step: int) -> dict[str, int]:
+    """Where the parts of the work space of `innovations` begin, and its size SF.
+
+    After the numbers of the `step` come the covariance P and M = A P; then, in rows of `columns`, the derivatives s of
+    the labels of a sample over sqrt(S), the gradient g and the matrix H.
+    """
+    square = padded(states * states)  # every part begins at a cache line
+    sizes = {"AT_M": square, "AT_s": square, "AT_g": states * columns, "AT_H": columns, "SF": parameters * columns}
+    found = {"AT_P": step}
+    for name, size in sizes.items():
+        found[name] = step = step + size
+    return found
+
+
+# --- compiled from here ---
+
+
+def innovations(
+    x0: Any,
+    P0: Any,
+    begin: Any,
+    X0: Any,
+    V0: Any,
+    time: Any,
+    u: Any,
+    y: Any,
+    label: Any,
+    gap: Any,
+    R: Any,
+    q: Any,
+    Q_x: Any,
+    p: Any,
+    substeps: Any,
+    X: Any,
+    e: Any,
+    S: Any,
+    K: Any,
+    F: Any,
+    C: Any,
+    J: Any,
+    H: Any,
+    g: Any,
+) -> float:
+    """Run the innovations form once over the record and return sum e^2/S + log S, NaN if the path blew up.
+
+    x0 (NX), P0 (NX, NX): start and its covariance. begin (T): row of X0, V0 (B, NX), the state and its variances with
+    which the record begins anew at this sample, or -1. y (T, NY): labels, NaN where missing; label (NY): their
+    state; R (NY): their noise variance. q (NU): variance of the input noise, per sample. Q_x (NX): small
+    variance added to the states per sample. gap (T): missing samples before the next one; over a gap the
+    held input is uncertain by as much as it is seen to change. substeps (T): RK4 steps to the next sample.
+    Receives X (T, NX) filtered states, e, S (T, NY) innovations and their variance (0, 1 where missing), K (T, NY, NX)
+    gains, F (T, NX, NX + NU) derivatives of the next state by state and input and, where sensors are late, C (T, NY,
+    NX) those of the predicted labels by the state, as `noise_information` needs them;
+    J (T, NY, NP) derivatives of the predicted labels by the parameters over sqrt(S), the gain held;
+    H (NP, NP) = sum s s' and g (NP) = sum s e / sqrt(S) with s the derivative of the predicted label by the parameters
+    over sqrt(S), the gain held.
+    """
+    c = np.empty(NC)
+    constants(p, c)
+    # One array (see `layout`): the columns of the step, P, A P, rows s of this sample's labels, sum s e, sum s s'.
+    V = carray(on_stack(SF), SF)
+    for j in range(SF):
+        V[j] = 0.0
+    x = x0.copy()
+    shown, at, seen = np.empty(NX), np.empty(NX), np.empty(NX)
+    by_x, by_p = np.empty((NX, NX)), np.empty((NX, max(NP, 1)))
+    for m in range(NX):
+        for n in range(NX):
+            V[AT_P + m * NX + n] = P0[m, n]
+    T = len(time)
+    cost = 0.0
+    for t in range(T):
+        if begin[t] >= 0:
+            for m in range(NX):
+                x[m] = X0[begin[t], m]
+                for n in range(NX):
+                    V[AT_P + m * NX + n] = 0.0
+                V[AT_P + m * NX + m] = V0[begin[t], m]
+                for j in range(NP):
+                    V[m * CF + j] = 0.0
+        volume = 1.0
+        if DELAYED:
+            observe(x, u[t if t == 0 or begin[t] >= 0 else t - 1], u[t], c, shown, by_x, by_p)
+            for m in range(NX):
+                at[m] = x[m]
+        for k in range(len(label)):
+            i = label[k]
+            if DELAYED:
+                for m in range(NX):
+                    C[t, k, m] = by_x[i, m]
+            if math.isnan(y[t, k]):
+                e[t, k] = 0.0
+                S[t, k] = 1.0
+                for j in range(CP):
+                    V[AT_s + k * CP + j] = 0.0
+                for j in range(NP):
+                    J[t, k, j] = 0.0
+                for m in range(NX):
+                    K[t, k, m] = 0.0
+                continue
+            error = y[t, k] - x[i]
+            variance = V[AT_P + i * NX + i] + R[k]
+            if DELAYED:
+                error = y[t, k] - shown[i]
+                variance = R[k]
+                for m in range(NX):
+                    error -= by_x[i, m] * (x[m] - at[m])
+                    seen[m] = 0.0
+                    for n in range(NX):
+                        seen[m] += V[AT_P + m * NX + n] * by_x[i, n]
+                    variance += by_x[i, m] * seen[m]
+            if not variance > 0.0:  # the path blew up
+                return math.nan
+            inverse = 1.0 / variance
+            root = math.sqrt(inverse)
+            white = error * root
+            cost += white * white
+            volume *= variance
+            e[t, k] = error
+            S[t, k] = variance
+            for j in range(CP):
+                V[AT_s + k * CP + j] = V[i * CF + j] * root
+            if DELAYED:
+                for j in range(NP):
+                    V[AT_s + k * CP + j] = by_p[i, j] * root
+                    for m in range(NX):
+                        V[AT_s + k * CP + j] += by_x[i, m] * V[m * CF + j] * root
+            for j in range(NP):
+                J[t, k, j] = V[AT_s + k * CP + j]
+            for j in range(CP):
+                V[AT_g + j] += V[AT_s + k * CP + j] * white
+            for m in range(NX):
+                gain = (seen[m] if DELAYED else V[AT_P + m * NX + i]) * inverse
+                K[t, k, m] = gain
+                x[m] += gain * error
+                gain *= variance * root
+                for j in range(CP):
+                    V[m * CF + j] -= gain * V[AT_s + k * CP + j]
+            if DELAYED:
+                for m in range(NX):
+                    for n in range(NX):
+                        V[AT_P + m * NX + n] -= 0.5 * (K[t, k, m] * seen[n] + K[t, k, n] * seen[m])
+                continue
+            for m in range(NX):
+                if m != i:
+                    for n in range(NX):
+                        if n != i:
+                            V[AT_P + m * NX + n] -= K[t, k, m] * V[AT_P + i * NX + n]
+            # P (1 - K) with 1 - K = R / S: a difference of nearly equal numbers would lose it
+            left = R[k] * inverse
+            for n in range(NX):
+                V[AT_P + i * NX + n] *= left
+            for n in range(NX):
+                V[AT_P + n * NX + i] = V[AT_P + i * NX + n]
+        cost += math.log(volume)
+        for k in range(len(label)):
+            for j in range(NP):
+                row = V[AT_s + k * CP + j]
+                for n in range(CP):
+                    V[AT_H + j * CP + n] += row * V[AT_s + k * CP + n]
+        for m in range(NX):
+            X[t, m] = x[m]
+        if t == T - 1:
+            break
+        if begin[t + 1] >= 0:
+            for m in range(NX):
+                for n in range(NX + NU):
+                    F[t, m, n] = 0.0
+            continue
+        for m in range(NX):
+            for n in range(NX + NU):
+                V[m * CF + NP + n] = 0.0
+            V[m * CF + NP + m] = 1.0
+        step_full(x, V, u[t], u[t + 1], c, time[t + 1] - time[t], substeps[t])
+        for m in range(NX):
+            for n in range(NX + NU):
+                F[t, m, n] = V[m * CF + NP + n]
+            for n in range(NX):
+                total = 0.0
+                for k in range(NX):
+                    total += V[m * CF + NP + k] * V[AT_P + k * NX + n]
+                V[AT_M + m * NX + n] = total
+        for m in range(NX):
+            for n in range(m + 1):
+                total = 0.0
+                for k in range(NX):
+                    total += V[AT_M + m * NX + k] * V[n * CF + NP + k]
+                V[AT_P + m * NX + n] = total
+        for k in range(NU):
+            variance = q[k] + gap[t] * (u[t + 1, k] - u[t, k]) ** 2
+            for m in range(NX):
+                for n in range(m + 1):
+                    V[AT_P + m * NX + n] += V[m * CF + NP + NX + k] * variance * V[n * CF + NP + NX + k]
+        for m in range(NX):
+            V[AT_P + m * NX + m] += Q_x[m]
+            for n in range(m):
+                V[AT_P + n * NX + m] = V[AT_P + m * NX + n]
+    for j in range(NP):
+        g[j] = V[AT_g + j]
+        for n in range(NP):
+            H[j, n] = V[AT_H + j * CP + n]
+    return cost
+
+
+def observations(X: Any, u: Any, p: Any, Y: Any) -> None:
+    """What the sensors of all states show, Y (T, NX), along the path X (T, NX)."""
+    c = np.empty(NC)
+    constants(p, c)
+    by_x, by_p = np.empty((NX, NX)), np.empty((NX, max(NP, 1)))
+    for t in range(len(X)):
+        for i in range(NX):
+            Y[t, i] = X[t, i]
+        if DELAYED:
+            observe(X[t], u[max(t - 1, 0)], u[t], c, Y[t], by_x, by_p)

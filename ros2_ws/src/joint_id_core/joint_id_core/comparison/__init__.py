@@ -1,0 +1,1 @@
+"""Which model describes a recording best."""

@@ -1,0 +1,129 @@
+"""Models to compare, named by short texts: `harmonic_drive:stribeck+gravity`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, get_args
+
+from joint_id_core.errors import JointIdError
+from joint_id_core.models import LAWS, MODELS, Model, build
+from joint_id_core.models.transmission import Actuation
+
+if TYPE_CHECKING:
+    from joint_id_core.data.recording import Recording
+
+EVERY_LAW = "all"
+FLAGS = ("gravity", "kinematic_error", "delays", "offsets")
+DRIVES: tuple[str, ...] = get_args(Actuation)
+GRAMMAR = (
+    f"MODEL[:LAW][+OPTION...] with MODEL one of {', '.join(MODELS)}; LAW one of {', '.join(LAWS)}, {EVERY_LAW}; "
+    f"OPTION one of {', '.join((*FLAGS, *DRIVES))}"
+)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One model of a comparison.
+
+    Attributes:
+        label: its canonical text, with the friction law always said.
+        model: what it stands for.
+        arguments: the same as arguments of `joint-id fit`.
+    """
+
+    label: str
+    model: Model
+    arguments: tuple[str, ...]
+
+
+def parse(texts: Sequence[str], recording: Recording) -> tuple[Candidate, ...]:
+    """Candidates from texts such as `rigid_joint`, `rigid_joint:stribeck`, `harmonic_drive:all+gravity`.
+
+    A model without a law has the paper's, `coulomb_viscous`; with the law `all` it is one candidate for each. A single
+    text without a law stands for all of them, as one candidate is no comparison. No text at all: see `every_model`.
+    A model that can be driven by either takes the torque if that was recorded, else the current.
+
+    Raises:
+        JointIdError: a text that names no model, law or option (it lists those that exist), an option that the model
+            does not have, a candidate given twice, fewer than two.
+    """
+    texts = [text.strip() for text in texts]
+    if not texts:
+        texts = [f"{name}:{EVERY_LAW}" for name in every_model(recording)]
+    elif len(texts) == 1 and ":" not in texts[0]:
+        name, plus, options = texts[0].partition("+")
+        texts = [f"{name}:{EVERY_LAW}{plus}{options}"]
+    found: dict[str, Candidate] = {}
+    for text in texts:
+        for candidate in _candidates(text, recording):
+            if candidate.label in found:
+                raise JointIdError(f"candidate {candidate.label} is given twice: give it once")
+            found[candidate.label] = candidate
+    if len(found) < 2:
+        raise JointIdError(
+            f"{', '.join(found)} alone is no comparison: give two or more, e.g. "
+            f"{next(iter(found)).partition(':')[0]}:{EVERY_LAW} for every friction law"
+        )
+    return tuple(found.values())
+
+
+def every_model(recording: Recording) -> tuple[str, ...]:
+    """Models whose states and drive this recording holds: of one encoder, of two, with a voltage.
+
+    `motor_side` is not among them: it is for a link that other joints move, which no recording tells.
+
+    Raises:
+        JointIdError: none fits.
+    """
+    link, motor = (any(recording.measured(f"{side}_{what}") for what in ("position", "velocity")) for side in _SIDES)
+    names = []
+    if any(recording.measured(drive) for drive in DRIVES):
+        names += ["rigid_joint"] * link + ["harmonic_drive"] * (link and motor)
+    if recording.measured("voltage"):
+        names += ["electromechanical"] * (link and motor) + ["dc_motor"] * (motor and not link)
+    if not names:
+        raise JointIdError(
+            f"{recording.source} holds {', '.join(recording.channels) or 'nothing'}: no model follows from that; name "
+            f"the candidates, {GRAMMAR}"
+        )
+    return tuple(names)
+
+
+_SIDES = ("link", "motor")
+
+
+def drive_of(model: str, recording: Recording) -> str | None:
+    """The recorded drive signal, for a model that can be driven by torque or by current; None for the others."""
+    if model not in MODELS or "actuation" not in {f.name for f in fields(MODELS[model])}:
+        return None
+    return "torque" if recording.measured("torque") or not recording.measured("current") else "current"
+
+
+def _candidates(text: str, recording: Recording) -> Iterator[Candidate]:
+    """The candidates that one text stands for."""
+    head, *extras = (part.strip() for part in text.split("+"))
+    name, colon, law = (part.strip() for part in head.partition(":"))
+    extras = [extra.replace("-", "_") for extra in extras]
+    unknown = [extra for extra in extras if extra not in (*FLAGS, *DRIVES)]
+    wrong = (
+        f"model {name!r}" if name not in MODELS
+        else f"friction law {law!r}" if colon and law not in (*LAWS, EVERY_LAW)
+        else f"option {unknown[0]!r}" if unknown
+        else ""
+    )  # fmt: skip
+    if wrong:
+        raise JointIdError(f"candidate {text!r}: no {wrong}; write {GRAMMAR}")
+    drives = [extra for extra in extras if extra in DRIVES]
+    if len(set(extras)) < len(extras) or len(drives) > 1:
+        raise JointIdError(f"candidate {text!r}: {'+'.join(extras)} contradict or repeat each other: give one of each")
+    options: dict[str, str | bool] = {flag: True for flag in FLAGS if flag in extras}
+    drive = drives[0] if drives else drive_of(name, recording)
+    if drive is not None:
+        options["actuation"] = drive
+    for chosen in LAWS if law == EVERY_LAW else (law or LAWS[0],):
+        label = "+".join([f"{name}:{chosen}", *(f for f in FLAGS if f in extras), *drives])
+        arguments = ["--model", name, "--friction", chosen, *(f"--{f.replace('_', '-')}" for f in FLAGS if f in extras)]
+        if drives:
+            arguments += ["--actuation", drives[0]]
+        yield Candidate(label, build(name, friction=chosen, **options), tuple(arguments))

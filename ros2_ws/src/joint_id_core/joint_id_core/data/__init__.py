@@ -1,0 +1,1 @@
+"""Recordings: measured signals over time, with their names and units."""

@@ -1,0 +1,136 @@
+"""A stretch of measured or simulated motion of one joint."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from joint_id_core.data.signals import CHANNELS
+from joint_id_core.errors import JointIdError
+
+Array = NDArray[np.float64]  # of any shape; docstrings say which
+
+
+def any_finite(values: Array) -> bool:
+    """Whether any of the values, shape (T,), is finite; the first one mostly is."""
+    return bool(len(values) and math.isfinite(values[0])) or bool(np.isfinite(values).any())
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Samples of one joint.
+
+    Attributes:
+        time: instants in s, shape (T,), strictly increasing; steps may differ and gaps stay gaps.
+        channels: values by channel name (`joint_id_core.data.signals.CHANNELS`), each of shape (T,), SI units,
+            NaN where nothing was measured.
+        derived: names of channels that were computed by a filter and not measured. They serve as start
+            values and inputs, never as labels.
+        source: where it came from (a file, a topic), for messages.
+        joint: name of the joint.
+        origin: whole seconds that `time` counts from on the clock of the source. Instants since 1970 as doubles would
+            be 0.24 us apart, in which a motor turns further than its encoder's noise.
+
+    Raises:
+        JointIdError: unknown channel, wrong shape, infinite values, time that is not strictly increasing.
+    """
+
+    time: Array
+    channels: Mapping[str, Array]
+    derived: frozenset[str] = frozenset()
+    source: str = "recording"
+    joint: str = ""
+    origin: int = 0
+    _steps: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        time = np.asarray(self.time, dtype=float)
+        if time.ndim != 1:
+            raise JointIdError(f"{self.source}: time must be one-dimensional, not of shape {time.shape}")
+        if not (finite := np.isfinite(time)).all():
+            k = int(np.argmin(finite))
+            raise JointIdError(f"{self.source}: time of sample {k} is {time[k]}: remove such samples")
+        steps = time[1:] - time[:-1]
+        if (back := steps <= 0.0).any():
+            k = int(np.argmax(back))
+            what = "repeats" if steps[k] == 0 else "goes backwards"
+            raise JointIdError(
+                f"{self.source}: time {what} at sample {k + 1} ({time[k]:.9g} s, then {time[k + 1]:.9g} s): "
+                "sort the samples, or cut the file there"
+            )
+        channels = {}
+        for name, values in self.channels.items():
+            if name not in CHANNELS:
+                raise JointIdError(f"{self.source}: unknown channel {name!r}: known are {', '.join(CHANNELS)}")
+            values = np.asarray(values, dtype=float)
+            if values.shape != time.shape:
+                raise JointIdError(f"{self.source}: {name} has shape {values.shape}, time has {time.shape}")
+            if (infinite := np.isinf(values)).any():
+                k = int(np.argmax(infinite))
+                raise JointIdError(f"{self.source}: {name} is infinite at sample {k} ({time[k]:.9g} s)")
+            channels[name] = values
+        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "channels", channels)
+        object.__setattr__(self, "_steps", steps)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.channels
+
+    def __getitem__(self, name: str) -> Array:
+        """Values of a channel.
+
+        Raises:
+            JointIdError: the recording does not have it.
+        """
+        if name not in self.channels:
+            raise JointIdError(f"{self.source} has no {name}: it has {', '.join(self.channels) or 'no channel'}")
+        return self.channels[name]
+
+    @property
+    def duration(self) -> float:
+        """Time between the first and the last sample in s."""
+        return float(self.time[-1] - self.time[0]) if len(self) else 0.0
+
+    @property
+    def period(self) -> float:
+        """Median time step in s (NaN for fewer than two samples)."""
+        return float(np.median(self._steps)) if len(self) > 1 else float("nan")
+
+    @property
+    def gaps(self) -> int:
+        """Number of steps longer than 1.5 periods."""
+        return int(np.count_nonzero(self._steps > 1.5 * self.period)) if len(self) > 1 else 0
+
+    def measured(self, name: str) -> bool:
+        """Whether the channel holds measurements (present, not derived, not all NaN)."""
+        return name in self.channels and name not in self.derived and any_finite(self.channels[name])
+
+    def window(self, start: float, end: float) -> Recording:
+        """Samples with start <= time < end, in s on the recording's own clock."""
+        i, j = np.searchsorted(self.time, [start, end])
+        return self.slice(int(i), int(j))
+
+    def slice(self, i: int, j: int) -> Recording:
+        """Samples i to j (exclusive)."""
+        return replace(self, time=self.time[i:j], channels={n: v[i:j] for n, v in self.channels.items()})
+
+    def trusted(self, time: Array, channels: Mapping[str, Array], derived: frozenset[str]) -> Recording:
+        """A recording from the same source of samples that were checked before, without checking them again."""
+        made = object.__new__(Recording)
+        new = {"time": time, "channels": channels, "derived": derived, "_steps": time[1:] - time[:-1]}
+        for name, value in (self.__dict__ | new).items():
+            object.__setattr__(made, name, value)
+        return made
+
+    def with_channels(self, changes: Mapping[str, Array], derived: bool = False) -> Recording:
+        """A copy with channels added or replaced, marked as `derived` or as measured."""
+        names = frozenset(changes)
+        marks = self.derived | names if derived else self.derived - names
+        return replace(self, channels={**self.channels, **changes}, derived=marks)

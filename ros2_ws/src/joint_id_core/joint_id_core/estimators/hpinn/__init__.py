@@ -1,0 +1,1 @@
+"""The physics-informed network of the paper (H-PINN). Needs torch."""

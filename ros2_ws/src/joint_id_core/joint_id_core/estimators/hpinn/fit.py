@@ -1,0 +1,247 @@
+"""The paper's estimator: train the RK4 network on the whole record (reference method).
+
+It simulates from the first labels with no feedback (single shooting), so it needs start values within some
+tens of percent, and it takes a measured input for exact. `innovations` has neither limit.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from joint_id_core.cell.kernel import compile_model
+from joint_id_core.data.recording import Array, Recording
+from joint_id_core.errors import JointIdError
+from joint_id_core.estimators.shared.fit_data import FitData, UnusableError, prepare, unusable
+from joint_id_core.estimators.shared.initial_state import rough_states, start_state
+from joint_id_core.estimators.shared.substeps import stable_substeps
+from joint_id_core.models import Model
+from joint_id_core.options import check, option
+from joint_id_core.results.estimate import NOT_EXCITED_RATIO, PRIOR_RATIO, Estimate, ParameterEstimate, Status, Verdict
+
+if TYPE_CHECKING:
+    from joint_id_core.estimators.hpinn.network import HPinn
+    from joint_id_core.estimators.hpinn.training import Labels
+
+LEVEL_SHARE = (
+    0.1  # the loss has levelled off when its median over this last share of the epochs (LEVEL_EPOCHS at least)
+)
+LEVEL_EPOCHS = 10
+LEVEL_DROP = 0.05  # lies less than this part below its median over the same number of epochs before
+POOR_NRMSE = 0.5  # of a label's own variation; a simulation that misses by more does not describe it
+STEP_LIMIT = 1.0  # largest |lambda h| of an RK4 step: the error of the fastest mode stays near 1 %
+MINIMUM_DISTANCE = 1.0  # noise standard deviations from the minimum beyond which the message says how far training got
+
+
+@dataclass(frozen=True)
+class HPinnOptions:
+    """Options of the H-PINN. The paper trains for 300 to 1000 epochs and does not print its learning rates."""
+
+    epochs: int = option(300, "training epochs, each one simulation of the whole record", lower=1)
+    learning_rate: float = option(0.01, "first RMSProp step, relative to each parameter's start value", lower=0.0)
+    decay_at: tuple[float, ...] = option((0.4, 0.6, 0.8), "shares of the epochs at which the learning rate decays")
+    decay_factor: float = option(0.3, "factor of each decay of the learning rate", lower=0.0, upper=1.0)
+    substeps: int = option(0, "RK4 steps a sample, 1 in the paper; 0 finds a stable number", lower=0, upper=64)
+    friction: str = option("sign", "Coulomb friction: sign as in the paper, or smoothed", choices=("sign", "tanh"))
+    torsion_label: bool = option(True, "add the torsion theta_m/N - q as a label where both angles are measured")
+    bounds: str = option("", "intervals of parameters as name=lower:upper, separated by commas")
+
+    def __post_init__(self) -> None:
+        check(self)
+        if any(not 0.0 < share < 1.0 for share in self.decay_at):
+            raise JointIdError(f"option decay_at = {self.decay_at}: shares of the epochs must lie between 0 and 1")
+
+    def intervals(self, model: Model) -> dict[str, tuple[float, float]]:
+        """`bounds` by parameter.
+
+        Raises:
+            JointIdError: text that is not name=lower:upper, an unknown parameter, or lower not below upper.
+        """
+        found = {}
+        for item in filter(None, (part.strip() for part in self.bounds.split(","))):
+            name, _, interval = (part.strip() for part in item.partition("="))
+            try:
+                lower, upper = (float(end) for end in interval.split(":"))
+            except ValueError:
+                raise JointIdError(f"option bounds: cannot read {item!r}: write name=lower:upper") from None
+            if not lower < upper:
+                raise JointIdError(f"option bounds: {item!r} holds no value: put the lower end first")
+            found[model.parameter(name).name] = (lower, upper)
+        return found
+
+
+def fit_hpinn(
+    model: Model,
+    recording: Recording,
+    values: Mapping[str, float] | None = None,
+    fixed: Collection[str] = (),
+    freed: Collection[str] = (),
+    options: HPinnOptions | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Estimate:
+    """Train the H-PINN on a recording.
+
+    The result is the epoch of lowest loss. CONVERGED means that every label is described and that the loss has
+    levelled off (`LEVEL_SHARE`, `LEVEL_DROP`). RMSProp often levels off in a narrow valley before the minimum, so
+    the covariance has two parts: that of the weighted least-squares minimum with one noise level a label, taken
+    from its residuals (white residuals assumed), and the square of the Gauss-Newton step that is left to it.
+
+    Args:
+        model: from `models.build`.
+        recording: inputs without NaN and at least one measured state.
+        values: start values (values of fixed parameters) that replace the nominal ones.
+        fixed, freed: names to hold although the table frees them, and the other way round.
+        options: see `HPinnOptions`.
+        progress: called with a line of text now and then.
+
+    Raises:
+        JointIdError: torch is not installed, NaN in an input, misuse of names, values or bounds. Poor data
+            come back as an `Estimate` with a status.
+    """
+    begun = clock.perf_counter()
+    options = options or HPinnOptions()
+    tell = progress or (lambda _: None)
+    from joint_id_core.estimators.hpinn.network import HPinn  # says so where torch is missing
+    from joint_id_core.estimators.hpinn.training import LearningRate, make_labels, train
+
+    try:
+        data = prepare(model, recording, values, fixed, freed)
+    except UnusableError as error:
+        return unusable(model, "hpinn", error, recording)
+    if data.dropped:
+        raise JointIdError(
+            f"{recording.source}: {data.dropped} samples have no {' or no '.join(model.input_names)}, and the hpinn "
+            "simulates the whole record: cut the record there, or choose the innovations estimator"
+        )
+    intervals = options.intervals(model)
+    for name in intervals:
+        if name not in data.free:
+            raise JointIdError(f"option bounds: {name} is fixed: free it or leave its interval out")
+    labels = make_labels(data, options.torsion_label)
+    tell(f"preparing the compiled cell of {model.name}")
+    table_free = {p.name for p in model.parameters if not p.fixed}
+    kernel = compile_model(model, options.friction, tuple(sorted(set(data.free) - table_free)))
+    substeps = options.substeps or stable_substeps(data, kernel, data.p, rough_states(data), STEP_LIMIT)
+    start = dict(zip(model.parameter_names, data.p.tolist(), strict=True))
+    net = HPinn(model, start, data.free, intervals, options.friction, substeps)  # type: ignore[arg-type]  # choices are checked
+    x0 = start_state(data)[0]
+    rates = LearningRate(options.learning_rate, options.decay_at, options.decay_factor)
+    history, finite = train(net, data, labels, x0, options.epochs, rates, tell)
+    if not history:
+        message = f"{recording.source}: the simulation from the start values is not finite: {Status.DIVERGED.advice}"
+        return unusable(model, "hpinn", UnusableError(Status.DIVERGED, message), recording)
+    return _estimate(net, data, labels, x0, start, history, finite, clock.perf_counter() - begun)
+
+
+def _levelled_off(history: list[float]) -> bool:
+    share = max(LEVEL_EPOCHS, round(LEVEL_SHARE * len(history)))
+    if len(history) <= 2 * share:
+        return False
+    last, before = np.median(history[-share:]), np.median(history[-2 * share : -share])
+    return bool(last >= (1.0 - LEVEL_DROP) * before)
+
+
+def _minimum(jacobian: Array, labels: Labels, weights: Array, residuals: Array) -> tuple[Array, Array, Array]:
+    """Covariance of the minimum of the WMSE, noise of each measured state, and the Gauss-Newton step to that minimum.
+
+    `jacobian` (T, states, k) is that of the measured states. The loss weighs labels by Eq 2 and not by their
+    noise, and the torsion repeats noise of the two angles, so this is H^-1 S H^-1 with the
+    Gauss-Newton Hessian H and the score's covariance S, not H^-1 alone.
+    """
+    known = np.isfinite(labels.y)
+    by_label = np.einsum("ls,tsk->tlk", labels.mix, jacobian)
+    pull = known * (weights**2 / known.sum(0))
+    hessian = np.einsum("tl,tlk,tlj->kj", pull, by_label, by_label)
+    n = labels.mix.shape[1]
+    noise = np.sqrt(np.nanmean(residuals[:, :n] ** 2, axis=0))
+    score = np.einsum("tl,tlk,ls,s->tsk", pull, by_label, labels.mix, noise)
+    scale = np.sqrt(np.diag(hessian)) + 1e-300
+    inverse = np.linalg.pinv(hessian / np.outer(scale, scale), rcond=1e-13, hermitian=True) / np.outer(scale, scale)
+    step = -inverse @ np.einsum("tl,tlk,tl->k", pull, by_label, np.nan_to_num(residuals))
+    return inverse @ np.einsum("tsk,tsj->kj", score, score) @ inverse, noise, step
+
+
+def _verdict(model: Model, name: str, value: float, sd: float) -> Verdict:
+    p = model.parameter(name)
+    ratio = sd / (p.spread * (value if p.positive else 1.0))
+    if not ratio <= NOT_EXCITED_RATIO:
+        return Verdict.NOT_EXCITED
+    return Verdict.PRIOR if ratio > PRIOR_RATIO else Verdict.ESTIMATED
+
+
+def _estimate(
+    net: HPinn, data: FitData, labels: Labels, x0: Array, start: dict[str, float],
+    history: list[float], finite: bool, elapsed: float,
+) -> Estimate:  # fmt: skip
+    """Simulate with the trained parameters and turn what comes out into an `Estimate`."""
+    from joint_id_core.estimators.hpinn.network import label_weights
+
+    model, values = net.model, net.values
+    states, sensitivity = net.sensitivities(x0, data.time, data.u)
+    free = tuple(name for name in net.trainable if name not in net.at_bound)
+    columns = [net.trainable.index(name) for name in free]
+    predicted = states[:, labels.states] @ labels.mix.T
+    residuals = predicted - labels.y
+    jacobian = sensitivity[:, labels.states][:, :, columns]
+    covariance, noise, step = _minimum(jacobian, labels, label_weights(labels.y), residuals)
+    away = {
+        name: abs(d) / s if s > 0 else 0.0 for name, d, s in zip(free, step, np.sqrt(np.diag(covariance)), strict=True)
+    }
+    covariance = covariance + np.outer(step, step)
+    sd = dict(zip(free, np.sqrt(np.diag(covariance)), strict=True))
+    found = dict.fromkeys(model.parameter_names, Verdict.FIXED) | dict.fromkeys(net.at_bound, Verdict.AT_BOUND)
+    found |= {name: _verdict(model, name, values[name], s) for name, s in sd.items()}
+    rows = tuple(
+        ParameterEstimate(p.name, p.unit, values[p.name], float(sd.get(p.name, np.nan)), found[p.name], start[p.name])
+        for p in model.parameters
+    )
+    spread = np.nanstd(labels.y, axis=0)
+    nrmse = np.sqrt(np.nanmean(residuals**2, axis=0)) / np.where(spread > 0.0, spread, np.nan)
+    fit = dict(zip(labels.names, nrmse.tolist(), strict=True))
+    flat = np.nan_to_num(residuals)
+    lag = np.sum(flat[1:] * flat[:-1], axis=0) / np.maximum(np.sum(flat**2, axis=0), 1e-300)
+    status, message = _judge(history, finite, fit, found, away)
+    return Estimate(
+        model.name, "hpinn", status, message, rows, free=free, covariance=covariance, nrmse=fit,
+        noise=dict(zip(labels.names, noise.tolist(), strict=False)),  # the torsion has no noise of its own
+        whiteness=dict(zip(labels.names, lag.tolist(), strict=True)), substeps=net.substeps, iterations=len(history),
+        elapsed_s=elapsed, start=float(data.time[0]), end=float(data.time[-1]), samples=len(data.time),
+        predictions=dict(zip(labels.names, predicted.T, strict=True)),
+    )  # fmt: skip
+
+
+def _judge(
+    history: list[float],
+    finite: bool,
+    nrmse: Mapping[str, float],
+    found: Mapping[str, Verdict],
+    away: Mapping[str, float],
+) -> tuple[Status, str]:
+    worst = max(nrmse, key=lambda name: np.nan_to_num(nrmse[name]))
+    farthest = max(away, key=lambda name: away[name], default="")
+    if not finite:
+        status, text = (
+            Status.DIVERGED,
+            f"the simulation left the finite numbers at epoch {len(history)}: values are of the best epoch",
+        )
+    elif not _levelled_off(history):
+        status, text = Status.MAX_ITERATIONS, "the loss still falls: train for more epochs or at a higher learning rate"
+    elif nrmse[worst] > POOR_NRMSE:
+        miss = f"the simulation of {worst} misses by {100 * nrmse[worst]:.0f} % of its variation"
+        status, text = Status.POOR_FIT, f"{miss}: {Status.POOR_FIT.advice}"
+    else:
+        status, text = Status.CONVERGED, "the loss has levelled off"
+        if away.get(farthest, 0.0) > MINIMUM_DISTANCE:
+            text += (
+                f", {away[farthest]:.2g} noise standard deviations of {farthest} before the minimum that Gauss-Newton "
+                "sees; the standard deviations contain that distance: more epochs or the innovations estimator help"
+            )
+    text += "; standard deviations assume white residuals"
+    for verdict, words in ((Verdict.AT_BOUND, "at a bound"), (Verdict.NOT_EXCITED, "this motion does not show")):
+        names = [name for name, v in found.items() if v is verdict]
+        text += f"; {words}: {', '.join(names)}" if names else ""
+    return status, text

@@ -1,0 +1,94 @@
+"""Training of the H-PINN: labels, and RMSProp with piecewise learning-rate decay (paper section III)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from joint_id_core.data.recording import Array
+from joint_id_core.estimators.hpinn.network import HPinn, label_weights, torch, wmse
+from joint_id_core.estimators.shared.fit_data import FitData
+
+TORSION = "torsion"  # the paper's extra label dtheta = theta_m / N - q
+
+
+@dataclass(frozen=True)
+class LearningRate:
+    """`start`, times `decay_factor` at each of the shares `decay_at` of the epochs."""
+
+    start: float
+    decay_at: tuple[float, ...]
+    decay_factor: float
+
+
+@dataclass(frozen=True)
+class Labels:
+    """What the loss compares: `y` (T, m), NaN where not measured, and how it comes from the states.
+
+    `mix` (m, measured states) makes labels of the measured states: the identity, and a row for the torsion.
+    """
+
+    names: tuple[str, ...]
+    y: Array
+    mix: Array
+    states: np.ndarray
+
+
+def make_labels(data: FitData, torsion: bool) -> Labels:
+    """Labels of a record, with the torsion (at the start value of N) where both angles are measured states.
+
+    A label that is zero throughout is left out: Eq 2 gives it no finite weight.
+    """
+    # From the recording and not from data.y, which leaves out readings that repeat exactly: a loss that
+    # estimates no noise takes no harm from them, and the steady state of a step is one.
+    every = np.column_stack([data.recording[name] for name in data.labels])
+    used = [k for k in range(len(data.labels)) if np.any(np.nan_to_num(every[:, k]) != 0.0)]
+    names = tuple(data.labels[k] for k in used)
+    mix, y = np.eye(len(names)), every[:, used]
+    if torsion and {"motor_position", "link_position"} <= set(names):
+        motor, link = names.index("motor_position"), names.index("link_position")
+        ratio = data.p[data.model.parameter_names.index("N")]
+        y = np.column_stack([y, y[:, motor] / ratio - y[:, link]])
+        mix, names = np.vstack([mix, mix[motor] / ratio - mix[link]]), (*names, TORSION)
+    return Labels(names, y, mix, data.label_states[used])
+
+
+def train(
+    net: HPinn,
+    data: FitData,
+    labels: Labels,
+    x0: Array,
+    epochs: int,
+    rates: LearningRate,
+    tell: Callable[[str], None] = lambda _: None,
+) -> tuple[list[float], bool]:
+    """RMSProp with piecewise constant learning rate (paper section III), constraints after every step.
+
+    Leaves the weights of the best epoch in `net`. Returns the loss of each epoch and whether all were finite.
+    """
+    # Keras defaults of RMSprop, which the paper used: forgetting factor and epsilon differ from torch's.
+    optimizer = torch.optim.RMSprop([net.weight], lr=rates.start, alpha=0.9, eps=1e-7)
+    milestones = [round(share * epochs) for share in rates.decay_at]
+    schedule = torch.optim.lr_scheduler.MultiStepLR(optimizer, milestones, rates.decay_factor)
+    weights, y = torch.from_numpy(label_weights(labels.y)), torch.from_numpy(labels.y)
+    mix, start, history = torch.from_numpy(labels.mix), torch.from_numpy(x0), list[float]()
+    best, finite = net.weight.detach().clone(), True
+    for epoch in range(epochs):
+        loss = wmse(net(start, data.time, data.u)[:, labels.states] @ mix.T, y, weights)
+        (net.weight.grad,) = torch.autograd.grad(loss, [net.weight])
+        finite = bool(torch.isfinite(loss) & torch.isfinite(net.weight.grad).all())
+        if not finite:
+            break
+        if loss.item() < min(history, default=np.inf):
+            best = net.weight.detach().clone()
+        history.append(loss.item())
+        if epoch % 50 == 0:
+            tell(f"epoch {epoch} of {epochs}, loss {history[-1]:.3g}")
+        optimizer.step()
+        schedule.step()
+        net.project()
+    with torch.no_grad():
+        net.weight.copy_(best)
+    return history, finite

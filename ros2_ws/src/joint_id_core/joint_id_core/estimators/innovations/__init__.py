@@ -1,0 +1,1 @@
+"""The default estimator: maximum likelihood with the innovations form of the RK4 network."""

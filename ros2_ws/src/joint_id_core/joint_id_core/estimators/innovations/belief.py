@@ -1,0 +1,93 @@
+"""What is believed of the free parameters: a Gaussian in estimation coordinates.
+
+Coordinates z are the logarithm of positive parameters and the plain value of the others.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from joint_id_core.data.recording import Array
+from joint_id_core.estimators.shared.fit_data import FitData
+from joint_id_core.models import Model
+from joint_id_core.results.estimate import Estimate
+
+
+class Coordinates:
+    """Maps between physical values of the free parameters and z, and keeps z within the bounds.
+
+    `priors` are standard deviations that replace the spreads of the model's table, in the same sense.
+    """
+
+    def __init__(self, model: Model, free: tuple[str, ...], priors: Mapping[str, float] | None = None) -> None:
+        rows = {row.name: row for row in model.parameters}
+        table = [
+            (
+                row.positive,
+                _logarithm(row.lower) if row.positive else row.lower,
+                _logarithm(row.upper) if row.positive else row.upper,
+                priors.get(row.name, row.spread) if priors else row.spread,
+            )
+            for row in (rows[name] for name in free)
+        ]
+        positive, self.lower, self.upper, self.spread = np.array(table).T
+        self.positive = positive > 0.0
+        self.unit = np.where(self.positive, 1.0, self.spread)  # of a step: a factor e, or a spread
+
+    def z(self, values: Array) -> Array:
+        """Coordinates of physical values."""
+        return np.where(self.positive, np.log(np.where(self.positive, values, 1.0)), values)
+
+    def values(self, z: Array) -> Array:
+        """Physical values."""
+        return np.where(self.positive, np.exp(np.where(self.positive, z, 0.0)), z)
+
+    def slope(self, z: Array) -> Array:
+        """d value / d z."""
+        return np.where(self.positive, self.values(z), 1.0)
+
+    def clip(self, z: Array) -> Array:
+        """Nearest point within the bounds."""
+        return np.clip(z, self.lower, self.upper)
+
+    def at_bound(self, z: Array) -> NDArray[np.bool_]:
+        """Which coordinates sit on a bound."""
+        return (z <= self.lower) | (z >= self.upper)
+
+    def held(self, z: Array, g: Array) -> NDArray[np.bool_]:
+        """Which coordinates sit on a bound and would leave it along g."""
+        return ((z <= self.lower) & (g < 0.0)) | ((z >= self.upper) & (g > 0.0))
+
+
+def _logarithm(bound: float) -> float:
+    """Of a bound of a positive parameter, which may be none."""
+    return math.log(bound) if bound > 0.0 else -math.inf
+
+
+@dataclass(frozen=True)
+class Belief:
+    """A Gaussian belief: mean (k,) and precision (k, k) in coordinates of the `names`."""
+
+    names: tuple[str, ...]
+    mean: Array
+    precision: Array
+
+    @classmethod
+    def before_data(cls, data: FitData, coordinates: Coordinates) -> Belief:
+        """The start values with the spreads of the coordinates."""
+        start = [data.p[data.model.parameter_names.index(n)] for n in data.free]
+        return cls(data.free, coordinates.z(np.array(start)), np.diag(np.power(coordinates.spread, -2.0)))
+
+    @classmethod
+    def after(cls, estimate: Estimate, coordinates: Coordinates, inflation: float = 1.0) -> Belief:
+        """An estimate as the prior of later data, its covariance times `inflation` (forgetting)."""
+        values = estimate.values
+        z = coordinates.z(np.array([values[n] for n in estimate.free]))
+        scale = 1.0 / coordinates.slope(z)
+        covariance = estimate.covariance * np.outer(scale, scale) * inflation
+        return cls(estimate.free, z, np.asarray(np.linalg.inv(covariance), dtype=float))

@@ -1,0 +1,68 @@
+"""Down to the largest likelihood, from where the Gauss-Newton iteration stalled.
+
+That iteration follows the estimating equation, which leaves out that the gain depends on the parameters. Where the
+model lacks something its step may lead uphill, and the point at which it then stops is one of many, chosen by rounding.
+The likelihood has a minimum there that does not depend on the way to it: it is found with slopes by differences.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import Bounds, minimize
+
+from joint_id_core.data.recording import Array
+from joint_id_core.estimators.innovations.gauss_newton import Cost, Minimum, way_left
+from joint_id_core.estimators.innovations.noise import NoiseLevels
+
+DIFFERENCE = 1e-3  # in standard deviations: the cost has 10 digits, and is smooth over far more
+ENOUGH = 0.01  # change of half the cost at which the search ends: 0.14 standard deviations
+MOST_ITERATIONS = 40
+REACH = 4.0  # a factor 55 in a positive parameter or a variance; a step that tries more has lost its way
+LEAST_INFORMATION = 0.1  # on the logarithm of a noise level, so that one which nothing shows is not moved far
+BLOWN_UP = 1e4  # above the start: half the cost where the path blows up
+
+
+def passes_each(found: Minimum) -> int:
+    """Passes that an iteration takes, as a rule: one for every slope, and two along the step."""
+    return len(found.z) + len(found.levels) + 2
+
+
+def most_likely(cost: Cost, bounds: NoiseLevels, found: Minimum, iterations: int) -> Minimum:
+    """The minimum of the cost near `found`, over coordinates and noise levels within their bounds, by sequential
+    least squares programming (Kraft, DFVLR-FB 88-28, 1988). Its steps a sample are those of `found`.
+
+    After so many `iterations` it ends with the best that it has seen.
+    """
+    if iterations < 1:
+        return found
+    count = len(found.z)
+    coordinates = cost.coordinates
+    _, information = cost.recursion.noise_information(cost.recursion.renewed(found.last))
+    unit = np.concatenate([np.diag(found.hessian), np.maximum(np.diag(information), LEAST_INFORMATION)]) ** -0.5
+    start = np.concatenate([found.z, np.log(found.levels)])
+    reach = REACH * np.concatenate([coordinates.unit, np.ones_like(found.levels)])
+    lower = np.maximum(start - reach, np.concatenate([coordinates.lower, np.log(bounds.lower)]))
+    upper = np.minimum(start + reach, np.concatenate([coordinates.upper, np.log(bounds.upper)]))
+    best = found
+
+    def half_cost(x: Array) -> float:
+        nonlocal best
+        y = np.clip(start + unit * x, lower, upper)
+        here = cost.at(y[:count], np.exp(y[count:]), found.last.steps)
+        if here is None:
+            return 0.5 * found.cost + BLOWN_UP
+        if here.cost < best.cost:
+            best = here
+        return 0.5 * here.cost
+
+    ended = minimize(
+        half_cost, np.zeros_like(start), method="SLSQP",
+        bounds=Bounds((lower - start) / unit, (upper - start) / unit),
+        options={"eps": DIFFERENCE, "ftol": ENOUGH, "maxiter": min(iterations, MOST_ITERATIONS)},
+    )  # fmt: skip
+    return replace(
+        best, settled=found.settled or bool(ended.success), iterations=found.iterations + int(ended.nit),
+        left=way_left(best, coordinates),
+    )  # fmt: skip

@@ -1,0 +1,181 @@
+"""What a slightly wrong model leaves in the residuals, and what it does to the estimates.
+
+A score (Lagrange multiplier) test (Breusch & Pagan 1980; Ljung, System Identification, 2nd ed., section 16.5): would
+a small torque of a given shape, added to the drive or to the load, explain the residuals? Shapes are those that joint
+models most often lack. A torque that is found stands for a bias of the estimates, whose square goes into their
+covariance: already where it is no more than likely, since a bias that hardly shows in the residuals may still be large.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from joint_id_core.data.recording import Array
+from joint_id_core.estimators.innovations.belief import Coordinates
+from joint_id_core.estimators.innovations.gauss_newton import Minimum
+from joint_id_core.estimators.innovations.recursion import Pass, Recursion
+from joint_id_core.estimators.shared.fit_data import FitData
+
+LIKELY = 2.0  # standard deviations of a shape's size from which its bias is counted; a right model shows 5 % of them
+CREDIBLE = 3.0  # the same for noise of a sensor, whose bias does not shrink with the size that is found
+SIGNIFICANT = 4.0  # from which it is told; one in 16,000
+OWN_SHARE = 0.15  # of the information on a shape that the parameters must leave it: else they stand for it themselves
+MOST = 2  # shapes that are taken together: more of them cancel each other, and their bias grows without end
+FORESEEN = (-1.0, 1.0, 0.5, 0.0, -0.5)  # straight line through the last four samples, minus the present one
+TINY = 1e-300
+LOW_SPEED = 0.1  # of the rms speed, below which friction rises in the shape of the Stribeck effect
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A torque that may be missing: its name, what to do about it, the input it acts on, its course (T,).
+
+    With `sensor` it is noise of the input's sensor, which moves nothing: its size is positive then.
+    """
+
+    name: str
+    advice: str
+    channel: int
+    course: Array
+    sensor: bool = False
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Shapes that may be there, each with its size in standard deviations, and what they add to the covariance of the
+    coordinates, (k, k): the squares of their bias."""
+
+    found: tuple[tuple[Shape, float], ...]
+    excess: Array
+
+    @property
+    def text(self) -> str:
+        """In words; empty where nothing is significant."""
+        parts = [f"{s.name} ({size:.0f} sigma: {s.advice})" for s, size in self.found if size > SIGNIFICANT]
+        if not parts:
+            return ""
+        return f"the residuals show {' and '.join(parts)}; the standard deviations contain what that may do"
+
+
+def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
+    """Torques that the model may lack, along the filtered path `states` (T, n) with all parameters `p`."""
+    model, value = data.model, dict(zip(data.model.parameter_names, p.tolist(), strict=True))
+    names, inputs = model.state_names, model.input_names
+    known = dict(zip((*inputs, *names), np.concatenate([data.u, states], axis=1).T.copy(), strict=True))
+    drive = next((inputs.index(n) for n in ("torque", "current") if n in inputs), None)
+    load = inputs.index("external_torque") if "external_torque" in inputs else drive
+    found = []
+    for velocity, smoothing in model.smoothing.items():
+        channel = drive if velocity.startswith("motor") and drive is not None else load
+        if channel is None:
+            continue
+        w, side = known[velocity], velocity.split("_")[0]
+        size = np.abs(w)
+        speed = math.sqrt(float(w @ w) / len(w)) or 1.0
+        rise = np.tanh(w / max(value[smoothing], 0.01 * speed)) * np.exp(size * (-1.0 / (LOW_SPEED * speed)))
+        found.append(
+            Shape(f"friction at the {side} that changes at low speed", "try --friction stribeck", channel, rise)
+        )
+        text = f"friction at the {side} that bends with speed"
+        found.append(Shape(text, "try --friction eyring", channel, w * size))
+    if "link_position" in names and load is not None and "a_g" not in value:
+        q = known["link_position"]
+        found.append(Shape("a load that goes with the angle", "try --gravity", load, q - q.mean()))
+    if drive is not None and "tau_0" not in value:
+        found.append(Shape("a constant torque", "try --offsets", drive, np.ones(len(states))))
+    if drive is not None:
+        # Noise of the drive itself is independent of what is recorded, a sensor's is part of it. Only the past may
+        # say what was to be expected: what follows is a controller's answer to the drive's own noise.
+        name, values = inputs[drive], known[inputs[drive]]
+        surprise = np.zeros(len(values))
+        surprise[len(FORESEEN) - 1 :] = np.correlate(values, FORESEEN[::-1], "valid")
+        text, advice = f"noise in the recorded {name} that does not move the joint", f"record the commanded {name}"
+        found.append(Shape(text, advice, drive, surprise, sensor=True))
+    sides = {"motor_position", "link_position", "motor_velocity"}
+    if sides <= known.keys() and drive is not None and "k_2" not in data.free:
+        twist = known["motor_position"] / value["N"] - known["link_position"]
+        twist -= twist.mean()
+        text, cubic = "a spring that is not linear as the model has it", twist * twist * twist
+        found.append(Shape(text, "try --free k_2", drive, cubic))
+    return found
+
+
+def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last: Pass) -> Misfit:
+    """Test the residuals of a fit for the shapes, the most significant one first, each beside those before.
+
+    `last` is its latest pass.
+    """
+    data = recursion.data
+    p = recursion.values(coordinates.values(found.z))
+    candidates = shapes(data, last.states, p)
+    none = Misfit((), np.zeros_like(found.hessian))
+    if not candidates:
+        return none
+    channel = np.array([s.channel for s in candidates], dtype=np.int64)
+    course = np.array([s.course for s in candidates]).T
+    cross, total, score = recursion.disturbances(last, channel, course)
+    # a shape of no size has no scale
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(total), TINY))
+    slope = coordinates.slope(found.z)
+    cross = slope[:, None] * cross * scale
+    total = scale[:, None] * total * scale
+    projected = cross.T @ found.inverse
+    M = total - projected @ cross
+    a = scale * score - projected @ (slope * last.gradient)
+    enough = CREDIBLE * np.sqrt(np.maximum(np.diag(M), 0.0))
+    possible = [k for k, s in enumerate(candidates) if not s.sensor or a[k] > enough[k]]
+    taken: list[int] = []
+    sizes: list[float] = []
+    for _ in range(min(MOST, len(possible))):
+        best, size = _most_significant(M, a, np.diag(total), possible, taken)
+        if size < LIKELY:
+            break
+        taken.append(best)
+        sizes.append(size)
+    if not taken:
+        return none
+    torques = [k for k in taken if not candidates[k].sensor]
+    bias = found.inverse @ cross[:, torques] @ np.linalg.solve(M[np.ix_(torques, torques)], a[torques])
+    excess = np.outer(bias, bias)
+    for k in set(taken).difference(torques):
+        bias = found.inverse @ _attenuation(recursion, coordinates, found, candidates[k].channel, last)
+        excess += np.outer(bias, bias)
+    return Misfit(tuple((candidates[k], size) for k, size in zip(taken, sizes, strict=True)), excess)
+
+
+def _attenuation(recursion: Recursion, coordinates: Coordinates, found: Minimum, channel: int, last: Pass) -> Array:
+    """What noise of an input's sensor does to the score of the coordinates, (k,): as much as the same again would.
+
+    Simulation extrapolation (Cook & Stefanski, J. Am. Stat. Assoc. 89, 1994). Noise and its negative are added, so that
+    only what is of second order in them remains, which is the bias. Zero where the path does not stand the noise.
+    """
+    data = recursion.data
+    level = found.levels[len(data.labels) + channel]
+    noise = np.sqrt(level) * np.random.default_rng(0).standard_normal(len(data.time))
+    scores = []
+    for more in (noise, -noise):
+        u = data.u.copy()
+        u[:, channel] += more
+        noisier = recursion.with_inputs(u).run(last.free, last.levels, last.steps)
+        if not np.isfinite(noisier.cost):
+            return np.zeros_like(found.z)
+        scores.append(noisier.gradient)
+    return np.asarray((0.5 * (scores[0] + scores[1]) - last.gradient) * coordinates.slope(found.z))
+
+
+def _most_significant(M: Array, a: Array, total: Array, possible: list[int], taken: list[int]) -> tuple[int, float]:
+    """Index and size, in standard deviations, of the shape that explains most beside those already taken."""
+    rest = [k for k in possible if k not in taken]
+    sizes = []
+    for k in rest:
+        if taken:
+            block = np.linalg.solve(M[np.ix_(taken, taken)], np.column_stack([M[taken, k], a[taken]]))
+            information, score = M[k, k] - M[k, taken] @ block[:, 0], a[k] - M[k, taken] @ block[:, 1]
+        else:
+            information, score = M[k, k], a[k]
+        sizes.append(abs(score) / np.sqrt(information) if information > OWN_SHARE * total[k] > 0.0 else 0.0)
+    best = int(np.argmax(sizes))
+    return rest[best], float(sizes[best])

@@ -1,0 +1,183 @@
+"""One pass of the innovations form over a record: cost, gradient, Gauss-Newton matrix, and what shows the noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from joint_id_core.cell.kernel import Kernel
+from joint_id_core.cell.rollout import Steps
+from joint_id_core.data.recording import Array
+from joint_id_core.errors import JointIdError
+from joint_id_core.estimators.shared.fit_data import FitData
+from joint_id_core.estimators.shared.initial_state import start_state
+
+# Variance that each state gains a sample beside the input noise, relative to the square of its range.
+# It only keeps the covariance positive when an input is exact.
+STATE_NOISE = 1e-18
+
+# Longest gap, in samples, over which the state is carried on. The input in between is not known: after a longer one
+# (a connection that was cut) the record begins anew, with the same parameters.
+LONGEST_GAP = 5
+
+
+@dataclass(frozen=True)
+class Pass:
+    """Result of one pass. Gradient and matrix are by the physical values of the free parameters.
+
+    Attributes:
+        cost: sum of e^2/S + log S over all labels.
+        errors, variances: innovations e and their variances S, shape (T, labels); 0 and 1 where a label is missing.
+        hessian: Gauss-Newton matrix, shape (free, free): sum s s', s the derivative of a predicted label over sqrt(S).
+        gradient: sum s e/sqrt(S), minus half the slope of the cost, shape (free,).
+        states: filtered states, shape (T, n).
+        free, levels, steps: what it was run with.
+    """
+
+    cost: float
+    errors: Array
+    variances: Array
+    hessian: Array
+    gradient: Array
+    states: Array
+    free: Array
+    levels: Array
+    steps: Steps
+
+    @cached_property
+    def residuals(self) -> Array:
+        """Normalised innovations e/sqrt(S), shape (T, labels), 0 where a label is missing."""
+        return np.asarray(self.errors / np.sqrt(self.variances))
+
+
+class Recursion:
+    """The compiled innovations recursion on fixed data, called with parameters and noise levels.
+
+    Noise levels are variances, those of the labels (R) before those of the inputs (q): shape (labels + inputs,).
+    """
+
+    def __init__(self, data: FitData, kernel: Kernel) -> None:
+        self.data = data
+        self.kernel = kernel
+        self._columns = np.array([kernel.sensitive.index(name) for name in data.free])
+        self.index = np.array([data.model.parameter_names.index(name) for name in data.free])
+        self._after = np.flatnonzero(data.gap > LONGEST_GAP) + 1
+        self._begin = np.full(len(data.time), -1, dtype=np.int64)
+        self._begin[self._after] = np.arange(len(self._after))
+        self.start_near(None)
+        T, n, m = len(data.time), len(self.x0), len(data.labels)
+        self._K, self._F = np.empty((T, m, n)), np.empty((T, n, n + data.u.shape[1]))
+        self._C = np.empty((T, m, n) if data.model.label_delays else (1, 1, 1))
+        self._J = np.empty((T, m, len(kernel.sensitive)))
+        self._F[-1] = 0.0
+        self._latest: Pass | None = None
+
+    def start_near(self, p: Array | None) -> None:
+        """Take the starts of the record, and after its long gaps, for parameters `p` (all of them) near the truth."""
+        self._near = p
+        self.x0, spread = start_state(self.data, 0, p)
+        self.P0, self.Q_x = np.diag(spread**2), STATE_NOISE * spread**2
+        starts = [start_state(self.data, int(k), p) for k in self._after] or [(self.x0, spread)]
+        self._X0 = np.array([mean for mean, _ in starts])
+        self._V0 = np.array([spread for _, spread in starts]) ** 2
+
+    def with_inputs(self, u: Array) -> Recursion:
+        """The same recursion on other inputs, shape (T, inputs)."""
+        other = Recursion(replace(self.data, u=u), self.kernel)
+        other.start_near(self._near)
+        return other
+
+    def values(self, free: Array) -> Array:
+        """All parameter values with the free ones put in."""
+        p = self.data.p.copy()
+        p[self.index] = free
+        return p
+
+    def run(self, free: Array, levels: Array, substeps: int | Steps) -> Pass:
+        """One pass at the physical values `free`; its cost is not finite where the path blew up."""
+        a = self.data
+        T, m, k = len(a.time), len(a.labels), len(self.kernel.sensitive)
+        X, e, S = np.empty((T, len(self.x0))), np.empty((T, m)), np.empty((T, m))
+        H, g = np.empty((k, k)), np.empty(k)
+        steps = substeps if isinstance(substeps, np.ndarray) else np.full(T, substeps, dtype=np.int64)
+        cost = self.kernel.module.innovations(
+            self.x0, self.P0, self._begin, self._X0, self._V0, a.time, a.u, a.y, a.label_states, a.gap,
+            levels[:m], levels[m:], self.Q_x, self.values(free), steps, X, e, S, self._K, self._F, self._C, self._J,
+            H, g,
+        )  # fmt: skip
+        self._latest = Pass(
+            float(cost), e, S, H[self._columns[:, None], self._columns], g[self._columns], X, free, levels, steps
+        )
+        return self._latest
+
+    def disturbances(self, result: Pass, channel: NDArray[np.int64], course: Array) -> tuple[Array, Array, Array]:
+        """How disturbances of inputs would move the predicted labels, beside the free parameters and the residuals.
+
+        Args:
+            result: the latest pass.
+            channel: input that each disturbance is added to, shape (D,).
+            course: in the unit of the input, shape (T, D).
+
+        Returns:
+            With the responses d of the predicted labels over sqrt(S) by the size of each disturbance, s those by the
+            physical values of the free parameters, r the residuals: sum s d' (free, D), sum d d' (D, D), sum d r (D,).
+
+        Raises:
+            JointIdError: `result` is not the latest pass; more disturbances than the kernel has columns for.
+        """
+        self._require_latest(result)
+        a, count, most = self.data, len(channel), self.kernel.gains.CD
+        if count > most:
+            raise JointIdError(f"{count} disturbances: their responses are computed for at most {most} at once")
+        padded, inputs = np.zeros((len(a.time), most)), np.zeros(most, dtype=np.int64)
+        padded[:, :count], inputs[:count] = course, channel
+        cross, total, score = np.empty((self._J.shape[2], most)), np.empty((most, most)), np.empty(most)
+        self.kernel.gains.disturbances(
+            a.y, a.label_states, self._begin, result.errors, result.variances, self._K, self._F, self._C, self._J,
+            inputs, padded, cross, total, score,
+        )  # fmt: skip
+        return cross[self._columns, :count], total[:count, :count], score[:count]
+
+    def since(self, result: Pass, first: int) -> tuple[Array, Array]:
+        """Gauss-Newton matrix and gradient as in `Pass`, of the samples from `first` on alone.
+
+        Raises:
+            JointIdError: `result` is not the latest pass.
+        """
+        self._require_latest(result)
+        J = self._J[first:].reshape(-1, self._J.shape[2])[:, self._columns]
+        return J.T @ J, J.T @ result.residuals[first:].ravel()
+
+    def scores(self, result: Pass) -> Array:
+        """What each sample adds to the gradient, shape (T, free), by the physical values of the free parameters.
+
+        Raises:
+            JointIdError: `result` is not the latest pass.
+        """
+        self._require_latest(result)
+        return np.asarray(np.einsum("tkp,tk->tp", self._J, result.residuals)[:, self._columns])
+
+    def renewed(self, result: Pass) -> Pass:
+        """`result` as the latest pass, of which more is known than it holds: run again if another has come since."""
+        return result if result is self._latest else self.run(result.free, result.levels, result.steps)
+
+    def _require_latest(self, result: Pass) -> None:
+        if result is not self._latest:
+            raise JointIdError("this is known of the latest pass only: run it again")
+
+    def noise_information(self, result: Pass) -> tuple[Array, Array]:
+        """Score (L,), minus half the slope of the cost, and information matrix (L, L), by the logarithms of the levels.
+
+        Raises:
+            JointIdError: `result` is not the latest pass, whose gains are kept.
+        """
+        self._require_latest(result)
+        a, levels = self.data, result.levels
+        score, matrix = np.empty_like(levels), np.empty((len(levels), len(levels)))
+        self.kernel.gains.noise_information(
+            a.y, a.label_states, self._begin, result.errors, result.variances, self._K, self._F, self._C, score, matrix
+        )
+        return score * levels, matrix * np.outer(levels, levels)

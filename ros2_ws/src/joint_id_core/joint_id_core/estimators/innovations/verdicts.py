@@ -1,0 +1,197 @@
+"""What this data can and cannot show, and whether the model describes it at all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from joint_id_core.data.recording import Array
+from joint_id_core.estimators.shared.fit_data import FitData
+from joint_id_core.models import Model
+from joint_id_core.results.estimate import (
+    NOT_EXCITED_RATIO,
+    PRIOR_RATIO,
+    STRONG_CORRELATION,
+    ParameterEstimate,
+    Status,
+    Verdict,
+)
+
+if TYPE_CHECKING:
+    from joint_id_core.estimators.innovations.belief import Coordinates
+    from joint_id_core.estimators.innovations.gauss_newton import Minimum
+
+# Lag-one autocorrelation of the innovations beyond which the standard deviations cannot be trusted.
+COLOURED = 0.3
+# Mean squared normalised innovation beyond which even the largest credible noise does not explain them.
+MOST_CHI2 = 1.5
+# Predictions that miss by as much as a constant would.
+POOR_NRMSE = 1.0
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What the data and the prior say of one parameter, with the reason in words.
+
+    `together` is what is known instead of a parameter that enters only in combination.
+    """
+
+    verdict: Verdict
+    reason: str
+    together: str = ""
+
+
+def verdicts(
+    model: Model,
+    free: tuple[str, ...],
+    covariance_z: Array,
+    coordinates: Coordinates,
+    z: Array,
+    together: Mapping[str, str] | None = None,
+) -> dict[str, Shown]:
+    """A verdict for every parameter, from the ratio of posterior to prior standard deviation.
+
+    The prior is the spread of the model's table, also when the estimate was warm-started. `together` names, by
+    parameter, what is known in place of one that enters only in combination.
+    """
+    deviation = np.sqrt(np.diag(covariance_z))
+    correlation = covariance_z / (deviation[:, None] * deviation)
+    correlation.flat[:: len(free) + 1] = 0.0
+    partners = np.abs(correlation).argmax(axis=1)
+    strongest = correlation[np.arange(len(free)), partners].tolist()
+    ratio, bounds = (deviation / coordinates.spread).tolist(), coordinates.at_bound(z).tolist()
+    place, held = {name: i for i, name in enumerate(free)}, Shown(Verdict.FIXED, "held at this value")
+    found = {}
+    for row in model.parameters:
+        name, apart = row.name, ""
+        if name not in place:
+            found[name] = held
+            continue
+        i = place[name]
+        r = ratio[i]
+        if abs(strongest[i]) > STRONG_CORRELATION:
+            apart = f"; it is hard to tell from {free[partners[i]]} (correlation {strongest[i]:+.3f})"
+        if together and name in together:
+            found[name] = Shown(Verdict.PRIOR, f"it enters only in combination: {together[name]}", together[name])
+        elif bounds[i]:
+            end, side = (row.lower, "lower") if z[i] <= coordinates.lower[i] else (row.upper, "upper")
+            found[name] = Shown(Verdict.AT_BOUND, f"the data pull it beyond its {side} bound {end:g} {row.unit}")
+        elif r > NOT_EXCITED_RATIO:
+            found[name] = Shown(Verdict.NOT_EXCITED, f"this motion does not show it{apart}")
+        elif r > PRIOR_RATIO:
+            text = f"the data narrow what was believed before only {1 / r:.2g} times"
+            if row.positive:
+                upper = float(coordinates.values(z)[i] * np.exp(2.0 * deviation[i]))
+                text += f": it lies below about {upper:.2g} {row.unit}, more is not known"
+            found[name] = Shown(Verdict.PRIOR, text + apart)
+        else:
+            found[name] = Shown(Verdict.ESTIMATED, f"the data narrow what was believed before {1 / r:.2g} times{apart}")
+    return found
+
+
+def table(
+    model: Model, free: tuple[str, ...], p: Array, covariance: Array, rows: Mapping[str, Shown], initial: Array
+) -> tuple[ParameterEstimate, ...]:
+    """All parameters: values `p`, deviations from the covariance of the `free` ones, verdicts, start values."""
+    std = dict(zip(free, np.sqrt(np.diag(covariance)).tolist(), strict=True))
+    return tuple(
+        ParameterEstimate(q.name, q.unit, v, std.get(q.name, math.nan), rows[q.name].verdict, v0, rows[q.name].reason)
+        for q, v, v0 in zip(model.parameters, p.tolist(), initial.tolist(), strict=True)
+    )
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Statistics of the normalised innovations, and the reasons why they do not look like noise."""
+
+    chi2: float
+    whiteness: dict[str, float]
+    reasons: tuple[str, ...]
+
+
+def explained(data: FitData, residuals: Array) -> Residuals:
+    """Test normalised innovations (T, labels): mean square and lag-one autocorrelation."""
+    observed = sum(len(row) for row in data.rows)
+    chi2 = float(np.vdot(residuals, residuals)) / max(1, observed)  # zero where there is no label
+    whiteness = {}
+    for k, (name, row) in enumerate(zip(data.labels, residuals.T.copy(), strict=True)):
+        e = row if len(data.rows[k]) == len(row) else row[data.present[:, k]]
+        energy = float(e @ e)
+        whiteness[name] = float(e[1:] @ e[:-1]) / energy if energy > 0 else 0.0
+    reasons = []
+    worst = max(whiteness, key=lambda n: abs(whiteness[n]))
+    if abs(whiteness[worst]) > COLOURED:
+        reasons.append(f"residuals of {worst} are not white (lag-one autocorrelation {whiteness[worst]:.2f})")
+    if chi2 > MOST_CHI2:
+        reasons.append(f"prediction errors are {np.sqrt(chi2):.1f} times what the sensors' noise allows")
+    return Residuals(chi2, whiteness, tuple(reasons))
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Status of a fit with its reason in words, and the residual statistics behind it."""
+
+    status: Status
+    message: str
+    residuals: Residuals
+
+
+def idle_drives(data: FitData, q: Array) -> list[str]:
+    """Reasons for which a drive explains none of the motion: its noise, variance `q` (inputs,), exceeds itself."""
+    reasons = []
+    for signal, values, variance in zip(data.model.inputs, data.u.T, q, strict=True):
+        power = float(values @ values) / len(values)
+        if signal.hold == "zero" and 0.0 < power < variance:
+            noise, rms = f"{np.sqrt(variance):.2g} {signal.unit}", f"{np.sqrt(power):.2g} {signal.unit}"
+            reasons.append(
+                f"the recorded {signal.name} (rms {rms}) does not cause this motion (it would need noise of {noise})"
+            )
+    return reasons
+
+
+def judge(
+    data: FitData,
+    found: Minimum,
+    nrmse: Mapping[str, float],
+    rows: Mapping[str, Shown],
+    warnings: Sequence[str] = (),
+    doubt: str = "",
+) -> Judgement:
+    """Decide how the fit ended: converged, not converged, or converged to a model that does not describe the data.
+
+    `warnings` are added to the message; a `doubt` about the minimum is a reason against the fit.
+    """
+    residuals = explained(data, found.last.residuals)
+    reasons = [*residuals.reasons, *idle_drives(data, found.levels[len(data.labels) :])]
+    poor = {n: v for n, v in nrmse.items() if v > POOR_NRMSE}
+    if poor:
+        worst = max(poor, key=lambda n: poor[n])
+        reasons.append(f"predictions of {worst} miss by {100 * poor[worst]:.0f} % of its variation")
+    if doubt:
+        reasons.append(doubt)
+    if not found.settled:
+        status, message = Status.MAX_ITERATIONS, Status.MAX_ITERATIONS.advice
+    elif reasons:
+        status, message = Status.POOR_FIT, f"{'; '.join(reasons)}: {Status.POOR_FIT.advice}"
+    else:
+        status, message = Status.CONVERGED, "converged"
+    return Judgement(status, message + remarks(rows, warnings, data.dropped), residuals)
+
+
+def remarks(rows: Mapping[str, Shown], warnings: Sequence[str], dropped: int) -> str:
+    """What to add to the message of a fit: what is not known, and what else there is to know."""
+    text = ""
+    unseen = [n for n, v in rows.items() if v.verdict in (Verdict.NOT_EXCITED, Verdict.PRIOR) and not v.together]
+    if unseen:
+        text += f"; this motion does not show {', '.join(unseen)}"
+    for together in dict.fromkeys(v.together for v in rows.values() if v.together):
+        text += f"; this model shows only {together}: hold one of these parameters"
+    for warning in filter(None, warnings):
+        text += f"; {warning}"
+    if dropped:
+        text += f"; {dropped} samples without an input were left out"
+    return text

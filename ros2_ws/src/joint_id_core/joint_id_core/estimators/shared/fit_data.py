@@ -1,0 +1,259 @@
+"""A recording and a model turned into the arrays that an estimator works on, after all checks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from joint_id_core.data.recording import Array, Recording, any_finite
+from joint_id_core.errors import JointIdError
+from joint_id_core.filtering.offline import complete
+from joint_id_core.models import Model
+from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status, Verdict
+
+MIN_SAMPLES = 50  # fewer cannot carry a handful of parameters and their covariance
+
+
+class UnusableError(JointIdError):
+    """The data cannot be fitted; `status` says why. Estimators turn it into an `Estimate`."""
+
+    def __init__(self, status: Status, message: str) -> None:
+        super().__init__(message)
+        self.status = status
+
+
+@dataclass(frozen=True)
+class FitData:
+    """Arrays of one estimation.
+
+    Attributes:
+        model: the model to fit.
+        time: instants in s, shape (T,).
+        u: inputs, shape (T, inputs), without NaN.
+        y: labels, shape (T, labels), NaN where missing.
+        labels: their channel names; label_states (labels,): their index among the states.
+        p: start values of all parameters in the model's order.
+        free: names of the parameters to estimate.
+        period: typical step in s: their mean, or the median where there are gaps.
+        gap: shape (T,), number of missing samples before the next one.
+        dropped: samples left out because an input was missing.
+        recording: the recording with derived channels.
+    """
+
+    model: Model
+    time: Array
+    u: Array
+    y: Array
+    labels: tuple[str, ...]
+    label_states: np.ndarray
+    p: Array
+    free: tuple[str, ...]
+    period: float
+    gap: Array
+    dropped: int
+    recording: Recording
+
+    @property
+    def freed(self) -> tuple[str, ...]:
+        """Parameters to estimate that the model's table holds."""
+        held = {p.name for p in self.model.parameters if p.fixed}
+        return tuple(name for name in self.free if name in held)
+
+    @property
+    def noise_names(self) -> tuple[str, ...]:
+        """Names of the noise levels of a fit: labels, then inputs."""
+        return (*self.labels, *(f"input {name}" for name in self.model.input_names))
+
+    @cached_property
+    def present(self) -> NDArray[np.bool_]:
+        """Which labels were measured, shape (T, labels)."""
+        return np.isfinite(self.y)
+
+    @cached_property
+    def table(self) -> Array | None:
+        """The labels as rows, shape (labels, T); None where some are missing."""
+        return np.ascontiguousarray(self.y.T) if self.present.all() else None
+
+    @cached_property
+    def rows(self) -> tuple[Array, ...]:
+        """The values of each label that were measured, each contiguous."""
+        if self.table is not None:
+            return tuple(self.table)
+        return tuple(np.ascontiguousarray(y[seen]) for y, seen in zip(self.y.T, self.present.T, strict=True))
+
+    @cached_property
+    def span(self) -> Array:
+        """Largest minus smallest value of each label, shape (labels,); NaN where there is none."""
+        if self.table is not None:
+            return np.asarray(self.table.max(axis=1) - self.table.min(axis=1))
+        return np.array([float(row.max() - row.min()) if len(row) else math.nan for row in self.rows])
+
+    def part(self, first: int, last: int) -> FitData:
+        """The samples from `first` to before `last`."""
+        rows = {name: getattr(self, name)[first:last] for name in ("time", "u", "y", "gap")}
+        return replace(self, **rows)
+
+
+def split_parameters(
+    model: Model, values: Mapping[str, float], fixed: Collection[str], freed: Collection[str]
+) -> tuple[Array, tuple[str, ...]]:
+    """Start values of all parameters and the names of those to estimate.
+
+    Raises:
+        JointIdError: unknown name, value out of bounds, nothing left to estimate.
+    """
+    for name in (*fixed, *freed):
+        model.parameter(name)
+    start = model.values(values)
+    free = tuple(q.name for q in model.parameters if (not q.fixed or q.name in freed) and q.name not in fixed)
+    if not free:
+        raise JointIdError(f"model {model.name}: every parameter is fixed, there is nothing to estimate")
+    for row in model.parameters:
+        if row.name in free and row.positive and start[row.name] <= 0.0:
+            raise JointIdError(
+                f"parameter {row.name} starts at {start[row.name]:g}: a positive parameter needs a start above zero; "
+                f"give one with --set, or hold it with --fix {row.name}=0"
+            )
+    return np.array([start[n] for n in model.parameter_names]), free
+
+
+def prepare(
+    model: Model,
+    recording: Recording,
+    values: Mapping[str, float] | None = None,
+    fixed: Collection[str] = (),
+    freed: Collection[str] = (),
+) -> FitData:
+    """Check a recording against a model and lay out the arrays.
+
+    Samples without an input are dropped: the step before them becomes longer. Labels are measured states.
+
+    Raises:
+        UnusableError: too short, no motion, or a signal is missing.
+        JointIdError: misuse of parameter names or values.
+    """
+    values = dict(values or {})
+    p, free = split_parameters(model, values, fixed, freed)
+    if len(recording) < MIN_SAMPLES:
+        raise UnusableError(
+            Status.TOO_SHORT,
+            f"{recording.source} has {len(recording)} samples in this window, a fit needs {MIN_SAMPLES}: "
+            "record longer or widen the window",
+        )
+    if any(n not in recording for n in model.input_names if n not in model.optional_inputs):
+        recording = complete(recording)
+    for name, w_s in _smoothing(model, recording).items():
+        if name not in values:
+            p[model.parameter_names.index(name)] = w_s
+    columns = []
+    for name in model.input_names:
+        if name in recording and any_finite(recording[name]):
+            columns.append(recording[name])
+        elif name in model.optional_inputs:
+            columns.append(np.zeros(len(recording)))
+        else:
+            raise UnusableError(
+                Status.MISSING_SIGNAL,
+                f"{recording.source} has no {name}, an input of model {model.name}: it has "
+                f"{', '.join(recording.channels) or 'nothing'}; record it, rename a column to it (--map), "
+                "or use another model",
+            )
+    u = np.array(columns).T.copy()
+    usable = np.isfinite(u)
+    labels = tuple(n for n in model.state_names if recording.measured(n))
+    if not labels:
+        raise UnusableError(
+            Status.MISSING_SIGNAL,
+            f"{recording.source} measures none of the states of model {model.name} "
+            f"({', '.join(model.state_names)}): record at least one, or rename a column to it (--map)",
+        )
+    y, time = _without_frozen([recording[n] for n in labels]).T.copy(), np.ascontiguousarray(recording.time)
+    if not usable.all():
+        rows = usable.all(axis=1)
+        u, y, time = u[rows], y[rows], time[rows]
+    present = np.isfinite(y)
+    seen = len(y) if present.all() else int(np.count_nonzero(present.any(axis=1)))
+    if seen < MIN_SAMPLES:
+        raise UnusableError(
+            Status.TOO_SHORT,
+            f"{recording.source}: only {len(time)} samples have all inputs ({', '.join(model.input_names)}) and only "
+            f"{seen} of these a label ({', '.join(labels)}), a fit needs {MIN_SAMPLES}: look for missing values with "
+            "`joint-id info`",
+        )
+    steps = time[1:] - time[:-1]
+    period, gap = float(time[-1] - time[0]) / len(steps), np.zeros(len(time))
+    if steps.max() > 1.25 * period:  # there are gaps, or jitter as large
+        period = float(np.median(steps))
+        np.maximum(np.rint(steps / period) - 1.0, 0.0, out=gap[:-1])
+    index = np.array([model.state_names.index(n) for n in labels], dtype=np.int64)
+    dropped = len(recording) - len(time)
+    data = FitData(model, time, u, y, labels, index, p, free, period, gap, dropped, recording)
+    if not (data.span > 0.0).any():
+        raise UnusableError(
+            Status.NO_MOTION,
+            f"{recording.source}: {', '.join(labels)} did not change in this window: "
+            "move the joint, or check the sensor",
+        )
+    return data
+
+
+def _smoothing(model: Model, recording: Recording) -> dict[str, float]:
+    """Smoothing velocities for this record: a share of the peak, between a tenth of the table's value and all of it."""
+    found: dict[str, float] = {}
+    if not model.smoothing_share:
+        return found
+    for velocity, name in model.smoothing.items():
+        nominal = model.parameter(name).nominal
+        peak = _peak(recording, velocity)
+        if np.isfinite(peak):
+            found[name] = float(np.clip(model.smoothing_share * peak, 0.1 * nominal, nominal))
+    return found
+
+
+def _peak(recording: Recording, velocity: str) -> float:
+    """Largest speed in the record, from the position where it was not measured; NaN if neither was."""
+    if recording.measured(velocity):
+        return float(np.fmax.reduce(np.abs(recording[velocity])))
+    position = velocity.replace("velocity", "position")
+    if not recording.measured(position):
+        return float("nan")
+    known = np.isfinite(recording[position])
+    time, values = recording.time[known], recording[position][known]
+    if len(time) < 10:
+        return float("nan")
+    # Over eight samples, so that the resolution of an encoder is not taken for speed.
+    return float(np.max(np.abs((values[8:] - values[:-8]) / (time[8:] - time[:-8]))))
+
+
+def _without_frozen(signals: list[Array]) -> Array:
+    """The signals as rows, where zeros that a sensor repeats although it resolves far finer became NaN.
+
+    Robots report a velocity of exactly zero below a threshold. That is no measurement of zero, and taken
+    for one it makes the estimated noise of the sensor vanish. A quantised sensor is left as it is.
+    """
+    rows = np.array(signals)
+    changes = np.count_nonzero(rows[:, 1:] != rows[:, :-1], axis=1)
+    for k in np.flatnonzero(changes <= 0.98 * rows.shape[1] - 1.0):
+        row = rows[k]
+        steps = np.abs(row[1:] - row[:-1])
+        moving = steps[steps > 0.0]
+        if moving.size and float(np.min(moving)) <= 1e-3 * float(np.median(moving)):
+            row[1:][(steps == 0.0) & (row[1:] == 0.0)] = np.nan
+    return rows
+
+
+def unusable(model: Model, estimator: str, error: UnusableError, recording: Recording) -> Estimate:
+    """The estimate that stands for data that cannot be fitted: no values, the reason in `message`."""
+    rows = tuple(
+        ParameterEstimate(q.name, q.unit, q.nominal, float("nan"), Verdict.FIXED if q.fixed else Verdict.NOT_EXCITED)
+        for q in model.parameters
+    )
+    span = (float(recording.time[0]), float(recording.time[-1])) if len(recording) else (float("nan"), float("nan"))
+    return Estimate(
+        model.name, estimator, error.status, str(error), rows, start=span[0], end=span[1], samples=len(recording)
+    )

@@ -1,0 +1,36 @@
+"""Free runs: simulations that start again from the filtered state, a short way ahead of the data."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from joint_id_core.cell.kernel import Kernel
+from joint_id_core.cell.rollout import Steps, restarted
+from joint_id_core.data.recording import Array
+from joint_id_core.estimators.shared.fit_data import FitData
+
+
+def free_runs(
+    kernel: Kernel, data: FitData, states: Array, p: Array, substeps: int | Steps, horizon_s: float
+) -> dict[str, Array]:
+    """Labels predicted at most `horizon_s` ahead: simulations restarted from the filtered `states` (T, n)."""
+    block = max(1, round(horizon_s / data.period))
+    X = restarted(kernel, states[::block], block, data.time, data.u, p, substeps)
+    if data.model.label_delays:
+        states, X = X, np.empty_like(X)
+        kernel.module.observations(states, data.u, p, X)
+    return {name: X[:, k] for name, k in zip(data.labels, data.label_states, strict=True)}
+
+
+def nrmse(data: FitData, predictions: dict[str, Array]) -> dict[str, float]:
+    """Rms of prediction minus label over the label's standard deviation; NaN for a constant label."""
+    found = {}
+    for k, (name, y) in enumerate(zip(data.labels, data.rows, strict=True)):
+        predicted = predictions[name] if len(y) == len(data.y) else predictions[name][data.present[:, k]]
+        away, error = y - y.sum() / max(1, len(y)), predicted - y
+        spread = float(away @ away)
+        with np.errstate(over="ignore"):  # a prediction that blew up misses by an infinite amount
+            found[name] = math.sqrt(error @ error / spread) if spread > 0.0 else math.nan
+    return found

@@ -1,0 +1,193 @@
+"""What the estimator knows before the fit: the start state, its spread, and rough noise levels."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from joint_id_core.data.recording import Array
+from joint_id_core.estimators.shared.fit_data import FitData
+
+TWIST_SPREAD = 0.02  # rad: more than any harmonic drive twists, seen at the link
+TWIST_RATE_SPREAD = 0.5  # rad/s
+_PARTNER = {
+    "motor_position": ("link_position", TWIST_SPREAD),
+    "motor_velocity": ("link_velocity", TWIST_RATE_SPREAD),
+}
+
+
+def start_state(data: FitData, at: int = 0, p: Array | None = None) -> tuple[Array, Array]:
+    """Prior of the state at sample `at`, before its labels: mean (n,) and standard deviation (n,).
+
+    A measured state starts at its first label with a spread far above the label's own range, so that the
+    label is not counted twice. An unmeasured one starts from the other side of the gear, with the spread of
+    the twist, a velocity from the slope of its own position, or at zero with the spread that its signal is
+    known for. With parameters `p` that are near the truth, an unmeasured motor position is moved by the twist under
+    the drive of that moment.
+    """
+    model, recording = data.model, data.recording
+    ratio = data.p[model.parameter_names.index("N")] if "N" in model.parameter_names else 1.0
+    first = {}
+    for k, name in enumerate(data.labels):
+        nearest = at
+        if not np.isfinite(data.y[at, k]):
+            seen = np.flatnonzero(data.present[:, k])
+            if not seen.size:  # in a part of a record
+                continue
+            nearest = int(seen[min(int(np.searchsorted(seen, at)), len(seen) - 1)])
+        first[name] = (float(data.y[nearest, k]), 10.0 * float(data.span[k]) + 1e-9)
+    known = dict(first)
+    for k, name in enumerate(model.input_names):
+        known.setdefault(name, (float(data.u[at, k]), 0.0))
+    mean, spread = [], []
+    for signal in model.states:
+        name = signal.name
+        if name in first:
+            value, sd = first[name]
+        elif name in _PARTNER and _PARTNER[name][0] in known:
+            partner, sd = _PARTNER[name]
+            value, sd = ratio * known[partner][0], ratio * sd
+            if name == "motor_position" and p is not None:
+                value += ratio * _twist(data, at, p)
+        elif name.startswith("link_") and f"motor_{name[5:]}" in known:
+            sd = dict(_PARTNER.values()).get(name, signal.scale)
+            value = known[f"motor_{name[5:]}"][0] / ratio
+        elif name.endswith("velocity") and name.replace("velocity", "position") in first:
+            # Around a wrong velocity Coulomb friction is linearised wrongly, and the first labels then look impossible.
+            value, sd = _slope(data, name.replace("velocity", "position"), at), signal.scale
+        elif name in recording and np.isfinite(recording[name]).any():
+            finite = np.isfinite(recording[name])
+            nearest = int(np.argmin(np.abs(recording.time[finite] - data.time[at])))
+            value, sd = float(recording[name][finite][nearest]), signal.scale
+        else:
+            value, sd = 0.0, signal.scale
+        mean.append(value)
+        spread.append(sd)
+    return np.array(mean), np.array(spread)
+
+
+def _twist(data: FitData, at: int, values: Array) -> float:
+    """Twist in rad at which the spring of the gear balances the drive at sample `at`.
+
+    A cubic spring is several times stiffer under load than without: linearised at no twist the filter would take the
+    first labels for impossible.
+    """
+    model, names = data.model, data.model.parameter_names
+    p = dict(zip(names, values.tolist(), strict=True))
+    drive = next((n for n in ("torque", "current") if n in model.input_names), None)
+    if drive is None or not {"k_1", "k_2", "J_m", "c_m", "tau_fm", "N"} <= p.keys():
+        return 0.0
+    u = data.u[at : at + 4, model.input_names.index(drive)]
+    torque = float(np.mean(u)) * p.get("k_t", 1.0) - p.get("tau_0", 0.0)
+    if "motor_velocity" in data.labels:
+        w = data.y[at : at + 8, data.labels.index("motor_velocity")]
+        if np.isfinite(w).sum() > 1:
+            speed = float(np.nanmean(w))
+            torque -= p["c_m"] * speed + p["tau_fm"] * float(np.tanh(speed))
+            torque -= p["J_m"] * _slope(data, "motor_velocity", at)
+    load = p["N"] * torque
+    # monotone, and convex for either sign: Newton's method from the larger of two bounds goes down to the root
+    x = abs(load) / max(p["k_1"], 1e-12)
+    if p["k_2"] > 0.0:
+        x = min(x, (abs(load) / p["k_2"]) ** (1 / 3))
+    for _ in range(20):
+        x -= (p["k_1"] * x + p["k_2"] * x**3 - abs(load)) / max(p["k_1"] + 3.0 * p["k_2"] * x * x, 1e-12)
+    return float(np.clip(np.copysign(x, load), -TWIST_SPREAD, TWIST_SPREAD))
+
+
+def rough_states(data: FitData) -> Array:
+    """States at every sample, shape (T, n), as far as the record shows them without a model.
+
+    Labels; else what a filter derived; else the other side of the gear, the slope of the position, or the start.
+    """
+    model, recording, time = data.model, data.recording, data.time
+    ratio = data.p[model.parameter_names.index("N")] if "N" in model.parameter_names else 1.0
+    known = {name: data.u[:, k] for k, name in enumerate(model.input_names)}
+    for name in model.state_names:
+        if name in data.labels and len(data.rows[k := data.labels.index(name)]) == len(time):
+            known[name] = data.rows[k]
+        elif name in recording:
+            seen = np.isfinite(recording[name])
+            if len(seen) == len(time) and seen.all():
+                known[name] = recording[name]
+            elif seen.any():
+                known[name] = np.interp(time, recording.time[seen], recording[name][seen])
+    across = {f"motor_{n}": (f"link_{n}", ratio) for n in ("position", "velocity")}
+    across |= {link: (motor, 1.0 / ratio) for motor, (link, _) in across.items()}
+    X = np.empty((len(time), len(model.states)))
+    for i, name in enumerate(model.state_names):
+        partner, gear = across.get(name, ("", 1.0))
+        position = name.replace("velocity", "position")
+        if name in known:
+            X[:, i] = known[name]
+        elif partner in known:
+            X[:, i] = gear * known[partner]
+        elif position in known:
+            X[:, i] = savgol_filter(known[position], 9, 2, deriv=1, delta=data.period)
+        else:
+            X[:, i] = start_state(data)[0][i]
+    return X
+
+
+def busiest(data: FitData, length: int) -> int:
+    """First sample of that stretch of `length` samples in which inputs and labels vary most, each by its own range."""
+    every = max(1, length // 32)
+    signals, length = np.column_stack([data.u, data.y])[::every], length // every
+    signals = np.where(np.isfinite(signals), signals - np.nanmean(signals, axis=0), 0.0)
+    total = np.mean(signals**2, axis=0)
+    scaled = signals[:, total > 0.0] / np.sqrt(total[total > 0.0])
+    first = range(0, len(signals) - length + 1, max(1, length // 2))
+    return every * max(first, key=lambda k: float(np.sum(np.var(scaled[k : k + length], axis=0))))
+
+
+def _slope(data: FitData, name: str, at: int) -> float:
+    """Slope of the straight line through eight labels of a position from sample `at` on, in its unit a second."""
+    values = data.y[:, data.labels.index(name)]
+    seen = np.flatnonzero(np.isfinite(values[at:]))[:8] + at
+    return float(np.polyfit(data.time[seen] - data.time[seen[0]], values[seen], 1)[0]) if len(seen) > 1 else 0.0
+
+
+def rough_noise(values: Array) -> float:
+    """Rough variance of a signal's noise, of its samples that were measured.
+
+    A smooth motion all but vanishes in third differences, white noise comes out times sqrt(20); the median keeps
+    events such as a reversal of friction out.
+    """
+    if len(values) < 4:
+        return 0.0
+    third = np.abs(_third(values[1:] - values[:-1]))
+    middle = float(np.partition(third, len(third) // 2)[len(third) // 2])
+    return (middle / 0.6745) ** 2 / 20.0
+
+
+def credible_noise(rows: Array, span: Array) -> Array:
+    """Smallest and largest credible variances of signals' noise, shape (2, k), from rows (k, T) of samples.
+
+    The smallest is quantisation if it shows, else 1e-7 of the span (k,) of the values squared. The largest is twice
+    what the rms of the third differences allows: noise cannot be larger than what the signal itself shows, and without
+    this bound a wrong model can explain itself by a sensor that is far worse than it is.
+    """
+    count = rows.shape[1]
+    if count < 4:
+        return np.outer([1e-24, 4e-24], np.ones(len(rows)))
+    first = rows[:, 1:] - rows[:, :-1]
+    third = _third(first)
+    floor = (1e-7 * span) ** 2 + 1e-24
+    still = count - 1 - np.count_nonzero(first, axis=1)
+    for k in np.flatnonzero((still > 0.05 * count) & (still < count - 1)):
+        steps = np.abs(first[k])
+        floor[k] = max(floor[k], float(np.min(steps[steps > 0.0])) ** 2 / 12.0 * 0.1)
+    return np.array([floor, np.maximum(4.0 / 20.0 * np.einsum("kt,kt->k", third, third) / (count - 3), 4.0 * floor)])
+
+
+def _third(first: Array) -> Array:
+    """Third differences from first ones."""
+    second = first[..., 1:] - first[..., :-1]
+    return np.asarray(second[..., 1:] - second[..., :-1])
+
+
+def input_noise(data: FitData) -> Array:
+    """Rough variance of each input's noise per sample, shape (inputs,): 2 % of its rms, of its typical size if zero."""
+    rms = np.sqrt(np.einsum("tk,tk->k", data.u, data.u) / len(data.u))
+    typical = np.array([1e-3 * s.scale for s in data.model.inputs])
+    return np.square(np.maximum(0.02 * rms, typical))

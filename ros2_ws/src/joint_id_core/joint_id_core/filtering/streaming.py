@@ -1,0 +1,169 @@
+"""The Butterworth differentiator of `filtering.py`, sample by sample for all joints of a robot at once.
+
+Forwards the filter runs as it is, with carried state. Backwards it is the same filter's impulse response, cut where
+less than 1e-6 of it is left and scaled to gain 1 at rest, over the samples of a fixed lag; the result equals that of
+the whole signal to the same accuracy. A sample comes out when its lag has passed, with the stamp it came in with.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from joint_id_core.data.recording import Array
+from joint_id_core.errors import JointIdError
+from joint_id_core.filtering.fixed_lag import Kernel, Run
+from joint_id_core.filtering.offline import FilterOptions, derivatives
+
+_STAMPS = 50  # stamps from which the period is taken when it is not given
+
+
+@dataclass(frozen=True)
+class FilteredSample:
+    """All joints at one instant: `time` in s, channels of shape (joints,) with NaN where nothing is known."""
+
+    time: float
+    channels: dict[str, Array]
+    derived: frozenset[str]
+
+
+class StreamingFilter:
+    """Adds the velocities and accelerations that are not measured, with a fixed lag.
+
+    Measured channels pass untouched. With `options.causal` every channel goes through the same forward filter, and
+    the time is shifted back by its group delay. Jitter is taken out by local cubics and holes of up to
+    `options.max_gap` periods are bridged, but no sample is invented. After a longer gap, a jump of the time or a
+    change of channels it starts anew; a value that is not finite affects its own channel and joint only. What such an
+    event could make wrong is NaN, and `events` says what happened.
+
+    Attributes:
+        period: sampling period in s; NaN until known.
+        events: latest messages for the user, oldest first, to be taken out by the caller.
+        counts: number of events by kind: "gap", "time", "value", "channels", "rate".
+    """
+
+    def __init__(self, options: FilterOptions | None = None, period: float | None = None) -> None:
+        """Prepare for samples every `period` s; None takes it from the first stamps.
+
+        Raises:
+            JointIdError: the sampling is too slow for the cutoff.
+        """
+        self.options = options or FilterOptions()
+        self.period = float("nan")
+        self.events: deque[str] = deque(maxlen=100)
+        self.counts: Counter[str] = Counter()
+        self._shape: dict[str, int] = {}
+        self._last = -np.inf
+        self._waiting: deque[tuple[float, dict[str, Array]]] = deque()
+        self._kernel: Kernel | None = None
+        self._run: Run | None = None
+        if period is not None:
+            self._set_period(period)
+
+    @property
+    def latency(self) -> float:
+        """Time from the instant that a sample describes to its output, in s; NaN until the period is known.
+
+        Jitter, holes and the first sample after a start may cost a period more.
+        """
+        return (self._kernel.ahead + 4) * self.period + self._kernel.delay if self._kernel else float("nan")
+
+    def push(self, time: float, channels: Mapping[str, ArrayLike]) -> list[FilteredSample]:
+        """Take one sample, each channel a number or an array (joints,), and return those that became complete."""
+        values = {name: np.atleast_1d(np.asarray(value, dtype=float)) for name, value in channels.items()}
+        done: list[FilteredSample] = []
+        shape = {name: len(value) for name, value in values.items()}
+        step = time - self._last
+        longest = self.options.max_gap * self.period * (1 + 1e-6)  # NaN, never exceeded, while the period is unknown
+        if not np.isfinite(time) or step == 0 or -longest < step < 0:
+            what = "repeats" if step == 0 else "is not finite" if not np.isfinite(time) else "is out of order"
+            self._note("time", f"stamp {time:.9g} s {what}: sample left out")
+            return done
+        if step < 0:
+            self._note("time", f"time jumps back from {self._last:.9g} s to {time:.9g} s: filter restarted")
+            done = self._abandon()
+        elif step > longest and self._waiting:
+            self._note("gap", f"no sample from {self._last:.9g} s to {time:.9g} s ({step:.3g} s): filter restarted")
+            done = self._abandon()
+        elif shape != self._shape and self._waiting:
+            self._note("channels", f"channels or joints change at {time:.9g} s: filter restarted")
+            done = self._abandon()
+        self._shape, self._last = shape, time
+        self._waiting.append((time, values))
+        if self._kernel is None:
+            return done + self._learn_period()
+        return done + self._advance(time, values)
+
+    def _learn_period(self) -> list[FilteredSample]:
+        """Once there are enough stamps, take the period from them and filter what has waited."""
+        if len(self._waiting) < _STAMPS:
+            return []
+        samples = list(self._waiting)
+        try:
+            self._set_period(float(np.median(np.diff([time for time, _ in samples]))))
+        except JointIdError as error:
+            self._note("rate", str(error))
+            return self._abandon()
+        self._waiting.clear()
+        self._last = -np.inf
+        return [done for time, values in samples for done in self.push(time, values)]
+
+    def _set_period(self, period: float) -> None:
+        self._kernel = Kernel(self.options, period)
+        self.period = period
+
+    def _advance(self, time: float, values: dict[str, Array]) -> list[FilteredSample]:
+        """Filter a sample and give out those whose lag has passed."""
+        assert self._kernel is not None
+        if self._run is None:
+            wanted = derivatives(tuple(values))
+            inputs = tuple(values) if self.options.causal else tuple(wanted)
+            self._run = Run(self._kernel, inputs, wanted, time, sum(self._shape[name] for name in inputs))
+        run = self._run
+        row = np.concatenate([values[name] for name in run.inputs]) if run.inputs else np.zeros(0)
+        bad = ~np.isfinite(row)
+        if (bad & ~run.bad).any():
+            columns = [f"{name}[{k}]" for name in run.inputs for k in range(len(values[name]))]
+            names = [columns[k] for k in np.flatnonzero(bad & ~run.bad)]
+            self._note("value", f"{', '.join(names)} at {time:.9g} s: not finite, left out for that joint")
+        done = []
+        run.take(time, row, bad)
+        while run.step():
+            while self._waiting and run.ready(self._waiting[0][0]):
+                done.append(self._finish(*self._waiting.popleft(), run))
+        return done
+
+    def _finish(self, time: float, values: dict[str, Array], run: Run) -> FilteredSample:
+        """One sample with its derived channels."""
+        assert self._kernel is not None
+        results, first = run.at(time), 0
+        channels = dict(values)
+        for name in run.inputs:
+            rows = results[:, first : first + len(values[name])]
+            first += len(values[name])
+            if self.options.causal:
+                channels[name] = rows[0]
+            for k, derivative in enumerate(run.wanted.get(name, ()), 1):
+                channels[derivative] = rows[k]
+        return FilteredSample(time - self._kernel.delay, channels, run.derived)
+
+    def _abandon(self) -> list[FilteredSample]:
+        """Start anew. Samples still in the lag come out without derived values (not at all with `causal`)."""
+        waiting, self._run = list(self._waiting), None
+        self._waiting.clear()
+        if self.options.causal:
+            return []
+        done = []
+        for time, values in waiting:
+            wanted = derivatives(tuple(values))
+            missing = {n: np.full_like(values[origin], np.nan) for origin, names in wanted.items() for n in names}
+            done.append(FilteredSample(time, {**values, **missing}, frozenset(missing)))
+        return done
+
+    def _note(self, kind: str, text: str) -> None:
+        self.counts[kind] += 1
+        self.events.append(text)

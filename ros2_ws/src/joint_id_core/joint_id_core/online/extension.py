@@ -1,0 +1,102 @@
+"""An estimate extended by the samples that came since: one Gauss-Newton step on these alone.
+
+The estimate before is the prior, so the result is that of all samples together, to first order. This is recursive
+prediction-error estimation (Ljung, System Identification, 2nd ed., ch. 11), with noise levels that are held.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from joint_id_core.cell.kernel import compile_model
+from joint_id_core.data.recording import Array, Recording
+from joint_id_core.estimators.innovations.belief import Belief, Coordinates
+from joint_id_core.estimators.innovations.gauss_newton import newton_step
+from joint_id_core.estimators.innovations.options import InnovationsOptions
+from joint_id_core.estimators.innovations.recursion import Recursion
+from joint_id_core.estimators.innovations.verdicts import explained, remarks, table, verdicts
+from joint_id_core.estimators.shared.fit_data import FitData, UnusableError, prepare
+from joint_id_core.estimators.shared.initial_state import rough_states
+from joint_id_core.estimators.shared.substeps import steps_of
+from joint_id_core.models import Model
+from joint_id_core.results.estimate import Estimate
+
+FAR = 4.0  # squared length of the step in standard deviations at which a linear step is no longer believed
+UNLIKELY = 4.0  # standard deviations of the mean squared innovation of new samples that their noise may have
+
+
+def extend(
+    model: Model,
+    previous: Estimate,
+    recording: Recording,
+    values: Mapping[str, float],
+    fixed: Collection[str],
+    freed: Collection[str],
+    options: InnovationsOptions,
+    inflation: float = 1.0,
+) -> Estimate | None:
+    """Extend a converged estimate.
+
+    Args:
+        model, values, fixed, freed, options: as for the fit of `previous`.
+        previous: of data up to the last sample that is not new.
+        recording: the new samples, after a few older ones that only show the state of the joint.
+        inflation: factor on the covariance of `previous` (forgetting).
+
+    Returns:
+        The estimate, of a window as long as that of `previous`; None where the new samples ask for a fit of their own:
+        they have other signals or do not move, are not explained, or change the estimate much.
+    """
+    begun = time.perf_counter()
+    known = previous.values
+    held = {n: v for n, v in known.items() if n not in previous.free}
+    try:
+        data = prepare(model, recording, {**values, **held}, fixed, freed)
+    except UnusableError:
+        return None
+    first = int(np.searchsorted(data.time, previous.end, "right"))
+    same = data.free == previous.free and data.noise_names == tuple(previous.noise)
+    if not same or previous.checks is None or first == len(data.time):
+        return None
+    coordinates = Coordinates(model, data.free, options.known(model, data.free))
+    belief = Belief.after(previous, coordinates, inflation)
+    p = np.array([known[n] for n in model.parameter_names])
+    recursion = Recursion(data, compile_model(model, "tanh", data.freed, options.cell))
+    recursion.start_near(p)
+    steps = steps_of(data, recursion.kernel, p, rough_states(data), previous.substeps)
+    last = recursion.run(p[recursion.index], np.square(list(previous.noise.values())), steps)
+    chi2 = _mean_square(data, last.residuals, first)
+    if not np.isfinite(last.cost) or chi2 is None or explained(data, last.residuals).reasons:
+        return None
+    slope = coordinates.slope(belief.mean)
+    matrix, gradient = recursion.since(last, first)
+    precision, g = belief.precision + matrix * np.outer(slope, slope), gradient * slope
+    step = newton_step(precision, g, coordinates.held(belief.mean, g))
+    if not step @ precision @ step < FAR:
+        return None
+    z, covariance = coordinates.clip(belief.mean + step), np.asarray(np.linalg.inv(precision), dtype=float)
+    rows = verdicts(model, data.free, covariance, coordinates, z, previous.checks.together)
+    slope = coordinates.slope(z)
+    physical = covariance * np.outer(slope, slope)
+    initial = np.array([q.initial for q in previous.parameters])
+    end = float(data.time[-1])
+    return replace(
+        previous,
+        message="converged" + remarks(rows, previous.checks.texts, data.dropped),
+        parameters=table(model, data.free, recursion.values(coordinates.values(z)), physical, rows, initial),
+        covariance=physical, chi2=chi2, deviance=float("nan"), iterations=0, elapsed_s=time.perf_counter() - begun,
+        start=previous.start + end - previous.end, end=end, predictions=None,
+    )  # fmt: skip
+
+
+def _mean_square(data: FitData, residuals: Array, first: int) -> float | None:
+    """Mean squared innovation of the labels from `first` on; None where their noise does not explain it."""
+    count = int(np.count_nonzero(data.present[first:]))
+    if not count:
+        return None
+    chi2 = float(np.sum(residuals[first:] ** 2)) / count
+    return chi2 if chi2 < 1.0 + UNLIKELY * np.sqrt(2.0 / count) else None

@@ -1,0 +1,68 @@
+"""The latest samples of a joint."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from joint_id_core.data.recording import Recording
+from joint_id_core.errors import JointIdError
+
+
+class SlidingWindow:
+    """The latest samples of one joint."""
+
+    def __init__(self, length_s: float) -> None:
+        self._length = length_s
+        self._parts: deque[Recording] = deque()
+
+    @property
+    def end(self) -> float:
+        """Instant of the latest sample in s, -inf before the first."""
+        return float(self._parts[-1].time[-1]) if self._parts else -np.inf
+
+    @property
+    def start(self) -> float:
+        """Instant of the oldest sample kept in s."""
+        return float(self._parts[0].time[0]) if self._parts else np.inf
+
+    def append(self, samples: Recording) -> None:
+        """Add later samples.
+
+        Raises:
+            JointIdError: they are not later than what is there.
+        """
+        if not len(samples):
+            return
+        end = self.end
+        if samples.time[0] <= end:
+            raise JointIdError(
+                f"{samples.source}: time goes backwards from {end:.6f} s to {samples.time[0]:.6f} s: "
+                "these samples were left out"
+            )
+        self._parts.append(samples)
+        start = self.end - self._length
+        while self._parts[0].time[-1] < start:
+            self._parts.popleft()
+
+    def recording(self, since: float = -np.inf) -> Recording:
+        """The samples of the window from `since` on as one recording; a channel that a part lacks is NaN there."""
+        start = max(since, self.end - self._length)
+        parts: list[tuple[Recording, slice]] = []
+        for part in reversed(self._parts):
+            first = int(np.searchsorted(part.time, start))
+            parts.append((part, slice(first, None)))
+            if first:
+                break
+        parts.reverse()
+        names: dict[str, None] = {}
+        for part, _ in parts:
+            names |= dict.fromkeys(part.channels)
+        derived = frozenset().union(*(part.derived for part, _ in parts))
+        channels = {
+            n: np.concatenate([p.channels[n][rows] if n in p else np.full(len(p), np.nan)[rows] for p, rows in parts])
+            for n in names
+        }
+        # the parts were checked, and so was their order
+        return parts[-1][0].trusted(np.concatenate([p.time[rows] for p, rows in parts]), channels, derived)

@@ -1,0 +1,100 @@
+"""An estimate for people (a table) and for machines (a dictionary)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from joint_id_core.results.estimate import STRONG_CORRELATION, Estimate, ParameterEstimate, Verdict
+
+
+def as_dict(estimate: Estimate) -> dict[str, Any]:
+    """The estimate as plain JSON types; NaN becomes None."""
+    rows = [
+        {
+            "name": p.name,
+            "unit": p.unit,
+            "value": _number(p.value),
+            "std_dev": _number(p.std_dev),
+            "verdict": p.verdict.value,
+            "reason": p.reason,
+        }
+        for p in estimate.parameters
+    ]
+    signals = [
+        {"signal": name, "nrmse": _number(v), "noise_std_dev": _number(estimate.noise.get(name, math.nan))}
+        for name, v in estimate.nrmse.items()
+    ]
+    return {
+        "model": estimate.model,
+        "estimator": estimate.estimator,
+        "status": estimate.status.value,
+        "message": estimate.message,
+        "parameters": rows,
+        "free": list(estimate.free),
+        "covariance": np.asarray(estimate.covariance).tolist(),
+        "fit": signals,
+        "noise": {name: _number(v) for name, v in estimate.noise.items()},
+        "chi2": _number(estimate.chi2),
+        "whiteness": {name: _number(v) for name, v in estimate.whiteness.items()},
+        "substeps": estimate.substeps,
+        "iterations": estimate.iterations,
+        "samples": estimate.samples,
+        "start_s": _number(estimate.start),
+        "end_s": _number(estimate.end),
+        "elapsed_s": estimate.elapsed_s,
+    }
+
+
+def table(estimate: Estimate) -> str:
+    """The estimate as lines of text: values, standard deviations, verdicts, fit, strong correlations."""
+    head = f"{estimate.model} by {estimate.estimator}: {estimate.status.value}"
+    lines = [head, f"  {estimate.message}", ""]
+    lines.append(f"  {'parameter':<10}{'value':>13}  {'std dev':>10}  {'':>8}  {'unit':<11}{'verdict':<12}start")
+    lines += [_row(p) for p in estimate.parameters]
+    doubtful = [p for p in estimate.parameters if p.verdict not in (Verdict.ESTIMATED, Verdict.FIXED) and p.reason]
+    lines += ["", *(f"  {p.name}: {p.reason}" for p in doubtful)] if doubtful else []
+    if estimate.nrmse:
+        lines += ["", f"  {'signal':<16}{'nrmse':>9}  {'noise (std dev)':>16}  whiteness"]
+        for name, value in estimate.nrmse.items():
+            noise, white = estimate.noise.get(name, math.nan), estimate.whiteness.get(name, math.nan)
+            lines.append(f"  {name:<16}{value:>9.2g}  {noise:>16.3g}  {white:>9.2f}")
+        inputs = {n: v for n, v in estimate.noise.items() if n not in estimate.nrmse}
+        lines += [f"  {name:<34}{v:>8.3g}" for name, v in inputs.items()]
+    pairs = correlations(estimate)
+    if pairs:
+        lines += ["", "  strongly correlated: " + ", ".join(f"{a} and {b} ({r:+.3f})" for a, b, r in pairs)]
+    span = f"{estimate.samples} samples, {estimate.end - estimate.start:.3g} s of motion"
+    lines += ["", f"  {span}; {estimate.iterations} iterations, {estimate.substeps} steps a sample, "
+              f"{estimate.elapsed_s:.3g} s"]  # fmt: skip
+    return "\n".join(lines)
+
+
+def correlations(estimate: Estimate, threshold: float = STRONG_CORRELATION) -> list[tuple[str, str, float]]:
+    """Pairs of estimated parameters whose correlation exceeds `threshold` in size, strongest first."""
+    if not estimate.free:
+        return []
+    sd = np.sqrt(np.diag(estimate.covariance))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        r = estimate.covariance / np.outer(sd, sd)
+    found = [
+        (estimate.free[i], estimate.free[j], float(r[i, j]))
+        for i in range(len(sd))
+        for j in range(i)
+        if abs(r[i, j]) > threshold
+    ]
+    return sorted(found, key=lambda pair: -abs(pair[2]))
+
+
+def _row(p: ParameterEstimate) -> str:
+    value = f"{p.value:>13.6g}"
+    if p.verdict is Verdict.FIXED:
+        return f"  {p.name:<10}{value}  {'':>10}  {'':>8}  {p.unit:<11}{p.verdict.value}"
+    share = f"({100 * p.std_dev / abs(p.value):.2g} %)" if p.value and math.isfinite(p.std_dev) else ""
+    return f"  {p.name:<10}{value}  {p.std_dev:>10.2g}  {share:>8}  {p.unit:<11}{p.verdict.value:<12}{p.initial:.4g}"
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,1 @@
+"""Forward simulation with exact stick and slip: joints, sensors, position control and motions."""

@@ -1,0 +1,1 @@
+"""Prediction of recordings that the fit has not seen."""

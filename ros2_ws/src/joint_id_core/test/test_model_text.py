@@ -1,0 +1,69 @@
+"""Candidates of a comparison from their short texts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from joint_id_core.comparison.model_text import drive_of, parse
+from joint_id_core.data.recording import Recording
+from joint_id_core.errors import JointIdError
+from joint_id_core.models import LAWS, build
+
+
+def recording(*channels: str) -> Recording:
+    return Recording(np.arange(3.0), {name: np.arange(3.0) for name in channels}, source="log.csv")
+
+
+RIGID = recording("link_position", "torque")
+
+
+def labels(texts: list[str], record: Recording = RIGID) -> list[str]:
+    return [c.label for c in parse(texts, record)]
+
+
+def test_a_text_says_model_law_and_options():
+    plain, full = parse(["rigid_joint", " harmonic_drive:stribeck + kinematic-error+gravity "], RIGID)
+    assert plain.label == "rigid_joint:coulomb_viscous"
+    assert plain.model == build("rigid_joint", actuation="torque")
+    assert full.label == "harmonic_drive:stribeck+gravity+kinematic_error"
+    assert full.model == build("harmonic_drive", friction="stribeck", gravity=True, kinematic_error=True)
+    assert full.arguments == (
+        "--model", "harmonic_drive", "--friction", "stribeck", "--gravity", "--kinematic-error"
+    )  # fmt: skip
+
+
+def test_one_model_without_a_law_and_the_law_all_stand_for_every_law():
+    assert labels(["rigid_joint"]) == [f"rigid_joint:{law}" for law in LAWS]
+    assert labels(["rigid_joint+gravity"]) == [f"rigid_joint:{law}+gravity" for law in LAWS]
+    assert labels(["motor_side:all", "rigid_joint"]) == [
+        *(f"motor_side:{law}" for law in LAWS), "rigid_joint:coulomb_viscous"
+    ]  # fmt: skip
+
+
+def test_the_drive_is_the_one_that_was_recorded_unless_it_is_said():
+    both = recording("link_position", "torque", "current")
+    (torque, _, _), (current, _, _) = parse(["rigid_joint"], both), parse(["rigid_joint"], recording("current"))
+    assert (torque.model.inputs[0].name, current.model.inputs[0].name) == ("torque", "current")
+    a, b = parse(["rigid_joint+current", "rigid_joint"], both)
+    assert (a.model.inputs[0].name, b.model.inputs[0].name) == ("current", "torque")
+    assert (a.label, a.arguments[-2:]) == ("rigid_joint:coulomb_viscous+current", ("--actuation", "current"))
+    assert drive_of("dc_motor", both) is None
+
+
+@pytest.mark.parametrize(
+    ("channels", "models"),
+    [
+        (("link_position", "torque"), {"rigid_joint"}),
+        (("link_position", "motor_velocity", "current"), {"rigid_joint", "harmonic_drive"}),
+        (("link_position", "motor_velocity", "voltage"), {"electromechanical"}),
+        (("motor_velocity", "current", "voltage"), {"dc_motor"}),
+    ],
+)
+def test_without_a_text_the_recording_chooses(channels, models):
+    assert set(labels([], recording(*channels))) == {f"{model}:{law}" for model in models for law in LAWS}
+
+
+def test_a_recording_that_suits_no_model_asks_for_names():
+    with pytest.raises(JointIdError, match=r"log.csv holds motor_velocity: no model follows .* name the candidates"):
+        parse([], recording("motor_velocity"))
