@@ -7,7 +7,6 @@ from collections import Counter
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators.innovations.options import InnovationsOptions
 from joint_id_core.formats.topics import SAMPLES
 from joint_id_core.online.identifier import OnlineIdentifier, OnlineOptions
 from joint_id_core.results.estimate import Estimate
@@ -47,12 +46,9 @@ class IdentifierNode(ManagedNode):
         options = self._model_options
         return OnlineIdentifier(
             options.build(),
-            options.values(joint),
-            options.fixed(joint),
+            options.settings(joint),
             self._online_options,
-            options.estimator,
-            options.freed(joint),
-            InnovationsOptions(cell=options.cell, priors=options.priors),
+            options.solver,
         )
 
     def prepare(self) -> None:

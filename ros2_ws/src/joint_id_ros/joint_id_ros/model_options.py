@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-from joint_id_core.cell.kernel import CELLS
-from joint_id_core.comparison.model_text import FLAGS
+from joint_id_core.assignments import numbers_by_name
+from joint_id_core.cell import CELLS
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators import ESTIMATORS
+from joint_id_core.estimators import ESTIMATORS, Estimator, ParameterSettings
+from joint_id_core.estimators import build as build_estimator
 from joint_id_core.models import LAWS, MODELS, Model, build
+from joint_id_core.models.options import FLAGS
 from joint_id_core.options import check, option
 from joint_id_ros.per_joint import Entry, parse
 
@@ -81,6 +83,24 @@ class ModelOptions:
         """Joints that must be seen: those to identify, or else those that `set`, `fix` or `free` name."""
         entries = (e for parameter in ("set", "fix", "free") for e in self._entries(parameter))
         return self.joints or tuple(dict.fromkeys(e.joint for e in entries if e.joint))
+
+    @property
+    def solver(self) -> Estimator:
+        """The estimator; an integrator that is not the default is passed on, so that one without refuses it.
+
+        Raises:
+            JointIdError: an option that the estimator does not have.
+        """
+        return build_estimator(self.estimator, **({} if self.cell == CELLS[0] else {"cell": self.cell}))
+
+    def settings(self, joint: str) -> ParameterSettings:
+        """What is said of the parameters of a joint.
+
+        Raises:
+            JointIdError: priors of another form, or not above zero.
+        """
+        priors = numbers_by_name(filter(None, map(str.strip, self.priors.split(","))), "parameter priors")
+        return ParameterSettings(self.values(joint), self.fixed(joint), self.freed(joint), priors)
 
     def values(self, joint: str) -> dict[str, float]:
         """Values given for a joint with `set` and `fix`."""
