@@ -126,7 +126,7 @@ def test_what_the_implicit_cell_cannot_do_is_refused(stiff_record):
 
 def test_held_out_prediction_takes_the_cell_of_the_fit(stiff_record):
     """An RK4 kernel at the step count of the implicit cell runs away."""
-    estimate = fit(JOINT, stiff_record, ParameterSettings(STIFF), Innovations(cell="implicit", substeps=1))
+    estimate = estimators.fit(JOINT, stiff_record, ParameterSettings(STIFF), Innovations(cell="implicit", substeps=1))
     assert (estimate.cell, estimate.substeps) == ("implicit", 1)
     assert max(held_out(JOINT, stiff_record, estimate).values()) < 0.1
     explicit = held_out(JOINT, stiff_record, replace(estimate, cell="rk4"))
