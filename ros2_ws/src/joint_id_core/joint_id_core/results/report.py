@@ -20,8 +20,9 @@ def table(estimate: Estimate) -> str:
     """The estimate as lines of text: values, standard deviations, verdicts, fit, strong correlations."""
     head = f"{estimate.model} by {estimate.estimator}: {estimate.status.value}"
     lines = [head, f"  {estimate.message}", ""]
-    lines.append(f"  {'parameter':<10}{'value':>13}  {'std dev':>10}  {'':>8}  {'unit':<11}{'verdict':<12}start")
-    lines += [_row(p) for p in estimate.parameters]
+    width = max([11, *(len(p.unit) + 1 for p in estimate.parameters)])
+    lines.append(f"  {'parameter':<10}{'value':>13}  {'std dev':>10}  {'':>8}  {'unit':<{width}}{'verdict':<12}start")
+    lines += [_row(p, width) for p in estimate.parameters]
     doubtful = [p for p in estimate.parameters if p.verdict not in (Verdict.ESTIMATED, Verdict.FIXED) and p.reason]
     lines += ["", *(f"  {p.name}: {p.reason}" for p in doubtful)] if doubtful else []
     if estimate.nrmse:
@@ -56,9 +57,11 @@ def correlations(estimate: Estimate, threshold: float = STRONG_CORRELATION) -> l
     return sorted(found, key=lambda pair: -abs(pair[2]))
 
 
-def _row(p: ParameterEstimate) -> str:
+def _row(p: ParameterEstimate, width: int) -> str:
     value = f"{p.value:>13.6g}"
     if p.verdict is Verdict.FIXED:
-        return f"  {p.name:<10}{value}  {'':>10}  {'':>8}  {p.unit:<11}{p.verdict.value}"
+        return f"  {p.name:<10}{value}  {'':>10}  {'':>8}  {p.unit:<{width}}{p.verdict.value}"
     share = f"({100 * p.std_dev / abs(p.value):.2g} %)" if p.value and math.isfinite(p.std_dev) else ""
-    return f"  {p.name:<10}{value}  {p.std_dev:>10.2g}  {share:>8}  {p.unit:<11}{p.verdict.value:<12}{p.initial:.4g}"
+    return (
+        f"  {p.name:<10}{value}  {p.std_dev:>10.2g}  {share:>8}  {p.unit:<{width}}{p.verdict.value:<12}{p.initial:.4g}"
+    )
