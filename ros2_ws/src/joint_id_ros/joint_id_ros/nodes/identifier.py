@@ -6,6 +6,7 @@ from collections import Counter
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from joint_id_core.alignment.joining import StampOrder
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.innovations.options import InnovationsOptions
 from joint_id_core.formats.topics import SAMPLES
@@ -14,9 +15,8 @@ from joint_id_core.results.estimate import Estimate
 from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples
 from joint_id_ros import conversions as convert
 from joint_id_ros.diagnostics import Diagnostics, Health
-from joint_id_ros.joining import StampOrder
 from joint_id_ros.lifecycle import ManagedNode
-from joint_id_ros.model_options import ModelOptions
+from joint_id_ros.options.identifier import ModelOptions
 from joint_id_ros.parameters import read
 from joint_id_ros.qos import LATEST
 from joint_id_ros.streams import Streams

@@ -9,8 +9,8 @@ from joint_id_core.comparison.model_text import FLAGS
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ESTIMATORS
 from joint_id_core.models import LAWS, MODELS, Model, build
+from joint_id_core.models.per_joint import Entry, parse
 from joint_id_core.options import check, option
-from joint_id_ros.per_joint import Entry, parse
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,8 @@ from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
+from joint_id_core.alignment.inputs import LINK_STATES, InputOptions
+from joint_id_core.alignment.joining import Joiner
 from joint_id_core.errors import JointIdError
 from joint_id_core.filtering.offline import FilterOptions
 from joint_id_core.filtering.streaming import FilteredSample, StreamingFilter
@@ -19,8 +21,6 @@ from joint_id_core.formats.topics import RAW
 from joint_id_msgs.msg import JointSamples, MotorTorques, MotorVoltages
 from joint_id_ros import conversions as convert
 from joint_id_ros.diagnostics import Diagnostics, Health
-from joint_id_ros.inputs import LINK_STATES, InputOptions
-from joint_id_ros.joining import Joiner
 from joint_id_ros.parameters import declare, read
 from joint_id_ros.qos import STREAM_OUT
 from joint_id_ros.streams import Streams
