@@ -150,6 +150,14 @@ def infinite(message):
     message.link_position = [float("inf")]
 
 
+def huge(message):
+    message.torque = [1e300]
+
+
+def without_values(message):
+    message.link_position, message.link_velocity, message.torque = [], [], []
+
+
 def unnamed(message):
     message.name = []
 
@@ -158,19 +166,22 @@ BAD = {
     repeated: "the stamp repeats",
     wrong_length: "3 values of torque for 1 joints",
     infinite: "link_position of joint joint is infinite",
+    huge: "torque of joint joint is 1e+300",
+    without_values: "holds no values",
     unnamed: "names no joint",
 }
 
 
 def test_bad_samples_are_reported_and_identification_goes_on(identifying, probe, sample):
     found, samples = identifying()
+    step = 4 * RATE // len(BAD)
     for k, (spoil, text) in enumerate(BAD.items()):
-        publish(samples, probe, [sample(i) for i in range(k * RATE, (k + 1) * RATE)])
-        bad = sample((k + 1) * RATE)
+        publish(samples, probe, [sample(i) for i in range(k * step, (k + 1) * step)])
+        bad = sample((k + 1) * step)
         spoil(bad)
         samples.publish(bad)
         probe.until(lambda text=text: probe.told("identifier", text), f"a diagnostic with {text!r}")
-    publish(samples, probe, [sample(i) for i in range(4 * RATE, 6 * RATE)])
+    publish(samples, probe, [sample(i) for i in range(len(BAD) * step, 6 * RATE)])
     probe.until(lambda: found and found[-1].header.stamp.sec >= 1005, "an estimate of the last samples")
     assert_true(latest(found))
 

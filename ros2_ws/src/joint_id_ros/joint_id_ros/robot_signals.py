@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 from sensor_msgs.msg import JointState
 
+from joint_id_core.data.instants import NANO
 from joint_id_core.errors import JointIdError
 from joint_id_core.rtde.fields import FIELDS, JOINTS, register_type
 from joint_id_core.rtde.packets import Value
 from joint_id_msgs.msg import RobotSignals
-from joint_id_ros.conversions import NANO
 from joint_id_ros.options.driver import DriverOptions
 
 STATUS_FIELDS = ("timestamp", "robot_mode", "safety_mode", "joint_mode")  # always read

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sensor_msgs.msg import JointState
 
+from joint_id_core.alignment.aligner import AlignedSample
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.topics import MEASURED_BITS, RAW
 from joint_id_core.models import Electromechanical
@@ -33,14 +34,11 @@ def test_stamps_keep_every_nanosecond(instant):
     assert convert.nanoseconds(convert.to_stamp(instant)) == instant
 
 
-@given(st.integers(0, 86_400 * 10**9), st.integers(0, 2 * 10**18))
-def test_seconds_since_an_origin_keep_every_nanosecond_of_a_day(offset, origin):
-    assert convert.instant(convert.seconds(origin + offset, origin), origin) == origin + offset
-
-
 def samples(joints, channels, derived, stamps):
+    rows = ({c: v[k] for c, v in channels.items()} for k in range(len(stamps)))
     return [
-        convert.to_samples(s, joints, {c: v[k] for c, v in channels.items()}, derived) for k, s in enumerate(stamps)
+        convert.to_samples(AlignedSample(s, joints, row, frozenset(derived)))
+        for s, row in zip(stamps, rows, strict=True)
     ]
 
 
@@ -76,6 +74,8 @@ def test_a_joint_that_is_missing_in_some_messages_has_fewer_samples():
         ({"name": ["a", "a"], "position": [0.0, 0.0]}, "twice"),
         ({"name": ["a"], "position": [0.0, 1.0]}, "2 values of position for 1 joints"),
         ({"name": ["a"], "effort": [math.inf]}, "effort of joint a is infinite"),
+        ({"name": ["a"], "velocity": [-1e300]}, "velocity of joint a is -1e.300, which no joint can have"),
+        ({"name": ["a"]}, "holds no values: fill at least one of position, velocity, effort"),
     ],
 )
 def test_messages_that_make_no_sense_are_refused_with_topic_and_reason(fields, text):
@@ -83,12 +83,22 @@ def test_messages_that_make_no_sense_are_refused_with_topic_and_reason(fields, t
         convert.check(LINKS, JointState(**fields))
 
 
+@pytest.mark.parametrize(("sec", "nanosec"), [(-1, 0), (-(2**31), 0), (1, 10**9), (2**31 - 1, 2**32 - 1)])
+def test_a_stamp_that_is_no_time_is_refused(sec, nanosec):
+    message = JointState(name=["a"], position=[1.0])
+    message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
+    with pytest.raises(JointIdError, match=f"link_states: a stamp of {sec} s, {nanosec} ns is no time"):
+        convert.check(LINKS, message)
+
+
 def test_empty_arrays_are_not_measured():
     message = JointState(name=["a", "b"], position=[1.0, 2.0], effort=[3.0, math.nan])
     convert.check(LINKS, message)
-    rows = convert.rows(LINKS, message)
-    assert rows["a"] == {"link_position": 1.0, "current": 3.0}
-    assert rows["b"]["link_position"] == 2.0 and math.isnan(rows["b"]["current"])
+    columns = convert.to_columns(LINKS, message)
+    assert columns.joints == ("a", "b")
+    assert {n: v.tolist() for n, v in columns.channels.items()} == {
+        "link_position": [1.0, 2.0], "current": [3.0, pytest.approx(math.nan, nan_ok=True)],
+    }  # fmt: skip
 
 
 def test_an_estimate_and_its_message_say_the_same():

@@ -9,6 +9,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
+from joint_id_core.data.instants import NANO
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import Electromechanical
 from joint_id_core.simulation.plants import PLANTS, MotionOptions
@@ -68,8 +69,8 @@ class SimNode(Node):
             self._begin_ns = now
             self._publish_truth(now)
         for _ in range(CATCH_UP):
-            instant_ns = self._begin_ns + round(self._count * convert.NANO / self._options.rate)
-            self._behind_s = (now - instant_ns) / convert.NANO
+            instant_ns = self._begin_ns + round(self._count * NANO / self._options.rate)
+            self._behind_s = (now - instant_ns) / NANO
             if instant_ns > now:
                 return
             if 0.0 < self._options.duration <= self._count / self._options.rate:
