@@ -105,6 +105,38 @@ def test_a_late_subscriber_gets_the_last_estimate(identifying, probe, sample):
     assert repr(late[0]) == repr(found[-1])  # NaN, as of fixed parameters, equals nothing
 
 
+def standing(message):
+    message.link_position, message.link_velocity, message.torque = [0.5], [0.0], [0.0]
+    return message
+
+
+def test_a_failed_fit_keeps_the_last_good_estimate_for_late_subscribers(identifying, probe, sample):
+    found, samples = identifying()
+    publish(samples, probe, [sample(k) for k in range(2 * RATE + 50)])
+    probe.until(lambda: latest(found), "an estimate")
+    assert_true(latest(found))
+    good = latest(found)
+    publish(samples, probe, [standing(sample(k)) for k in range(2 * RATE + 50, 5 * RATE)])
+    probe.until(lambda: latest(found).status == JointEstimate.NO_MOTION, "an estimate of a joint that stands")
+    late = probe.collect(JointParams, "joint_params", LATEST)
+    probe.until(lambda: late, "what a late subscriber gets")
+    (joint,) = late[0].joints
+    assert joint.status == JointEstimate.NO_MOTION and "move the joint" in joint.message
+    assert joint.parameters_status == JointEstimate.CONVERGED
+    end, window_end = (t.sec + t.nanosec / NANO for t in (joint.parameters_end, joint.window_end))
+    assert end >= good.parameters_end.sec + good.parameters_end.nanosec / NANO
+    assert joint.age == pytest.approx(window_end - end) and joint.age > 0.0
+    for p in joint.parameters:
+        if p.name in TRUTH:
+            assert abs(p.value - TRUTH[p.name]) < 5.0 * p.std_dev < 0.5 * TRUTH[p.name]
+    assert len(joint.covariance) == len(joint.free) ** 2 == len(TRUTH) ** 2
+    # A run that begins anew knows nothing of the one before: it may be another robot.
+    publish(samples, probe, [standing(sample(k, begin=500 * NANO)) for k in range(3 * RATE)])
+    probe.until(lambda: found[-1].header.stamp.sec < 600, "an estimate of the second run")
+    assert latest(found).parameters_status == latest(found).status == JointEstimate.NO_MOTION
+    assert latest(found).age == 0.0
+
+
 def test_only_the_chosen_joints_are_identified_and_a_missing_one_is_named(identifying, probe, sample):
     found, samples = identifying(joints=["elbow", "shoulder"])
     publish(samples, probe, [sample(k, ("elbow", "wrist")) for k in range(3 * RATE)])

@@ -104,18 +104,31 @@ def to_recordings(messages: Sequence[JointSamples], origin_ns: int, source: str)
     return recordings
 
 
-def to_estimate_message(joint: str, estimate: Estimate, origin_ns: int) -> JointEstimate:
-    """Message of an estimate whose times count from the origin."""
-    signals = sorted({*estimate.nrmse, *estimate.noise})
+def to_estimate_message(joint: str, newest: Estimate, good: Estimate | None, origin_ns: int) -> JointEstimate:
+    """Message of the newest fit and of the newest good one (None: there is none); their times count from the origin."""
+    found = good or newest
+    signals = sorted({*newest.nrmse, *newest.noise})
+    end_ns, found_end_ns = instant(newest.end, origin_ns), instant(found.end, origin_ns)
     return JointEstimate(
         joint=joint,
-        model=estimate.model,
-        estimator=estimate.estimator,
-        window_start=to_stamp(instant(estimate.start, origin_ns)),
-        window_end=to_stamp(instant(estimate.end, origin_ns)),
-        samples=estimate.samples,
-        status=STATUS_CODES[estimate.status],
-        message=estimate.message,
+        model=newest.model,
+        estimator=newest.estimator,
+        window_start=to_stamp(instant(newest.start, origin_ns)),
+        window_end=to_stamp(end_ns),
+        samples=newest.samples,
+        status=STATUS_CODES[newest.status],
+        message=newest.message,
+        signal=signals,
+        nrmse=[newest.nrmse.get(name, math.nan) for name in signals],
+        noise_std=[newest.noise.get(name, math.nan) for name in signals],
+        chi2=newest.chi2,
+        substeps=newest.substeps,
+        iterations=newest.iterations,
+        solve_time=newest.elapsed_s,
+        parameters_status=STATUS_CODES[found.status],
+        parameters_start=to_stamp(instant(found.start, origin_ns)),
+        parameters_end=to_stamp(found_end_ns),
+        age=seconds(end_ns, found_end_ns),
         parameters=[
             ParameterEstimate(
                 name=p.name,
@@ -125,17 +138,10 @@ def to_estimate_message(joint: str, estimate: Estimate, origin_ns: int) -> Joint
                 verdict=VERDICT_CODES[p.verdict],
                 reason=p.reason,
             )
-            for p in estimate.parameters
+            for p in found.parameters
         ],
-        free=list(estimate.free),
-        covariance=estimate.covariance.ravel().tolist(),
-        signal=signals,
-        nrmse=[estimate.nrmse.get(name, math.nan) for name in signals],
-        noise_std=[estimate.noise.get(name, math.nan) for name in signals],
-        chi2=estimate.chi2,
-        substeps=estimate.substeps,
-        iterations=estimate.iterations,
-        solve_time=estimate.elapsed_s,
+        free=list(found.free),
+        covariance=found.covariance.ravel().tolist(),
     )
 
 
@@ -147,6 +153,7 @@ def to_truth_message(joint: str, model: Model, values: Mapping[str, float], sinc
     ]
     stamp = to_stamp(since_ns)
     return JointEstimate(
-        joint=joint, model=model.name, estimator="truth", window_start=stamp, window_end=stamp,
-        status=JointEstimate.CONVERGED, message="values of the simulation", parameters=rows,
+        joint=joint, model=model.name, estimator="truth", message="values of the simulation",
+        window_start=stamp, window_end=stamp, status=JointEstimate.CONVERGED,
+        parameters_start=stamp, parameters_end=stamp, parameters_status=JointEstimate.CONVERGED, parameters=rows,
     )  # fmt: skip

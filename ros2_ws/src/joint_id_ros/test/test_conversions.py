@@ -110,7 +110,7 @@ def test_an_estimate_and_its_message_say_the_same():
         free=("J",), covariance=np.array([[0.01]]), nrmse={"link_position": 0.02}, noise={"torque": 0.3},
         chi2=1.1, substeps=2, iterations=7, elapsed_s=0.25, start=1.0, end=2.5, samples=750,
     )  # fmt: skip
-    m = convert.to_estimate_message("elbow", estimate, origin)
+    m = convert.to_estimate_message("elbow", estimate, None, origin)
     assert (m.joint, m.model, m.estimator, m.message) == ("elbow", "rigid_joint", "innovations", "look here")
     assert m.status == JointEstimate.POOR_FIT
     assert convert.nanoseconds(m.window_start) == origin + 10**9
@@ -121,12 +121,34 @@ def test_an_estimate_and_its_message_say_the_same():
     assert list(m.covariance) == [0.01] and list(m.free) == ["J"]
     assert dict(zip(m.signal, m.noise_std, strict=True))["torque"] == 0.3
     assert dict(zip(m.signal, m.nrmse, strict=True))["link_position"] == 0.02
+    # Before the first good estimate the parameters are those of the newest fit, and say so.
+    assert (m.parameters_status, m.age) == (JointEstimate.POOR_FIT, 0.0)
+    assert (m.parameters_start, m.parameters_end) == (m.window_start, m.window_end)
     assert (m.chi2, m.substeps, m.iterations, m.solve_time, m.samples) == (1.1, 2, 7, 0.25, 750)
+
+
+def test_a_failed_fit_keeps_the_parameters_of_the_last_good_one():
+    good = Estimate(
+        "rigid_joint", "innovations", Status.CONVERGED, "well",
+        (ParameterEstimate("J", "kg m^2", 1.5, 0.1, Verdict.ESTIMATED),),
+        free=("J",), covariance=np.array([[0.01]]), start=1.0, end=3.0, samples=1000,
+    )  # fmt: skip
+    start = ParameterEstimate("J", "kg m^2", 1.0, math.nan, Verdict.NOT_EXCITED)
+    failed = Estimate(
+        "rigid_joint", "innovations", Status.NO_MOTION, "move it", (start,), start=4.0, end=6.5, samples=9
+    )
+    m = convert.to_estimate_message("elbow", failed, good, 0)
+    assert (m.status, m.message, m.samples) == (JointEstimate.NO_MOTION, "move it", 9)
+    assert (m.window_start.sec, m.window_end.sec, m.window_end.nanosec) == (4, 6, 500_000_000)
+    assert (m.parameters_status, m.parameters_start.sec, m.parameters_end.sec) == (JointEstimate.CONVERGED, 1, 3)
+    assert m.age == 3.5
+    assert [(p.value, p.std_dev) for p in m.parameters] == [(1.5, 0.1)]
+    assert (list(m.free), list(m.covariance)) == (["J"], [0.01])
 
 
 def test_an_estimate_without_data_has_stamps_too():
     estimate = Estimate("rigid_joint", "innovations", Status.TOO_SHORT, "more data", ())
-    m = convert.to_estimate_message("elbow", estimate, 7 * 10**9)
+    m = convert.to_estimate_message("elbow", estimate, None, 7 * 10**9)
     assert m.status == JointEstimate.TOO_SHORT and m.window_end.sec == 7
 
 

@@ -36,6 +36,7 @@ class IdentifierNode(ManagedNode):
         self._streams: Streams | None = None
         self._order = StampOrder()
         self._latest: dict[str, JointEstimate] = {}
+        self._good: dict[str, tuple[int, Estimate]] = {}  # newest good estimate by joint, with the origin of its times
         self._fits: Counter[str] = Counter()
         self._diagnostics = Diagnostics(self, self._health, "joint_samples")
         self._publisher = self.create_lifecycle_publisher(JointParams, "joint_params", LATEST)
@@ -69,6 +70,7 @@ class IdentifierNode(ManagedNode):
         """Start the thread and listen; estimates of an earlier run are forgotten."""
         self._order = StampOrder()
         self._latest.clear()
+        self._good.clear()
         callbacks = Callbacks(self._on_estimate, self._diagnostics.problem)
         options = self._model_options
         self._worker = Worker(self._make, options.joints, options.expected, callbacks)
@@ -102,7 +104,12 @@ class IdentifierNode(ManagedNode):
 
     def _on_estimate(self, joint: str, estimate: Estimate, origin_ns: int) -> None:
         """Publish; called from the worker's thread."""
-        self._latest[joint] = convert.to_estimate_message(joint, estimate, origin_ns)
+        if estimate.converged:
+            self._good[joint] = origin_ns, estimate
+        origin, good = self._good.get(joint, (origin_ns, None))
+        if origin != origin_ns:  # of the run before: another robot perhaps
+            good = None
+        self._latest[joint] = convert.to_estimate_message(joint, estimate, good, origin_ns)
         self._fits[estimate.status.value] += 1
         message = JointParams(joints=[self._latest[name] for name in sorted(self._latest)])
         newest = max(message.joints, key=lambda j: convert.nanoseconds(j.window_end))
@@ -119,6 +126,8 @@ class IdentifierNode(ManagedNode):
             values[f"{name}: solve time [s]"] = f"{joint.solve_time:.4f}"
             values[f"{name}: status"] = joint.message
             found = sum(p.verdict == p.ESTIMATED for p in joint.parameters)
+            if joint.age > 0.0:
+                values[f"{name}: age of the parameters [s]"] = f"{joint.age:.3f}"
             values[f"{name}: estimated"] = f"{found} of {len(joint.free)} parameters"
             if joint.status != JointEstimate.CONVERGED:
                 bad.append(f"{name}: {joint.message}")
