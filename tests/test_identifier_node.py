@@ -268,19 +268,25 @@ def test_a_bad_configuration_is_told_in_one_line_and_the_node_stays(start, probe
     assert probe.told("identifier", first).level == b"\x02"
     probe.set_parameter("identifier", "set", [""])
     for name, bad, good, text in (
-        ("model", "flexible", "rigid_joint", "option model = 'flexible': choose one of"),
         ("set", ["J=-1"], [""], "parameter J = -1 kg m^2 is outside its bounds"),
         ("set", ["J"], [""], "'J' is not of the form NAME=VALUE"),
         ("set", ["elbow.mass=1"], [""], "joint elbow: model rigid_joint has no parameter 'mass'"),
         ("fix", ["weight"], [""], "model rigid_joint has no parameter 'weight'"),
         ("actuation", "current", "torque", "model rigid_joint needs k_t"),
         ("kinematic_error", True, False, "model rigid_joint has no option 'kinematic_error'"),
-        ("estimator", "magic", "innovations", "option estimator = 'magic'"),
     ):
         assert probe.set_parameter("identifier", name, bad).successful
         assert not probe.change("identifier", "configure")
         assert probe.set_parameter("identifier", name, good).successful
         assert len([line for line in process.text.splitlines() if text in line]) == 1
+    assert probe.change("identifier", "configure")
+    assert "Traceback" not in process.text
+
+
+def test_a_bad_choice_at_the_start_is_told_and_can_be_mended(start, probe):
+    process = start("identifier", model="flexible", actuation="torque")
+    probe.until(lambda: probe.told("identifier", "option model = 'flexible': choose one of dc_motor"), "a diagnostic")
+    assert probe.set_parameter("identifier", "model", "rigid_joint").successful
     assert probe.change("identifier", "configure")
     assert "Traceback" not in process.text
 
