@@ -18,29 +18,14 @@ import typer
 from joint_id_core.cli import app
 from joint_id_core.data.signals import CHANNELS, Parameter
 from joint_id_core.estimators import ESTIMATORS
-from joint_id_core.filtering.offline import FilterOptions
 from joint_id_core.formats.topics import RAW
 from joint_id_core.models import LAWS, MODELS, Model, build
-from joint_id_core.online.identifier import OnlineOptions
 from joint_id_core.results.estimate import Status
-from joint_id_core.rtde.stream import StreamOptions
-from joint_id_ros.driver_options import DriverOptions
-from joint_id_ros.inputs import InputOptions
-from joint_id_ros.model_options import ModelOptions
-from joint_id_ros.plants import MotionOptions
-from joint_id_ros.player import PlayerOptions
+from joint_id_ros.options.node_list import NODES
 from joint_id_ros.record import record
-from joint_id_ros.sim import SimOptions
 
 ROOT = Path(__file__).resolve().parent.parent
 MESSAGES = ROOT / "ros2_ws/src/joint_id_msgs/msg"
-NODES: dict[str, tuple[type, ...]] = {
-    "sim": (SimOptions, MotionOptions),
-    "filter": (InputOptions, FilterOptions),
-    "identifier": (ModelOptions, OnlineOptions),
-    "player": (PlayerOptions,),
-    "driver": (DriverOptions, StreamOptions),
-}
 COMMANDS = ("fit", "compare", "simulate", "info", "record", "robot-emulator")
 BLOCK = re.compile(r"(<!-- generated: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 

@@ -14,7 +14,7 @@ FLOORS = (
     ("options", "assignments"),
     ("data",),
     ("models", "formats", "filtering", "rtde"),
-    ("cell", "simulation", "results"),
+    ("cell", "simulation", "results", "alignment"),
     ("estimators.shared",),
     ("estimators.innovations", "estimators.hpinn"),
     ("estimators",),

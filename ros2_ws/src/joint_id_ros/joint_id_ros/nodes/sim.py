@@ -2,49 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
+from joint_id_core.data.instants import NANO
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import Electromechanical
-from joint_id_core.options import check, option
+from joint_id_core.simulation.plants import PLANTS, MotionOptions
 from joint_id_core.simulation.sensors import UR_CHANNELS, ur_robot_sensors
 from joint_id_msgs.msg import JointParams, MotorVoltages
 from joint_id_ros import conversions as convert
 from joint_id_ros.diagnostics import Diagnostics, Health
+from joint_id_ros.options.sim import SimOptions
 from joint_id_ros.parameters import assignments, declare, read
-from joint_id_ros.plants import PLANTS, MotionOptions
 from joint_id_ros.qos import FLUSH, LATEST, STREAM_OUT
 
 TICK_S = 0.004  # the node wakes up for two samples at 500 Hz: waking costs more than simulating
 CATCH_UP = 50  # samples in one go after a pause, so that signals are served meanwhile
-
-
-@dataclass(frozen=True)
-class SimOptions:
-    """What is simulated and published."""
-
-    model: str = option(
-        Electromechanical.name, "electromechanical: Model 3, voltage steps; harmonic_drive: Model 2, position control",
-        choices=tuple(PLANTS),
-    )  # fmt: skip
-    joint: str = option("joint", "name of the joint")
-    set: tuple[str, ...] = option((), 'values of the model\'s parameters, as "NAME=VALUE"')
-    rate: float = option(500.0, "samples a second", "Hz", 1.0, 1e4)
-    duration: float = option(0.0, "time after which the node ends; 0: never", "s", 0.0, 1e7)
-    seed: int = option(0, "seed of the noise", lower=0)
-    noise: bool = option(True, "sensor noise and quantisation of a UR robot; false: exact values")
-    publish_all_states: bool = option(
-        True, "publish every state of the model (by default for electromechanical only); false: what a UR robot sends"
-    )
-    wait_subscribers: int = option(0, "start to move when this many subscribers listen on every topic", lower=0)
-
-    def __post_init__(self) -> None:
-        check(self)
 
 
 class SimNode(Node):
@@ -91,8 +69,8 @@ class SimNode(Node):
             self._begin_ns = now
             self._publish_truth(now)
         for _ in range(CATCH_UP):
-            instant_ns = self._begin_ns + round(self._count * convert.NANO / self._options.rate)
-            self._behind_s = (now - instant_ns) / convert.NANO
+            instant_ns = self._begin_ns + round(self._count * NANO / self._options.rate)
+            self._behind_s = (now - instant_ns) / NANO
             if instant_ns > now:
                 return
             if 0.0 < self._options.duration <= self._count / self._options.rate:

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from joint_id_core.alignment.joining import Joiner, StampOrder
 from joint_id_core.errors import JointIdError
-from joint_id_ros.joining import Joiner, StampOrder
 
 MS = 10**6
 TOPICS = ("links", "motors", "volts")

@@ -6,6 +6,7 @@ from collections import Counter
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from joint_id_core.alignment.joining import StampOrder
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.topics import SAMPLES
 from joint_id_core.online.identifier import OnlineIdentifier, OnlineOptions
@@ -13,9 +14,8 @@ from joint_id_core.results.estimate import Estimate
 from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples
 from joint_id_ros import conversions as convert
 from joint_id_ros.diagnostics import Diagnostics, Health
-from joint_id_ros.joining import StampOrder
 from joint_id_ros.lifecycle import ManagedNode
-from joint_id_ros.model_options import ModelOptions
+from joint_id_ros.options.identifier import ModelOptions
 from joint_id_ros.parameters import read
 from joint_id_ros.qos import LATEST
 from joint_id_ros.streams import Streams
@@ -35,6 +35,7 @@ class IdentifierNode(ManagedNode):
         self._streams: Streams | None = None
         self._order = StampOrder()
         self._latest: dict[str, JointEstimate] = {}
+        self._good: dict[str, tuple[int, Estimate]] = {}  # newest good estimate by joint, with the origin of its times
         self._fits: Counter[str] = Counter()
         self._diagnostics = Diagnostics(self, self._health, "joint_samples")
         self._publisher = self.create_lifecycle_publisher(JointParams, "joint_params", LATEST)
@@ -65,6 +66,7 @@ class IdentifierNode(ManagedNode):
         """Start the thread and listen; estimates of an earlier run are forgotten."""
         self._order = StampOrder()
         self._latest.clear()
+        self._good.clear()
         callbacks = Callbacks(self._on_estimate, self._diagnostics.problem)
         options = self._model_options
         self._worker = Worker(self._make, options.joints, options.expected, callbacks)
@@ -98,7 +100,12 @@ class IdentifierNode(ManagedNode):
 
     def _on_estimate(self, joint: str, estimate: Estimate, origin_ns: int) -> None:
         """Publish; called from the worker's thread."""
-        self._latest[joint] = convert.to_estimate_message(joint, estimate, origin_ns)
+        if estimate.converged:
+            self._good[joint] = origin_ns, estimate
+        origin, good = self._good.get(joint, (origin_ns, None))
+        if origin != origin_ns:  # of the run before: another robot perhaps
+            good = None
+        self._latest[joint] = convert.to_estimate_message(joint, estimate, good, origin_ns)
         self._fits[estimate.status.value] += 1
         message = JointParams(joints=[self._latest[name] for name in sorted(self._latest)])
         newest = max(message.joints, key=lambda j: convert.nanoseconds(j.window_end))
@@ -115,6 +122,8 @@ class IdentifierNode(ManagedNode):
             values[f"{name}: solve time [s]"] = f"{joint.solve_time:.4f}"
             values[f"{name}: status"] = joint.message
             found = sum(p.verdict == p.ESTIMATED for p in joint.parameters)
+            if joint.age > 0.0:
+                values[f"{name}: age of the parameters [s]"] = f"{joint.age:.3f}"
             values[f"{name}: estimated"] = f"{found} of {len(joint.free)} parameters"
             if joint.status != JointEstimate.CONVERGED:
                 bad.append(f"{name}: {joint.message}")

@@ -6,7 +6,7 @@ import math
 import pytest
 
 from joint_id_core.rtde.client import Sample
-from joint_id_ros.stamping import Stamper
+from joint_id_core.rtde.stamping import Stamper
 
 NANO = 10**9
 EPOCH_NS = 1_700_000_000 * NANO

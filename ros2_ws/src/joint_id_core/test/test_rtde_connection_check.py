@@ -4,8 +4,8 @@ import threading
 
 import pytest
 
+from joint_id_core.rtde.connection_check import ConnectionCheck
 from joint_id_core.rtde.errors import RefusedError, UnreachableError
-from joint_id_ros.connection_check import ConnectionCheck
 
 
 class FakeClient:

@@ -11,8 +11,8 @@ from joint_id_core.estimators import ESTIMATORS, Estimator, ParameterSettings
 from joint_id_core.estimators import build as build_estimator
 from joint_id_core.models import LAWS, MODELS, Model, build
 from joint_id_core.models.options import FLAGS
+from joint_id_core.models.per_joint import Entry, parse
 from joint_id_core.options import check, option
-from joint_id_ros.per_joint import Entry, parse
 
 
 @dataclass(frozen=True)

@@ -12,18 +12,18 @@ from rclpy.clock_type import ClockType
 from joint_id_core.errors import JointIdError
 from joint_id_core.rtde.client import Client, Request, Sample
 from joint_id_core.rtde.clients import CLIENTS
+from joint_id_core.rtde.connection_check import ConnectionCheck
 from joint_id_core.rtde.errors import RefusedError, RobotError
 from joint_id_core.rtde.gate import Gate
+from joint_id_core.rtde.stamping import WAITS, Stamper
 from joint_id_core.rtde.stream import RobotStream, StreamOptions
-from joint_id_ros.connection_check import ConnectionCheck
 from joint_id_ros.diagnostics import Diagnostics, Health
-from joint_id_ros.driver_options import DriverOptions
 from joint_id_ros.lifecycle import ManagedNode
+from joint_id_ros.options.driver import DriverOptions
 from joint_id_ros.parameters import read
 from joint_id_ros.qos import STREAM_OUT
 from joint_id_ros.robot_health import RobotHealth
 from joint_id_ros.robot_signals import TYPES, JointMessages
-from joint_id_ros.stamping import WAITS, Stamper
 
 NEWS = ("connected", "message", "mode")  # events that are no problem
 POLL_S = 0.1  # how often a start without a lifecycle manager looks whether the robot has answered

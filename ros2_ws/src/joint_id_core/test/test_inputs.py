@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from joint_id_core.alignment.inputs import InputOptions
 from joint_id_core.errors import JointIdError
-from joint_id_ros.inputs import InputOptions
 
 RAW = {"link_position": [0.1, 0.2], "link_velocity": [0.5, np.nan], "current": [2.0, 3.0]}
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 
 from rclpy.clock import Clock
@@ -20,10 +19,10 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.bag_reader import opened
-from joint_id_core.options import check, option
 from joint_id_ros.conversions import to_stamp
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.message_types import message_class
+from joint_id_ros.options.player import PlayerOptions
 from joint_id_ros.parameters import declare, read
 from joint_id_ros.qos import CLOCK, LATEST, REPLAY
 
@@ -34,23 +33,6 @@ CLOCK_S = 0.01  # steps of /clock, in s of wall time
 
 # What our own nodes compute from the bag again, or what belongs to the run that was recorded.
 COMPUTED = ("joint_samples", "joint_params", "diagnostics", "clock", "rosout", "parameter_events")
-
-
-@dataclass(frozen=True)
-class PlayerOptions:
-    """What is played and how fast."""
-
-    bag: str = option("", "bag to play: a directory, or a bare .mcap or .db3 file")
-    topics: tuple[str, ...] = option((), "topics to play; none: all but those that the other nodes compute again")
-    rate: float = option(1.0, "speed as a multiple of the recorded one; 0 plays as fast as the readers keep up",
-                         "1", 0.0, 1e3)  # fmt: skip
-    clock: bool = option(True, "publish /clock with the time of the bag, for nodes with use_sim_time")
-    wait_s: float = option(10.0, "longest wait for a subscriber on every topic before playing", "s", 0.0, 1e4)
-
-    def __post_init__(self) -> None:
-        check(self)
-        if not self.bag:
-            raise JointIdError("parameter bag is empty: give the bag to play, e.g. -p bag:=recordings/run1")
 
 
 class PlayerNode(Node):

@@ -6,12 +6,18 @@ import time
 from collections.abc import Callable, Collection
 from typing import Generic, TypeVar
 
+from joint_id_core.data.instants import NANO
 from joint_id_core.errors import JointIdError
 
-NANO = 10**9
-RESTART_NS = NANO  # a stamp that jumps back by more than this is a new run (a bag played again), not a slip
+BACK_NS = NANO  # a stamp that jumps back by more than this is a new run (a bag played again), not a slip
+AHEAD_NS = 86_400 * NANO  # and so is one further ahead: times count from the begin of a run, and lose digits with it
 
 Part = TypeVar("Part")
+
+
+def is_new_run(last_ns: int, stamp_ns: int) -> bool:
+    """Whether a stamp is too far from the one before to go on with it."""
+    return last_ns - stamp_ns > BACK_NS or stamp_ns - last_ns > AHEAD_NS
 
 
 class StampOrder:
@@ -21,19 +27,18 @@ class StampOrder:
         self.last_ns: int | None = None
 
     def restarts(self, topic: str, stamp_ns: int) -> bool:
-        """Note a stamp; True when it jumps back to begin a new run.
+        """Note a stamp; True when it jumps so far that a new run begins.
 
         Raises:
             JointIdError: the stamp is missing, repeats or is out of order; it is not noted.
         """
-        last, restart = self.last_ns, False
+        last = self.last_ns
+        restart = last is not None and is_new_run(last, stamp_ns)
         if stamp_ns == 0 and last is not None:  # as the first of all it may be a recording that begins at zero
             raise JointIdError(f"{topic}: the stamp is zero: stamp the messages when publishing")
-        if last is not None and stamp_ns <= last:
-            restart = last - stamp_ns > RESTART_NS
-            if not restart:
-                what = "repeats" if stamp_ns == last else f"goes back by {(last - stamp_ns) / NANO:.6g} s"
-                raise JointIdError(f"{topic}: the stamp {what}: sample left out, mend the publisher's stamps")
+        if last is not None and stamp_ns <= last and not restart:
+            what = "repeats" if stamp_ns == last else f"goes back by {(last - stamp_ns) / NANO:.6g} s"
+            raise JointIdError(f"{topic}: the stamp {what}: sample left out, mend the publisher's stamps")
         self.last_ns = stamp_ns
         return restart
 

@@ -3,7 +3,7 @@
 import pytest
 
 from joint_id_core.errors import JointIdError
-from joint_id_ros.model_options import ModelOptions
+from joint_id_ros.options.identifier import ModelOptions
 
 
 def test_a_value_of_one_joint_wins_over_that_of_all_whatever_the_order():
