@@ -13,7 +13,8 @@ from types import ModuleType
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+OUTSIDE_DOCS = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "QUALITY_DECLARATION.md", "bags/README.md")]
+PAGES = [*OUTSIDE_DOCS, *sorted((ROOT / "docs").rglob("*.md"))]
 NODES = ROOT / "ros2_ws/src/joint_id_ros"
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
@@ -154,6 +155,13 @@ def test_repository_files_that_commands_name_exist(page: Path) -> None:
     for word in chain.from_iterable(command_lines(page)):
         if re.match(r"(bags|config|docs|demo|setup)/", word):
             assert (ROOT / word).exists(), word
+
+
+def test_contributing_names_every_room_of_the_library() -> None:
+    library = ROOT / "ros2_ws/src/joint_id_core/joint_id_core"
+    rooms = {path.parent.name for path in library.glob("*/__init__.py")}
+    section = (ROOT / "CONTRIBUTING.md").read_text().partition("The rooms of the library")[2].partition("\n## ")[0]
+    assert set(re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE)) == rooms
 
 
 def test_verdict_limits_in_the_text() -> None:
