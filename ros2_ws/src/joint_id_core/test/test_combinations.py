@@ -44,7 +44,7 @@ def test_a_torque_constant_without_a_known_load_is_one_scale_of_everything():
     free = free_of(model, "k_t")
     (found,) = combinations(model, free, frozenset({"external_torque"}))
     assert found.kind == "scale" and set(found.names) == set(free)
-    assert found.text.startswith("a scale common to J_m")
+    assert found.text.startswith("J_m, c_m, tau_fm")
     assert combinations(model, free) == ()  # a measured load torque sets the scale
 
 
@@ -175,7 +175,7 @@ def test_combinations_of_every_kind_are_told_apart():
     texts = {text: kind for _, kind, text, _ in described(*tangled())}
     assert texts == {
         "a + 2 b - c": "sum",
-        "a scale common to d, e, f, g": "scale",
+        "d, e, f, g": "scale",
         "h, i, j": "other",
         "i + j": "sum",
         "k * l / m": "product",
@@ -202,8 +202,8 @@ def test_a_fit_names_the_combination_with_its_value(steps):
     for name in ("c_b", "c_m"):
         assert estimate[name].verdict is Verdict.PRIOR
         assert "c_b + c_m = 0.0305" in estimate[name].reason
-    assert "this model shows only c_b + c_m = 0.0305" in estimate.message
-    assert "c_b: it enters only in combination" in table(estimate)
+    assert "This model shows only c_b + c_m = 0.0305" in estimate.message
+    assert "c_b: this model shows only c_b + c_m" in table(estimate)
     (group,) = combinations(model, estimate.free, frozenset({"external_torque"}))
     value, sd = group.value(estimate.values, estimate.free, estimate.covariance)
     assert abs(value - truth["c_b"] - truth["c_m"]) < 4.0 * sd < 0.01 * value

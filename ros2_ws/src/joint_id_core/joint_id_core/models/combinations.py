@@ -52,7 +52,7 @@ class Combination:
     def text(self) -> str:
         """The combination as a formula, or the names where there is none that is short."""
         if not self.weights:
-            return ("a scale common to " if self.kind == "scale" else "") + ", ".join(self.names)
+            return ", ".join(self.names)
         text = self.names[0]
         for name, weight in zip(self.names[1:], self.weights[1:], strict=True):
             size = "" if abs(weight) == 1.0 else f"{abs(weight):.6g}"

@@ -113,6 +113,7 @@ class Estimate:
         samples: number of samples used.
         predictions: by signal, the predicted labels, shape (T,), for plots; None for messages.
         checks: what tests of this fit found, or of the one that this estimate extends.
+        notes: all that was found, in sentences, the most useful first; `message` holds the first ones.
     """
 
     model: str
@@ -136,6 +137,7 @@ class Estimate:
     samples: int = 0
     predictions: Mapping[str, Array] | None = None
     checks: Checks | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def converged(self) -> bool:

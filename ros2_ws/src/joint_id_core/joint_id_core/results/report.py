@@ -32,6 +32,7 @@ def as_dict(estimate: Estimate) -> dict[str, Any]:
         "estimator": estimate.estimator,
         "status": estimate.status.value,
         "message": estimate.message,
+        "notes": list(estimate.notes),
         "parameters": rows,
         "free": list(estimate.free),
         "covariance": np.asarray(estimate.covariance).tolist(),
@@ -51,7 +52,8 @@ def as_dict(estimate: Estimate) -> dict[str, Any]:
 def table(estimate: Estimate) -> str:
     """The estimate as lines of text: values, standard deviations, verdicts, fit, strong correlations."""
     head = f"{estimate.model} by {estimate.estimator}: {estimate.status.value}"
-    lines = [head, f"  {estimate.message}", ""]
+    also = [f"    {note}" for note in estimate.notes if note not in estimate.message]
+    lines = [head, f"  {estimate.message}", *(["  also:", *also] if also else []), ""]
     lines.append(f"  {'parameter':<10}{'value':>13}  {'std dev':>10}  {'':>8}  {'unit':<11}{'verdict':<12}start")
     lines += [_row(p) for p in estimate.parameters]
     doubtful = [p for p in estimate.parameters if p.verdict not in (Verdict.ESTIMATED, Verdict.FIXED) and p.reason]

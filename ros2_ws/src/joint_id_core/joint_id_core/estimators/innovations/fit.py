@@ -91,4 +91,5 @@ def _estimate(search: Search, found: Minimum, begun: float) -> Estimate:
         elapsed_s=time.perf_counter() - begun, start=float(data.time[0]), end=float(data.time[-1]),
         samples=len(data.time), predictions=predictions,
         checks=checks,
+        notes=judged.notes,
     )  # fmt: skip

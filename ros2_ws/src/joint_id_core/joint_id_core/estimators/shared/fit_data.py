@@ -255,5 +255,6 @@ def unusable(model: Model, estimator: str, error: UnusableError, recording: Reco
     )
     span = (float(recording.time[0]), float(recording.time[-1])) if len(recording) else (float("nan"), float("nan"))
     return Estimate(
-        model.name, estimator, error.status, str(error), rows, start=span[0], end=span[1], samples=len(recording)
-    )
+        model.name, estimator, error.status, str(error), rows, start=span[0], end=span[1], samples=len(recording),
+        notes=(str(error),),
+    )  # fmt: skip
