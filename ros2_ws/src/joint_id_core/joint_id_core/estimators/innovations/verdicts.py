@@ -209,8 +209,3 @@ def findings(rows: Mapping[str, Shown], warnings: Sequence[str], dropped: int) -
     if dropped:
         said.append(f"{dropped} samples without an input were left out")
     return [sentence(text) for text in said if text]
-
-
-def remarks(rows: Mapping[str, Shown], warnings: Sequence[str], dropped: int) -> str:
-    """The first two findings as a continuation of a word such as "converged"."""
-    return "".join(f". {text.rstrip('.')}" for text in findings(rows, warnings, dropped)[:2])
