@@ -19,7 +19,8 @@ pytestmark = pytest.mark.long  # it downloads and installs half a dozen packages
 def bare(tmp_path_factory) -> Path:
     """A fresh environment with nothing but the library in it; skipped where pip finds no package index."""
     folder = tmp_path_factory.mktemp("bare")
-    source = shutil.copytree(CORE, folder / "source", ignore=shutil.ignore_patterns("*.egg-info", "build", "__pycache__"))
+    made_here = shutil.ignore_patterns("*.egg-info", "build", "__pycache__")
+    source = shutil.copytree(CORE, folder / "source", ignore=made_here)
     python = folder / "env/bin/python"
     subprocess.run([sys.executable, "-m", "venv", folder / "env"], check=True)
     index = subprocess.run(
@@ -37,9 +38,7 @@ def run(folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
     work = folder / "work"
     work.mkdir(exist_ok=True)
     path = {"PATH": f"{folder}/env/bin:/usr/bin:/bin"}
-    return subprocess.run(
-        command, cwd=work, env=keep | path, capture_output=True, text=True, timeout=300, check=False
-    )
+    return subprocess.run(command, cwd=work, env=keep | path, capture_output=True, text=True, timeout=300, check=False)
 
 
 def test_the_command_simulates_and_fits(bare):
