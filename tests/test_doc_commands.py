@@ -29,7 +29,7 @@ SUBSTITUTIONS = (
     ("joint-id robot-emulator ", "joint-id robot-emulator --port 0 ", "test runs go side by side"),
     ("robot_ip:=127.0.0.1", "robot_ip:=127.0.0.1 -p port:={port}", "the emulated robot of the test"),
     ("duration:=10.0", "duration:=1.0", "shorter"),
-    ("--duration 30", "--duration 1", "shorter"),
+    ("--duration 30", "--duration 6", "shorter; discovery takes seconds on a busy machine"),
 )
 # Commands that run until they are stopped: nodes with their name in /diagnostics, and what another prints when ready.
 NODES = {f"joint-id-{name}": name for name in ("filter", "identifier", "driver", "sim")}
