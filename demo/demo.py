@@ -24,8 +24,8 @@ from joint_id_core import formats
 from joint_id_core.cell.kernel import compile_model
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import HarmonicDrive, Model
+from joint_id_core.simulation.plants import PLANTS, MotionOptions, PositionControl
 from joint_id_msgs.msg import ParameterEstimate
-from joint_id_ros.plants import PLANTS, MotionOptions, PositionControl
 
 ROOT = Path(__file__).resolve().parent.parent
 MIN_DURATION_S = 6.0  # a window for the estimate of the picture, and the motion that it predicts

@@ -54,7 +54,7 @@ class Misfit:
     @property
     def text(self) -> str:
         """In words; empty where nothing is significant."""
-        parts = [f"{s.name} ({size:.0f} sigma: {s.advice})" for s, size in self.found if size > SIGNIFICANT]
+        parts = [f"{s.name} ({size:.3g} sigma: {s.advice})" for s, size in self.found if size > SIGNIFICANT]
         if not parts:
             return ""
         return f"the residuals show {' and '.join(parts)}; the standard deviations contain what that may do"
