@@ -1,4 +1,4 @@
-"""The library by itself: pip installs it into a bare environment, without ROS and torch, with the command `joint-id`."""
+"""The library alone: pip installs it into a bare environment, without ROS and torch, with the command `joint-id`."""
 
 from __future__ import annotations
 
