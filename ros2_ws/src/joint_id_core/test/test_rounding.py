@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from joint_id_core.data.recording import Recording
-from joint_id_core.estimators import fit
+from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.misfit import shapes
 from joint_id_core.estimators.innovations.verdicts import verdicts
@@ -62,7 +62,8 @@ def test_a_fit_of_data_that_differ_in_their_last_bits_is_the_same():
 def test_a_fit_does_not_depend_on_the_order_of_channels_and_names():
     recording = recorded()
     turned = Recording(recording.time, dict(reversed(recording.channels.items())))
-    expected, other = fit(MODEL, recording, freed=("N", "w_s")), fit(MODEL, turned, freed=("w_s", "N"))
+    expected = fit(MODEL, recording, ParameterSettings(freed=("N", "w_s")))
+    other = fit(MODEL, turned, ParameterSettings(freed=("w_s", "N")))
     assert other.values == expected.values and other.notes == expected.notes
     assert np.array_equal(other.covariance, expected.covariance)
 

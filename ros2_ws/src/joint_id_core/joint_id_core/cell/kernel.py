@@ -26,6 +26,7 @@ from types import ModuleType
 from typing import TextIO
 
 from joint_id_core import models
+from joint_id_core.cell import CELLS
 from joint_id_core.cell.loops import esdirk, innovations, noise, simulate
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import Model
@@ -55,7 +56,6 @@ _INLINE = (
     "constants", "jacobian", "observe", "inputs", "slope", "linearise", "factor", "solve", "matrix", "solve_stage",
     "stages", "step", "step_parameters", "step_full", "work_space",
 )  # fmt: skip
-CELLS = ("rk4", "implicit")
 
 
 @dataclass(frozen=True)
