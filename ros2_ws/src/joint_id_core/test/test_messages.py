@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from joint_id_core.data.recording import Recording
-from joint_id_core.estimators import fit
+from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.estimators.innovations.verdicts import Shown, judge
 from joint_id_core.estimators.shared.fit_data import prepare
 from joint_id_core.estimators.shared.sentences import MOST_NAMES, listed, missed, sentence, times
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Status, Verdict
-from joint_id_core.results.report import as_dict, table
+from joint_id_core.results.report import table
 from joint_id_core.simulation.excitation import position_reference
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
 from joint_id_core.simulation.sensors import Sensors
@@ -115,7 +115,7 @@ def test_a_fit_whose_predictions_run_away_says_so_in_words():
     model, time = build("harmonic_drive"), np.arange(1000) / 500
     motion = simulate_closed_loop(model, PositionController(), position_reference(), time, torque_noise=0.003, seed=1)
     noise = {"motor_position": 1e-3, "link_position": 1e-5, "motor_velocity": 0.1, "link_velocity": 1e-3}
-    estimate = fit(model, Sensors(noise=noise).measure(motion, 1), {"N": 1000.0})
+    estimate = fit(model, Sensors(noise=noise).measure(motion, 1), ParameterSettings({"N": 1000.0}))
     assert not estimate.converged
     assert any("miss by far more than its variation" in note for note in estimate.notes), estimate.notes
     readable(estimate.message)
@@ -123,4 +123,4 @@ def test_a_fit_whose_predictions_run_away_says_so_in_words():
     rest = [note for note in estimate.notes if note not in estimate.message]
     assert all(note in shown for note in rest)
     assert ("also:" in shown) == bool(rest)
-    assert as_dict(estimate)["notes"] == list(estimate.notes)
+    assert estimate.to_dict()["notes"] == list(estimate.notes)

@@ -26,6 +26,7 @@ OWN_SHARE = 0.15  # of the information on a shape that the parameters must leave
 MOST = 2  # shapes that are taken together: more of them cancel each other, and their bias grows without end
 FORESEEN = (-1.0, 1.0, 0.5, 0.0, -0.5)  # straight line through the last four samples, minus the present one
 TINY = 1e-300
+ROUNDING = 1e-12  # of the size of a course
 LOW_SPEED = 0.1  # of the rms speed, below which friction rises in the shape of the Stribeck effect
 
 
@@ -83,7 +84,7 @@ def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
         found.append(Shape(text, "try --friction eyring", channel, w * size))
     if "link_position" in names and load is not None and "a_g" not in value:
         q = known["link_position"]
-        found.append(Shape("a load that goes with the angle", "try --gravity", load, q - q.mean()))
+        found.append(Shape("a load that goes with the angle", "try --gravity", load, _around_mean(q)))
     if drive is not None and "tau_0" not in value:
         found.append(Shape("a constant torque", "try --offsets", drive, np.ones(len(states))))
     if drive is not None:
@@ -96,11 +97,16 @@ def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
         found.append(Shape(text, advice, drive, surprise, sensor=True))
     sides = {"motor_position", "link_position", "motor_velocity"}
     if sides <= known.keys() and drive is not None and "k_2" not in data.free:
-        twist = known["motor_position"] / value["N"] - known["link_position"]
-        twist -= twist.mean()
+        twist = _around_mean(known["motor_position"] / value["N"] - known["link_position"])
         text, cubic = "a spring that is not linear as the model has it", twist * twist * twist
         found.append(Shape(text, "try --free k_2", drive, cubic))
     return found
+
+
+def _around_mean(course: Array) -> Array:
+    """A course less its mean; zero where it is constant but for rounding, which would else have a shape of its own."""
+    away = course - course.mean()
+    return away if np.ptp(course) > ROUNDING * np.max(np.abs(course)) else np.zeros_like(course)
 
 
 def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last: Pass) -> Misfit:

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 COLOURED = 0.3
 # Mean squared normalised innovation beyond which even the largest credible noise does not explain them.
 MOST_CHI2 = 1.5
+# Correlations that differ by less are the same.
+SAME_CORRELATION = 1e-6
 # Predictions that miss by as much as a constant would.
 POOR_NRMSE = 1.0
 
@@ -62,7 +64,9 @@ def verdicts(
     deviation = np.sqrt(np.diag(covariance_z))
     correlation = covariance_z / (deviation[:, None] * deviation)
     correlation.flat[:: len(free) + 1] = 0.0
-    partners = np.abs(correlation).argmax(axis=1)
+    strength = np.abs(correlation)
+    # of several that are as strong but for rounding take the first in the table
+    partners = (strength >= strength.max(axis=1, keepdims=True) - SAME_CORRELATION).argmax(axis=1)
     strongest = correlation[np.arange(len(free)), partners].tolist()
     ratio, bounds = (deviation / coordinates.spread).tolist(), coordinates.at_bound(z).tolist()
     place, held = {name: i for i, name in enumerate(free)}, Shown(Verdict.FIXED, "held at this value")

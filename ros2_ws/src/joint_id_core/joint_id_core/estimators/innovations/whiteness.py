@@ -35,7 +35,7 @@ def memory(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
     """Test the residuals of a fit, whose latest pass is `last`; nothing is added where they are white."""
     data = recursion.data
     strength, probability = portmanteau(data, last.residuals)
-    worst = int(np.argmin(probability))
+    worst = int(np.argmax(strength))  # the least probable, also where probabilities vanish
     if probability[worst] * len(probability) > RARE:
         return Memory(np.zeros_like(found.hessian), "")
     scores = recursion.scores(last) * coordinates.slope(found.z)
