@@ -51,7 +51,7 @@ def test_constants_in_the_theory() -> None:
         f"{words[substeps.MOST]}.",
         f"{words[substeps.MORE_STEPS]} times as many steps are taken",
         f"within ${substeps.KINK:g}\\,w_s$ of zero",
-        f"jumps (by more than {100 * substeps.JUMP:g} % of its range) get {words[substeps.MORE_STEPS]} times",
+        f"jumps (by more than {100 * substeps.JUMP:.2g} % of its range) get {words[substeps.MORE_STEPS]} times",
         f"(or {100 * stages.STEP_TOLERANCE:g} %, where $\\sigma$ is smaller)",
         f"to at most {estimator.MAX_SUBSTEPS}.",
         f"a negligible variance ($10^{{{round(math.log10(recursion.STATE_NOISE))}}}$ of",
