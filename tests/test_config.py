@@ -35,7 +35,7 @@ def test_a_parameter_file_builds_the_options_of_its_nodes(path):
             built = options(**{n: tuple(v) if isinstance(v := given.pop(n), list) else v for n in own})
             if isinstance(built, ModelOptions):
                 for joint in built.expected or ("",):
-                    built.build().values(built.values(joint))
+                    built.build(built.drives[-1]).values(built.values(joint))
         assert not given, f"{node} has no parameter {', '.join(given)}"
 
 

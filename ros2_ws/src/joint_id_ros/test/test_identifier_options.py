@@ -65,3 +65,18 @@ def test_a_text_of_another_form_is_refused_with_an_example(parameter, text):
 def test_a_parameter_that_is_spoken_of_twice_is_refused():
     with pytest.raises(JointIdError, match=r"parameter set: 'elbow.k_t=0.2' speaks of k_t again"):
         ModelOptions(set=("elbow.k_t=0.1", "k_t=0.1", "elbow.k_t=0.2"))
+
+
+@pytest.mark.parametrize("option", [{"cell": "implicit"}, {"priors": "k_t=0.05"}])
+def test_options_of_innovations_are_refused_with_another_estimator(option):
+    with pytest.raises(JointIdError, match="cell and priors are for the innovations estimator"):
+        ModelOptions(estimator="hpinn", **option)
+    assert ModelOptions(estimator="innovations", **option)
+
+
+def test_a_drive_is_given_or_either():
+    assert ModelOptions(model="rigid_joint").drives == ("torque", "current")
+    assert ModelOptions(model="rigid_joint", actuation="current").drives == ("current",)
+    assert "k_t" in ModelOptions(model="rigid_joint").build("current").parameter_names
+    assert "k_t" not in ModelOptions(model="rigid_joint").build("torque").parameter_names
+    assert ModelOptions(model="electromechanical").build("torque").name == "electromechanical"

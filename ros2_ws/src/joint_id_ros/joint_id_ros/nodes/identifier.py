@@ -7,6 +7,8 @@ from collections import Counter
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from joint_id_core.alignment.joining import StampOrder
+from joint_id_core.comparison.model_text import DRIVES, drive_of
+from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.innovations.options import InnovationsOptions
 from joint_id_core.formats.topics import SAMPLES
@@ -43,11 +45,15 @@ class IdentifierNode(ManagedNode):
         if self.get_parameter("autostart").value:
             self.start()
 
-    def _make(self, joint: str) -> OnlineIdentifier:
-        """The identifier of one joint."""
+    def _begin_joint(self, joint: str, samples: Recording) -> OnlineIdentifier:
+        """The identifier of a joint whose first samples are these."""
+        options = self._model_options
+        return self._make(joint, options.actuation or drive_of(options.model, samples) or DRIVES[0])
+
+    def _make(self, joint: str, drive: str) -> OnlineIdentifier:
         options = self._model_options
         return OnlineIdentifier(
-            options.build(),
+            options.build(drive),
             options.values(joint),
             options.fixed(joint),
             self._online_options,
@@ -62,9 +68,21 @@ class IdentifierNode(ManagedNode):
         self._online_options = read(self, OnlineOptions)
         for joint in self._model_options.expected or ("",):
             try:
-                self._make(joint)
+                self._check(joint)
             except JointIdError as error:
                 raise JointIdError(f"joint {joint}: {error}" if joint else str(error)) from None
+
+    def _check(self, joint: str) -> None:
+        """Build the identifier of a joint with what may drive it; one of these must do."""
+        errors = {}
+        for drive in self._model_options.drives:
+            try:
+                self._make(joint, drive)
+                return
+            except JointIdError as error:
+                errors[drive] = error
+        told = "current" if "k_t" in self._model_options.values(joint) else "torque"  # which of the two is meant
+        raise errors.get(told) or next(iter(errors.values()))
 
     def begin(self) -> None:
         """Start the thread and listen; estimates of an earlier run are forgotten."""
@@ -73,7 +91,7 @@ class IdentifierNode(ManagedNode):
         self._good.clear()
         callbacks = Callbacks(self._on_estimate, self._diagnostics.problem)
         options = self._model_options
-        self._worker = Worker(self._make, options.joints, options.expected, callbacks)
+        self._worker = Worker(self._begin_joint, options.joints, options.expected, callbacks)
         self._streams = Streams(self, {SAMPLES.name: JointSamples}, self._on_samples)
         self.get_logger().info(f"identifying {options.model} with {options.estimator}")
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 from joint_id_core.cell.kernel import CELLS
-from joint_id_core.comparison.model_text import FLAGS
+from joint_id_core.comparison.model_text import DRIVES, FLAGS
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ESTIMATORS
+from joint_id_core.estimators.innovations.options import InnovationsOptions
 from joint_id_core.models import LAWS, MODELS, Model, build
 from joint_id_core.models.per_joint import Entry, parse
 from joint_id_core.options import check, option
@@ -27,15 +28,22 @@ class ModelOptions:
     model: str = option("electromechanical", "joint model", choices=tuple(MODELS))
     joints: tuple[str, ...] = option((), "joints to identify; none: every joint that is seen")
     estimator: str = option("innovations", "estimation method", choices=tuple(ESTIMATORS))
-    actuation: str = option("current", "input of models with a drive input", choices=("current", "torque"))
+    actuation: str = option(
+        "",
+        "what drives the joint; empty: the torque if it is measured, else the current (as joint-id fit)",
+        choices=("", *DRIVES),
+    )
     friction: str = option(LAWS[0], "friction law", choices=LAWS)
     gravity: bool = option(False, "whether the joint carries gravity torque a_g cos(q) + b_g sin(q)")
     kinematic_error: bool = option(False, "whether the gear's kinematic error is modelled")
     delays: bool = option(False, "whether sensors may be late: adds delta_p and delta_q")
     offsets: bool = option(False, "whether torque and twist have offsets: adds tau_0 and dtheta_0")
-    cell: str = option("rk4", "integrator of the innovations estimator; implicit for stiff joints", choices=CELLS)
+    cell: str = option(
+        InnovationsOptions.cell, "integrator of the innovations estimator; implicit for stiff joints", choices=CELLS
+    )
     priors: str = option(
-        "", "standard deviations known before any data, NAME=SD separated by commas; relative for positive parameters"
+        InnovationsOptions.priors,
+        "standard deviations known before any data, NAME=SD separated by commas; relative for positive parameters",
     )
     set: tuple[str, ...] = option(
         (), 'start values, and values of fixed parameters, as "NAME=VALUE", or for one joint "JOINT.NAME=VALUE"'
@@ -50,6 +58,13 @@ class ModelOptions:
 
     def __post_init__(self) -> None:
         check(self)
+        if self.estimator != "innovations" and (self.cell, self.priors) != (
+            InnovationsOptions.cell,
+            InnovationsOptions.priors,
+        ):
+            raise JointIdError(
+                f"cell and priors are for the innovations estimator: leave them out with {self.estimator}"
+            )
         for parameter in ("set", "fix", "free"):
             self._check(parameter)
 
@@ -65,8 +80,13 @@ class ModelOptions:
                 raise JointIdError(f"parameter {parameter}: {text!r} speaks of {entry.name} again: say it once")
             seen.append((entry.joint, entry.name))
 
-    def build(self) -> Model:
-        """The model; an option that it does not have may stay at its default.
+    @property
+    def drives(self) -> tuple[str, ...]:
+        """What may drive the model: the actuation that is given, or each there is."""
+        return (self.actuation,) if self.actuation else DRIVES
+
+    def build(self, drive: str) -> Model:
+        """The model with what drives it, where it has such an input; an option that it lacks may stay at its default.
 
         Raises:
             JointIdError: an option that the model does not have.
@@ -74,7 +94,8 @@ class ModelOptions:
         own = {f.name for f in fields(MODELS[self.model])}
         defaults = {f.name: f.default for f in fields(self)}
         given = {n: getattr(self, n) for n in ("actuation", "friction", *FLAGS)}
-        return build(self.model, **{n: v for n, v in given.items() if n in own or v != defaults[n]})
+        chosen = {n: v for n, v in given.items() if n in own or v != defaults[n]}
+        return build(self.model, **{**chosen, **({"actuation": drive} if "actuation" in own else {})})
 
     @property
     def expected(self) -> tuple[str, ...]:
