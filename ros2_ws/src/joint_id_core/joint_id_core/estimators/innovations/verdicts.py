@@ -30,7 +30,7 @@ COLOURED = 0.3
 # Mean squared normalised innovation beyond which even the largest credible noise does not explain them.
 MOST_CHI2 = 1.5
 # Predictions that miss by as much as a constant would.
-POOR_NRMSE = 1.0
+CONSTANT_NRMSE = 1.0
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ def judge(
     """
     residuals = explained(data, found.last.residuals)
     reasons = [*residuals.reasons, *idle_drives(data, found.levels[len(data.labels) :])]
-    poor = {n: v for n, v in nrmse.items() if v > POOR_NRMSE}
+    poor = {n: v for n, v in nrmse.items() if v > CONSTANT_NRMSE}
     if poor:
         worst = max(poor, key=lambda n: poor[n])
         reasons.append(f"predictions of {worst} miss by {100 * poor[worst]:.0f} % of its variation")
