@@ -17,8 +17,8 @@ from nodes import Nodes
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import HarmonicDrive, Model
 from joint_id_core.online.identifier import OnlineOptions
+from joint_id_core.simulation.plants import PositionControl
 from joint_id_msgs.msg import JointEstimate
-from joint_id_ros.plants import PositionControl
 
 READY_S = 60.0  # longest wait for a node that starts, or that should have ended
 LAST_S = 30.0  # longest wait for the last estimate once the motion has ended

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
@@ -17,32 +17,15 @@ import typer
 
 from joint_id_core.cli import app
 from joint_id_core.data.signals import CHANNELS, Parameter
-from joint_id_core.estimators.hpinn.fit import HPinnOptions
-from joint_id_core.estimators.innovations.options import InnovationsOptions
-from joint_id_core.filtering.offline import FilterOptions
+from joint_id_core.estimators import ESTIMATORS
 from joint_id_core.formats.topics import RAW
 from joint_id_core.models import LAWS, MODELS, Model, build
-from joint_id_core.online.identifier import OnlineOptions
 from joint_id_core.results.estimate import Status
-from joint_id_core.rtde.stream import StreamOptions
-from joint_id_ros.driver_options import DriverOptions
-from joint_id_ros.inputs import InputOptions
-from joint_id_ros.model_options import ModelOptions
-from joint_id_ros.plants import MotionOptions
-from joint_id_ros.player import PlayerOptions
+from joint_id_ros.options.node_list import NODES
 from joint_id_ros.record import record
-from joint_id_ros.sim import SimOptions
 
 ROOT = Path(__file__).resolve().parent.parent
 MESSAGES = ROOT / "ros2_ws/src/joint_id_msgs/msg"
-NODES: dict[str, tuple[type, ...]] = {
-    "sim": (SimOptions, MotionOptions),
-    "filter": (InputOptions, FilterOptions),
-    "identifier": (ModelOptions, OnlineOptions),
-    "player": (PlayerOptions,),
-    "driver": (DriverOptions, StreamOptions),
-}
-ESTIMATORS: dict[str, type] = {"innovations": InnovationsOptions, "hpinn": HPinnOptions}
 COMMANDS = ("fit", "compare", "simulate", "info", "record", "robot-emulator")
 BLOCK = re.compile(r"(<!-- generated: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
@@ -77,6 +60,8 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def shown(value: Any) -> str:
     """A default as it is typed in a parameter file; `-` where there is none."""
+    if value is MISSING:
+        return "-"
     if isinstance(value, tuple):
         return f"`[{', '.join(map(str, value))}]`"
     if isinstance(value, bool):
@@ -169,7 +154,8 @@ def command_table(name: str) -> str:
         else:
             label = "/".join([*p.opts, *p.secondary_opts])
             kind = "required" if p.required else "repeatable" if p.multiple else "flag" if p.is_flag else "optional"
-            default = shown(p.default) if not p.multiple and p.default is not False else "-"
+            value = p.show_default if isinstance(p.show_default, str) else p.default
+            default = shown(value) if not p.multiple and value is not False else "-"
         rows.append([f"`{label}`", kind, default, p.help or ""])
     return table(["argument", "kind", "default", "meaning"], rows)
 

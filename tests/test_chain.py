@@ -9,10 +9,10 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.formats import write_bag
 from joint_id_core.models import build
 from joint_id_core.simulation.excitation import STEP_S, STEPS_V
+from joint_id_core.simulation.plants import PositionControl
 from joint_id_core.simulation.sensors import ur_robot_sensors
 from joint_id_core.simulation.simulator import simulate
 from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples, ParameterEstimate
-from joint_id_ros.plants import PositionControl
 from joint_id_ros.qos import LATEST
 
 NANO = 10**9

@@ -10,26 +10,12 @@ import pytest
 import yaml
 from sensor_msgs.msg import JointState
 
-from joint_id_core.filtering.offline import FilterOptions
 from joint_id_core.models import build
-from joint_id_core.online.identifier import OnlineOptions
-from joint_id_core.rtde.stream import StreamOptions
 from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples, ParameterEstimate
-from joint_id_ros.driver_options import DriverOptions
-from joint_id_ros.inputs import InputOptions
-from joint_id_ros.model_options import ModelOptions
-from joint_id_ros.plants import MotionOptions
-from joint_id_ros.player import PlayerOptions
-from joint_id_ros.sim import SimOptions
+from joint_id_ros.options.identifier import ModelOptions
+from joint_id_ros.options.node_list import NODES
 
 CONFIG = Path(__file__).resolve().parent.parent / "config"
-OPTIONS = {
-    "sim": (SimOptions, MotionOptions),
-    "filter": (InputOptions, FilterOptions),
-    "identifier": (ModelOptions, OnlineOptions),
-    "player": (PlayerOptions,),
-    "driver": (DriverOptions, StreamOptions),
-}
 TOPICS = {"joint_params": JointParams, "truth": JointParams, "joint_samples": JointSamples, "link_states": JointState}
 NESTED = {"joint_id_msgs/JointEstimate": JointEstimate, "joint_id_msgs/ParameterEstimate": ParameterEstimate}
 
@@ -41,7 +27,7 @@ def test_a_parameter_file_builds_the_options_of_its_nodes(path):
         given.pop("use_sim_time", None)
         if node == "/**/player":
             given["bag"] = "given on the command line"
-        for options in OPTIONS[node.removeprefix("/**/")]:
+        for options in NODES[node.removeprefix("/**/")]:
             own = {f.name: f for f in fields(options) if f.name in given}
             for name, f in own.items():
                 # A number without a point is an integer to ROS and refused for a parameter in floating point.

@@ -13,7 +13,8 @@ from types import ModuleType
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+OUTSIDE_DOCS = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "QUALITY_DECLARATION.md", "bags/README.md")]
+PAGES = [*OUTSIDE_DOCS, *sorted((ROOT / "docs").rglob("*.md"))]
 NODES = ROOT / "ros2_ws/src/joint_id_ros"
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
@@ -156,26 +157,20 @@ def test_repository_files_that_commands_name_exist(page: Path) -> None:
             assert (ROOT / word).exists(), word
 
 
-def test_exit_codes_statuses_and_constants_in_the_text() -> None:
-    from joint_id_core.estimators.innovations import annealing
-    from joint_id_core.estimators.innovations import options as innovations_options
-    from joint_id_core.estimators.innovations import verdicts as identifiability
-    from joint_id_core.estimators.innovations import whiteness as memory
-    from joint_id_core.models import RigidJoint, dc_motor, transmission
+def test_contributing_names_every_room_of_the_library() -> None:
+    library = ROOT / "ros2_ws/src/joint_id_core/joint_id_core"
+    rooms = {path.parent.name for path in library.glob("*/__init__.py")}
+    section = (ROOT / "CONTRIBUTING.md").read_text().partition("The rooms of the library")[2].partition("\n## ")[0]
+    assert set(re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE)) == rooms
 
-    verdicts = (ROOT / "docs/tutorials/verdicts.md").read_text()
-    theory = (ROOT / "docs/theory.md").read_text()
-    assert f"ratio up to {identifiability.PRIOR_RATIO:g}" in verdicts
-    assert f"above {identifiability.NOT_EXCITED_RATIO:g}: this motion cannot" in verdicts
-    assert f"beyond {identifiability.COLOURED:g} in size" in verdicts
-    assert f"| $N$ | {transmission.GEAR_RATIO:g} |" in theory
-    assert f"| $L$ | {dc_motor.INDUCTANCE:.0e}".replace("e-0", "e-") in theory
-    assert f"for `rigid_joint` {100 * RigidJoint.smoothing_share:g} % of the\npeak speed" in theory
-    assert f"at most {innovations_options.MAX_SUBSTEPS}." in theory
-    assert (annealing.STRONG, annealing.STRONGEST) == (1e4, 1e6)
-    assert "$q$ starts at 1e4 times" in theory and "$q$ held at 1e6 times" in theory
-    assert (annealing.EXCERPT, annealing.SHORTEST) == (4, 250) and "at least 250 samples long" in theory
-    assert (memory.LAGS, memory.RARE) == (30, 1e-4) and "over 30 lags; where its probability is below 1e-4" in theory
+
+def test_verdict_limits_in_the_text() -> None:
+    from joint_id_core.estimators.innovations import verdicts
+
+    page = (ROOT / "docs/tutorials/verdicts.md").read_text()
+    assert f"ratio up to {verdicts.PRIOR_RATIO:g}" in page
+    assert f"above {verdicts.NOT_EXCITED_RATIO:g}: this motion cannot" in page
+    assert f"beyond {verdicts.COLOURED:g} in size" in page
 
 
 def test_the_readme_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

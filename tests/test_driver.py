@@ -13,14 +13,14 @@ from robot_process import Connection, Reader, Wire
 from sensor_msgs.msg import JointState
 
 import joint_id_core.rtde
-import joint_id_ros.driver
+import joint_id_ros
 from joint_id_core.rtde.fields import PORT
 from joint_id_msgs.msg import RobotSignals
 
 HOST = "127.0.0.1"
 SECONDS, RATE = 20, 500
 MOTOR_POSITIONS = [f"output_double_register_{k}" for k in range(24, 30)]
-DRIVER_MODULES = ("driver", "driver_options", "robot_signals", "robot_health", "connection_check", "stamping")
+DRIVER_MODULES = ("nodes/driver.py", "options/driver.py", "robot_signals.py", "robot_health.py")
 STEER = 200e-6  # by which stamps may run faster or slower than the robot's clock, to stay with the system's
 ROUNDING_NS = 2
 
@@ -254,7 +254,7 @@ def test_either_client_publishes_true_samples_and_sends_nothing_but_requests_to_
 
 def test_no_module_of_the_driver_knows_a_way_to_move_a_robot():
     forbidden = re.compile(r"rtde_control|rtde_io|script_client|dashboard|\b3000[123]\b|\b29999\b|\bINPUTS\b|b\"I\"")
-    own = [Path(joint_id_ros.driver.__file__).with_stem(n) for n in DRIVER_MODULES]
+    own = [Path(joint_id_ros.__file__).parent / name for name in DRIVER_MODULES]
     shared = [p for p in Path(joint_id_core.rtde.__file__).parent.glob("*.py") if p.stem != "packets"]
     assert len(shared) > 5
     for path in (*own, *shared):

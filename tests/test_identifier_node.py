@@ -105,6 +105,38 @@ def test_a_late_subscriber_gets_the_last_estimate(identifying, probe, sample):
     assert repr(late[0]) == repr(found[-1])  # NaN, as of fixed parameters, equals nothing
 
 
+def standing(message):
+    message.link_position, message.link_velocity, message.torque = [0.5], [0.0], [0.0]
+    return message
+
+
+def test_a_failed_fit_keeps_the_last_good_estimate_for_late_subscribers(identifying, probe, sample):
+    found, samples = identifying()
+    publish(samples, probe, [sample(k) for k in range(2 * RATE + 50)])
+    probe.until(lambda: latest(found), "an estimate")
+    assert_true(latest(found))
+    good = latest(found)
+    publish(samples, probe, [standing(sample(k)) for k in range(2 * RATE + 50, 5 * RATE)])
+    probe.until(lambda: latest(found).status == JointEstimate.NO_MOTION, "an estimate of a joint that stands")
+    late = probe.collect(JointParams, "joint_params", LATEST)
+    probe.until(lambda: late, "what a late subscriber gets")
+    (joint,) = late[0].joints
+    assert joint.status == JointEstimate.NO_MOTION and "move the joint" in joint.message
+    assert joint.parameters_status == JointEstimate.CONVERGED
+    end, window_end = (t.sec + t.nanosec / NANO for t in (joint.parameters_end, joint.window_end))
+    assert end >= good.parameters_end.sec + good.parameters_end.nanosec / NANO
+    assert joint.age == pytest.approx(window_end - end) and joint.age > 0.0
+    for p in joint.parameters:
+        if p.name in TRUTH:
+            assert abs(p.value - TRUTH[p.name]) < 5.0 * p.std_dev < 0.5 * TRUTH[p.name]
+    assert len(joint.covariance) == len(joint.free) ** 2 == len(TRUTH) ** 2
+    # A run that begins anew knows nothing of the one before: it may be another robot.
+    publish(samples, probe, [standing(sample(k, begin=500 * NANO)) for k in range(3 * RATE)])
+    probe.until(lambda: found[-1].header.stamp.sec < 600, "an estimate of the second run")
+    assert latest(found).parameters_status == latest(found).status == JointEstimate.NO_MOTION
+    assert latest(found).age == 0.0
+
+
 def test_only_the_chosen_joints_are_identified_and_a_missing_one_is_named(identifying, probe, sample):
     found, samples = identifying(joints=["elbow", "shoulder"])
     publish(samples, probe, [sample(k, ("elbow", "wrist")) for k in range(3 * RATE)])
@@ -150,6 +182,14 @@ def infinite(message):
     message.link_position = [float("inf")]
 
 
+def huge(message):
+    message.torque = [1e300]
+
+
+def without_values(message):
+    message.link_position, message.link_velocity, message.torque = [], [], []
+
+
 def unnamed(message):
     message.name = []
 
@@ -158,19 +198,22 @@ BAD = {
     repeated: "the stamp repeats",
     wrong_length: "3 values of torque for 1 joints",
     infinite: "link_position of joint joint is infinite",
+    huge: "torque of joint joint is 1e+300",
+    without_values: "holds no values",
     unnamed: "names no joint",
 }
 
 
 def test_bad_samples_are_reported_and_identification_goes_on(identifying, probe, sample):
     found, samples = identifying()
+    step = 4 * RATE // len(BAD)
     for k, (spoil, text) in enumerate(BAD.items()):
-        publish(samples, probe, [sample(i) for i in range(k * RATE, (k + 1) * RATE)])
-        bad = sample((k + 1) * RATE)
+        publish(samples, probe, [sample(i) for i in range(k * step, (k + 1) * step)])
+        bad = sample((k + 1) * step)
         spoil(bad)
         samples.publish(bad)
         probe.until(lambda text=text: probe.told("identifier", text), f"a diagnostic with {text!r}")
-    publish(samples, probe, [sample(i) for i in range(4 * RATE, 6 * RATE)])
+    publish(samples, probe, [sample(i) for i in range(len(BAD) * step, 6 * RATE)])
     probe.until(lambda: found and found[-1].header.stamp.sec >= 1005, "an estimate of the last samples")
     assert_true(latest(found))
 
@@ -225,19 +268,25 @@ def test_a_bad_configuration_is_told_in_one_line_and_the_node_stays(start, probe
     assert probe.told("identifier", first).level == b"\x02"
     probe.set_parameter("identifier", "set", [""])
     for name, bad, good, text in (
-        ("model", "flexible", "rigid_joint", "option model = 'flexible': choose one of"),
         ("set", ["J=-1"], [""], "parameter J = -1 kg m^2 is outside its bounds"),
         ("set", ["J"], [""], "'J' is not of the form NAME=VALUE"),
         ("set", ["elbow.mass=1"], [""], "joint elbow: model rigid_joint has no parameter 'mass'"),
         ("fix", ["weight"], [""], "model rigid_joint has no parameter 'weight'"),
         ("actuation", "current", "torque", "model rigid_joint needs k_t"),
         ("kinematic_error", True, False, "model rigid_joint has no option 'kinematic_error'"),
-        ("estimator", "magic", "innovations", "option estimator = 'magic'"),
     ):
         assert probe.set_parameter("identifier", name, bad).successful
         assert not probe.change("identifier", "configure")
         assert probe.set_parameter("identifier", name, good).successful
         assert len([line for line in process.text.splitlines() if text in line]) == 1
+    assert probe.change("identifier", "configure")
+    assert "Traceback" not in process.text
+
+
+def test_a_bad_choice_at_the_start_is_told_and_can_be_mended(start, probe):
+    process = start("identifier", model="flexible", actuation="torque")
+    probe.until(lambda: probe.told("identifier", "option model = 'flexible': choose one of dc_motor"), "a diagnostic")
+    assert probe.set_parameter("identifier", "model", "rigid_joint").successful
     assert probe.change("identifier", "configure")
     assert "Traceback" not in process.text
 

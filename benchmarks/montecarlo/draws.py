@@ -15,7 +15,7 @@ import numpy as np
 from simulated import motion, start
 
 from joint_id_core.data.recording import Recording
-from joint_id_core.estimators import fit
+from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.results.estimate import Estimate
 from montecarlo.cases import FACTOR, Case
 
@@ -66,7 +66,7 @@ def draw(case: Case, cache: Path, seed: int) -> Draw:
     """Fit one draw."""
     recording, values = recorded(case, seed, cache), start(case.model, seed, FACTOR)
     begun = time.process_time()
-    estimate = fit(case.model, recording, values)
+    estimate = fit(case.model, recording, ParameterSettings(values))
     return of(estimate, case.model.values(), seed, time.process_time() - begun)
 
 

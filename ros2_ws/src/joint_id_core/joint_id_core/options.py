@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import field, fields
+from collections.abc import Callable
+from dataclasses import Field, field, fields
 from typing import Any
 
 from joint_id_core.errors import JointIdError
+
+Progress = Callable[[str], None]  # called with a line of text now and then during a long computation
 
 
 def option(
@@ -18,26 +21,35 @@ def option(
 ) -> Any:
     """A dataclass field with its meaning, unit and range as metadata."""
     meta = {"description": description, "unit": unit, "lower": lower, "upper": upper, "choices": choices}
+    if isinstance(default, dict):
+        return field(default_factory=lambda: dict(default), metadata=meta)
     return field(default=default, metadata=meta)
 
 
 def check(options: Any) -> None:
     """Check every field of an options dataclass against its range; call it in `__post_init__`.
 
-    Of a tuple every element is checked.
-
     Raises:
-        JointIdError: a value outside its range or choices; names the option, the value and the range.
+        JointIdError: as `check_value`.
     """
     for f in fields(options):
-        meta = f.metadata
-        for value in v if isinstance(v := getattr(options, f.name), tuple) else (v,):
-            if meta.get("choices") and value not in meta["choices"]:
-                raise JointIdError(f"option {f.name} = {value!r}: choose one of {names(meta['choices'])}")
-            lower, upper = meta.get("lower"), meta.get("upper")
-            if (lower is not None and not value >= lower) or (upper is not None and not value <= upper):
-                span = f"[{'-inf' if lower is None else lower}, {'inf' if upper is None else upper}]"
-                raise JointIdError(f"option {f.name} = {value} {meta['unit']}: must be in {span}")
+        check_value(f, getattr(options, f.name))
+
+
+def check_value(option: Field[Any], value: Any) -> None:
+    """Check a value of one option against its range or choices; of a tuple every element.
+
+    Raises:
+        JointIdError: it is outside; names the option, the value and what is allowed.
+    """
+    meta = option.metadata
+    for v in value if isinstance(value, tuple) else (value,):
+        if meta.get("choices") and v not in meta["choices"]:
+            raise JointIdError(f"option {option.name} = {v!r}: choose one of {names(meta['choices'])}")
+        lower, upper = meta.get("lower"), meta.get("upper")
+        if (lower is not None and not v >= lower) or (upper is not None and not v <= upper):
+            span = f"[{'-inf' if lower is None else lower}, {'inf' if upper is None else upper}]"
+            raise JointIdError(f"option {option.name} = {v} {meta['unit']}: must be in {span}")
 
 
 def names(choices: tuple[str, ...]) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from joint_id_core.data.signals import channel, positive
-from joint_id_core.estimators import fit
+from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.models import LAWS, MODELS, Model, build
 from joint_id_core.models.combinations import combinations
 from joint_id_core.results.estimate import Verdict
@@ -106,7 +106,7 @@ def steps():
 
 def test_a_fit_names_the_combination_with_its_value(steps):
     model = build("electromechanical")
-    estimate = fit(model, steps, freed=("c_b",))
+    estimate = fit(model, steps, ParameterSettings(freed=("c_b",)))
     truth = model.values()
     for name in ("c_b", "c_m"):
         assert estimate[name].verdict is Verdict.PRIOR

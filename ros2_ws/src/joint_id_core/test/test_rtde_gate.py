@@ -40,6 +40,18 @@ def test_any_value_that_is_not_finite(field, value):
     assert Gate().admit(sample(actual_q=(math.inf, -math.inf, *SIX[2:]))) == "not finite"
 
 
+@pytest.mark.parametrize("field", ["timestamp", "actual_q", "output_double_register_24"])
+@pytest.mark.parametrize("value", [1e300, -1e300, 1e10])
+def test_any_value_that_no_robot_has(field, value):
+    bad = sample(**{field: (*SIX[:5], value) if isinstance(sample()[field], tuple) else value})
+    assert Gate().admit(bad) == "too large"
+    assert Gate().admit(sample(actual_q=(1e300, -1e300, *SIX[2:]))) == "too large"
+
+
+def test_status_bits_are_no_quantity():
+    assert Gate().admit(sample(robot_status_bits=2**32 - 1)) == ""
+
+
 def test_a_packet_of_zeros():
     zeros = {name: (0.0,) * 6 if isinstance(value, tuple) else 0 for name, value in sample().items()}
     gate = Gate()

@@ -41,8 +41,8 @@ def ends(monkeypatch):
     def changed_by(change):
         real, count = search.annealed, iter(range(100))
 
-        def annealed(stages, z, whole=True):
-            return change(next(count), real(stages, z, whole))
+        def annealed(stages, z, **options):
+            return change(next(count), real(stages, z, **options))
 
         monkeypatch.setattr(search, "annealed", annealed)
 

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
 
+from joint_id_core.alignment.aligner import AlignedSample, Columns
+from joint_id_core.data.instants import NANO, instant, seconds
 from joint_id_core.data.recording import Recording
+from joint_id_core.data.signals import LARGEST
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.topics import MEASURED_BITS, SAMPLES, Topic
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, Status, Verdict
 from joint_id_msgs.msg import JointEstimate, JointSamples, ParameterEstimate
 
-NANO = 10**9
-
 STATUS_CODES = {status: getattr(JointEstimate, status.name) for status in Status}
 VERDICT_CODES = {verdict: getattr(ParameterEstimate, verdict.name) for verdict in Verdict}
-
-Row = dict[str, float]  # value by channel
 
 
 def nanoseconds(stamp: Any) -> int:
@@ -34,54 +33,48 @@ def to_stamp(instant_ns: int) -> Time:
     return Time(sec=instant_ns // NANO, nanosec=instant_ns % NANO)
 
 
-def seconds(instant_ns: int, origin_ns: int) -> float:
-    """Time since an origin in s; near zero, so that a double keeps every nanosecond of a day."""
-    return (instant_ns - origin_ns) / NANO
-
-
-def instant(time_s: float, origin_ns: int) -> int:
-    """Inverse of `seconds`; the origin for a time that is not known."""
-    return origin_ns + (round(time_s * NANO) if math.isfinite(time_s) else 0)
-
-
 def check(topic: Topic, message: Any) -> None:
     """Check a message of one of our topics.
 
     Raises:
-        JointIdError: no joint, a joint twice, an array as long as neither 0 nor the joints, an infinite value.
+        JointIdError: a stamp that is no time, no joint, a joint twice, no value at all, an array as long as neither 0
+            nor the joints, a value that is infinite or larger than any that can be measured.
     """
-    names = message.name
+    names, stamp = message.name, message.header.stamp
+    if stamp.sec < 0 or stamp.nanosec >= NANO:
+        raise JointIdError(f"{topic.name}: a stamp of {stamp.sec} s, {stamp.nanosec} ns is no time: mend the publisher")
     if not names:
         raise JointIdError(f"{topic.name}: a message names no joint: fill the field 'name' when publishing")
     if len(set(names)) < len(names):
         raise JointIdError(f"{topic.name}: a message names a joint twice ({', '.join(names)}): mend the publisher")
-    for field in topic.fields:
-        values = getattr(message, field)
+    arrays = {field: getattr(message, field) for field in topic.fields}
+    if not any(map(len, arrays.values())):
+        raise JointIdError(f"{topic.name}: a message holds no values: fill at least one of {', '.join(arrays)}")
+    for field, values in arrays.items():
         if len(values) not in (0, len(names)):
             raise JointIdError(
                 f"{topic.name}: {len(values)} values of {field} for {len(names)} joints: give one a joint or none"
             )
         for name, value in zip(names, values, strict=False):
-            if math.isinf(value):
-                raise JointIdError(f"{topic.name}: {field} of joint {name} is infinite: use NaN for a missing value")
+            if abs(value) > LARGEST:  # never true of NaN
+                what = "infinite" if math.isinf(value) else f"{value:.3g}, which no joint can have"
+                raise JointIdError(f"{topic.name}: {field} of joint {name} is {what}: use NaN for a missing value")
 
 
-def rows(topic: Topic, message: Any) -> dict[str, Row]:
-    """Values by joint and channel of a raw message that passed `check`; empty arrays are not measured."""
-    arrays = [(channel, getattr(message, field)) for field, channel in topic.fields.items()]
-    arrays = [(channel, values) for channel, values in arrays if len(values)]
-    return {name: {channel: values[i] for channel, values in arrays} for i, name in enumerate(message.name)}
+def to_columns(topic: Topic, message: Any) -> Columns:
+    """What a message of a raw topic that passed `check` measures; empty arrays are not measured."""
+    arrays = {channel: getattr(message, field) for field, channel in topic.fields.items()}
+    channels = {channel: np.array(values) for channel, values in arrays.items() if len(values)}
+    return Columns(tuple(message.name), channels)
 
 
-def to_samples(
-    instant_ns: int, joints: Sequence[str], channels: Mapping[str, np.ndarray], derived: Collection[str]
-) -> JointSamples:
-    """Samples of all joints at one instant; a channel has shape (joints,)."""
-    message = JointSamples(name=list(joints))
-    message.header.stamp = to_stamp(instant_ns)
-    for name, values in channels.items():
+def to_samples(sample: AlignedSample) -> JointSamples:
+    """Message of an aligned sample."""
+    message = JointSamples(name=list(sample.joints))
+    message.header.stamp = to_stamp(sample.instant_ns)
+    for name, values in sample.channels.items():
         setattr(message, name, values.tolist())
-    message.measured = sum(MEASURED_BITS[name] for name in channels if name not in derived)
+    message.measured = sum(MEASURED_BITS[name] for name in sample.channels if name not in sample.derived)
     return message
 
 
@@ -111,18 +104,31 @@ def to_recordings(messages: Sequence[JointSamples], origin_ns: int, source: str)
     return recordings
 
 
-def to_estimate_message(joint: str, estimate: Estimate, origin_ns: int) -> JointEstimate:
-    """Message of an estimate whose times count from the origin."""
-    signals = sorted({*estimate.nrmse, *estimate.noise})
+def to_estimate_message(joint: str, newest: Estimate, good: Estimate | None, origin_ns: int) -> JointEstimate:
+    """Message of the newest fit and of the newest good one (None: there is none); their times count from the origin."""
+    found = good or newest
+    signals = sorted({*newest.nrmse, *newest.noise})
+    end_ns, found_end_ns = instant(newest.end, origin_ns), instant(found.end, origin_ns)
     return JointEstimate(
         joint=joint,
-        model=estimate.model,
-        estimator=estimate.estimator,
-        window_start=to_stamp(instant(estimate.start, origin_ns)),
-        window_end=to_stamp(instant(estimate.end, origin_ns)),
-        samples=estimate.samples,
-        status=STATUS_CODES[estimate.status],
-        message=estimate.message,
+        model=newest.model,
+        estimator=newest.estimator,
+        window_start=to_stamp(instant(newest.start, origin_ns)),
+        window_end=to_stamp(end_ns),
+        samples=newest.samples,
+        status=STATUS_CODES[newest.status],
+        message=newest.message,
+        signal=signals,
+        nrmse=[newest.nrmse.get(name, math.nan) for name in signals],
+        noise_std=[newest.noise.get(name, math.nan) for name in signals],
+        chi2=newest.chi2,
+        substeps=newest.substeps,
+        iterations=newest.iterations,
+        solve_time=newest.elapsed_s,
+        parameters_status=STATUS_CODES[found.status],
+        parameters_start=to_stamp(instant(found.start, origin_ns)),
+        parameters_end=to_stamp(found_end_ns),
+        age=seconds(end_ns, found_end_ns),
         parameters=[
             ParameterEstimate(
                 name=p.name,
@@ -132,17 +138,10 @@ def to_estimate_message(joint: str, estimate: Estimate, origin_ns: int) -> Joint
                 verdict=VERDICT_CODES[p.verdict],
                 reason=p.reason,
             )
-            for p in estimate.parameters
+            for p in found.parameters
         ],
-        free=list(estimate.free),
-        covariance=estimate.covariance.ravel().tolist(),
-        signal=signals,
-        nrmse=[estimate.nrmse.get(name, math.nan) for name in signals],
-        noise_std=[estimate.noise.get(name, math.nan) for name in signals],
-        chi2=estimate.chi2,
-        substeps=estimate.substeps,
-        iterations=estimate.iterations,
-        solve_time=estimate.elapsed_s,
+        free=list(found.free),
+        covariance=found.covariance.ravel().tolist(),
     )
 
 
@@ -154,6 +153,7 @@ def to_truth_message(joint: str, model: Model, values: Mapping[str, float], sinc
     ]
     stamp = to_stamp(since_ns)
     return JointEstimate(
-        joint=joint, model=model.name, estimator="truth", window_start=stamp, window_end=stamp,
-        status=JointEstimate.CONVERGED, message="values of the simulation", parameters=rows,
+        joint=joint, model=model.name, estimator="truth", message="values of the simulation",
+        window_start=stamp, window_end=stamp, status=JointEstimate.CONVERGED,
+        parameters_start=stamp, parameters_end=stamp, parameters_status=JointEstimate.CONVERGED, parameters=rows,
     )  # fmt: skip

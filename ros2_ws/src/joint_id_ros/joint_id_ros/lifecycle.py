@@ -14,7 +14,8 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 
 from joint_id_core.errors import JointIdError
-from joint_id_ros.parameters import declare
+from joint_id_core.options import check_value
+from joint_id_ros.parameters import declare, from_ros
 
 SUCCESS, FAILURE, ERROR = (getattr(TransitionCallbackReturn, name) for name in ("SUCCESS", "FAILURE", "ERROR"))
 
@@ -22,7 +23,8 @@ SUCCESS, FAILURE, ERROR = (getattr(TransitionCallbackReturn, name) for name in (
 class ManagedNode(LifecycleNode):
     """A lifecycle node whose work is in `prepare`, `begin` and `close`.
 
-    Its parameters come from options dataclasses. From configuring to cleaning up they cannot be set.
+    Its parameters come from options dataclasses: a value that is outside the choices or the range of its option is
+    refused when it is set. From configuring to cleaning up they cannot be set.
     """
 
     def __init__(self, name: str, *options: type) -> None:
@@ -30,7 +32,7 @@ class ManagedNode(LifecycleNode):
         self.finished = Future()
         self.not_ready = "not configured yet"  # why the node does nothing; "" while it works
         self._configured = False
-        self._own = {f.name for cls in options for f in fields(cls)}
+        self._own = {f.name: f for cls in options for f in fields(cls)}
         for cls in options:
             declare(self, cls, read_only=False)
         self.add_on_set_parameters_callback(self._on_parameters)
@@ -126,8 +128,14 @@ class ManagedNode(LifecycleNode):
             return response
 
     def _on_parameters(self, changes: list[Parameter]) -> SetParametersResult:
-        changed = [p.name for p in changes if p.name in self._own]
-        if not self._configured or not changed:
-            return SetParametersResult(successful=True)
-        reason = f"{changed[0]} is in use: deactivate and clean up, set it, then configure and activate again"
-        return SetParametersResult(successful=False, reason=reason)
+        """Refuse what is in use, and at once what no option can be; what needs several options is checked later."""
+        own = [p for p in changes if p.name in self._own]
+        if self._configured and own:
+            reason = f"{own[0].name} is in use: deactivate and clean up, set it, then configure and activate again"
+            return SetParametersResult(successful=False, reason=reason)
+        try:
+            for p in own:
+                check_value(self._own[p.name], from_ros(self._own[p.name], p.value))
+        except JointIdError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)

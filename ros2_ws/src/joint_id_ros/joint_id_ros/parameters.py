@@ -71,9 +71,13 @@ def read(node: Node, cls: type[Options]) -> Options:
     """
     values = {}
     for f in fields(cls):  # type: ignore[arg-type]  # any dataclass
-        value = node.get_parameter(f.name).value
-        values[f.name] = tuple(v for v in value if v != "") if isinstance(f.default, tuple) else value
+        values[f.name] = from_ros(f, node.get_parameter(f.name).value)
     return cls(**values)
+
+
+def from_ros(option: Field[Any], value: Any) -> Any:
+    """Value of an option from that of its ROS parameter; an empty list is one empty string to ROS."""
+    return tuple(v for v in value if v != "") if isinstance(option.default, tuple) else value
 
 
 def assignments(texts: Iterable[str], parameter: str) -> dict[str, float]:

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 
 from sensor_msgs.msg import JointState
 
+from joint_id_core.data.instants import NANO
 from joint_id_core.errors import JointIdError
 from joint_id_core.rtde.fields import FIELDS, JOINTS, register_type
 from joint_id_core.rtde.packets import Value
 from joint_id_msgs.msg import RobotSignals
-from joint_id_ros.conversions import NANO
-from joint_id_ros.driver_options import DriverOptions
+from joint_id_ros.options.driver import DriverOptions
 
 STATUS_FIELDS = ("timestamp", "robot_mode", "safety_mode", "joint_mode")  # always read
 TYPES: dict[str, Any] = {"link_states": JointState, "motor_states": JointState, "robot_signals": RobotSignals}

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from functools import partial
 from importlib import import_module
 from typing import Any, Protocol
 
@@ -27,7 +28,7 @@ class Runnable(Protocol):
 
 
 def run(name: str, kind: str) -> int:
-    """Run the node class `kind` of module `name` until SIGINT, SIGTERM or its own end; return the exit code.
+    """Run the node class `kind` of `nodes/<name>.py` until SIGINT, SIGTERM or its own end; return the exit code.
 
     0 after a signal or a normal end, 2 after bad input, told in one line on stderr.
     """
@@ -51,7 +52,7 @@ def run(name: str, kind: str) -> int:
     from joint_id_core.errors import JointIdError
     from joint_id_ros.parameters import PARAMETER_ERRORS
 
-    make = getattr(import_module(f"joint_id_ros.{name}"), kind)
+    make = getattr(import_module(f"joint_id_ros.nodes.{name}"), kind)
     node: Any = None
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
@@ -74,26 +75,9 @@ def run(name: str, kind: str) -> int:
         rclpy.try_shutdown()
 
 
-def sim() -> int:
-    """Entry point of the node `sim`."""
-    return run("sim", "SimNode")
-
-
-def filter() -> int:
-    """Entry point of the node `filter`."""
-    return run("filter", "FilterNode")
-
-
-def identifier() -> int:
-    """Entry point of the node `identifier`."""
-    return run("identifier", "IdentifierNode")
-
-
-def player() -> int:
-    """Entry point of the node `player`."""
-    return run("player", "PlayerNode")
-
-
-def driver() -> int:
-    """Entry point of the node `driver`."""
-    return run("driver", "DriverNode")
+# Entry points of the nodes: console scripts of setup.py.
+driver = partial(run, "driver", "DriverNode")
+filter = partial(run, "filter", "FilterNode")
+identifier = partial(run, "identifier", "IdentifierNode")
+player = partial(run, "player", "PlayerNode")
+sim = partial(run, "sim", "SimNode")

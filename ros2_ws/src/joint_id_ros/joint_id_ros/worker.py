@@ -93,8 +93,13 @@ class Worker:
                     batch = []
                 else:
                     batch.append(message)
-            if batch:
-                self._update(batch)
+            try:
+                if batch:
+                    self._update(batch)
+            except JointIdError as error:
+                self._callbacks.problem("samples left out", str(error))
+            except Exception as error:  # a defect must not end the thread unseen
+                self._callbacks.problem("internal error", f"samples left out after {_where(error)}")
 
     def _update(self, batch: list[JointSamples]) -> None:
         if self._origin_ns is None:
@@ -138,11 +143,17 @@ class Worker:
             self._callbacks.problem("samples left out", f"joint {joint}: {error}")
         except Exception as error:  # a defect must not end the thread unseen
             self._identifiers.pop(joint, None)
-            frame = traceback.extract_tb(error.__traceback__)[-1]
-            what = f"{type(error).__name__}: {' '.join(str(error).split())} ({frame.filename}:{frame.lineno})"
-            self._callbacks.problem("internal error", f"joint {joint}: identification starts anew after {what}")
+            self._callbacks.problem(
+                "internal error", f"joint {joint}: identification starts anew after {_where(error)}"
+            )
         else:
             if estimate is not None and not self._stop.is_set():
                 self._callbacks.estimated(joint, estimate, origin_ns)
         finally:
             self._begun.pop(joint, None)
+
+
+def _where(error: Exception) -> str:
+    """An exception with the place that raised it, in one line."""
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {' '.join(str(error).split())} ({frame.filename}:{frame.lineno})"

@@ -9,7 +9,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from joint_id_ros.plants import PLANTS, PositionControl
+from joint_id_core.simulation.plants import PLANTS, PositionControl
 
 ARGUMENTS = [
     DeclareLaunchArgument(

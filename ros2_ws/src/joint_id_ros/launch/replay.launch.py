@@ -5,9 +5,9 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from joint_id_core.alignment.inputs import EFFORTS, LINK_STATES, VELOCITIES, InputOptions
 from joint_id_core.estimators import ESTIMATORS
 from joint_id_core.models import LAWS, MODELS
-from joint_id_ros.inputs import EFFORTS, LINK_STATES, VELOCITIES, InputOptions
 
 DEFAULTS = InputOptions()
 ARGUMENTS = [

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sensor_msgs.msg import JointState
 
+from joint_id_core.alignment.aligner import AlignedSample
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.topics import MEASURED_BITS, RAW
 from joint_id_core.models import Electromechanical
@@ -33,14 +34,11 @@ def test_stamps_keep_every_nanosecond(instant):
     assert convert.nanoseconds(convert.to_stamp(instant)) == instant
 
 
-@given(st.integers(0, 86_400 * 10**9), st.integers(0, 2 * 10**18))
-def test_seconds_since_an_origin_keep_every_nanosecond_of_a_day(offset, origin):
-    assert convert.instant(convert.seconds(origin + offset, origin), origin) == origin + offset
-
-
 def samples(joints, channels, derived, stamps):
+    rows = ({c: v[k] for c, v in channels.items()} for k in range(len(stamps)))
     return [
-        convert.to_samples(s, joints, {c: v[k] for c, v in channels.items()}, derived) for k, s in enumerate(stamps)
+        convert.to_samples(AlignedSample(s, joints, row, frozenset(derived)))
+        for s, row in zip(stamps, rows, strict=True)
     ]
 
 
@@ -76,6 +74,8 @@ def test_a_joint_that_is_missing_in_some_messages_has_fewer_samples():
         ({"name": ["a", "a"], "position": [0.0, 0.0]}, "twice"),
         ({"name": ["a"], "position": [0.0, 1.0]}, "2 values of position for 1 joints"),
         ({"name": ["a"], "effort": [math.inf]}, "effort of joint a is infinite"),
+        ({"name": ["a"], "velocity": [-1e300]}, "velocity of joint a is -1e.300, which no joint can have"),
+        ({"name": ["a"]}, "holds no values: fill at least one of position, velocity, effort"),
     ],
 )
 def test_messages_that_make_no_sense_are_refused_with_topic_and_reason(fields, text):
@@ -83,12 +83,22 @@ def test_messages_that_make_no_sense_are_refused_with_topic_and_reason(fields, t
         convert.check(LINKS, JointState(**fields))
 
 
+@pytest.mark.parametrize(("sec", "nanosec"), [(-1, 0), (-(2**31), 0), (1, 10**9), (2**31 - 1, 2**32 - 1)])
+def test_a_stamp_that_is_no_time_is_refused(sec, nanosec):
+    message = JointState(name=["a"], position=[1.0])
+    message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
+    with pytest.raises(JointIdError, match=f"link_states: a stamp of {sec} s, {nanosec} ns is no time"):
+        convert.check(LINKS, message)
+
+
 def test_empty_arrays_are_not_measured():
     message = JointState(name=["a", "b"], position=[1.0, 2.0], effort=[3.0, math.nan])
     convert.check(LINKS, message)
-    rows = convert.rows(LINKS, message)
-    assert rows["a"] == {"link_position": 1.0, "current": 3.0}
-    assert rows["b"]["link_position"] == 2.0 and math.isnan(rows["b"]["current"])
+    columns = convert.to_columns(LINKS, message)
+    assert columns.joints == ("a", "b")
+    assert {n: v.tolist() for n, v in columns.channels.items()} == {
+        "link_position": [1.0, 2.0], "current": [3.0, pytest.approx(math.nan, nan_ok=True)],
+    }  # fmt: skip
 
 
 def test_an_estimate_and_its_message_say_the_same():
@@ -100,7 +110,7 @@ def test_an_estimate_and_its_message_say_the_same():
         free=("J",), covariance=np.array([[0.01]]), nrmse={"link_position": 0.02}, noise={"torque": 0.3},
         chi2=1.1, substeps=2, iterations=7, elapsed_s=0.25, start=1.0, end=2.5, samples=750,
     )  # fmt: skip
-    m = convert.to_estimate_message("elbow", estimate, origin)
+    m = convert.to_estimate_message("elbow", estimate, None, origin)
     assert (m.joint, m.model, m.estimator, m.message) == ("elbow", "rigid_joint", "innovations", "look here")
     assert m.status == JointEstimate.POOR_FIT
     assert convert.nanoseconds(m.window_start) == origin + 10**9
@@ -111,12 +121,34 @@ def test_an_estimate_and_its_message_say_the_same():
     assert list(m.covariance) == [0.01] and list(m.free) == ["J"]
     assert dict(zip(m.signal, m.noise_std, strict=True))["torque"] == 0.3
     assert dict(zip(m.signal, m.nrmse, strict=True))["link_position"] == 0.02
+    # Before the first good estimate the parameters are those of the newest fit, and say so.
+    assert (m.parameters_status, m.age) == (JointEstimate.POOR_FIT, 0.0)
+    assert (m.parameters_start, m.parameters_end) == (m.window_start, m.window_end)
     assert (m.chi2, m.substeps, m.iterations, m.solve_time, m.samples) == (1.1, 2, 7, 0.25, 750)
+
+
+def test_a_failed_fit_keeps_the_parameters_of_the_last_good_one():
+    good = Estimate(
+        "rigid_joint", "innovations", Status.CONVERGED, "well",
+        (ParameterEstimate("J", "kg m^2", 1.5, 0.1, Verdict.ESTIMATED),),
+        free=("J",), covariance=np.array([[0.01]]), start=1.0, end=3.0, samples=1000,
+    )  # fmt: skip
+    start = ParameterEstimate("J", "kg m^2", 1.0, math.nan, Verdict.NOT_EXCITED)
+    failed = Estimate(
+        "rigid_joint", "innovations", Status.NO_MOTION, "move it", (start,), start=4.0, end=6.5, samples=9
+    )
+    m = convert.to_estimate_message("elbow", failed, good, 0)
+    assert (m.status, m.message, m.samples) == (JointEstimate.NO_MOTION, "move it", 9)
+    assert (m.window_start.sec, m.window_end.sec, m.window_end.nanosec) == (4, 6, 500_000_000)
+    assert (m.parameters_status, m.parameters_start.sec, m.parameters_end.sec) == (JointEstimate.CONVERGED, 1, 3)
+    assert m.age == 3.5
+    assert [(p.value, p.std_dev) for p in m.parameters] == [(1.5, 0.1)]
+    assert (list(m.free), list(m.covariance)) == (["J"], [0.01])
 
 
 def test_an_estimate_without_data_has_stamps_too():
     estimate = Estimate("rigid_joint", "innovations", Status.TOO_SHORT, "more data", ())
-    m = convert.to_estimate_message("elbow", estimate, 7 * 10**9)
+    m = convert.to_estimate_message("elbow", estimate, None, 7 * 10**9)
     assert m.status == JointEstimate.TOO_SHORT and m.window_end.sec == 7
 
 

@@ -7,15 +7,15 @@ import pytest
 import rclpy
 from rclpy.parameter import Parameter
 
+from joint_id_core.alignment.inputs import InputOptions
 from joint_id_core.errors import JointIdError
 from joint_id_core.filtering.offline import FilterOptions
 from joint_id_core.online.identifier import OnlineOptions
 from joint_id_core.options import check, option
-from joint_id_ros.inputs import InputOptions
-from joint_id_ros.model_options import ModelOptions
+from joint_id_core.simulation.plants import MotionOptions
+from joint_id_ros.options.identifier import ModelOptions
+from joint_id_ros.options.sim import SimOptions
 from joint_id_ros.parameters import PARAMETER_ERRORS, assignments, declare, read
-from joint_id_ros.plants import MotionOptions
-from joint_id_ros.sim import SimOptions
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ import pytest
 from joint_id_core.errors import JointIdError
 from joint_id_core.rtde.fields import FIELDS, JOINT_NAMES
 from joint_id_msgs.msg import RobotSignals
-from joint_id_ros.driver_options import EXTRA_FIELDS, DriverOptions
+from joint_id_ros.options.driver import EXTRA_FIELDS, DriverOptions
 from joint_id_ros.robot_signals import SOURCES, STATUS_FIELDS, JointMessages
 
 STAMP_NS = 1_700_000_000_123_456_789

@@ -25,6 +25,7 @@ from types import ModuleType
 from typing import Any, TextIO
 
 from joint_id_core import models
+from joint_id_core.cell import CELLS
 from joint_id_core.cell.loops import arrays, innovations, noise, simulate
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import Model
@@ -37,7 +38,6 @@ _SIMULATION: _Functions = (simulate.rollout, simulate.jacobians)
 _FILTER: _Functions = (innovations.innovations, innovations.observations)
 _SENSITIVITIES: _Functions = (simulate.rollout_sensitivities,)
 _GAINS: _Functions = (noise.noise_information, noise.bounded_step, noise.disturbances)
-CELLS = ("rk4", "implicit")
 
 
 @dataclass(frozen=True)

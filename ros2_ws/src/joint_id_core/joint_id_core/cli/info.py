@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from joint_id_core.cli.arguments import pairs, print_json
+from joint_id_core.assignments import texts_by_name
+from joint_id_core.cli.output import print_json
 
 if TYPE_CHECKING:
     from joint_id_core.data.recording import Recording
@@ -23,7 +24,7 @@ def info(
     from joint_id_core import formats
     from joint_id_core.formats.mapping import TARGETS
 
-    mapping = pairs(map_ or (), "--map")
+    mapping = texts_by_name(map_ or (), "--map")
     found = formats.joints(file, mapping)
     names: tuple[str | None, ...] = (joint,) if joint else (found or (None,))
     contents = formats.contents(file)

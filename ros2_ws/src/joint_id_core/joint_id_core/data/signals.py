@@ -12,6 +12,8 @@ from typing import Literal
 
 from joint_id_core.errors import JointIdError
 
+LARGEST = 1e9  # no signal of a joint is larger, in its SI unit: beyond it the data are damaged
+
 
 @dataclass(frozen=True)
 class Signal:

@@ -98,6 +98,12 @@ class StreamingFilter:
             return done + self._learn_period()
         return done + self._advance(time, values)
 
+    def restart(self, why: str) -> list[FilteredSample]:
+        """Begin anew, at any time; the samples that waited, without derived values (none with `causal`)."""
+        self._note("time", f"{why}: filter restarted")
+        self._last = -np.inf
+        return self._abandon()
+
     def _learn_period(self) -> list[FilteredSample]:
         """Once there are enough stamps, take the period from them and filter what has waited."""
         if len(self._waiting) < _STAMPS:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from joint_id_core.data.recording import Array
-from joint_id_core.estimators.hpinn.network import HPinn, label_weights, torch, wmse
+from joint_id_core.estimators.hpinn.network import HPinnNetwork, label_weights, torch, wmse
 from joint_id_core.estimators.shared.fit_data import FitData
 
 TORSION = "torsion"  # the paper's extra label dtheta = theta_m / N - q
@@ -56,7 +56,7 @@ def make_labels(data: FitData, torsion: bool) -> Labels:
 
 
 def train(
-    net: HPinn,
+    net: HPinnNetwork,
     data: FitData,
     labels: Labels,
     x0: Array,

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from joint_id_core.data.recording import Array
+from joint_id_core.estimators.innovations.estimator import MAX_SUBSTEPS
 from joint_id_core.estimators.innovations.gauss_newton import Minimum
 from joint_id_core.estimators.innovations.misfit import misfit
-from joint_id_core.estimators.innovations.options import MAX_SUBSTEPS
-from joint_id_core.estimators.innovations.stages import FAR, Stages
+from joint_id_core.estimators.innovations.stages import STALLED, Stages
 from joint_id_core.estimators.innovations.whiteness import memory
 from joint_id_core.estimators.shared.fit_data import FitData
 from joint_id_core.estimators.shared.free_run import free_runs, nrmse
@@ -50,7 +50,7 @@ def _combinations(data: FitData, p: Array, covariance: Array) -> dict[str, str]:
 
 def _stall_warning(found: Minimum) -> str:
     """What to say of an iteration that stalled; nothing where it did not."""
-    if found.distance_left < FAR:
+    if found.distance_left < STALLED:
         return ""
     return (
         f"likelihood and prediction errors ask for values {found.distance_left:.1f} standard deviations apart, as they "
@@ -60,7 +60,7 @@ def _stall_warning(found: Minimum) -> str:
 
 def _step_warning(stages: Stages, found: Minimum) -> str:
     """What to say of an integration error that matters; nothing where it does not."""
-    if 2 * stages.substeps <= MAX_SUBSTEPS:
+    if 2 * found.substeps <= MAX_SUBSTEPS:
         return ""
     share = np.abs(found.integration) / np.sqrt(np.diag(found.inverse))
     matters = (np.abs(found.integration) > stages.least) & (share > 0.1)
@@ -69,7 +69,7 @@ def _step_warning(stages: Stages, found: Minimum) -> str:
     worst, p = int(np.argmax(share * matters)), stages.cost.values(found.z)
     mode = fastest_mode(stages.data, stages.kernel, p, stages.rough_states, sliding=False)
     text = (
-        f"{stages.substeps} steps a sample are too few: twice as many would move {stages.data.free[worst]} by "
+        f"{found.substeps} steps a sample are too few: twice as many would move {stages.data.free[worst]} by "
         f"{share[worst]:.2g} standard deviations, which its own now contains (fastest mode {-mode:.4g} 1/s)"
     )
     return text + ("; use the implicit cell (--cell implicit)" if stages.options.cell == "rk4" else "")

@@ -1,0 +1,96 @@
+"""Raw topics in, samples of all joints at one instant out, with the velocities and accelerations not measured."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from joint_id_core.alignment.inputs import InputOptions
+from joint_id_core.alignment.joining import Joiner, is_new_run
+from joint_id_core.data.instants import instant, seconds
+from joint_id_core.data.recording import Array
+from joint_id_core.filtering.offline import FilterOptions
+from joint_id_core.filtering.streaming import FilteredSample, StreamingFilter
+from joint_id_core.formats.topics import RAW
+
+
+class Columns(NamedTuple):
+    """One raw message: names of its joints, and what it measures, each channel of shape (joints,)."""
+
+    joints: tuple[str, ...]
+    channels: Mapping[str, Array]
+
+
+class AlignedSample(NamedTuple):
+    """All joints at one instant; channels of shape (joints,), NaN where nothing is known."""
+
+    instant_ns: int
+    joints: Sequence[str]
+    channels: Mapping[str, Array]
+    derived: frozenset[str]
+
+
+class Aligner:
+    """Joins the raw topics by stamp, brings their channels to SI units at the motor shaft, and filters them.
+
+    Attributes:
+        joints: every joint seen so far, in the order of appearance, which is that of the channels.
+        filter: the filter; its `events` tell what happened to the data.
+    """
+
+    def __init__(
+        self,
+        inputs: InputOptions,
+        options: FilterOptions | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """`clock` gives the real time in s."""
+        self.joints: list[str] = []
+        self.filter = StreamingFilter(options)
+        self._inputs = inputs
+        self._joiner: Joiner[Columns] = Joiner([t.name for t in RAW], inputs.join_wait_s, clock)
+        self._origin_ns = self._last_ns = 0  # first and last instant of this run
+        self._begun = False
+
+    def add(self, topic: str, stamp_ns: int, columns: Columns) -> list[AlignedSample]:
+        """Take one message of one of the topics in `formats.topics.RAW`; the samples that became complete.
+
+        Raises:
+            JointIdError: the stamp is missing, out of order, or too late to be joined; the message is left out.
+        """
+        return list(self._align(self._joiner.add(topic, stamp_ns, columns)))
+
+    def release(self) -> list[AlignedSample]:
+        """Samples that need wait no longer; to be called now and then while no message comes."""
+        return list(self._align(self._joiner.release(idle=True)))
+
+    def _align(self, complete: list[tuple[int, dict[str, Columns]]]) -> Iterator[AlignedSample]:
+        for stamp_ns, parts in complete:
+            if not self._begun or is_new_run(self._last_ns, stamp_ns):
+                if self._begun:
+                    step_s = seconds(stamp_ns, self._last_ns)
+                    yield from map(self._sample, self.filter.restart(f"time jumps by {step_s:.9g} s"))
+                self._begun, self._origin_ns = True, stamp_ns
+            self._last_ns = stamp_ns
+            channels = self._inputs.channels(self._table(list(parts.values())))
+            yield from map(self._sample, self.filter.push(seconds(stamp_ns, self._origin_ns), channels))
+
+    def _table(self, parts: Sequence[Columns]) -> dict[str, Array]:
+        """The channels of all joints at one instant."""
+        for part in parts:
+            self.joints += [joint for joint in part.joints if joint not in self.joints]
+        table = {}
+        for part in parts:
+            rows = [self.joints.index(joint) for joint in part.joints]
+            for name, values in part.channels.items():
+                table[name] = np.full(len(self.joints), np.nan)
+                table[name][rows] = values
+        return table
+
+    def _sample(self, sample: FilteredSample) -> AlignedSample:
+        # A sample that waited in the filter knows nothing of joints that were first seen after it.
+        joints = self.joints[: len(next(iter(sample.channels.values()), ()))]
+        return AlignedSample(instant(sample.time, self._origin_ns), joints, sample.channels, sample.derived)

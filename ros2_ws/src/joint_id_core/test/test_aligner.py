@@ -1,0 +1,91 @@
+"""Whatever the raw topics bring, the samples of all joints at one instant come out with the stamp they came with."""
+
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from joint_id_core.alignment.aligner import Aligner, Columns
+from joint_id_core.alignment.inputs import InputOptions
+from joint_id_core.errors import JointIdError
+
+PERIOD_NS = 2_000_000
+BEGIN = 1_700_000_000 * 10**9
+INPUTS = InputOptions(effort_source="current", join_wait_s=0.0)
+DAY_NS = 86_400 * 10**9
+
+
+def columns(joints, **channels):
+    return Columns(tuple(joints), {name: np.array(values) for name, values in channels.items()})
+
+
+def run(aligner, begin, count, joints=("a", "b")):
+    out = []
+    for k in range(count):
+        values = np.sin(0.01 * k + np.arange(len(joints)))
+        out += aligner.add("link_states", begin + k * PERIOD_NS, columns(joints, link_position=values))
+    return out
+
+
+def test_joints_of_several_topics_share_one_row():
+    now = 0.0
+    aligner = Aligner(InputOptions(effort_source="current", join_wait_s=0.1), clock=lambda: now)
+    out = []
+    for k in range(400):
+        now = 0.002 * k
+        stamp = BEGIN + k * PERIOD_NS
+        aligner.add("motor_states", stamp, columns("ba", motor_position=[2.0 * k, 1.0 * k]))
+        out += aligner.add("link_states", stamp, columns("a", link_position=[0.1 * k]))
+    full = [s for s in out if "motor_position" in s.channels]
+    assert full and all(list(s.joints) == ["b", "a"] for s in full)
+    k = (full[-1].instant_ns - BEGIN) // PERIOD_NS
+    np.testing.assert_array_equal(full[-1].channels["motor_position"], [2.0 * k, 1.0 * k])
+    np.testing.assert_array_equal(full[-1].channels["link_position"], [np.nan, 0.1 * k])
+
+
+@pytest.mark.parametrize("jump_ns", [-50 * 10**9, 2 * DAY_NS])
+def test_a_jump_of_the_stamps_begins_a_new_run_that_keeps_every_nanosecond(jump_ns):
+    aligner = Aligner(INPUTS)
+    odd = 12_345_677  # not a multiple of what a double can hold at this distance
+    out = run(aligner, BEGIN, 400) + run(aligner, BEGIN + jump_ns + odd, 400)
+    later = [s.instant_ns for s in out if abs(s.instant_ns - BEGIN) > 10**10]
+    assert later == [BEGIN + jump_ns + odd + k * PERIOD_NS for k in range(len(later))] and len(later) > 200
+    assert sum(abs(s.instant_ns - BEGIN) < 10**10 for s in out) == 400  # what waited in the filter is not lost
+    assert any("restarted" in text for text in aligner.filter.events)
+
+
+def test_stamps_that_begin_at_zero_by_mistake_cost_no_digits_of_the_true_ones():
+    aligner = Aligner(INPUTS)
+    aligner.add("link_states", 0, columns("a", link_position=[0.0]))
+    out = run(aligner, BEGIN + 1, 400, "a")
+    assert [s.instant_ns for s in out][-200:] == [BEGIN + 1 + k * PERIOD_NS for k in range(400)][: len(out) - 1][-200:]
+
+
+@settings(deadline=None, max_examples=50)
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(["link_states", "motor_states"]),
+            st.integers(0, 2**31 * 10**9) | st.integers(BEGIN - 10**10, BEGIN + 10**10),
+            st.lists(st.sampled_from("abc"), min_size=1, unique=True),
+            st.floats(-1e9, 1e9) | st.just(np.nan),
+        ),
+        max_size=30,
+    )
+)
+def test_after_any_messages_good_ones_come_out_as_they_came_in(messages):
+    aligner = Aligner(INPUTS)
+    for topic, stamp, joints, value in messages:
+        name = topic.replace("states", "position")
+        with suppress(JointIdError):
+            aligner.add(topic, stamp, columns(joints, **{name: np.full(len(joints), value)}))
+    begin = BEGIN + 3 * DAY_NS  # beyond all of them, or far below the last
+    out = [s for s in run(aligner, begin, 600) if begin <= s.instant_ns <= begin + 600 * PERIOD_NS]
+    stamps = [s.instant_ns for s in out]
+    assert stamps == [begin + k * PERIOD_NS for k in range(len(stamps))] and len(stamps) > 200
+    last = out[-1].channels["link_position"]
+    k = len(stamps) - 1
+    where = [list(out[-1].joints).index(j) for j in "ab"]
+    np.testing.assert_array_equal(last[where], np.sin(0.01 * k + np.arange(2)))

@@ -1,0 +1,87 @@
+"""Node `filter`: raw joint signals in, aligned samples with velocities and accelerations out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+
+from joint_id_core.alignment.aligner import AlignedSample, Aligner
+from joint_id_core.alignment.inputs import LINK_STATES, InputOptions
+from joint_id_core.errors import JointIdError
+from joint_id_core.filtering.offline import FilterOptions
+from joint_id_core.formats.topics import RAW
+from joint_id_msgs.msg import JointSamples, MotorTorques, MotorVoltages
+from joint_id_ros import conversions as convert
+from joint_id_ros.diagnostics import Diagnostics, Health
+from joint_id_ros.parameters import declare, read
+from joint_id_ros.qos import STREAM_OUT
+from joint_id_ros.streams import Streams
+
+TOPICS = {t.name: t for t in RAW}
+RELEASE_S = 0.2  # how often samples are looked for that wait for a topic in vain
+TYPES = {t.__name__: t for t in (JointState, MotorVoltages, MotorTorques)}
+
+
+class FilterNode(Node):
+    """Joins the raw topics by stamp, passes them through the Butterworth differentiator, publishes joint_samples."""
+
+    def __init__(self) -> None:
+        super().__init__("filter")
+        self.finished = Future()
+        declare(self, InputOptions)
+        declare(self, FilterOptions)
+        self._input = read(self, InputOptions).for_topic(self.resolve_topic_name(LINK_STATES))
+        self._aligner = Aligner(self._input, read(self, FilterOptions))
+        self._published = self._silent_periods = 0
+        self._diagnostics = Diagnostics(self, self._health, LINK_STATES)
+        self._publisher = self.create_publisher(JointSamples, "joint_samples", STREAM_OUT)
+        kinds = {topic.name: TYPES[topic.type.rsplit("/", 1)[-1]] for topic in RAW}
+        self.create_timer(RELEASE_S, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._streams = Streams(self, kinds, self._on_message)
+
+    def _on_message(self, name: str, message: Any) -> None:
+        topic = TOPICS[name]
+        self._silent_periods = 0
+        stamp = convert.nanoseconds(message.header.stamp)
+        if name == LINK_STATES:
+            self._diagnostics.received(stamp)
+        try:
+            convert.check(topic, message)
+            aligned = self._aligner.add(name, stamp, convert.to_columns(topic, message))
+        except JointIdError as error:
+            self._diagnostics.problem("message left out", str(error))
+            return
+        self._publish(aligned)
+
+    def _on_timer(self) -> None:
+        """Give up waiting when no topic speaks. One silent period may only mean that this process was held up."""
+        self._silent_periods += 1
+        if self._silent_periods >= 2:
+            self._publish(self._aligner.release())
+
+    def _publish(self, aligned: list[AlignedSample]) -> None:
+        for sample in aligned:
+            self._publisher.publish(convert.to_samples(sample))
+        self._published += len(aligned)
+        while self._aligner.filter.events:
+            self._diagnostics.problem("filter", self._aligner.filter.events.popleft())
+
+    def _health(self) -> Health:
+        values = {
+            "joints": ", ".join(self._aligner.joints),
+            "effort": self._input.effort_source,
+            "published": self._published,
+            "filter latency [s]": f"{self._aligner.filter.latency:.4f}",
+        }
+        values |= {f"filter: {kind}": count for kind, count in self._aligner.filter.counts.items()}
+        return Health(DiagnosticStatus.OK, "filtering", values)
+
+    def close(self) -> None:
+        """End the subscriptions."""
+        self._streams.close()

@@ -1,0 +1,120 @@
+"""The ROS parameters that say what the identifier identifies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from joint_id_core.assignments import numbers_by_name
+from joint_id_core.cell import CELLS
+from joint_id_core.errors import JointIdError
+from joint_id_core.estimators import ESTIMATORS, Estimator, ParameterSettings
+from joint_id_core.estimators import build as build_estimator
+from joint_id_core.models import LAWS, MODELS, Model, build
+from joint_id_core.models.options import FLAGS
+from joint_id_core.models.per_joint import Entry, parse
+from joint_id_core.options import check, option
+
+
+@dataclass(frozen=True)
+class ModelOptions:
+    """What is identified, and how.
+
+    What `set`, `fix` and `free` say of one joint wins over what they say of all.
+
+    Raises:
+        JointIdError: a value outside its choices, a text of another form, a joint that is not among `joints`,
+            a parameter that is spoken of twice.
+    """
+
+    model: str = option("electromechanical", "joint model", choices=tuple(MODELS))
+    joints: tuple[str, ...] = option((), "joints to identify; none: every joint that is seen")
+    estimator: str = option("innovations", "estimation method", choices=tuple(ESTIMATORS))
+    actuation: str = option("current", "input of models with a drive input", choices=("current", "torque"))
+    friction: str = option(LAWS[0], "friction law", choices=LAWS)
+    gravity: bool = option(False, "whether the joint carries gravity torque a_g cos(q) + b_g sin(q)")
+    kinematic_error: bool = option(False, "whether the gear's kinematic error is modelled")
+    delays: bool = option(False, "whether sensors may be late: adds delta_p and delta_q")
+    offsets: bool = option(False, "whether torque and twist have offsets: adds tau_0 and dtheta_0")
+    cell: str = option("rk4", "integrator of the innovations estimator; implicit for stiff joints", choices=CELLS)
+    priors: str = option(
+        "", "standard deviations known before any data, NAME=SD separated by commas; relative for positive parameters"
+    )
+    set: tuple[str, ...] = option(
+        (), 'start values, and values of fixed parameters, as "NAME=VALUE", or for one joint "JOINT.NAME=VALUE"'
+    )
+    fix: tuple[str, ...] = option(
+        (), 'parameters to hold, as "NAME" or "NAME=VALUE", or for one joint with "JOINT." in front'
+    )
+    free: tuple[str, ...] = option(
+        (), 'parameters to estimate although the model holds them, as "NAME", or for one joint "JOINT.NAME"'
+    )
+    autostart: bool = option(True, "configure and activate at start, without a lifecycle manager")
+
+    def __post_init__(self) -> None:
+        check(self)
+        for parameter in ("set", "fix", "free"):
+            self._check(parameter)
+
+    def _check(self, parameter: str) -> None:
+        seen: list[tuple[str, str]] = []
+        for text, entry in zip(getattr(self, parameter), self._entries(parameter), strict=True):
+            if entry.joint and self.joints and entry.joint not in self.joints:
+                raise JointIdError(
+                    f"parameter {parameter}: {text!r} is for joint {entry.joint}, which is not identified: parameter "
+                    f"joints has {', '.join(self.joints)}"
+                )
+            if (entry.joint, entry.name) in seen:
+                raise JointIdError(f"parameter {parameter}: {text!r} speaks of {entry.name} again: say it once")
+            seen.append((entry.joint, entry.name))
+
+    def build(self) -> Model:
+        """The model; an option that it does not have may stay at its default.
+
+        Raises:
+            JointIdError: an option that the model does not have.
+        """
+        own = {f.name for f in fields(MODELS[self.model])}
+        defaults = {f.name: f.default for f in fields(self)}
+        given = {n: getattr(self, n) for n in ("actuation", "friction", *FLAGS)}
+        return build(self.model, **{n: v for n, v in given.items() if n in own or v != defaults[n]})
+
+    @property
+    def expected(self) -> tuple[str, ...]:
+        """Joints that must be seen: those to identify, or else those that `set`, `fix` or `free` name."""
+        entries = (e for parameter in ("set", "fix", "free") for e in self._entries(parameter))
+        return self.joints or tuple(dict.fromkeys(e.joint for e in entries if e.joint))
+
+    @property
+    def solver(self) -> Estimator:
+        """The estimator; an integrator that is not the default is passed on, so that one without refuses it.
+
+        Raises:
+            JointIdError: an option that the estimator does not have.
+        """
+        return build_estimator(self.estimator, **({} if self.cell == CELLS[0] else {"cell": self.cell}))
+
+    def settings(self, joint: str) -> ParameterSettings:
+        """What is said of the parameters of a joint.
+
+        Raises:
+            JointIdError: priors of another form, or not above zero.
+        """
+        priors = numbers_by_name(filter(None, map(str.strip, self.priors.split(","))), "parameter priors")
+        return ParameterSettings(self.values(joint), self.fixed(joint), self.freed(joint), priors)
+
+    def values(self, joint: str) -> dict[str, float]:
+        """Values given for a joint with `set` and `fix`."""
+        entries = [e for parameter in ("set", "fix") for e in self._entries(parameter)]
+        return {e.name: e.value for scope in ("", joint) for e in entries if e.joint == scope and e.value is not None}
+
+    def fixed(self, joint: str) -> list[str]:
+        """Names given for a joint with `fix`."""
+        freed = {e.name for e in self._entries("free") if e.joint == joint != ""}
+        return [e.name for e in self._entries("fix") if e.joint == joint or (not e.joint and e.name not in freed)]
+
+    def freed(self, joint: str) -> list[str]:
+        """Names given for a joint with `free`."""
+        return [e.name for e in self._entries("free") if e.joint in ("", joint)]
+
+    def _entries(self, parameter: str) -> list[Entry]:
+        return [parse(text, parameter) for text in getattr(self, parameter)]

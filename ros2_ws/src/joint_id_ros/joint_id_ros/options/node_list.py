@@ -1,0 +1,21 @@
+"""The one list of nodes and of their ROS parameters: documentation, launch files and tests are made from it."""
+
+from __future__ import annotations
+
+from joint_id_core.alignment.inputs import InputOptions
+from joint_id_core.filtering.offline import FilterOptions
+from joint_id_core.online.identifier import OnlineOptions
+from joint_id_core.rtde.stream import StreamOptions
+from joint_id_core.simulation.plants import MotionOptions
+from joint_id_ros.options.driver import DriverOptions
+from joint_id_ros.options.identifier import ModelOptions
+from joint_id_ros.options.player import PlayerOptions
+from joint_id_ros.options.sim import SimOptions
+
+NODES: dict[str, tuple[type, ...]] = {
+    "sim": (SimOptions, MotionOptions),
+    "filter": (InputOptions, FilterOptions),
+    "identifier": (ModelOptions, OnlineOptions),
+    "player": (PlayerOptions,),
+    "driver": (DriverOptions, StreamOptions),
+}
