@@ -144,9 +144,11 @@ def test_commands_exist_with_the_options_that_are_shown(generator: ModuleType, p
             given = {v.partition(":=")[0] for k, v in pairwise(words) if k == "-p"}
             assert given <= parameters(generator, node), words
         elif words[:2] == ["ros2", "launch"]:
-            launch = (NODES / "launch" / words[3]).read_text()
-            for argument in words[4:]:
-                assert f'"{argument.partition(":=")[0]}"' in launch, words
+            arguments = {a.name: a for a in generator.LAUNCH_FILES[words[3].removesuffix(".launch.py")].arguments}
+            given = dict(argument.split(":=", 1) for argument in words[4:])
+            assert given.keys() <= arguments.keys(), words
+            assert {name for name, a in arguments.items() if a.default is None} <= given.keys(), words
+            assert all(value in arguments[name].choices or not arguments[name].choices for name, value in given.items())
 
 
 @pytest.mark.parametrize("page", PAGES, ids=named)
