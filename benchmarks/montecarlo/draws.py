@@ -75,7 +75,7 @@ def of(estimate: Estimate, truth: Mapping[str, float], seed: int, cpu_s: float) 
     rows = [estimate[name] for name in estimate.free if np.isfinite(estimate[name].std_dev)]
     errors = {row.name: row.value / truth[row.name] - 1.0 for row in rows}
     sigmas = {row.name: row.std_dev / truth[row.name] for row in rows}
-    says = estimate.message
+    says = " ".join(estimate.notes)
     return Draw(seed, estimate.status.value, "not white" in says, "residuals show" in says, cpu_s, errors, sigmas)
 
 

@@ -31,7 +31,8 @@ def estimates(draw):
         ),
         free=free, covariance=square, nrmse=table, noise=table, chi2=draw(NUMBERS), whiteness=table,
         deviance=draw(NUMBERS), observations=7, substeps=2, iterations=3, elapsed_s=0.5, start=draw(NUMBERS),
-        end=draw(NUMBERS), samples=100, origin=draw(st.integers(0, 2**40)), source="a.csv", joint="elbow",
+        end=draw(NUMBERS), samples=100, notes=("a.", "b."),
+        origin=draw(st.integers(0, 2**40)), source="a.csv", joint="elbow",
         model_options={"friction": "stribeck", "gravity": True}, cell="implicit",
         checks=draw(st.none() | st.just(Checks(("a", ""), np.eye(len(free)), table, {"c": "c + d"}))),
     )  # fmt: skip

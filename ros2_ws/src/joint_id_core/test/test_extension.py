@@ -156,7 +156,7 @@ def test_a_joint_that_changes_is_fitted_at_once():
     mixed = [e for e in found if 4.2 < e.end < 6.4]
     assert mixed and all(e.status is Status.POOR_FIT and e.predictions is not None for e in mixed)
     alone = next(e for e in found if e.end > 6.6)  # a window after the jump
-    assert alone.converged and "the joint has changed: older windows are forgotten" in alone.message
+    assert alone.converged and "The joint has changed: older windows are forgotten" in alone.message
     for estimate in (e for e in found if e.end > 6.6):
         assert estimate.converged
         assert abs(estimate["J_q"].value - heavy_load()) < 4.0 * estimate["J_q"].std_dev

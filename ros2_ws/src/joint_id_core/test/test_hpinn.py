@@ -274,7 +274,7 @@ def test_interval_holds_the_estimate_at_its_bound():
     )
     assert estimate["c"].verdict is Verdict.AT_BOUND and estimate["c"].value == pytest.approx(4.4)
     assert np.isnan(estimate["c"].std_dev) and estimate.free == ("J",)
-    assert "at a bound: c" in estimate.message
+    assert "At a bound: c." in estimate.notes
 
 
 def test_too_few_epochs_are_not_called_converged():

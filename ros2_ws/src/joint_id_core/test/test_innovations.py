@@ -150,7 +150,7 @@ def test_samples_without_an_input_are_left_out_and_counted():
     torque[200:204] = np.nan
     estimate = fit(RIGID, recording.with_channels({"torque": torque}))
     assert estimate.status is Status.CONVERGED
-    assert "4 samples without an input were left out" in estimate.message
+    assert "4 samples without an input were left out." in estimate.notes
     assert estimate.samples == len(recording) - 4
     assert all(abs(z) < 4.0 for z in errors(estimate, RIGID_TRUTH).values())
 
@@ -199,7 +199,7 @@ def test_what_the_motion_does_not_show_is_named():
     unseen = {p.name for p in estimate.parameters if p.verdict in (Verdict.NOT_EXCITED, Verdict.PRIOR)}
     assert {"tau_f", "tau_0"} & unseen
     for name in unseen:
-        assert name in estimate.message.split("does not show")[1]
+        assert name in next(note for note in estimate.notes if "does not show" in note)
     for name in unseen:
         spread = RIGID.parameter(name).spread * (estimate[name].value if RIGID.parameter(name).positive else 1.0)
         assert estimate[name].std_dev > 0.5 * spread

@@ -67,7 +67,7 @@ def fit(
     mapping = texts_by_name(map_ or (), "--map")
     recording = window(formats.read(file, joint, mapping), start, end)
     other = formats.read(validate, joint, mapping) if validate is not None else None
-    built = chosen.build(recording)
+    built = chosen.build(chosen.drive_in(recording))
     with Progress() as progress:
         estimate = estimators.fit(built, recording, settings, solver, progress)
     result, text = estimate.to_dict(), str(estimate)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
@@ -14,7 +14,7 @@ from joint_id_core.estimators import ParameterSettings
 if TYPE_CHECKING:
     from joint_id_core.data.recording import Recording
 
-Texts = list[str] | None
+Texts = Optional[list[str]]
 MAP_HELP = "channel=column, or a product: torque=gtau*vir; of a bag channel=topic.field"
 FileArgument = Annotated[Path, typer.Argument(help="CSV, MAT or bag")]
 JointOption = Annotated[str | None, typer.Option(help="joint of a bag that holds several")]

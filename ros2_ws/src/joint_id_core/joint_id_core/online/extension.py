@@ -17,13 +17,14 @@ from joint_id_core.estimators.innovations.belief import Belief, Coordinates
 from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.innovations.gauss_newton import newton_step
 from joint_id_core.estimators.innovations.recursion import Recursion
-from joint_id_core.estimators.innovations.verdicts import explained, remarks, table, verdicts
+from joint_id_core.estimators.innovations.verdicts import explained, findings, table, verdicts
 from joint_id_core.estimators.shared.fit_data import FitData, UnusableError, prepare
 from joint_id_core.estimators.shared.initial_state import rough_states
+from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.estimators.shared.substeps import steps_of
 from joint_id_core.models import Model
-from joint_id_core.results.estimate import Estimate
+from joint_id_core.results.estimate import Estimate, Status
 
 LONGEST_STEP = 4.0  # squared length of the step in standard deviations at which a linear step is no longer believed
 UNLIKELY = 4.0  # standard deviations of the mean squared innovation of new samples that their noise may have
@@ -81,9 +82,9 @@ def extend(
     physical = covariance * np.outer(slope, slope)
     initial = np.array([q.initial for q in previous.parameters])
     end = float(data.time[-1])
+    notes = (sentence(Status.CONVERGED.advice), *findings(rows, previous.checks.texts, data.dropped))
     return replace(
-        previous,
-        message="converged" + remarks(rows, previous.checks.texts, data.dropped),
+        previous, message=message(notes), notes=notes,
         parameters=table(model, data.free, recursion.values(coordinates.values(z)), physical, rows, initial),
         covariance=physical, chi2=chi2, deviance=float("nan"), iterations=0, elapsed_s=time.perf_counter() - begun,
         start=previous.start + end - previous.end, end=end, predictions=None,

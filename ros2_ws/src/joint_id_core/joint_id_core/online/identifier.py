@@ -12,6 +12,7 @@ from joint_id_core.estimators import DEFAULT, Estimator
 from joint_id_core.estimators.innovations.belief import Belief, Coordinates
 from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.innovations.fit import fit_innovations
+from joint_id_core.estimators.shared.sentences import message
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.online.extension import extend
@@ -23,6 +24,7 @@ from joint_id_core.results.estimate import Estimate, Status
 SURPRISE = 2.0
 # Ends of a fit with the memory that a wrong memory may have brought about.
 UNEXPLAINED = (Status.POOR_FIT, Status.MAX_ITERATIONS, Status.DIVERGED)
+CHANGED = "The joint has changed: older windows are forgotten."
 WARM_UP = 100  # samples before the new ones that show the state of the joint
 
 
@@ -131,9 +133,8 @@ class OnlineIdentifier:
             better = not estimate.converged or SURPRISE * self._drive_noise(alone) < self._drive_noise(estimate)
             if alone.converged and better:
                 self._past.clear()
-                estimate = replace(
-                    alone, message=f"{alone.message}; the joint has changed: older windows are forgotten"
-                )
+                notes = (alone.notes[0], CHANGED, *alone.notes[1:])
+                estimate = replace(alone, message=message(notes), notes=notes)
         if estimate.converged:
             self._last, self._fitted = estimate, estimate.end
             self._past.append(estimate)

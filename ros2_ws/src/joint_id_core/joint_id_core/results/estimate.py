@@ -131,6 +131,7 @@ class Estimate:
         source, joint: where the data came from, as in `Recording`.
         predictions: measured and predicted labels; None where none were made or kept.
         checks: what tests of this fit found, or of the one that this estimate extends.
+        notes: all that was found, in sentences, the most useful first; `message` holds the first ones.
     """
 
     model: str
@@ -159,6 +160,7 @@ class Estimate:
     cell: str = "rk4"
     predictions: Predictions | None = None
     checks: Checks | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def converged(self) -> bool:

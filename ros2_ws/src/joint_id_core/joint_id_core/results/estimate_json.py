@@ -34,6 +34,7 @@ def to_dict(estimate: Estimate) -> dict[str, Any]:
         "cell": estimate.cell,
         "status": estimate.status.value,
         "message": estimate.message,
+        "notes": list(estimate.notes),
         "parameters": [
             {
                 "name": p.name,
@@ -95,6 +96,7 @@ def from_dict(content: Mapping[str, Any]) -> Estimate:
             estimator=content["estimator"],
             status=Status(content["status"]),
             message=content["message"],
+            notes=tuple(content["notes"]),
             parameters=tuple(
                 ParameterEstimate(
                     p["name"], p["unit"], _value(p["value"]), _value(p["std_dev"]), Verdict(p["verdict"]),

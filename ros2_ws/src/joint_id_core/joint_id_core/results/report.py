@@ -19,7 +19,8 @@ def one_line(estimate: Estimate) -> str:
 def table(estimate: Estimate) -> str:
     """The estimate as lines of text: values, standard deviations, verdicts, fit, strong correlations."""
     head = f"{estimate.model} by {estimate.estimator}: {estimate.status.value}"
-    lines = [head, f"  {estimate.message}", ""]
+    also = [f"    {note}" for note in estimate.notes if note not in estimate.message]
+    lines = [head, f"  {estimate.message}", *(["  also:", *also] if also else []), ""]
     width = max([11, *(len(p.unit) + 1 for p in estimate.parameters)])
     lines.append(f"  {'parameter':<10}{'value':>13}  {'std dev':>10}  {'':>8}  {'unit':<{width}}{'verdict':<12}start")
     lines += [_row(p, width) for p in estimate.parameters]

@@ -18,6 +18,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.hpinn.estimator import HPinn
 from joint_id_core.estimators.shared.fit_data import FitData, UnusableError, options_of, origin_of, prepare, unusable
 from joint_id_core.estimators.shared.initial_state import rough_states, start_state
+from joint_id_core.estimators.shared.sentences import listed, message, missed, sentence, times
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.estimators.shared.substeps import stable_substeps
 from joint_id_core.models import Model
@@ -108,8 +109,8 @@ def fit_hpinn(
     rates = LearningRate(options.learning_rate, options.decay_at, options.decay_factor)
     history, finite = train(net, data, labels, x0, options.epochs, rates, tell)
     if not history:
-        message = f"{recording.source}: the simulation from the start values is not finite: {Status.DIVERGED.advice}"
-        return unusable(model, "hpinn", UnusableError(Status.DIVERGED, message), recording)
+        text = f"{recording.source}: the simulation from the start values is not finite: {Status.DIVERGED.advice}"
+        return unusable(model, "hpinn", UnusableError(Status.DIVERGED, text), recording)
     return _estimate(net, data, labels, x0, start, history, finite, clock.perf_counter() - begun)
 
 
@@ -180,9 +181,9 @@ def _estimate(
     fit = dict(zip(labels.names, nrmse.tolist(), strict=True))
     flat = np.nan_to_num(residuals)
     lag = np.sum(flat[1:] * flat[:-1], axis=0) / np.maximum(np.sum(flat**2, axis=0), 1e-300)
-    status, message = _judge(history, finite, fit, found, away)
+    status, notes = _judge(history, finite, fit, found, away)
     return Estimate(
-        model.name, "hpinn", status, message, rows, free=free, covariance=covariance, nrmse=fit,
+        model.name, "hpinn", status, message(notes), rows, notes=notes, free=free, covariance=covariance, nrmse=fit,
         noise=dict(zip(labels.names, noise.tolist(), strict=False)),  # the torsion has no noise of its own
         whiteness=dict(zip(labels.names, lag.tolist(), strict=True)), substeps=net.substeps, iterations=len(history),
         elapsed_s=elapsed, start=float(data.time[0]), end=float(data.time[-1]), samples=len(data.time),
@@ -201,28 +202,29 @@ def _judge(
     nrmse: Mapping[str, float],
     found: Mapping[str, Verdict],
     away: Mapping[str, float],
-) -> tuple[Status, str]:
+) -> tuple[Status, tuple[str, ...]]:
+    """Status, and what was found in sentences, the most useful first."""
     worst = max(nrmse, key=lambda name: np.nan_to_num(nrmse[name]))
     farthest = max(away, key=lambda name: away[name], default="")
     if not finite:
-        status, text = (
-            Status.DIVERGED,
-            f"the simulation left the finite numbers at epoch {len(history)}: values are of the best epoch",
-        )
+        status = Status.DIVERGED
+        said = [f"the simulation left the finite numbers at epoch {len(history)}: values are of the best epoch"]
     elif not _levelled_off(history):
-        status, text = Status.MAX_ITERATIONS, "the loss still falls: train for more epochs or at a higher learning rate"
+        status = Status.MAX_ITERATIONS
+        said = ["the loss still falls: train for more epochs or at a higher learning rate"]
     elif nrmse[worst] > POOR_NRMSE:
-        miss = f"the simulation of {worst} misses by {100 * nrmse[worst]:.0f} % of its variation"
-        status, text = Status.POOR_FIT, f"{miss}: {Status.POOR_FIT.advice}"
+        status = Status.POOR_FIT
+        said = [missed(f"simulated values of {worst}", nrmse[worst]), Status.POOR_FIT.advice]
     else:
-        status, text = Status.CONVERGED, "the loss has levelled off"
+        status, said = Status.CONVERGED, ["the loss has levelled off"]
         if away.get(farthest, 0.0) > MINIMUM_DISTANCE:
-            text += (
-                f", {away[farthest]:.2g} noise standard deviations of {farthest} before the minimum that Gauss-Newton "
-                "sees; the standard deviations contain that distance: more epochs or the innovations estimator help"
+            said.append(
+                f"training ended {times(away[farthest])} the noise's standard deviation of {farthest} before the "
+                "minimum that Gauss-Newton sees, which the standard deviations contain: more epochs or the innovations "
+                "estimator help"
             )
-    text += "; standard deviations assume white residuals"
-    for verdict, words in ((Verdict.AT_BOUND, "at a bound"), (Verdict.NOT_EXCITED, "this motion does not show")):
+    for verdict, words in ((Verdict.AT_BOUND, "at a bound:"), (Verdict.NOT_EXCITED, "this motion does not show")):
         names = [name for name, v in found.items() if v is verdict]
-        text += f"; {words}: {', '.join(names)}" if names else ""
-    return status, text
+        said += [f"{words} {listed(names)}"] if names else []
+    said.append("standard deviations assume white residuals")
+    return status, tuple(sentence(text) for text in said)

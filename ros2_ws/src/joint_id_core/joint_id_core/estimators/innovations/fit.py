@@ -87,5 +87,5 @@ def _estimate(outcome: Outcome, begun: float) -> Estimate:
         substeps=found.substeps, iterations=stages.effort.iterations,
         elapsed_s=time.perf_counter() - begun, start=float(data.time[0]), end=float(data.time[-1]),
         samples=len(data.time), model_options=options_of(model), cell=stages.options.cell,
-        predictions=data.predictions(predictions), checks=checks, **origin_of(data.recording),
+        predictions=data.predictions(predictions), checks=checks, notes=judged.notes, **origin_of(data.recording),
     )  # fmt: skip

@@ -27,6 +27,7 @@ OWN_SHARE = 0.15  # of the information on a shape that the parameters must leave
 MOST = 2  # shapes that are taken together: more of them cancel each other, and their bias grows without end
 FORESEEN = (-1.0, 1.0, 0.5, 0.0, -0.5)  # straight line through the last four samples, minus the present one
 TINY = 1e-300
+ROUNDING = 1e-12  # of the size of a course
 LOW_SPEED = 0.1  # of the rms speed, below which friction rises in the shape of the Stribeck effect
 
 
@@ -55,7 +56,7 @@ class Misfit:
     @property
     def text(self) -> str:
         """In words; empty where nothing is significant."""
-        parts = [f"{s.name} ({size:.0f} sigma: {s.advice})" for s, size in self.found if size > SIGNIFICANT]
+        parts = [f"{s.name} ({size:.3g} sigma: {s.advice})" for s, size in self.found if size > SIGNIFICANT]
         if not parts:
             return ""
         return f"the residuals show {' and '.join(parts)}; the standard deviations contain what that may do"
@@ -85,7 +86,7 @@ def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
         found.append(Shape(text, "try --friction eyring", channel, w * size))
     if "link_position" in names and load is not None and not model.has_gravity:
         q = known["link_position"]
-        found.append(Shape("a load that goes with the angle", "try --gravity", load, q - q.mean()))
+        found.append(Shape("a load that goes with the angle", "try --gravity", load, _around_mean(q)))
     if drive is not None and not model.has_torque_offset:
         found.append(Shape("a constant torque", "try --offsets", drive, np.ones(len(states))))
     if drive is not None:
@@ -99,11 +100,16 @@ def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
     sides = {"motor_position", "link_position", "motor_velocity"}
     cubic = model.cubic_stiffness
     if sides <= known.keys() and drive is not None and cubic is not None and cubic not in data.free:
-        twist = known["motor_position"] / model.gear_ratio(value) - known["link_position"]
-        twist -= twist.mean()
+        twist = _around_mean(known["motor_position"] / model.gear_ratio(value) - known["link_position"])
         text = "a spring that is not linear as the model has it"
         found.append(Shape(text, f"try --free {cubic}", drive, twist * twist * twist))
     return found
+
+
+def _around_mean(course: Array) -> Array:
+    """A course less its mean; zero where it is constant but for rounding, which would else have a shape of its own."""
+    away = course - course.mean()
+    return away if np.ptp(course) > ROUNDING * np.max(np.abs(course)) else np.zeros_like(course)
 
 
 def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last: Pass) -> Misfit:

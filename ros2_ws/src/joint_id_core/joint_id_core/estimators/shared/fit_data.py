@@ -246,5 +246,5 @@ def unusable(model: Model, estimator: str, error: UnusableError, recording: Reco
     span = (float(recording.time[0]), float(recording.time[-1])) if len(recording) else (float("nan"), float("nan"))
     return Estimate(
         model.name, estimator, error.status, str(error), rows, start=span[0], end=span[1], samples=len(recording),
-        model_options=options_of(model), **origin_of(recording),
+        model_options=options_of(model), notes=(str(error),), **origin_of(recording),
     )  # fmt: skip

@@ -13,6 +13,8 @@ from joint_id_core.estimators.shared.fit_data import FitData
 
 TWIST_SPREAD = 0.02  # rad: more than any harmonic drive twists, seen at the link
 TWIST_RATE_SPREAD = 0.5  # rad/s
+ALIKE = 1e-6  # share by which stretches of a record may differ and count as equal
+STILL = 1e-8  # of a signal's span: a step that is no larger is none, only the rounding of what was computed from it
 _ACROSS_SPREAD = {
     "motor_position": TWIST_SPREAD,
     "link_position": TWIST_SPREAD,
@@ -126,7 +128,9 @@ def busiest(data: FitData, length: int) -> int:
     total = np.mean(signals**2, axis=0)
     scaled = signals[:, total > 0.0] / np.sqrt(total[total > 0.0])
     first = range(0, len(signals) - length + 1, max(1, length // 2))
-    return every * max(first, key=lambda k: float(np.sum(np.var(scaled[k : k + length], axis=0))))
+    motion = [float(np.sum(np.var(scaled[k : k + length], axis=0))) for k in first]
+    most = max(motion) * (1.0 - ALIKE)  # of stretches of a motion that repeats itself take the first
+    return every * next(k for k, size in zip(first, motion, strict=True) if size >= most)
 
 
 def _slope(data: FitData, name: str, at: int) -> float:
@@ -162,10 +166,11 @@ def credible_noise(rows: Array, span: Array) -> Array:
     first = rows[:, 1:] - rows[:, :-1]
     third = _third(first)
     floor = (1e-7 * span) ** 2 + 1e-24
-    still = count - 1 - np.count_nonzero(first, axis=1)
+    steps = np.abs(first)
+    moved = steps > STILL * span[:, None]
+    still = count - 1 - np.count_nonzero(moved, axis=1)
     for k in np.flatnonzero((still > 0.05 * count) & (still < count - 1)):
-        steps = np.abs(first[k])
-        floor[k] = max(floor[k], float(np.min(steps[steps > 0.0])) ** 2 / 12.0 * 0.1)
+        floor[k] = max(floor[k], float(np.min(steps[k, moved[k]])) ** 2 / 12.0 * 0.1)
     return np.array([floor, np.maximum(4.0 / 20.0 * np.einsum("kt,kt->k", third, third) / (count - 3), 4.0 * floor)])
 
 
