@@ -14,7 +14,6 @@ PACKAGES := $(wildcard $(WS)/src/joint_id_core/joint_id_core $(WS)/src/joint_id_
 UNIT_TESTS := $(wildcard $(WS)/src/joint_id_core/test)
 NODE_TESTS := $(wildcard $(WS)/src/joint_id_ros/test tests)
 TIMED_TESTS := tests/test_chain.py tests/test_demo.py tests/test_driver.py tests/test_driver_faults.py
-LONG_TESTS := benchmarks/test
 
 .PHONY: all setup test test-long lint demo paper paper-quick bench-rtde bench-speed bench-stats clean
 all: setup
@@ -37,12 +36,12 @@ $(WS)/install/.built: $(VENV)/.installed $(BUILD_INPUTS) $(BUILD_TOOLS)
 # Everything that users rely on, quick tests first. Those whose nodes stream at 500 Hz or run against a clock come last, alone.
 test: setup
 	$(RUN) python -m pytest -n 2 --dist worksteal --durations=10 $(UNIT_TESTS)
-	$(RUN) python -m pytest -n 2 --dist loadfile --durations=10 $(NODE_TESTS) $(TIMED_TESTS:%=--ignore=%)
+	$(RUN) python -m pytest -n 2 --dist loadfile --durations=10 -m "not long" $(NODE_TESTS) $(TIMED_TESTS:%=--ignore=%)
 	$(RUN) python -m pytest --durations=10 $(TIMED_TESTS)
 
-# What guards benchmarks/ and the study of the paper only.
+# The tests marked "long": what takes minutes, and what guards only benchmarks/ and the study of the paper.
 test-long: setup $(VENV)/.paper
-	$(RUN) python -m pytest -n 2 --dist loadfile --durations=10 $(LONG_TESTS)
+	$(RUN) python -m pytest -n 2 --dist loadfile --durations=10 -m long $(NODE_TESTS)
 
 lint: setup
 	$(RUN) ruff check .

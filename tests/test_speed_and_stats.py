@@ -29,7 +29,9 @@ from joint_id_core.models import build
 from joint_id_core.simulation.excitation import position_reference
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
 
-ROOT = Path(__file__).resolve().parents[2]
+pytestmark = pytest.mark.long
+
+ROOT = Path(__file__).resolve().parent.parent
 BY_NAME = {case.name: case for case in NOISE}
 
 
