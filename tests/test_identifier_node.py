@@ -146,6 +146,32 @@ def test_only_the_chosen_joints_are_identified_and_a_missing_one_is_named(identi
     assert [j.joint for j in found[-1].joints] == ["elbow"]
 
 
+def driven_by_current(message):
+    message.current = [message.torque[0] / 0.08]
+    message.torque, message.measured = [], message.measured ^ (JointSamples.TORQUE | JointSamples.CURRENT)
+    return message
+
+
+@pytest.mark.parametrize(("spoken", "change"), [([""], lambda m: m), (["k_t=0.08", "N=1"], driven_by_current)])
+def test_what_drives_the_joint_follows_from_what_is_measured(identifying, probe, sample, spoken, change):
+    found, samples = identifying(actuation="", set=spoken)
+    publish(samples, probe, [change(sample(k)) for k in range(2 * RATE + 50)])
+    probe.until(lambda: latest(found), "an estimate")
+    assert_true(latest(found))
+
+
+def test_options_of_the_other_estimator_are_refused(start, probe):
+    process = start("identifier", model="rigid_joint", estimator="hpinn", cell="implicit", autostart=False)
+    text = "cell and priors are for the innovations estimator: leave them out with hpinn"
+    assert not probe.change("identifier", "configure")
+    assert probe.set_parameter("identifier", "cell", "rk4").successful
+    assert probe.set_parameter("identifier", "priors", "J=0.5").successful
+    assert not probe.change("identifier", "configure")
+    probe.until(lambda: process.text.count(text) == 2, "the reasons")
+    assert probe.set_parameter("identifier", "priors", "").successful
+    assert probe.change("identifier", "configure")
+
+
 def test_each_joint_has_its_own_torque_constant(identifying, probe, sample):
     constants = {"elbow": 0.08, "wrist": 0.05}
     joints = tuple(constants)

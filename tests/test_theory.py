@@ -77,7 +77,7 @@ def test_constants_in_the_theory() -> None:
         f"beyond {verdicts.COLOURED:g} in size",
         f"$\\chi^2 = \\overline{{r^2}}$ | above {verdicts.MOST_CHI2:g} |",
         f"nrmse of free runs of {prediction.HORIZON_S:g} s ([validation](#validation)) "
-        f"| above {verdicts.POOR_NRMSE:g} |",
+        f"| above {verdicts.CONSTANT_NRMSE:g} |",
         f"| up to {verdicts.PRIOR_RATIO:g} | `estimated` |",
         f"| above {verdicts.NOT_EXCITED_RATIO:g} | `not_excited`",
         f"correlation is beyond {verdicts.STRONG_CORRELATION:g} in size",

@@ -21,7 +21,7 @@ from montecarlo.cases import FACTOR, Case
 
 T = TypeVar("T")
 
-FAR = 8.0  # standard deviations: no noise, but another minimum or a wrong model
+BEYOND_NOISE = 8.0  # standard deviations: no noise, but another minimum or a wrong model
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Draw:
     @property
     def far(self) -> bool:
         """Whether an error is beyond what noise does."""
-        return any(not abs(self.errors[name]) < FAR * self.sigmas[name] for name in self.errors)
+        return any(not abs(self.errors[name]) < BEYOND_NOISE * self.sigmas[name] for name in self.errors)
 
 
 def recorded(case: Case, seed: int, cache: Path) -> Recording:

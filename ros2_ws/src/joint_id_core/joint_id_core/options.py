@@ -26,6 +26,12 @@ def option(
     return field(default=default, metadata=meta)
 
 
+def same_option(options: type, name: str) -> Any:
+    """A dataclass field with default and metadata of the option `name` of another dataclass."""
+    f = next(f for f in fields(options) if f.name == name)
+    return field(default=f.default, metadata=f.metadata)
+
+
 def check(options: Any) -> None:
     """Check every field of an options dataclass against its range; call it in `__post_init__`.
 

@@ -1,8 +1,11 @@
 """What a user of `joint-id` relies on: results on stdout, one line on stderr, exit codes."""
 
+import inspect
 import json
 import subprocess
 import sys
+import types
+import typing
 
 import numpy as np
 import pytest
@@ -270,3 +273,11 @@ def test_help_of_the_real_command_loads_nothing_heavy():
     assert not {"numpy", "numba", "torch", "scipy", "sympy", "matplotlib", "rclpy", "rosbags"} & set(
         done.stderr.split()
     )
+
+
+def test_annotations_are_those_that_typer_of_ubuntu_reads():
+    """Typer 0.9 knows Optional[X], not X | None."""
+    for command in app.registered_commands:
+        for parameter in inspect.signature(command.callback, eval_str=True).parameters.values():
+            kind = typing.get_args(parameter.annotation)[0]
+            assert not isinstance(kind, types.UnionType), f"{command.callback.__name__}: {parameter}"

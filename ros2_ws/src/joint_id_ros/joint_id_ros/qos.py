@@ -16,5 +16,7 @@ STREAM_IN = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPo
 STREAM_OUT = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 REPLAY = STREAM_IN
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-CLOCK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+# Reliable, so that the last one arrives. The clocks of nodes subscribe with best effort and depth 1, which fits: a busy
+# node then skips to the newest.
+CLOCK = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 FLUSH = Duration(seconds=1)  # longest wait for readers to have taken the last samples

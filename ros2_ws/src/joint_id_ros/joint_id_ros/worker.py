@@ -39,15 +39,15 @@ class Worker:
 
     def __init__(
         self,
-        make: Callable[[str], OnlineIdentifier],
+        make: Callable[[str, Recording], OnlineIdentifier],
         joints: Collection[str],
         expected: Collection[str],
         callbacks: Callbacks,
     ) -> None:
         """Start the thread.
 
-        `make` builds the identifier of a joint; `joints` empty means every joint that is seen; it is a problem when
-        one of those `expected` is not.
+        `make` builds the identifier of a joint from its first samples; `joints` empty means every joint that is seen;
+        it is a problem when one of those `expected` is not.
         """
         self._make, self._wanted, self._expected, self._callbacks = make, tuple(joints), tuple(expected), callbacks
         self._identifiers: dict[str, OnlineIdentifier] = {}
@@ -137,7 +137,7 @@ class Worker:
         try:
             self._begun[joint] = time.monotonic()
             if joint not in self._identifiers:
-                self._identifiers[joint] = self._make(joint)
+                self._identifiers[joint] = self._make(joint, recording)
             estimate = self._identifiers[joint].update(recording)
         except JointIdError as error:
             self._callbacks.problem("samples left out", f"joint {joint}: {error}")

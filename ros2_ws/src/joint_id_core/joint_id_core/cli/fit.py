@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Optional
 
 import typer
 
@@ -44,9 +44,9 @@ def fit(
     prior: PriorOption = None,
     start: StartOption = None,
     end: EndOption = None,
-    validate: Annotated[Path | None, typer.Option(help="recording that the fitted model must predict")] = None,
-    plot: Annotated[Path | None, typer.Option(help="save a picture of measurement and prediction")] = None,
-    save: Annotated[Path | None, typer.Option(help="save the estimate as JSON")] = None,
+    validate: Annotated[Optional[Path], typer.Option(help="recording that the fitted model must predict")] = None,
+    plot: Annotated[Optional[Path], typer.Option(help="save a picture of measurement and prediction")] = None,
+    save: Annotated[Optional[Path], typer.Option(help="save the estimate as JSON")] = None,
     json: JsonOption = False,
 ) -> None:
     """Identify the parameters of a joint model, with standard deviations and verdicts.
@@ -67,7 +67,7 @@ def fit(
     mapping = texts_by_name(map_ or (), "--map")
     recording = window(formats.read(file, joint, mapping), start, end)
     other = formats.read(validate, joint, mapping) if validate is not None else None
-    built = chosen.build(recording)
+    built = chosen.build(chosen.drive_in(recording))
     with Progress() as progress:
         estimate = estimators.fit(built, recording, settings, solver, progress)
     result, text = estimate.to_dict(), str(estimate)

@@ -35,18 +35,29 @@ class ModelOptions:
     def __post_init__(self) -> None:
         check(self)
 
-    def build(self, recording: Recording | None = None) -> Model:
-        """The model. Where `actuation` is empty, `recording` tells the drive; without one it is the torque.
+    @property
+    def drives(self) -> tuple[str, ...]:
+        """What may drive the model: the actuation that is given, or each there is."""
+        return (self.actuation,) if self.actuation else DRIVES
+
+    def drive_in(self, recording: Recording) -> str:
+        """What drives the joint in this recording: the actuation that is given, else torque if recorded, else current.
+
+        Empty for models that are driven by neither.
+        """
+        return self.actuation or drive_of(self.model, recording) or ""
+
+    def build(self, drive: str = "") -> Model:
+        """The model, driven by `drive` if it has such an input; an option that it lacks may stay at its default.
 
         Raises:
             JointIdError: an option that the model does not have.
         """
         own = {f.name for f in fields(MODELS[self.model])}
         defaults = {f.name: f.default for f in fields(self)}
-        given = {n: getattr(self, n) for n in ("friction", *FLAGS)}
-        chosen = {n: v for n, v in given.items() if n in own or v != defaults[n]}
-        drive = self.actuation or (drive_of(self.model, recording) if recording is not None else None)
-        return build(self.model, **chosen, **({"actuation": drive} if drive else {}))
+        given = {n: getattr(self, n) for n in ("actuation", "friction", *FLAGS)}
+        chosen = {n: v for n, v in given.items() if v != "" and (n in own or v != defaults[n])}
+        return build(self.model, **(chosen | ({"actuation": drive} if drive and "actuation" in own else {})))
 
 
 def drive_of(model: str, recording: Recording) -> str | None:

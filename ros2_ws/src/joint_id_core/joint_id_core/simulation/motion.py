@@ -47,7 +47,7 @@ def simulate_motion(
     exact = _moved(model, np.arange(round(duration * rate) + 1) / rate, truth)
     if not noise:
         return exact
-    sensors = ur_robot_sensors(truth.get("N", 1.0))
+    sensors = ur_robot_sensors(model.gear_ratio(truth))
     known = set(sensors.noise) | {"voltage"}  # the commanded voltage is exact; there is no link velocity sensor
     return sensors.measure(exact, seed, known & set(exact.channels))
 
@@ -55,20 +55,21 @@ def simulate_motion(
 def _moved(model: Model, time: Array, truth: dict[str, float]) -> Recording:
     """Every channel of the motion, exact."""
     reference = position_reference()
-    if "voltage" in model.input_names:
+    gear = model.gear_ratio(truth)
+    if model.drive == "voltage":
         level = np.floor(time / STEP_S + 1e-9).astype(int) % len(STEPS_V)
         recording = simulate(model, time, {"voltage": np.array(STEPS_V)[level]}, truth)
     elif "link_position" in model.state_names:
         default = PositionController()  # made for a gear of GEAR_RATIO; the same torque at the link for any other
-        scale = GEAR_RATIO / truth["N"]
+        scale = GEAR_RATIO / gear
         controller = PositionController(default.k_p * scale, default.k_d * scale, default.limit * scale)
         recording = simulate_closed_loop(model, controller, reference, time, truth)
     else:
         q, dq = reference.value(time), reference.rate(time)
-        drive = next(n for n in model.input_names if n in ("torque", "current"))
         torque = multisine(time, 0.3, reference.frequencies, seed=2)
-        inputs = {drive: torque / truth.get("k_t", 1.0), "link_position": q, "link_velocity": dq}
-        x0 = {"motor_position": truth["N"] * q[0], "motor_velocity": truth["N"] * dq[0]}
+        drives = {model.torque_drive: torque / model.torque_constant(truth)} if model.torque_drive else {}
+        inputs = {**drives, "link_position": q, "link_velocity": dq}
+        x0 = {"motor_position": gear * q[0], "motor_velocity": gear * dq[0]}
         recording = simulate(model, time, inputs, truth, x0)
-    channels = {name: values for name, values in recording.channels.items() if name != "external_torque"}
+    channels = {name: values for name, values in recording.channels.items() if name != model.load}
     return Recording(recording.time, channels, source=recording.source)

@@ -7,6 +7,7 @@ from collections import Counter
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from joint_id_core.alignment.joining import StampOrder
+from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.topics import SAMPLES
 from joint_id_core.online.identifier import OnlineIdentifier, OnlineOptions
@@ -15,7 +16,7 @@ from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples
 from joint_id_ros import conversions as convert
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.lifecycle import ManagedNode
-from joint_id_ros.options.identifier import ModelOptions
+from joint_id_ros.options.identifier import IdentifierOptions
 from joint_id_ros.parameters import read
 from joint_id_ros.qos import LATEST
 from joint_id_ros.streams import Streams
@@ -28,8 +29,8 @@ class IdentifierNode(ManagedNode):
     """Fits the model of every joint over sliding windows in a thread and publishes all joints' latest estimates."""
 
     def __init__(self) -> None:
-        super().__init__("identifier", ModelOptions, OnlineOptions)
-        self._model_options = ModelOptions()
+        super().__init__("identifier", IdentifierOptions, OnlineOptions)
+        self._model_options = IdentifierOptions()
         self._online_options = OnlineOptions()
         self._worker: Worker | None = None
         self._streams: Streams | None = None
@@ -42,11 +43,15 @@ class IdentifierNode(ManagedNode):
         if self.get_parameter("autostart").value:
             self.start()
 
-    def _make(self, joint: str) -> OnlineIdentifier:
-        """The identifier of one joint."""
+    def _begin_joint(self, joint: str, samples: Recording) -> OnlineIdentifier:
+        """The identifier of a joint whose first samples are these."""
+        options = self._model_options
+        return self._make(joint, options.drive_in(samples))
+
+    def _make(self, joint: str, drive: str) -> OnlineIdentifier:
         options = self._model_options
         return OnlineIdentifier(
-            options.build(),
+            options.build(drive),
             options.settings(joint),
             self._online_options,
             options.solver,
@@ -54,13 +59,25 @@ class IdentifierNode(ManagedNode):
 
     def prepare(self) -> None:
         """Read the parameters and check all of them by building the identifiers."""
-        self._model_options = read(self, ModelOptions)
+        self._model_options = read(self, IdentifierOptions)
         self._online_options = read(self, OnlineOptions)
         for joint in self._model_options.expected or ("",):
             try:
-                self._make(joint)
+                self._check(joint)
             except JointIdError as error:
                 raise JointIdError(f"joint {joint}: {error}" if joint else str(error)) from None
+
+    def _check(self, joint: str) -> None:
+        """Build the identifier of a joint with what may drive it; one of these must do."""
+        errors = {}
+        for drive in self._model_options.drives:
+            try:
+                self._make(joint, drive)
+                return
+            except JointIdError as error:
+                errors[drive] = error
+        told = "current" if "k_t" in self._model_options.values(joint) else "torque"  # which of the two is meant
+        raise errors.get(told) or next(iter(errors.values()))
 
     def begin(self) -> None:
         """Start the thread and listen; estimates of an earlier run are forgotten."""
@@ -69,7 +86,7 @@ class IdentifierNode(ManagedNode):
         self._good.clear()
         callbacks = Callbacks(self._on_estimate, self._diagnostics.problem)
         options = self._model_options
-        self._worker = Worker(self._make, options.joints, options.expected, callbacks)
+        self._worker = Worker(self._begin_joint, options.joints, options.expected, callbacks)
         self._streams = Streams(self, {SAMPLES.name: JointSamples}, self._on_samples)
         self.get_logger().info(f"identifying {options.model} with {options.estimator}")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -51,11 +52,11 @@ class PlayerNode(Node):
         self._messages = self._bytes(connections)
         self._next: tuple[Publisher, int, bytes] | None = None
         self._time_output = self.create_publisher(ClockMessage, "/clock", CLOCK) if self._options.clock else None
-        self._clock_told = 0.0
+        self._clock_told = -math.inf
         self._created = time.monotonic()
         self._begun: float | None = None
         self._ended: float | None = None
-        self._bag_start = self._reader.start_time
+        self._bag_start = self._newest_ns = self._reader.start_time
         self._published = self._held_up = 0
         self._diagnostics = Diagnostics(self, self._health)
         self.create_timer(TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -123,6 +124,7 @@ class PlayerNode(Node):
         due = self._bag_start + int((now - self._begun) * self._options.rate * 1e9)
         while time.monotonic() - now < SLICE_S:
             if self._next is None and (message := next(self._messages, None)) is None:
+                self._tell_time(math.inf, self._newest_ns)  # in any case: the clock ends where the bag ends
                 return True
             elif self._next is None:
                 self._next = message
@@ -132,7 +134,7 @@ class PlayerNode(Node):
                 return False
             if not self._publish(publisher, data):
                 return False
-            self._next = None
+            self._next, self._newest_ns = None, instant_ns
             self._tell_time(now, instant_ns)
         return False
 
@@ -147,6 +149,7 @@ class PlayerNode(Node):
         return True
 
     def _tell_time(self, now: float, instant_ns: int) -> None:
+        """Publish the time of the bag, unless that was done less than `CLOCK_S` before `now`."""
         if self._time_output is not None and now - self._clock_told >= CLOCK_S:
             self._clock_told = now
             self._time_output.publish(ClockMessage(clock=to_stamp(instant_ns)))

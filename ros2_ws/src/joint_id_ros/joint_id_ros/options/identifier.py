@@ -2,40 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from joint_id_core.assignments import numbers_by_name
-from joint_id_core.cell import CELLS
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators import ESTIMATORS, Estimator, ParameterSettings
+from joint_id_core.estimators import ESTIMATORS, Estimator, Innovations, ParameterSettings
 from joint_id_core.estimators import build as build_estimator
-from joint_id_core.models import LAWS, MODELS, Model, build
-from joint_id_core.models.options import FLAGS
+from joint_id_core.models.options import ModelOptions
 from joint_id_core.models.per_joint import Entry, parse
-from joint_id_core.options import check, option
+from joint_id_core.options import option, same_option
 
 
 @dataclass(frozen=True)
-class ModelOptions:
+class IdentifierOptions(ModelOptions):
     """What is identified, and how.
 
     What `set`, `fix` and `free` say of one joint wins over what they say of all.
 
     Raises:
         JointIdError: a value outside its choices, a text of another form, a joint that is not among `joints`,
-            a parameter that is spoken of twice.
+            a parameter that is spoken of twice, an option that the estimator does not have.
     """
 
-    model: str = option("electromechanical", "joint model", choices=tuple(MODELS))
     joints: tuple[str, ...] = option((), "joints to identify; none: every joint that is seen")
-    estimator: str = option("innovations", "estimation method", choices=tuple(ESTIMATORS))
-    actuation: str = option("current", "input of models with a drive input", choices=("current", "torque"))
-    friction: str = option(LAWS[0], "friction law", choices=LAWS)
-    gravity: bool = option(False, "whether the joint carries gravity torque a_g cos(q) + b_g sin(q)")
-    kinematic_error: bool = option(False, "whether the gear's kinematic error is modelled")
-    delays: bool = option(False, "whether sensors may be late: adds delta_p and delta_q")
-    offsets: bool = option(False, "whether torque and twist have offsets: adds tau_0 and dtheta_0")
-    cell: str = option("rk4", "integrator of the innovations estimator; implicit for stiff joints", choices=CELLS)
+    estimator: str = option(Innovations.name, "estimation method", choices=tuple(ESTIMATORS))
+    cell: str = same_option(Innovations, "cell")
     priors: str = option(
         "", "standard deviations known before any data, NAME=SD separated by commas; relative for positive parameters"
     )
@@ -51,7 +42,11 @@ class ModelOptions:
     autostart: bool = option(True, "configure and activate at start, without a lifecycle manager")
 
     def __post_init__(self) -> None:
-        check(self)
+        super().__post_init__()
+        if self.estimator != Innovations.name and (self.cell, self.priors) != (Innovations.cell, ""):
+            raise JointIdError(
+                f"cell and priors are for the innovations estimator: leave them out with {self.estimator}"
+            )
         for parameter in ("set", "fix", "free"):
             self._check(parameter)
 
@@ -67,31 +62,10 @@ class ModelOptions:
                 raise JointIdError(f"parameter {parameter}: {text!r} speaks of {entry.name} again: say it once")
             seen.append((entry.joint, entry.name))
 
-    def build(self) -> Model:
-        """The model; an option that it does not have may stay at its default.
-
-        Raises:
-            JointIdError: an option that the model does not have.
-        """
-        own = {f.name for f in fields(MODELS[self.model])}
-        defaults = {f.name: f.default for f in fields(self)}
-        given = {n: getattr(self, n) for n in ("actuation", "friction", *FLAGS)}
-        return build(self.model, **{n: v for n, v in given.items() if n in own or v != defaults[n]})
-
-    @property
-    def expected(self) -> tuple[str, ...]:
-        """Joints that must be seen: those to identify, or else those that `set`, `fix` or `free` name."""
-        entries = (e for parameter in ("set", "fix", "free") for e in self._entries(parameter))
-        return self.joints or tuple(dict.fromkeys(e.joint for e in entries if e.joint))
-
     @property
     def solver(self) -> Estimator:
-        """The estimator; an integrator that is not the default is passed on, so that one without refuses it.
-
-        Raises:
-            JointIdError: an option that the estimator does not have.
-        """
-        return build_estimator(self.estimator, **({} if self.cell == CELLS[0] else {"cell": self.cell}))
+        """The estimator with its options."""
+        return build_estimator(self.estimator, **({"cell": self.cell} if self.estimator == Innovations.name else {}))
 
     def settings(self, joint: str) -> ParameterSettings:
         """What is said of the parameters of a joint.
@@ -101,6 +75,12 @@ class ModelOptions:
         """
         priors = numbers_by_name(filter(None, map(str.strip, self.priors.split(","))), "parameter priors")
         return ParameterSettings(self.values(joint), self.fixed(joint), self.freed(joint), priors)
+
+    @property
+    def expected(self) -> tuple[str, ...]:
+        """Joints that must be seen: those to identify, or else those that `set`, `fix` or `free` name."""
+        entries = (e for parameter in ("set", "fix", "free") for e in self._entries(parameter))
+        return self.joints or tuple(dict.fromkeys(e.joint for e in entries if e.joint))
 
     def values(self, joint: str) -> dict[str, float]:
         """Values given for a joint with `set` and `fix`."""

@@ -49,7 +49,7 @@ def make_labels(data: FitData, torsion: bool) -> Labels:
     mix, y = np.eye(len(names)), every[:, used]
     if torsion and {"motor_position", "link_position"} <= set(names):
         motor, link = names.index("motor_position"), names.index("link_position")
-        ratio = data.p[data.model.parameter_names.index("N")]
+        ratio = data.model.gear_ratio(dict(zip(data.model.parameter_names, data.p.tolist(), strict=True)))
         y = np.column_stack([y, y[:, motor] / ratio - y[:, link]])
         mix, names = np.vstack([mix, mix[motor] / ratio - mix[link]]), (*names, TORSION)
     return Labels(names, y, mix, data.label_states[used])

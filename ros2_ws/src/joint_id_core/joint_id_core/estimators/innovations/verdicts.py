@@ -33,7 +33,7 @@ MOST_CHI2 = 1.5
 # Correlations that differ by less are the same.
 SAME_CORRELATION = 1e-6
 # Predictions that miss by as much as a constant would.
-POOR_NRMSE = 1.0
+CONSTANT_NRMSE = 1.0
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ def judge(
     """
     residuals = explained(data, found.last.residuals)
     reasons = idle_drives(data, found.levels[len(data.labels) :])
-    poor = {n: v for n, v in nrmse.items() if v > POOR_NRMSE}
+    poor = {n: v for n, v in nrmse.items() if v > CONSTANT_NRMSE}
     if poor:
         worst = max(poor, key=lambda n: poor[n])
         reasons.append(missed(f"the predictions of {worst}", poor[worst]))

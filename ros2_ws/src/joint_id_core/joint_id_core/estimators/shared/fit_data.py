@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array, Recording, any_finite
+from joint_id_core.data.signals import integral_of
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.filtering.offline import complete
@@ -198,8 +199,8 @@ def _peak(recording: Recording, velocity: str) -> float:
     """Largest speed in the record, from the position where it was not measured; NaN if neither was."""
     if recording.measured(velocity):
         return float(np.fmax.reduce(np.abs(recording[velocity])))
-    position = velocity.replace("velocity", "position")
-    if not recording.measured(position):
+    position = integral_of(velocity)
+    if position is None or not recording.measured(position):
         return float("nan")
     known = np.isfinite(recording[position])
     time, values = recording.time[known], recording[position][known]
