@@ -1,4 +1,4 @@
-# make setup | test | test-long | lint | demo | paper | paper-quick | bench-rtde | bench-speed | bench-stats | clean
+# make setup | test | test-long | test-haswell | lint | demo | paper | paper-quick | bench-rtde | bench-speed | bench-stats | clean
 # Every target sets up what it needs. Needs Python 3.11 or 3.12 with venv and headers, gcc, g++, make and a Python package index.
 
 VENV := .venv
@@ -7,7 +7,7 @@ WS := ros2_ws
 
 # Files whose change needs a rebuild. Python modules are not among them: they are linked, not copied.
 BUILD_INPUTS := $(shell find $(WS)/src -type f \( -name '*.msg' -o -name CMakeLists.txt -o -name package.xml \
-	-o -name setup.py -o -name setup.cfg -o -path '*/launch/*.py' -o -path '*/resource/*' \) 2>/dev/null)
+	-o -name setup.py -o -name setup.cfg -o -path '*/launch/*.py' -o -path '*/joint_id_ros/config/*' -o -path '*/resource/*' \) 2>/dev/null)
 BUILD_TOOLS := setup/build.sh setup/launchers.py setup/drop_missing_includes.cmake
 
 PACKAGES := $(wildcard $(WS)/src/joint_id_core/joint_id_core $(WS)/src/joint_id_ros/joint_id_ros)
@@ -15,7 +15,7 @@ UNIT_TESTS := $(wildcard $(WS)/src/joint_id_core/test)
 NODE_TESTS := $(wildcard $(WS)/src/joint_id_ros/test tests)
 TIMED_TESTS := tests/test_chain.py tests/test_demo.py tests/test_driver.py tests/test_driver_faults.py
 
-.PHONY: all setup test test-long lint demo paper paper-quick bench-rtde bench-speed bench-stats clean
+.PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-speed bench-stats clean
 all: setup
 
 setup: $(WS)/install/.built
@@ -42,6 +42,12 @@ test: setup
 # The tests marked "long": what takes minutes, and what guards only benchmarks/ and the study of the paper.
 test-long: setup $(VENV)/.paper
 	$(RUN) python -m pytest -n 2 --dist loadfile --durations=10 -m long $(NODE_TESTS)
+
+# The numeric unit tests as on a processor without AVX-512, as most laptops are: LAPACK, sums and kernels round differently there.
+NUMERIC_TESTS := combinations extension fit_data gauss_newton innovations messages noise online processor ranking recursion \
+	rounding starts whiteness
+test-haswell: setup
+	$(RUN) setup/haswell python -m pytest -n 2 --dist worksteal $(NUMERIC_TESTS:%=$(UNIT_TESTS)/test_%.py)
 
 lint: setup
 	$(RUN) ruff check .

@@ -21,6 +21,7 @@ from joint_id_core.estimators import ESTIMATORS
 from joint_id_core.formats.topics import RAW
 from joint_id_core.models import LAWS, MODELS, Model, build
 from joint_id_core.results.estimate import Status
+from joint_id_ros.launch_files import LAUNCH_FILES, LaunchFile
 from joint_id_ros.options.node_list import NODES
 from joint_id_ros.record import record
 
@@ -44,6 +45,7 @@ def rewrite(text: str) -> str:
 def tables() -> dict[str, str]:
     """All generated blocks by name."""
     made = {f"node-{name}": option_table(options) for name, options in NODES.items()}
+    made |= {f"launch-{name}": launch_table(launch_file) for name, launch_file in LAUNCH_FILES.items()}
     made |= {f"estimator-{name}": option_table((options,)) for name, options in ESTIMATORS.items()}
     made |= {f"model-{name}": parameter_table(build(name).parameters) for name in MODELS}
     made |= {f"options-{name}": added_table(name) for name in MODELS}
@@ -83,6 +85,16 @@ def option_table(options: Sequence[type]) -> str:
             allowed = f"{low} to {high}" if low and high else f"at least {low}" if low else f"at most {high}"
         rows.append([f"`{f.name}`", shown(f.default), meta["unit"] or "-", allowed or "-", meta["description"]])
     return table(["parameter", "default", "unit", "allowed", "meaning"], rows)
+
+
+def launch_table(launch_file: LaunchFile) -> str:
+    """Name, default, choices and meaning of every argument of a launch file."""
+    rows = []
+    for a in launch_file.arguments:
+        default = "must be given" if a.default is None else f"`{a.default}`" if a.default else "-"
+        choices = ", ".join(f"`{choice}`" if choice else '`""`' for choice in a.choices)
+        rows.append([f"`{a.name}`", default, choices or "-", a.description])
+    return table(["argument", "default", "allowed", "meaning"], rows)
 
 
 def parameter_table(parameters: Iterable[Parameter]) -> str:

@@ -132,9 +132,11 @@ def test_commands_exist_with_the_options_that_are_shown(generator: ModuleType, p
                 values = {n: yaml.safe_load(v) for n, v in given.items() if n in options.__dataclass_fields__}
                 options(**{n: tuple(v) if isinstance(v, list) else v for n, v in values.items()})
         elif words[:2] == ["ros2", "launch"]:
-            launch = (NODES / "launch" / words[3]).read_text()
-            for argument in words[4:]:
-                assert f'"{argument.partition(":=")[0]}"' in launch, words
+            arguments = {a.name: a for a in generator.LAUNCH_FILES[words[3].removesuffix(".launch.py")].arguments}
+            given = dict(argument.split(":=", 1) for argument in words[4:])
+            assert given.keys() <= arguments.keys(), words
+            assert {name for name, a in arguments.items() if a.default is None} <= given.keys(), words
+            assert all(value in arguments[name].choices or not arguments[name].choices for name, value in given.items())
         elif words[:2] in (["ros2", "topic"], ["ros2", "bag"]):
             assert words[2] in ("echo", "record"), words
             assert {w for w in words if w.startswith("-")} <= {"-o", "--qos-durability", "--qos-reliability"}, words

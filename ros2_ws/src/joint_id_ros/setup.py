@@ -10,7 +10,8 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/joint_id_ros"]),
         ("share/joint_id_ros", ["package.xml"]),
-        ("share/joint_id_ros/launch", glob("launch/*.launch.py")),
+        ("share/joint_id_ros/launch", sorted(glob("launch/*.launch.py"))),
+        ("share/joint_id_ros/config", sorted(glob("config/*"))),
     ],
     install_requires=["setuptools", "numpy>=1.26", "joint_id_core"],
     zip_safe=True,

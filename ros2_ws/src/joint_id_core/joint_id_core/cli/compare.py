@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
@@ -47,8 +47,8 @@ def compare(
     map_: MapOption = None,
     start: StartOption = None,
     end: EndOption = None,
-    validate: Annotated[Path | None, typer.Option(help="recording to predict, instead of the last part")] = None,
-    held_out: Annotated[float | None, typer.Option(help="share of the samples to predict (default: 1/3)")] = None,
+    validate: Annotated[Optional[Path], typer.Option(help="recording to predict, instead of the last part")] = None,
+    held_out: Annotated[Optional[float], typer.Option(help="share of the samples to predict (default: 1/3)")] = None,
     json: JsonOption = False,
 ) -> None:
     """Fit several models to the first part of a recording and rank them by what they predict of the rest.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Optional
 
 import typer
 
@@ -44,9 +44,9 @@ def fit(
     prior: PriorOption = None,
     start: StartOption = None,
     end: EndOption = None,
-    validate: Annotated[Path | None, typer.Option(help="recording that the fitted model must predict")] = None,
-    plot: Annotated[Path | None, typer.Option(help="save a picture of measurement and prediction")] = None,
-    save: Annotated[Path | None, typer.Option(help="save the estimate as JSON")] = None,
+    validate: Annotated[Optional[Path], typer.Option(help="recording that the fitted model must predict")] = None,
+    plot: Annotated[Optional[Path], typer.Option(help="save a picture of measurement and prediction")] = None,
+    save: Annotated[Optional[Path], typer.Option(help="save the estimate as JSON")] = None,
     json: JsonOption = False,
 ) -> None:
     """Identify the parameters of a joint model, with standard deviations and verdicts.

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 Texts = Optional[list[str]]
 MAP_HELP = "channel=column, or a product: torque=gtau*vir; of a bag channel=topic.field"
 FileArgument = Annotated[Path, typer.Argument(help="CSV, MAT or bag")]
-JointOption = Annotated[str | None, typer.Option(help="joint of a bag that holds several")]
+JointOption = Annotated[Optional[str], typer.Option(help="joint of a bag that holds several")]
 SetOption = Annotated[Texts, typer.Option("--set", help="NAME=VALUE: start value, or value of a held parameter")]
 FixOption = Annotated[Texts, typer.Option("--fix", help="NAME or NAME=VALUE: hold this parameter")]
 FreeOption = Annotated[Texts, typer.Option("--free", help="NAME: estimate this parameter that the model holds")]
@@ -26,8 +26,8 @@ PRIOR_HELP = (
 )
 PriorOption = Annotated[Texts, typer.Option("--prior", help=PRIOR_HELP)]
 MapOption = Annotated[Texts, typer.Option("--map", help=MAP_HELP)]
-StartOption = Annotated[float | None, typer.Option(help="leave out what is before, s after the first sample")]
-EndOption = Annotated[float | None, typer.Option(help="leave out what is after, s after the first sample")]
+StartOption = Annotated[Optional[float], typer.Option(help="leave out what is before, s after the first sample")]
+EndOption = Annotated[Optional[float], typer.Option(help="leave out what is after, s after the first sample")]
 JsonOption = Annotated[bool, typer.Option("--json", help="machine-readable result")]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 def info(
     file: Annotated[Path, typer.Argument(help="CSV, MAT or bag")],
-    joint: Annotated[str | None, typer.Option(help="only this joint of a bag")] = None,
-    map_: Annotated[list[str] | None, typer.Option("--map", help="channel=column, as for fit")] = None,
+    joint: Annotated[Optional[str], typer.Option(help="only this joint of a bag")] = None,
+    map_: Annotated[Optional[list[str]], typer.Option("--map", help="channel=column, as for fit")] = None,
     json: Annotated[bool, typer.Option("--json", help="machine-readable result")] = False,
 ) -> None:
     """Show joints, channels, rate, gaps and missing values of a recording."""

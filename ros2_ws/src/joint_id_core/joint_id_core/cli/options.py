@@ -6,7 +6,7 @@ import functools
 import inspect
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import MISSING, Field, fields
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, Optional, get_type_hints
 
 import typer
 
@@ -57,6 +57,6 @@ def _parameter(name: str, group: list[tuple[type, Field[Any]]], required: bool, 
     default, decl = group[0][1].default, f"--{name.replace('_', '-')}"
     shown = False if default is MISSING or default in ("", False) or required else str(default)
     settings = typer.Option(decl, help="; ".join(said), show_default=shown)
-    annotation = Annotated[type(default) if required else type(default) | None, settings]  # type: ignore[valid-type]
+    annotation = Annotated[type(default) if required else Optional[type(default)], settings]  # type: ignore[valid-type]
     end = inspect.Parameter.empty if required else None
     return inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD, default=end, annotation=annotation)

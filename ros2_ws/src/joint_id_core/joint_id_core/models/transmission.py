@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any, Literal
 
-import numpy as np
-
 from joint_id_core.data.signals import Parameter, Signal, channel, positive
 from joint_id_core.models.base import Ops
 
@@ -53,7 +51,7 @@ def spring_torque(twist: Any, twist_rate: Any, p: Any) -> Any:
 
 def balanced_twist(torque: float, velocity: float, acceleration: float, p: Any) -> float:
     """Twist in rad at which the spring takes up what of a motor torque in Nm neither friction nor inertia do."""
-    torque -= p.c_m * velocity + p.tau_fm * float(np.tanh(velocity))
+    torque -= p.c_m * velocity + p.tau_fm * math.tanh(velocity)
     torque -= p.J_m * acceleration
     load = abs(p.N * torque)
     # monotone, and convex for either sign: Newton's method from the larger of two bounds goes down to the root

@@ -1,0 +1,224 @@
+"""What each launch file starts and which arguments it takes.
+
+The arguments are the options of the nodes, so that name, default, choices and meaning stand in one place. Nothing here
+needs the package `launch`: documentation and tests are made from it too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import Field, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import yaml
+from ament_index_python.packages import get_package_share_directory
+
+from joint_id_core.alignment.inputs import LINK_STATES
+from joint_id_core.errors import JointIdError
+from joint_id_core.simulation.plants import PositionControl
+from joint_id_ros.options.node_list import NODES
+
+Values = Mapping[str, str]  # text by name of the argument
+
+
+@dataclass(frozen=True)
+class Argument:
+    """An argument of a launch file; without a default it must be given."""
+
+    name: str
+    description: str
+    default: str | None = ""
+    choices: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class NodeStart:
+    """A node of this package as it is to be started.
+
+    Attributes:
+        own: parameters that the launch file sets.
+        files: parameter files, which win over these.
+        given: parameters from the command line, which win over the files.
+        remappings: topics and what they are read from.
+    """
+
+    name: str
+    own: Mapping[str, object]
+    files: list[str]
+    given: Mapping[str, object]
+    remappings: list[tuple[str, str]]
+
+    # Of several sections that fit a node ROS takes that which appears last for the first time. Parameter files mostly
+    # have sections for a node in any namespace; with the same name what is given is a later text of that section.
+
+    @property
+    def own_text(self) -> str:
+        """Text of a parameter file with the own parameters."""
+        return yaml.safe_dump({"/**": {"ros__parameters": dict(self.own)}})
+
+    @property
+    def given_text(self) -> str:
+        """Text of a parameter file with the given parameters."""
+        return yaml.safe_dump({f"/**/{self.name}": {"ros__parameters": dict(self.given)}})
+
+
+def _nothing(values: Values) -> dict[str, dict[str, object]]:
+    return {}
+
+
+def _no_topic(values: Values) -> dict[str, list[tuple[str, str]]]:
+    return {}
+
+
+@dataclass(frozen=True)
+class LaunchFile:
+    """One launch file.
+
+    Attributes:
+        summary: what it starts.
+        offers: by node, in the order of their start, the options that are arguments.
+        required: arguments that must be given.
+        more: arguments that are no option of a node.
+        own: parameters by node that the launch file itself sets.
+        remaps: by node, topics and what they are read from.
+    """
+
+    summary: str
+    offers: Mapping[str, tuple[str, ...]]
+    required: tuple[str, ...] = ()
+    more: tuple[Argument, ...] = ()
+    own: Callable[[Values], Mapping[str, Mapping[str, object]]] = field(default=_nothing)
+    remaps: Callable[[Values], Mapping[str, list[tuple[str, str]]]] = field(default=_no_topic)
+
+    @property
+    def arguments(self) -> tuple[Argument, ...]:
+        """All arguments; an option that two nodes have is one argument for both."""
+        made: dict[str, Argument] = {}
+        for node, names in self.offers.items():
+            for name in names:
+                made.setdefault(name, _argument(_options(node)[name], name in self.required))
+        params = Argument(
+            "params_file",
+            "parameter file: a path, or the name of one that is installed with this package, e.g. ur3e",
+            None if "params_file" in self.required else "",
+        )
+        namespace = Argument("namespace", "namespace of all nodes, one a robot")
+        return (*made.values(), *self.more, params, namespace)
+
+    def starts(self, values: Values, given: Collection[str]) -> list[NodeStart]:
+        """The nodes. What was `given` wins over the parameter file, and that over what the launch file sets.
+
+        Raises:
+            JointIdError: a text that is no number where one is needed, no such parameter file.
+        """
+        files = [parameter_file(values["params_file"])] if values["params_file"] else []
+        own, remaps = self.own(values), self.remaps(values)
+        return [
+            NodeStart(
+                node,
+                own.get(node, {}),
+                files,
+                {name: _value(_options(node)[name], values[name]) for name in names if name in given},
+                remaps.get(node, []),
+            )
+            for node, names in self.offers.items()
+        ]
+
+
+def parameter_file(text: str) -> str:
+    """Path of a parameter file from a path, or from the name of an installed one with or without `.yaml`.
+
+    Raises:
+        JointIdError: there is none; lists the installed ones.
+    """
+    if Path(text).is_file():
+        return text
+    folder = Path(get_package_share_directory("joint_id_ros")) / "config"
+    installed = {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+    if text.removesuffix(".yaml") not in installed:
+        raise JointIdError(f"params_file {text}: no such file; installed are {', '.join(installed)}")
+    return str(installed[text.removesuffix(".yaml")])
+
+
+def _options(node: str) -> dict[str, Field[Any]]:
+    return {f.name: f for options in NODES[node] for f in fields(options)}
+
+
+def _all(node: str, *but: str) -> tuple[str, ...]:
+    """All options of a node, `but` some."""
+    return tuple(name for name in _options(node) if name not in but)
+
+
+def _argument(option: Field[Any], required: bool) -> Argument:
+    meta, many = option.metadata, isinstance(option.default, tuple)
+    unit = f" [{meta['unit']}]" if meta["unit"] else ""
+    choices = ("true", "false") if isinstance(option.default, bool) else () if many else meta["choices"]
+    description = meta["description"] + unit + ("; separated by commas" if many else "")
+    return Argument(option.name, description, None if required else _text(option.default), choices)
+
+
+def _text(value: object) -> str:
+    """A default as it is typed on the command line."""
+    if isinstance(value, tuple):
+        return ",".join(map(str, value))
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _value(option: Field[Any], text: str) -> object:
+    """Value of a ROS parameter from the text of an argument."""
+    default = option.default
+    parts = [part.strip() for part in text.split(",")]  # an empty list is one empty text to ROS
+    try:
+        if isinstance(default, bool):
+            return text == "true"
+        if isinstance(default, int | float):
+            return type(default)(text)
+        if isinstance(default, tuple):
+            return list(map(float, parts)) if default and isinstance(default[0], float) else parts
+    except ValueError:
+        raise JointIdError(f"{option.name}:={text}: write a number") from None
+    return text
+
+
+def _demo(values: Values) -> dict[str, dict[str, object]]:
+    model: dict[str, object] = {"model": values["model"]}
+    # Known of a motor, and not identifiable from its motion.
+    known = {"set": [f"k_t={PositionControl.K_T!r}"]} if values["model"] == PositionControl.MODEL else {}
+    return {"sim": model | {"wait_subscribers": 1}, "identifier": model | known}
+
+
+ON_BAG_TIME: dict[str, object] = {"use_sim_time": True}
+
+LAUNCH_FILES = {
+    "demo": LaunchFile(
+        "a simulated joint, the filter and the identifier",
+        offers={
+            "filter": (),
+            "sim": ("model", "rate", "duration", "seed", "noise"),
+            "identifier": ("model", "estimator", "window_s", "hop_s", "memory_s"),
+        },
+        own=_demo,
+    ),
+    "replay": LaunchFile(
+        "a bag through filter and identifier",
+        offers={
+            "player": _all("player"),
+            "identifier": _all("identifier", "autostart"),
+            "filter": _all("filter"),
+        },
+        required=("bag",),
+        more=(Argument(LINK_STATES, "topic of the link states, e.g. joint_states", LINK_STATES),),
+        own=lambda values: {"filter": ON_BAG_TIME, "identifier": ON_BAG_TIME},
+        remaps=lambda values: {"filter": [(LINK_STATES, values[LINK_STATES])]},
+    ),
+    "robot": LaunchFile(
+        "driver, filter and identifier of one robot",
+        offers={
+            "driver": _all("driver", "joints", "gear_ratio", "autostart"),  # of the other nodes, or one a robot
+            "filter": _all("filter"),
+            "identifier": _all("identifier", "autostart"),
+        },
+        required=("robot_ip", "params_file"),
+    ),
+}
