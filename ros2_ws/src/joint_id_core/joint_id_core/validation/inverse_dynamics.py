@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from joint_id_core.data.recording import Array, Recording
+from joint_id_core.data.signals import derivative_of
 from joint_id_core.filtering.offline import FilterOptions, complete, differentiate
 from joint_id_core.models import Model
 from joint_id_core.models.operations import ArrayOps
@@ -28,7 +29,7 @@ def drive(model: Model, values: dict[str, float], recording: Recording) -> Array
         The drive at every sample, shape (T,), NaN where the motion is not known; None where the model's drive
         is a voltage or the motion of a state was not recorded.
     """
-    if model.inputs[0].name not in ("torque", "current"):
+    if model.torque_drive is None:
         return None
     recording = complete(recording, _band(recording.time, FilterOptions().cutoff_hz))
     wanted = [n for n in (*model.state_names, *model.input_names[1:]) if n not in model.optional_inputs]
@@ -39,9 +40,9 @@ def drive(model: Model, values: dict[str, float], recording: Recording) -> Array
     p = SimpleNamespace(**values)
     zero, one = (model.derivative(x, [np.full(len(recording), d), *rest], p, ArrayOps()) for d in (0.0, 1.0))
     for name, f_0, f_1 in zip(model.state_names, zero, one, strict=True):
-        acceleration = name.replace("velocity", "acceleration")
-        if name.endswith("velocity") and acceleration in recording and np.any(f_1 != f_0):
-            return np.asarray((recording[acceleration] - f_0) / (f_1 - f_0))
+        rate = derivative_of(name)  # the drive acts on accelerations alone, so these are the only rates that it moves
+        if rate is not None and rate in recording and np.any(f_1 != f_0):
+            return np.asarray((recording[rate] - f_0) / (f_1 - f_0))
     return None
 
 

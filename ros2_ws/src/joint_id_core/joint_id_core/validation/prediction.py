@@ -121,8 +121,8 @@ def held_out_drive_errors(model: Model, recording: Recording, estimate: Estimate
         needs was not recorded, or the recording is shorter than the filter needs.
     """
     predicted = drive(model, estimate.values, recording)
-    name = model.inputs[0].name
-    if predicted is None or name not in recording:
+    name = model.torque_drive
+    if predicted is None or name is None or name not in recording:
         return None
     errors = drive_errors(recording.time, recording[name], predicted)
     return (name, errors) if np.isfinite(errors).any() else None
