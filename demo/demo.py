@@ -1,4 +1,4 @@
-"""The whole system at work: a simulated joint is identified live, then a robot, then the joint from its recorded bag.
+"""The whole system: a simulated joint is identified live, then an emulated robot, then the joint from its recorded bag.
 
     make demo                                           or, in a sourced workspace: python demo/demo.py
 
@@ -33,7 +33,7 @@ HONEST = 3.0  # standard deviations; a larger error is pointed out
 
 
 def main() -> int:
-    """Run the acts; 0 when estimates arrived in all that have nodes."""
+    """Run the acts; return 0 if parameters were estimated in every act with nodes."""
     begun = time.monotonic()
     args = _arguments()
     for number in (signal.SIGTERM, signal.SIGHUP):
@@ -53,21 +53,21 @@ def main() -> int:
 
 
 def _run(args: argparse.Namespace, begun: float) -> dict[str, History]:
-    """The acts one after the other; what was estimated in each."""
+    """Run the acts one after the other; return the estimates of each."""
     model = PLANTS[args.model]({}, MotionOptions(), 0).model
     _compile(model)
-    print(f"Act 1, live: sim -> filter -> identifier, {args.duration:g} s of {args.model}, recorded at the same time")
+    print(f"Act 1, live: sim -> filter -> identifier, {args.duration:g} s of {args.model}; a bag is recorded")
     print(f"The start values of the identifier are wrong by a factor of up to {acts.START_FACTOR:g}.", flush=True)
     live = acts.live(args, model, begun)
-    print("\nAct 2, a robot: emulated UR -> RTDE over TCP -> driver -> filter -> identifier")
-    print("The connection is cut once on the way; the driver takes it up again.", flush=True)
+    print("\nAct 2, an emulated UR robot: RTDE over TCP -> driver -> filter -> identifier")
+    print("The connection is cut once; the driver reconnects.", flush=True)
     _compile(HarmonicDrive(actuation="current"))
     robot, joints, truth, driver = acts.robot(args)
     print(f"  the driver says: {driver}; all joints at the end:")
     print(summary(joints, truth, ("k_1", "J_q")))
     print(f"\nAct 3, from the bag of act 1: player -> filter -> identifier, {args.out / 'recording'}", flush=True)
     replayed = acts.replay(args, model)
-    print("\nAct 4, the picture: fit and convergence", flush=True)
+    print("\nAct 4, a picture of fit and convergence", flush=True)
     from picture import draw  # here, so that nobody waits for matplotlib before the first estimate
 
     draw(args.picture, model, formats.read(args.out / "recording"), live)
@@ -89,7 +89,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def _compile(model: Model) -> None:
-    """Compile the model before anything moves; the compiler says so when its cache has no such kernel."""
+    """Compile the model before anything moves; if it is not in the cache, the compiler prints a line."""
     logger = logging.getLogger("joint_id_core.cell.kernel")
     logger.handlers = [logging.StreamHandler(sys.stdout)]
     logger.setLevel(logging.INFO)
@@ -112,14 +112,14 @@ def _summary(args: argparse.Namespace, estimated: dict[str, History], elapsed: f
             print(f"  {title}: no parameter was estimated: see {args.out / 'logs'}")
             continue
         sigma, name = max((abs(history.error(p)), p.name) for p in _last(history) if p.std_dev > 0.0)
-        note = "" if sigma <= HONEST else ": more than the standard deviation explains"
+        note = "" if sigma <= HONEST else ": larger than the standard deviation allows"
         print(f"  {title}: {len(history.estimates)} estimates, largest error at the end {sigma:.1f} σ ({name}){note}")
     bag = args.out / "recording"
     print(f"  recording: {bag}\n  picture:   {args.picture}\n  logs:      {args.out / 'logs'}")
     drive = f" --set k_t={PositionControl.K_T!r}" if args.model == PositionControl.MODEL else ""
     other = next(name for name in PLANTS if name != args.model)
     print(
-        f"  done in {elapsed:.0f} s. To try next:\n"
+        f"  done in {elapsed:.0f} s. Try next:\n"
         f"    .venv/bin/joint-id fit {bag} --model {args.model}{drive}\n"
         f"    .venv/bin/joint-id info {bag}\n"
         f"    setup/run python demo/demo.py --model {other} --duration 30"

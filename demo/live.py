@@ -110,12 +110,12 @@ class Watcher:
         return self._node.count_subscribers("joint_samples") > 0
 
     def spin(self, seconds: float = 0.1) -> None:
-        """Take what has arrived, waiting for it at most this long."""
+        """Read what has arrived; wait for it at most this long."""
         self._executor.spin_once(timeout_sec=seconds)
 
 
 def table(history: History, estimate: JointEstimate, title: str) -> list[str]:
-    """The estimate beside the truth, as lines of text."""
+    """The estimate and the truth, as lines of text."""
     state = STATUSES.get(estimate.status, "?")
     lines = [
         f"{title}: {history.time(estimate):.1f} s of motion, estimate {len(history.estimates)}, {state}, "
@@ -134,7 +134,7 @@ def table(history: History, estimate: JointEstimate, title: str) -> list[str]:
 
 
 def summary(latest: Mapping[str, JointEstimate], truth: Mapping[str, Mapping[str, float]], names: Sequence[str]) -> str:
-    """A few parameters of all joints beside their truth."""
+    """A few parameters of all joints, with their truth."""
     head = "".join(f"{f'{name} (truth)':>32}" for name in names)
     lines = [f"  {'joint':<20}{'status':<12}{head}"]
     for joint, values in truth.items():

@@ -28,7 +28,7 @@ BOUND_TO_PARENT = ["setpriv", "--pdeathsig", "TERM"] if shutil.which("setpriv") 
 
 
 class NodeFailedError(Exception):
-    """A child process ended that should not have; the text holds the end of its log."""
+    """A child process ended too early; the text contains the end of its log."""
 
 
 class Nodes:
@@ -110,7 +110,7 @@ class Nodes:
         return self._children[name].poll() is not None
 
     def stop(self, *names: str) -> None:
-        """End these nodes one after the other, however they feel; the others go on."""
+        """End these nodes one after the other, by force if need be; the others keep running."""
         # A second Ctrl-C must not leave half of them.
         previous = {n: signal.signal(n, signal.SIG_IGN) for n in STOPPING}
         try:

@@ -16,9 +16,10 @@ from joint_id_core.cell.rollout import rollout
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError
+from joint_id_core.estimators import ParameterSettings
 from joint_id_core.estimators.shared.fit_data import prepare
 from joint_id_core.models import Model
-from joint_id_core.validation.held_out import filtered
+from joint_id_core.validation.prediction import filtered
 from joint_id_msgs.msg import JointEstimate, ParameterEstimate
 
 AHEAD_S = 2.0  # how far the simulation runs ahead of the data
@@ -64,7 +65,9 @@ def predict(model: Model, recording: Recording, history: History) -> Prediction:
     estimate = ([e for e in good if history.time(e) <= begin - start] or good)[-1]
     held = {p.name for p in estimate.parameters} - set(estimate.free)
     values = {p.name: p.value for p in estimate.parameters}
-    data = prepare(model, recording.window(begin - LEAD_S, np.inf), values, held, estimate.free)
+    data = prepare(
+        model, recording.window(begin - LEAD_S, np.inf), ParameterSettings(values, fixed=held, freed=estimate.free)
+    )
     kernel = compile_model(model)
     noise = dict(zip(estimate.signal, estimate.noise_std, strict=True))
     states, steps = filtered(data, kernel, noise, estimate.substeps)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,7 @@ import typer
 
 from joint_id_core.cli import app
 from joint_id_core.data.signals import CHANNELS, Parameter
-from joint_id_core.estimators.hpinn.fit import HPinnOptions
-from joint_id_core.estimators.innovations.options import InnovationsOptions
+from joint_id_core.estimators import ESTIMATORS
 from joint_id_core.formats.topics import RAW
 from joint_id_core.models import LAWS, MODELS, Model, build
 from joint_id_core.results.estimate import Status
@@ -28,7 +27,6 @@ from joint_id_ros.record import record
 
 ROOT = Path(__file__).resolve().parent.parent
 MESSAGES = ROOT / "ros2_ws/src/joint_id_msgs/msg"
-ESTIMATORS: dict[str, type] = {"innovations": InnovationsOptions, "hpinn": HPinnOptions}
 COMMANDS = ("fit", "compare", "simulate", "info", "record", "robot-emulator")
 BLOCK = re.compile(r"(<!-- generated: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
@@ -64,6 +62,8 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def shown(value: Any) -> str:
     """A default as it is typed in a parameter file; `-` where there is none."""
+    if value is MISSING:
+        return "-"
     if isinstance(value, tuple):
         return f"`[{', '.join(map(str, value))}]`"
     if isinstance(value, bool):
@@ -166,7 +166,8 @@ def command_table(name: str) -> str:
         else:
             label = "/".join([*p.opts, *p.secondary_opts])
             kind = "required" if p.required else "repeatable" if p.multiple else "flag" if p.is_flag else "optional"
-            default = shown(p.default) if not p.multiple and p.default is not False else "-"
+            value = p.show_default if isinstance(p.show_default, str) else p.default
+            default = shown(value) if not p.multiple and value is not False else "-"
         rows.append([f"`{label}`", kind, default, p.help or ""])
     return table(["argument", "kind", "default", "meaning"], rows)
 

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Build the workspace with colcon out of the virtual environment and write its environment and launchers.
-# Usage: setup/build.sh VENV. What other ROS installations left in the environment is kept out.
+# Build the workspace with colcon from the virtual environment; write the environment file and the launchers.
+# Usage: setup/build.sh VENV. Variables of other ROS installations are unset, so that they do not interfere.
 set -eu
 
 root=$(cd "$(dirname "$0")/.." && pwd)
@@ -18,7 +18,7 @@ if ! colcon --log-base log build --symlink-install --event-handlers console_cohe
     --cmake-args -GNinja -DCMAKE_BUILD_TYPE=Release -DBUILD_TESTING=OFF "-DPython3_EXECUTABLE=$venv/bin/python" \
     "-DCMAKE_PROJECT_INCLUDE=$root/setup/drop_missing_includes.cmake" >"$log" 2>&1; then
     tail -n 60 "$log" >&2
-    echo "make setup: the build of ros2_ws failed: its last lines are above, all of it in $log" >&2
+    echo "make setup: the build of ros2_ws failed: its last lines are above, the whole output is in $log" >&2
     exit 1
 fi
 bash -c '. install/setup.bash && exec python "$@"' bash "$root/setup/launchers.py" "$venv" "$workspace/install"

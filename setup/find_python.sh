@@ -1,6 +1,6 @@
 #!/bin/sh
-# Print a Python 3.11 or 3.12 that can make virtual environments and compile extensions, or say what is missing.
-# $PYTHON, if set, is the only candidate.
+# Print the path of a Python 3.11 or 3.12 that has venv and C headers, or say what is missing.
+# If $PYTHON is set, it is the only candidate.
 set -u
 
 check='

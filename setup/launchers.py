@@ -1,6 +1,6 @@
-"""Write the workspace's environment to a file and one launcher a console script into the virtual environment.
+"""Write the workspace's environment to a file, and a launcher for each console script into the virtual environment.
 
-Run once by setup/build.sh, inside the sourced workspace: sourcing it takes a second, loading the file takes none.
+setup/build.sh runs this once, inside the sourced workspace. Sourcing takes a second; loading the file takes no time.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ MARK = "# launcher of joint_id, written by make setup"
 
 
 def environment(venv: Path) -> str:
-    """Shell text that sets what the sourced workspace set, whatever the caller's shell has."""
+    """Shell commands that set what the sourced workspace has set; they do not depend on the caller's shell."""
     own = {name: os.environ[name] for name in ("AMENT_PREFIX_PATH", "PYTHONPATH")}
     own |= {
         "VIRTUAL_ENV": str(venv),
-        "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",  # the only one among the wheels
+        "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp",  # the only one that the wheels have
         "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1",  # LD_LIBRARY_PATH is set below: the wheels need no second start
     }
     lines = [MARK] + [f"export {name}={shlex.quote(value)}" for name, value in own.items()]

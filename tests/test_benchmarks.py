@@ -18,6 +18,8 @@ from joint_id_core.cell.kernel import compile_model
 from joint_id_core.cell.rollout import rollout
 from joint_id_core.data.recording import Recording
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).resolve().parent.parent
 X0 = np.array([3.0, 0.0297, 40.0, 0.39])
 SIGMA = np.array([1e-3, 1e-5, 0.1, 1e-3])

@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 
 from joint_id_core.models import build
 from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples, ParameterEstimate
-from joint_id_ros.options.identifier import ModelOptions
+from joint_id_ros.options.identifier import IdentifierOptions
 from joint_id_ros.options.node_list import NODES
 
 CONFIG = Path(__file__).resolve().parent.parent / "config"
@@ -33,7 +33,7 @@ def test_a_parameter_file_builds_the_options_of_its_nodes(path):
                 # A number without a point is an integer to ROS and refused for a parameter in floating point.
                 assert type(given[name]) is (list if isinstance(f.default, tuple) else type(f.default)), name
             built = options(**{n: tuple(v) if isinstance(v := given.pop(n), list) else v for n in own})
-            if isinstance(built, ModelOptions):
+            if isinstance(built, IdentifierOptions):
                 for joint in built.expected or ("",):
                     built.build(built.drives[-1]).values(built.values(joint))
         assert not given, f"{node} has no parameter {', '.join(given)}"
@@ -75,7 +75,7 @@ def test_a_robot_has_a_torque_constant_for_every_joint_and_one_ratio_everywhere(
     nodes = {k: v["ros__parameters"] for k, v in yaml.safe_load((CONFIG / f"{robot}.yaml").read_text()).items()}
     driver, identifier = nodes["/**/driver"], nodes["/**/identifier"]
     assert driver["joints"] == identifier["joints"]
-    options = ModelOptions(joints=tuple(identifier["joints"]), set=tuple(identifier["set"]))
+    options = IdentifierOptions(joints=tuple(identifier["joints"]), set=tuple(identifier["set"]))
     values = [options.values(joint) for joint in driver["joints"]]
     assert all(0.02 < v["k_t"] < 0.2 for v in values)
     assert {v["N"] for v in values} == set(driver["gear_ratio"])

@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import importlib.util
 import re
-import shlex
 import sys
 from itertools import chain, pairwise
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+import yaml
+from page_blocks import FENCE, PAGES, ROOT, bodies, command_lines, named
 
-ROOT = Path(__file__).resolve().parent.parent
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 NODES = ROOT / "ros2_ws/src/joint_id_ros"
-FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+TOPICS = {"joint_params", "diagnostics", "joint_states"}  # that pages read with the tools of ROS
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
-
-
-def named(page: Path) -> str:
-    return str(page.relative_to(ROOT))
 
 
 def load_generator() -> ModuleType:
@@ -35,16 +30,6 @@ def load_generator() -> ModuleType:
 @pytest.fixture(scope="module")
 def generator() -> ModuleType:
     return load_generator()
-
-
-def blocks(page: Path, language: str) -> list[str]:
-    return [body for kind, body in FENCE.findall(page.read_text()) if kind == language]
-
-
-def command_lines(page: Path) -> list[list[str]]:
-    """Words of every command in the sh blocks, continuation lines joined."""
-    text = "\n".join(blocks(page, "sh")).replace("\\\n", " ")
-    return [words for line in text.splitlines() if (words := shlex.split(line, comments=True))]
 
 
 def anchors(page: Path) -> set[str]:
@@ -141,14 +126,24 @@ def test_commands_exist_with_the_options_that_are_shown(generator: ModuleType, p
         elif words[:2] == ["ros2", "run"] or program.startswith("joint-id-"):
             node = words[3] if program == "ros2" else program.removeprefix("joint-id-")
             assert f'"{node} = joint_id_ros.' in (NODES / "setup.py").read_text(), words
-            given = {v.partition(":=")[0] for k, v in pairwise(words) if k == "-p"}
-            assert given <= parameters(generator, node), words
+            given = dict(v.split(":=", 1) for k, v in pairwise(words) if k == "-p")
+            assert given.keys() <= parameters(generator, node), words
+            for options in generator.NODES[node]:  # which check their values when they are made
+                values = {n: yaml.safe_load(v) for n, v in given.items() if n in options.__dataclass_fields__}
+                options(**{n: tuple(v) if isinstance(v, list) else v for n, v in values.items()})
         elif words[:2] == ["ros2", "launch"]:
             arguments = {a.name: a for a in generator.LAUNCH_FILES[words[3].removesuffix(".launch.py")].arguments}
             given = dict(argument.split(":=", 1) for argument in words[4:])
             assert given.keys() <= arguments.keys(), words
             assert {name for name, a in arguments.items() if a.default is None} <= given.keys(), words
             assert all(value in arguments[name].choices or not arguments[name].choices for name, value in given.items())
+        elif words[:2] in (["ros2", "topic"], ["ros2", "bag"]):
+            assert words[2] in ("echo", "record"), words
+            assert {w for w in words if w.startswith("-")} <= {"-o", "--qos-durability", "--qos-reliability"}, words
+            # a publisher that is gone leaves its last message only to those who ask for both
+            assert ("--qos-durability" in words) == ("--qos-reliability" in words), words
+            topics = {w.lstrip("/") for w in words[3:] if w.startswith("/")}
+            assert topics and topics <= TOPICS, words
 
 
 @pytest.mark.parametrize("page", PAGES, ids=named)
@@ -158,50 +153,24 @@ def test_repository_files_that_commands_name_exist(page: Path) -> None:
             assert (ROOT / word).exists(), word
 
 
-def test_exit_codes_statuses_and_constants_in_the_text() -> None:
-    from joint_id_core.estimators.innovations import annealing
-    from joint_id_core.estimators.innovations import options as innovations_options
-    from joint_id_core.estimators.innovations import verdicts as identifiability
-    from joint_id_core.estimators.innovations import whiteness as memory
-    from joint_id_core.models import RigidJoint, dc_motor, transmission
-
-    verdicts = (ROOT / "docs/tutorials/verdicts.md").read_text()
-    theory = (ROOT / "docs/theory.md").read_text()
-    assert f"ratio up to {identifiability.PRIOR_RATIO:g}" in verdicts
-    assert f"above {identifiability.NOT_EXCITED_RATIO:g}: this motion cannot" in verdicts
-    assert f"beyond {identifiability.COLOURED:g} in size" in verdicts
-    assert f"| $N$ | {transmission.GEAR_RATIO:g} |" in theory
-    assert f"| $L$ | {dc_motor.INDUCTANCE:.0e}".replace("e-0", "e-") in theory
-    assert f"for `rigid_joint` {100 * RigidJoint.smoothing_share:g} % of the\npeak speed" in theory
-    assert f"at most {innovations_options.MAX_SUBSTEPS}." in theory
-    assert (annealing.STRONG, annealing.STRONGEST) == (1e4, 1e6)
-    assert "$q$ starts at 1e4 times" in theory and "$q$ held at 1e6 times" in theory
-    assert (annealing.EXCERPT, annealing.SHORTEST) == (4, 250) and "at least 250 samples long" in theory
-    assert (memory.LAGS, memory.RARE) == (30, 1e-4) and "over 30 lags; where its probability is below 1e-4" in theory
+def test_contributing_names_every_room_of_the_library() -> None:
+    library = ROOT / "ros2_ws/src/joint_id_core/joint_id_core"
+    rooms = {path.parent.name for path in library.glob("*/__init__.py")}
+    section = (ROOT / "CONTRIBUTING.md").read_text().partition("The rooms of the library")[2].partition("\n## ")[0]
+    assert set(re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE)) == rooms
 
 
-def test_the_readme_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The commands and the Python lines of the section Use, as they stand."""
-    from joint_id_core import cli
+def test_verdict_limits_in_the_text() -> None:
+    from joint_id_core.estimators.innovations import verdicts
 
-    section = (ROOT / "README.md").read_text().split("\n## Use\n")[1].split("\n## ")[0]
-    (shell,) = (body for kind, body in FENCE.findall(section) if kind == "sh")
-    (python,) = (body for kind, body in FENCE.findall(section) if kind == "python")
-    monkeypatch.chdir(tmp_path)
-    lines = [words[1:] for line in shell.splitlines() if (words := shlex.split(line))[0] == "joint-id"]
-    assert lines
-    for words in lines:
-        monkeypatch.setattr(sys, "argv", ["joint-id", *words])
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        assert ended.value.code == 0, words
-    scope: dict[str, object] = {}
-    exec(compile(python, "README.md", "exec"), scope)
-    assert scope["estimate"].converged  # type: ignore[attr-defined]  # an Estimate
+    page = (ROOT / "docs/tutorials/verdicts.md").read_text()
+    assert f"ratio up to {verdicts.PRIOR_RATIO:g}" in page
+    assert f"above {verdicts.NOT_EXCITED_RATIO:g}: this motion cannot" in page
+    assert f"beyond {verdicts.COLOURED:g} in size" in page
 
 
 def test_the_tutorial_model_identifies_its_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (python,) = blocks(ROOT / "docs/tutorials/extend.md", "python")
+    (python,) = bodies(ROOT / "docs/tutorials/extend.md", "python")
     path = tmp_path / "tutorial_drag.py"
     path.write_text(python)
     spec = importlib.util.spec_from_file_location(path.stem, path)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from joint_id_core.data.recording import Recording
-from joint_id_core.estimators import fit
-from joint_id_core.estimators.innovations.options import InnovationsOptions
+from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.formats import write_bag
 from joint_id_core.models import build
 from joint_id_msgs.msg import JointEstimate, JointParams
@@ -99,9 +98,10 @@ def test_rounding_does_not_decide_what_is_found_of_a_joint_that_stands(log):
     found = []
     for _ in range(2):
         rounded = {name: x * (1.0 + 1e-14 * rng.standard_normal(len(x))) for name, x in second.channels.items()}
-        options = InnovationsOptions(priors="J_m=0.5")
         estimate = fit(
-            build("motor_side", actuation="current"), Recording(second.time, rounded), VALUES, options=options
+            build("motor_side", actuation="current"),
+            Recording(second.time, rounded),
+            ParameterSettings(VALUES, priors={"J_m": 0.5}),
         )
         assert estimate.converged, estimate.message
         found.append(next(p for p in estimate.parameters if p.name == "k_1"))

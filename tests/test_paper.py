@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from reproduction import cases, figures, page, published, runs, study
 
+pytestmark = pytest.mark.long
+
 DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 IDENTIFIABLE_1 = tuple(published.TABLE_1)
 IDENTIFIABLE_3 = tuple(name for name in published.TABLE_3 if name not in ("c_b", "c_m"))

@@ -15,7 +15,7 @@ from engine.yardstick import Rollout, Yardstick, at_steps, rollouts
 from joint_id_core.cell.kernel import compile_model
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators import fit
+from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.estimators.shared.fit_data import prepare
 from joint_id_core.estimators.shared.substeps import steps_of
 from joint_id_core.results.estimate import Estimate
@@ -32,7 +32,7 @@ NOISY = ClosedLoop(torque=Torque(white=0.003))
 PARTS = {
     "passes of the innovations form, compiled": ("kernel.py", "innovations"),
     "information of the noise levels, compiled": ("gains.py", "noise_information"),
-    "checking and preparing the data": ("data.py", "prepare"),
+    "checking and preparing the data": ("fit_data.py", "prepare"),
     "predictions, verdicts, the result": ("fit.py", "_estimate"),
 }
 
@@ -102,10 +102,10 @@ def compared(
 ) -> FitTimes:
     """Times of one fit; `name` says which labels."""
     values = start(MODEL_2, seed, FACTOR)
-    estimate = fit(MODEL_2, recording, values)
+    estimate = fit(MODEL_2, recording, ParameterSettings(values))
     steps = mean_steps(estimate, recording, true)
     calls: dict[str, Callable[[], object]] = {
-        "fit": lambda: fit(MODEL_2, recording, values),
+        "fit": lambda: fit(MODEL_2, recording, ParameterSettings(values)),
         **rollouts(rollout_of(yardstick, true), steps),
     }
     times = in_turn(calls, rounds)
@@ -121,11 +121,11 @@ def shares(cache: Path, rounds: int) -> dict[str, float]:
     """
     tasks = []
     for seed in SEEDS:
-        tasks.append((measured(motion(NOISY, seed, cache), seed), start(MODEL_2, seed, FACTOR)))
+        tasks.append((measured(motion(NOISY, seed, cache), seed), ParameterSettings(start(MODEL_2, seed, FACTOR))))
         fit(MODEL_2, *tasks[-1])
     profile = cProfile.Profile()
-    for recording, values in rounds * tasks:
-        profile.runcall(fit, MODEL_2, recording, values)
+    for recording, settings in rounds * tasks:
+        profile.runcall(fit, MODEL_2, recording, settings)
     times = {
         (Path(entry.code.co_filename).name, entry.code.co_name): entry.totaltime
         for entry in profile.getstats()

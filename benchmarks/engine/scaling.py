@@ -16,7 +16,7 @@ from simulated import MODEL_2, ClosedLoop, Torque, motion, start
 from engine.fits import FACTOR, measured
 from engine.timing import Times, alone, in_turn, keep_to_one_core, once
 from joint_id_core.data.recording import Recording
-from joint_id_core.estimators import fit
+from joint_id_core.estimators import ParameterSettings, fit
 
 TARGET = 1.1
 LENGTHS = (250, 500, 1000, 2000, 4000, 8000, 16000)
@@ -86,11 +86,11 @@ def peak_memory(cache: Path, samples: int) -> int:
     """
     recording = measured(motion(LONG, SEEDS[0], cache), SEEDS[0])
     values = start(MODEL_2, SEEDS[0], FACTOR)
-    fit(MODEL_2, recording.slice(0, LENGTHS[0]), values)
+    fit(MODEL_2, recording.slice(0, LENGTHS[0]), ParameterSettings(values))
     part = recording.slice(0, samples)
     Path("/proc/self/clear_refs").write_text("5")
     before = _status("VmRSS")
-    fit(MODEL_2, part, values)
+    fit(MODEL_2, part, ParameterSettings(values))
     return max(0, _status("VmHWM") - before)
 
 
@@ -101,7 +101,7 @@ def _status(name: str) -> int:
 
 def fit_joint(recording: Recording, seed: int) -> int:
     """Fit one of several joints; returns little, as a node that publishes an estimate does."""
-    return fit(MODEL_2, recording, start(MODEL_2, seed, FACTOR)).iterations
+    return fit(MODEL_2, recording, ParameterSettings(start(MODEL_2, seed, FACTOR))).iterations
 
 
 def _joints(cache: Path, rounds: int) -> dict[str, list[float]]:

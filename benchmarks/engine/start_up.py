@@ -17,7 +17,7 @@ from simulated import ClosedLoop, Torque, motion
 from engine.timing import Times
 from joint_id_core.models import MODELS
 
-FIRST_FIT_TARGET_S, COMPILE_TARGET_S = 3.0, 15.0
+FIRST_FIT_TARGET_S, COMPILE_TARGET_S = 3.0, 6.0
 MOTION, SEED = ClosedLoop(torque=Torque(white=0.003)), 1000
 IMPORT = "import joint_id_core"
 FIRST_FIT = """

@@ -15,13 +15,13 @@ import numpy as np
 from simulated import motion, start
 
 from joint_id_core.data.recording import Recording
-from joint_id_core.estimators import fit
+from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.results.estimate import Estimate
 from montecarlo.cases import FACTOR, Case
 
 T = TypeVar("T")
 
-FAR = 8.0  # standard deviations: no noise, but another minimum or a wrong model
+BEYOND_NOISE = 8.0  # standard deviations: no noise, but another minimum or a wrong model
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Draw:
     @property
     def far(self) -> bool:
         """Whether an error is beyond what noise does."""
-        return any(not abs(self.errors[name]) < FAR * self.sigmas[name] for name in self.errors)
+        return any(not abs(self.errors[name]) < BEYOND_NOISE * self.sigmas[name] for name in self.errors)
 
 
 def recorded(case: Case, seed: int, cache: Path) -> Recording:
@@ -66,7 +66,7 @@ def draw(case: Case, cache: Path, seed: int) -> Draw:
     """Fit one draw."""
     recording, values = recorded(case, seed, cache), start(case.model, seed, FACTOR)
     begun = time.process_time()
-    estimate = fit(case.model, recording, values)
+    estimate = fit(case.model, recording, ParameterSettings(values))
     return of(estimate, case.model.values(), seed, time.process_time() - begun)
 
 
@@ -75,7 +75,7 @@ def of(estimate: Estimate, truth: Mapping[str, float], seed: int, cpu_s: float) 
     rows = [estimate[name] for name in estimate.free if np.isfinite(estimate[name].std_dev)]
     errors = {row.name: row.value / truth[row.name] - 1.0 for row in rows}
     sigmas = {row.name: row.std_dev / truth[row.name] for row in rows}
-    says = estimate.message
+    says = " ".join(estimate.notes)
     return Draw(seed, estimate.status.value, "not white" in says, "residuals show" in says, cpu_s, errors, sigmas)
 
 

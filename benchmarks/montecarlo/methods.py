@@ -16,8 +16,9 @@ from peers import scipy_least_squares
 from peers.model2 import FREE, Data, unknowns
 from simulated import MODEL_2, SENSORS, motion, start
 
+from joint_id_core import estimators
 from joint_id_core.data.recording import Recording
-from joint_id_core.estimators import fit
+from joint_id_core.estimators import ParameterSettings, fit
 from montecarlo.cases import ALL_2, Case
 from montecarlo.draws import Draw, of, recorded
 
@@ -29,7 +30,7 @@ def estimator(name: str, case: Case, factor: float, cache: Path, seed: int) -> D
     """A fit by an estimator of the library, `name` as in `estimators.fit`."""
     recording, values = recorded(case, seed, cache), start(MODEL_2, seed, factor)
     begun = time.process_time()
-    estimate = fit(MODEL_2, recording, values, estimator=name)
+    estimate = fit(MODEL_2, recording, ParameterSettings(values), estimator=estimators.build(name))
     return of(estimate, MODEL_2.values(), seed, time.process_time() - begun)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from joint_id_core.cell.kernel import compile_model
+from joint_id_core.estimators import ParameterSettings
 from joint_id_core.estimators import fit as fit_model
 from peers.model2 import FREE, MODEL, Data, Fit, processor_s
 
@@ -14,7 +15,7 @@ def fit(data: Data, start: Mapping[str, float], limit_s: float) -> Fit:
     begun = processor_s()
     compile_model(MODEL, "tanh")
     built = processor_s()
-    estimate = fit_model(MODEL, data.recording, start)
+    estimate = fit_model(MODEL, data.recording, ParameterSettings(start))
     seconds = processor_s() - built
     found = {name: estimate[name].value for name in FREE}
     return Fit(found, seconds, built - begun, estimate.iterations, estimate.converged)

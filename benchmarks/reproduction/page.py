@@ -116,7 +116,7 @@ def _speed(epochs: Mapping[str, float]) -> str:
     eager, compiled = epochs["eager"], epochs["compiled"]
     return (
         f" In the same run an epoch takes {eager:.2g} s in eager torch and {1e3 * compiled:.2g} ms through the "
-        f"compiled cell, {eager / compiled:.0f} times less."
+        f"compiled cell, which is {eager / compiled:.0f} times faster."
     )
 
 
@@ -152,5 +152,5 @@ def _log(found: Sequence[Estimate]) -> str:
         "On the shoulder of the public UR3e log ([UR robots](tutorials/ur_robots.md): link position, motor velocity "
         "and current at 125 Hz) it finds:\n\n"
         + _lines(["model", "status", "estimates"], lines)
-        + "\n\nThe whole of Model 2 does not describe this log, and the fit says so; its motor side alone does."
+        + "\n\nModel 2 as a whole does not describe this log, and the fit says so. Its motor side alone does."
     )

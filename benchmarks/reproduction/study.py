@@ -11,6 +11,7 @@ import numpy as np
 from engine.timing import alone
 
 from joint_id_core import estimators
+from joint_id_core.estimators import ParameterSettings
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Estimate
 from reproduction import cases, deep, ekf, engine, hpinn, nlgr
@@ -198,7 +199,7 @@ def log(folder: Path, length_s: float, tell: Tell) -> list[Estimate]:
         return []
     recording = recording.window(-np.inf, float(recording.time[0]) + length_s)
     models = build("harmonic_drive", actuation="current", gravity=True), build("motor_side", actuation="current")
-    found = [estimators.fit(model, recording, {"k_t": 0.1}) for model in models]
+    found = [estimators.fit(model, recording, ParameterSettings({"k_t": 0.1})) for model in models]
     for estimate in found:
         tell(f"UR3e log, {estimate.model}: {estimate.status.value}: {estimate.message[:120]}")
     return found

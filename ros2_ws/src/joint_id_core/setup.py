@@ -22,6 +22,7 @@ setup(
     ],
     extras_require={"hpinn": ["torch>=2.1"], "plot": ["matplotlib>=3.6"], "test": ["pytest", "hypothesis"]},
     zip_safe=True,
+    author="joint_id maintainers",
     maintainer="joint_id maintainers",
     maintainer_email="maintainers@users.noreply.github.com",
     description="Identification of the dynamics of collaborative robot joints, without ROS.",

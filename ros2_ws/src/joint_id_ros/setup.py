@@ -15,6 +15,7 @@ setup(
     ],
     install_requires=["setuptools", "numpy>=1.26", "joint_id_core"],
     zip_safe=True,
+    author="joint_id maintainers",
     maintainer="joint_id maintainers",
     maintainer_email="maintainers@users.noreply.github.com",
     description="ROS 2 nodes of joint_id: simulate, filter, identify and replay robot joints.",

@@ -1,1 +1,73 @@
-"""Identification of the dynamics of collaborative robot joints, without ROS."""
+"""Identification of the dynamics of collaborative robot joints, without ROS.
+
+    import joint_id_core as jid
+
+    recording = jid.read("motion.csv")
+    estimate = jid.fit(jid.build("harmonic_drive"), recording)
+    print(estimate)
+
+Names are loaded when they are first used, so the import itself takes no time.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from joint_id_core.comparison.comparing import compare as compare
+    from joint_id_core.data.recording import Recording as Recording
+    from joint_id_core.errors import JointIdError as JointIdError
+    from joint_id_core.estimators import HPinn as HPinn
+    from joint_id_core.estimators import Innovations as Innovations
+    from joint_id_core.estimators import ParameterSettings as ParameterSettings
+    from joint_id_core.estimators import fit as fit
+    from joint_id_core.formats import read as read
+    from joint_id_core.formats import write as write
+    from joint_id_core.models import Model as Model
+    from joint_id_core.models import build as build
+    from joint_id_core.online import OnlineIdentifier as OnlineIdentifier
+    from joint_id_core.online import OnlineOptions as OnlineOptions
+    from joint_id_core.results import Estimate as Estimate
+    from joint_id_core.results import Status as Status
+    from joint_id_core.results import Verdict as Verdict
+    from joint_id_core.simulation import simulate as simulate
+    from joint_id_core.simulation import simulate_motion as simulate_motion
+    from joint_id_core.validation import held_out as held_out
+
+_ROOMS = {
+    "HPinn": "estimators",
+    "Innovations": "estimators",
+    "JointIdError": "errors",
+    "Model": "models",
+    "OnlineIdentifier": "online",
+    "OnlineOptions": "online",
+    "ParameterSettings": "estimators",
+    "Estimate": "results",
+    "Recording": "data.recording",
+    "Status": "results",
+    "Verdict": "results",
+    "build": "models",
+    "compare": "comparison.comparing",
+    "fit": "estimators",
+    "held_out": "validation",
+    "read": "formats",
+    "simulate": "simulation",
+    "simulate_motion": "simulation",
+    "write": "formats",
+}
+
+__all__ = sorted(_ROOMS)  # a list, made from the table above
+
+
+def __getattr__(name: str) -> object:
+    """Load a public name from its room when it is first used."""
+    if name not in _ROOMS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}: it has {', '.join(__all__)}")
+    value = getattr(import_module(f"{__name__}.{_ROOMS[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

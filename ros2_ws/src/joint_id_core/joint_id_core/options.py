@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import Field, field, fields
 from typing import Any
 
 from joint_id_core.errors import JointIdError
+
+Progress = Callable[[str], None]  # called with a line of text now and then during a long computation
 
 
 def option(
@@ -18,7 +21,15 @@ def option(
 ) -> Any:
     """A dataclass field with its meaning, unit and range as metadata."""
     meta = {"description": description, "unit": unit, "lower": lower, "upper": upper, "choices": choices}
+    if isinstance(default, dict):
+        return field(default_factory=lambda: dict(default), metadata=meta)
     return field(default=default, metadata=meta)
+
+
+def same_option(options: type, name: str) -> Any:
+    """A dataclass field with default and metadata of the option `name` of another dataclass."""
+    f = next(f for f in fields(options) if f.name == name)
+    return field(default=f.default, metadata=f.metadata)
 
 
 def check(options: Any) -> None:

@@ -10,7 +10,7 @@ from joint_id_core.emulator.arm import START_S, STOP_S, TICK_S
 from joint_id_core.emulator.controller import Controller
 from joint_id_core.emulator.robots import HOME, ROBOTS, build_joints
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators import fit
+from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.models import HarmonicDrive
 from joint_id_core.results.estimate import Verdict
 from joint_id_core.rtde.fields import FIELDS
@@ -149,7 +149,7 @@ def test_a_fit_of_the_recorded_joint_finds_the_truth(motion, j):
     }
     truth = build_joints("ur3e")[j].values
     model = HarmonicDrive(actuation="current")
-    estimate = fit(model, Recording(motion["timestamp"][late], channels), {"k_t": truth["k_t"]})
+    estimate = fit(model, Recording(motion["timestamp"][late], channels), ParameterSettings({"k_t": truth["k_t"]}))
     assert estimate.converged, estimate.message
     found = [p for p in estimate.parameters if p.name in estimate.free]
     assert {p.name for p in found} == {"J_m", "c_m", "tau_fm", "c_1", "k_1", "k_2", "J_q", "c_q", "tau_fq"}

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from joint_id_core import estimators
 from joint_id_core.cell.kernel import compile_model
 from joint_id_core.cell.rollout import rollout, rollout_sensitivities
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators import fit
+from joint_id_core.estimators import ParameterSettings
+from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.innovations.fit import fit_innovations
-from joint_id_core.estimators.innovations.options import InnovationsOptions
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Status
 from joint_id_core.simulation.sensors import Sensors
 from joint_id_core.simulation.simulator import simulate
+from joint_id_core.validation import held_out
 
 MOTOR = build("dc_motor")
 JOINT = build("electromechanical")
@@ -100,7 +104,7 @@ def stiff_record():
 def test_a_stiff_joint_is_fitted_at_one_step_a_sample_where_rk4_is_not(stiff_record):
     start = STIFF | {name: 1.5 * JOINT.parameter(name).nominal for name in ("R", "k_t", "k_b", "c_m")}
     estimate, explicit = (
-        fit_innovations(JOINT, stiff_record, start, options=InnovationsOptions(cell=cell, substeps=1))
+        fit_innovations(JOINT, stiff_record, ParameterSettings(start), options=Innovations(cell=cell, substeps=1))
         for cell in ("implicit", "rk4")
     )
     assert estimate.status is Status.CONVERGED, estimate.message
@@ -116,5 +120,14 @@ def test_what_the_implicit_cell_cannot_do_is_refused(stiff_record):
         compile_model(MOTOR, "sign", cell="implicit")
     with pytest.raises(JointIdError, match="choose one of rk4, implicit"):
         compile_model(MOTOR, cell="euler")
-    with pytest.raises(JointIdError, match="hpinn takes HPinnOptions"):
-        fit(JOINT, stiff_record, estimator="hpinn", options=InnovationsOptions(cell="implicit"))
+    with pytest.raises(JointIdError, match="estimator hpinn has no option cell"):
+        estimators.build("hpinn", cell="implicit")
+
+
+def test_held_out_prediction_takes_the_cell_of_the_fit(stiff_record):
+    """An RK4 kernel at the step count of the implicit cell runs away."""
+    estimate = estimators.fit(JOINT, stiff_record, ParameterSettings(STIFF), Innovations(cell="implicit", substeps=1))
+    assert (estimate.cell, estimate.substeps) == ("implicit", 1)
+    assert max(held_out(JOINT, stiff_record, estimate).values()) < 0.1
+    explicit = held_out(JOINT, stiff_record, replace(estimate, cell="rk4"))
+    assert not max(explicit.values()) < 1.0

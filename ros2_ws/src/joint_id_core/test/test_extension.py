@@ -10,8 +10,8 @@ import pytest
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators import fit
-from joint_id_core.estimators.innovations.options import InnovationsOptions
+from joint_id_core.estimators import ParameterSettings, fit
+from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.models import build
 from joint_id_core.online.extension import extend
 from joint_id_core.online.identifier import OnlineIdentifier, OnlineOptions
@@ -44,8 +44,8 @@ def first(seed: int = 1, labels: tuple[str, ...] = tuple(NOISE)):
 
 def extended(estimate, recording, inflation=1.0, **changes):
     return extend(
-        **{"model": MODEL, "previous": estimate, "recording": recording, "values": {}, "fixed": (), "freed": ()}
-        | {"options": InnovationsOptions(), "inflation": inflation}
+        **{"model": MODEL, "previous": estimate, "recording": recording, "settings": ParameterSettings()}
+        | {"options": Innovations(), "inflation": inflation}
         | changes
     )
 
@@ -125,7 +125,7 @@ def test_an_estimate_that_was_not_tested_is_not_extended():
 
 def test_misuse_is_an_error():
     with pytest.raises(JointIdError, match="no parameter 'k_9'"):
-        extended(first(), record().window(1.8, 2.2), fixed=("k_9",))
+        extended(first(), record().window(1.8, 2.2), settings=ParameterSettings(fixed=("k_9",)))
 
 
 def online(recording, **options):
@@ -156,7 +156,7 @@ def test_a_joint_that_changes_is_fitted_at_once():
     mixed = [e for e in found if 4.2 < e.end < 6.4]
     assert mixed and all(e.status is Status.POOR_FIT and e.predictions is not None for e in mixed)
     alone = next(e for e in found if e.end > 6.6)  # a window after the jump
-    assert alone.converged and "the joint has changed: older windows are forgotten" in alone.message
+    assert alone.converged and "The joint has changed: older windows are forgotten" in alone.message
     for estimate in (e for e in found if e.end > 6.6):
         assert estimate.converged
         assert abs(estimate["J_q"].value - heavy_load()) < 4.0 * estimate["J_q"].std_dev

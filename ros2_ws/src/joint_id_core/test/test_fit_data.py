@@ -7,7 +7,8 @@ import pytest
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators.shared.fit_data import UnusableError, prepare, split_parameters, unusable
+from joint_id_core.estimators import ParameterSettings
+from joint_id_core.estimators.shared.fit_data import UnusableError, prepare, unusable
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Status, Verdict
 
@@ -83,7 +84,7 @@ def test_smoothing_of_friction_follows_the_speed_unless_it_is_given():
     assert w_s[1e-3] == pytest.approx(0.1 * nominal)
     assert w_s[0.3] == pytest.approx(0.003)
     assert w_s[1e3] == pytest.approx(nominal)
-    given = prepare(RIGID, record(), {"w_s": 0.5})
+    given = prepare(RIGID, record(), ParameterSettings({"w_s": 0.5}))
     assert given.p[RIGID.parameter_names.index("w_s")] == 0.5
 
 
@@ -128,11 +129,11 @@ def test_too_few_labels_are_told_apart_from_too_few_inputs():
 
 
 def test_fixed_and_freed_names():
-    p, free = split_parameters(RIGID, {"J": 2.0}, ("c",), ("N",))
+    p, free = ParameterSettings({"J": 2.0}, ("c",), ("N",)).applied_to(RIGID)
     assert free == ("J", "tau_f", "tau_0", "N")
     assert p[RIGID.parameter_names.index("J")] == 2.0
     with pytest.raises(JointIdError, match="no parameter 'k_9'"):
-        split_parameters(RIGID, {}, ("k_9",), ())
+        ParameterSettings(fixed=("k_9",)).applied_to(RIGID)
     current = build("rigid_joint", actuation="current")
     with pytest.raises(JointIdError, match=r"needs k_t .* --set k_t"):
-        split_parameters(current, {}, (), ())
+        ParameterSettings().applied_to(current)

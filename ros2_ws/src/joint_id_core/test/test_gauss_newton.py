@@ -49,7 +49,7 @@ BELIEF = Belief(FREE, np.zeros(1), np.full((1, 1), 1e-12))
 
 def solved(line: Line):
     cost, steps = Cost(line, COORDINATES, BELIEF), np.ones(1, dtype=np.int64)
-    return minimise(cost, cost.at(np.array([0.2]), np.ones(1), steps), 0.01, 100)
+    return minimise(cost, cost.at(np.array([0.2]), np.ones(1), steps, 1), 0.01, 100)
 
 
 def test_where_cost_and_equation_agree_it_ends_there():
@@ -69,7 +69,7 @@ def test_where_they_do_not_it_stalls_and_counts_the_distance():
 
 def test_a_cost_that_is_not_finite_gives_no_pass():
     cost = Cost(Line(np.nan, np.nan), COORDINATES, BELIEF)
-    assert cost.at(np.zeros(1), np.ones(1), np.ones(1, dtype=np.int64)) is None
+    assert cost.at(np.zeros(1), np.ones(1), np.ones(1, dtype=np.int64), 1) is None
     assert minimise(cost, None, 0.01, 5) is None
 
 

@@ -12,7 +12,7 @@ from joint_id_core.cell.kernel import compile_model
 from joint_id_core.cell.rollout import rollout
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators import fit
+from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.estimators.shared.fit_data import prepare
 from joint_id_core.estimators.shared.free_run import free_runs, nrmse
 from joint_id_core.models import build
@@ -20,9 +20,9 @@ from joint_id_core.models.operations import ArrayOps
 from joint_id_core.simulation.excitation import multisine
 from joint_id_core.simulation.sensors import Sensors
 from joint_id_core.simulation.simulator import simulate
-from joint_id_core.validation import held_out as validation
-from joint_id_core.validation.held_out import held_out, held_out_drive, held_out_errors
+from joint_id_core.validation import prediction as validation
 from joint_id_core.validation.inverse_dynamics import drive, drive_errors, drive_r_squared
+from joint_id_core.validation.prediction import held_out, held_out_drive, held_out_errors
 
 RIGID = build("rigid_joint")
 TRUTH = {"J": 1.7, "c": 3.0, "tau_f": 2.0, "tau_0": -0.6}
@@ -39,7 +39,7 @@ def measured(seed: int, J: float = 1.7) -> Recording:
 
 def test_free_runs_restart_from_the_filtered_state_after_each_horizon():
     model, kernel = RIGID, compile_model(RIGID)
-    data = prepare(model, measured(1), TRUTH)
+    data = prepare(model, measured(1), ParameterSettings(TRUTH))
     rng = np.random.default_rng(0)
     states = rng.standard_normal((len(TIME), 2))
     found = free_runs(kernel, data, states, data.p, 2, 0.05)["link_position"]

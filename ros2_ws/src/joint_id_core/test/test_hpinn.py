@@ -16,8 +16,9 @@ torch = pytest.importorskip("torch")
 
 from joint_id_core.data.recording import Recording  # noqa: E402
 from joint_id_core.errors import JointIdError  # noqa: E402
-from joint_id_core.estimators.hpinn.fit import HPinnOptions, fit_hpinn  # noqa: E402
-from joint_id_core.estimators.hpinn.network import HPinn, RK4Cell, label_weights, wmse  # noqa: E402
+from joint_id_core.estimators import HPinn, ParameterSettings  # noqa: E402
+from joint_id_core.estimators.hpinn.fit import fit_hpinn  # noqa: E402
+from joint_id_core.estimators.hpinn.network import HPinnNetwork, RK4Cell, label_weights, wmse  # noqa: E402
 from joint_id_core.estimators.hpinn.training import LearningRate, make_labels, train  # noqa: E402
 from joint_id_core.estimators.shared.fit_data import prepare  # noqa: E402
 from joint_id_core.models import MODELS, build  # noqa: E402
@@ -85,8 +86,8 @@ def test_substeps_follow_a_straight_input():
     fine_time = np.sort(np.concatenate([time, (time[1:] + time[:-1]) / 2]))
     fine_u = np.column_stack([np.interp(fine_time, time, column) for column in u.T])
     start, values = torch.from_numpy(x0), model.values()
-    coarse = HPinn(model, values, ["J_m"], substeps=2, compiled=False)(start, time, u)
-    fine = HPinn(model, values, ["J_m"], substeps=1, compiled=False)(start, fine_time, fine_u)
+    coarse = HPinnNetwork(model, values, ["J_m"], substeps=2, compiled=False)(start, time, u)
+    fine = HPinnNetwork(model, values, ["J_m"], substeps=1, compiled=False)(start, fine_time, fine_u)
     np.testing.assert_allclose(coarse.detach(), fine.detach()[::2], rtol=1e-10, atol=1e-15)
 
 
@@ -101,7 +102,7 @@ def test_compiled_rollout_equals_the_eager_network(name, friction):
     labels[3:9, 0] = np.nan
     found = []
     for compiled in (False, True):
-        net = HPinn(model, model.values(), trainable, friction=friction, substeps=2, compiled=compiled)
+        net = HPinnNetwork(model, model.values(), trainable, friction=friction, substeps=2, compiled=compiled)
         states = net(torch.from_numpy(x0), time, u)
         loss = wmse(states, torch.from_numpy(labels), torch.from_numpy(label_weights(labels)))
         loss.backward()
@@ -115,8 +116,8 @@ def test_a_gradient_by_the_start_state_is_refused_where_there_is_none():
     x0, time, u = random_record(model)
     start = torch.tensor(x0, requires_grad=True)
     with pytest.raises(JointIdError, match="compiled=False"):
-        HPinn(model, model.values(), ["R"])(start, time, u)
-    HPinn(model, model.values(), ["R"], compiled=False)(start, time, u).sum().backward()
+        HPinnNetwork(model, model.values(), ["R"])(start, time, u)
+    HPinnNetwork(model, model.values(), ["R"], compiled=False)(start, time, u).sum().backward()
     assert np.all(np.isfinite(start.grad.numpy()))
 
 
@@ -126,7 +127,7 @@ def test_a_freed_parameter_gets_its_gradient():
     x0, time, u = random_record(model)
     grads = []
     for compiled in (False, True):
-        net = HPinn(model, model.values(), ["R", "L"], compiled=compiled)
+        net = HPinnNetwork(model, model.values(), ["R", "L"], compiled=compiled)
         net(torch.from_numpy(x0), time, u).sum().backward()
         grads.append(net.weight.grad.numpy())
     assert abs(grads[0][1]) > 0
@@ -160,7 +161,7 @@ def test_weights_level_the_peaks(peaks, seed):
 def test_projection(weights):
     """After it positive parameters are positive, intervals hold, and a second projection changes nothing."""
     model = build("rigid_joint")
-    net = HPinn(model, model.values(), ["J", "c", "tau_0"], {"c": (8.0, 12.0)}, compiled=False)
+    net = HPinnNetwork(model, model.values(), ["J", "c", "tau_0"], {"c": (8.0, 12.0)}, compiled=False)
     with torch.no_grad():
         net.weight.copy_(torch.tensor(weights))
     net.project()
@@ -193,8 +194,8 @@ def test_training_finds_the_motor_of_table_i():
     model, recording = build("dc_motor"), motor_step()
     signs = dict(zip(TABLE_I, (1, -1, 1, -1, 1), strict=True))
     start = {name: value * (1 + 0.2 * signs[name]) for name, value in TABLE_I.items()}
-    data = prepare(model, recording, start)
-    net = HPinn(model, model.values(start), data.free, substeps=2)
+    data = prepare(model, recording, ParameterSettings(start))
+    net = HPinnNetwork(model, model.values(start), data.free, substeps=2)
     labels = make_labels(data, torsion=True)
     history, finite = train(net, data, labels, np.zeros(2), 350, LearningRate(0.01, (0.4, 0.6, 0.8), 0.3))
     assert finite and len(history) == 350
@@ -210,7 +211,7 @@ def test_estimator_with_one_label():
     full = motor_step(samples=500)
     partial = Recording(full.time, {n: full[n] for n in ("voltage", "motor_velocity")})
     start = {n: 1.1 * v for n, v in TABLE_I.items()}
-    estimate = fit_hpinn(build("dc_motor"), partial, start, options=HPinnOptions(epochs=350))
+    estimate = fit_hpinn(build("dc_motor"), partial, ParameterSettings(start), options=HPinn(epochs=350))
     assert set(estimate.nrmse) == {"motor_velocity"} and estimate.nrmse["motor_velocity"] < 0.02
     assert estimate["L"].verdict is Verdict.FIXED
     assert estimate["k_b"].value == pytest.approx(TABLE_I["k_b"], rel=0.03)
@@ -221,10 +222,15 @@ def test_labels_that_are_missing_here_and_there_change_little():
     full = brake_record(noise=0.01)
     holes = full["link_velocity"].copy()
     holes[5::3] = np.nan
-    options, fixed = HPinnOptions(epochs=300), ("tau_f", "tau_0")
+    options, fixed = HPinn(epochs=300), ("tau_f", "tau_0")
     values = {"tau_f": 0.0, "J": 1.2, "c": 5.0}
-    a = fit_hpinn(build("rigid_joint"), full, values, fixed, options=options)
-    b = fit_hpinn(build("rigid_joint"), full.with_channels({"link_velocity": holes}), values, fixed, options=options)
+    a = fit_hpinn(build("rigid_joint"), full, ParameterSettings(values, fixed=fixed), options=options)
+    b = fit_hpinn(
+        build("rigid_joint"),
+        full.with_channels({"link_velocity": holes}),
+        ParameterSettings(values, fixed=fixed),
+        options=options,
+    )
     for name in ("J", "c"):
         assert abs(a[name].value - b[name].value) < 3 * b[name].std_dev
         assert b[name].std_dev > a[name].std_dev
@@ -234,8 +240,8 @@ def test_covariance_is_that_of_least_squares():
     """One white label: sigma^2 (J'J)^-1, with J by finite differences of the closed-form recursion."""
     recording = brake_record(noise=0.01)
     estimate = fit_hpinn(
-        build("rigid_joint"), recording, {"tau_f": 0.0, "J": 1.3, "c": 4.5}, ("tau_f", "tau_0"),
-    )  # fmt: skip
+        build("rigid_joint"), recording, ParameterSettings({"tau_f": 0.0, "J": 1.3, "c": 4.5}, fixed=("tau_f", "tau_0"))
+    )
     assert estimate.status is Status.CONVERGED and estimate.free == ("J", "c")
 
     def velocity(J, c):
@@ -258,20 +264,23 @@ def test_covariance_is_that_of_least_squares():
 
 def test_interval_holds_the_estimate_at_its_bound():
     """An interval that excludes the truth ends with the verdict at_bound, no standard deviation, and the name."""
-    options = HPinnOptions(bounds="c=4.4:6")
+    options = HPinn(bounds={"c": (4.4, 6.0)})
     fixed = ("tau_f", "tau_0")
     estimate = fit_hpinn(
-        build("rigid_joint"), brake_record(), {"tau_f": 0.0, "J": 1.3, "c": 5.0}, fixed, options=options
+        build("rigid_joint"),
+        brake_record(),
+        ParameterSettings({"tau_f": 0.0, "J": 1.3, "c": 5.0}, fixed=fixed),
+        options=options,
     )
     assert estimate["c"].verdict is Verdict.AT_BOUND and estimate["c"].value == pytest.approx(4.4)
     assert np.isnan(estimate["c"].std_dev) and estimate.free == ("J",)
-    assert "at a bound: c" in estimate.message
+    assert "At a bound: c." in estimate.notes
 
 
 def test_too_few_epochs_are_not_called_converged():
     """A loss that still falls is said to fall."""
     start = {n: 1.2 * v for n, v in TABLE_I.items()}
-    estimate = fit_hpinn(build("dc_motor"), motor_step(), start, options=HPinnOptions(epochs=15))
+    estimate = fit_hpinn(build("dc_motor"), motor_step(), ParameterSettings(start), options=HPinn(epochs=15))
     assert estimate.status is Status.MAX_ITERATIONS and "still falls" in estimate.message
 
 
@@ -279,37 +288,39 @@ def test_a_wrong_model_is_a_poor_fit():
     """A motion that the inputs do not explain is not reported as a success."""
     t = np.arange(300) * 5e-3
     recording = Recording(t, {"torque": np.sin(3 * t), "link_velocity": 5.0 * np.sin(40 * t + 1.0)})
-    assert fit_hpinn(build("rigid_joint"), recording, options=HPinnOptions(epochs=100)).status is Status.POOR_FIT
+    assert fit_hpinn(build("rigid_joint"), recording, options=HPinn(epochs=100)).status is Status.POOR_FIT
 
 
 def test_an_unstable_step_is_diverged():
     """RK4 beyond its stability limit overflows; the estimate says so and keeps no numbers."""
-    options = HPinnOptions(epochs=5, substeps=1)
-    estimate = fit_hpinn(build("rigid_joint"), brake_record(), {"c": 2000.0}, options=options)
+    options = HPinn(epochs=5, substeps=1)
+    estimate = fit_hpinn(build("rigid_joint"), brake_record(), ParameterSettings({"c": 2000.0}), options=options)
     assert estimate.status is Status.DIVERGED and "finite" in estimate.message
 
 
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"options": {"bounds": "k_t"}}, "name=lower:upper"),
-        ({"options": {"bounds": "k_t=2:1"}}, "put the lower end first"),
-        ({"options": {"bounds": "k_x=1:2"}}, "no parameter 'k_x'"),
-        ({"options": {"bounds": "R=1:2"}}, "R starts at 0.4932"),
-        ({"options": {"bounds": "L=0:1"}}, "L is fixed"),
+        ({"options": {"bounds": {"k_t": (2.0, 1.0)}}}, "put the lower end first"),
+        ({"options": {"bounds": {"k_x": (1.0, 2.0)}}}, "no parameter 'k_x'"),
+        ({"options": {"bounds": {"R": (1.0, 2.0)}}}, "R starts at 0.4932"),
+        ({"options": {"bounds": {"L": (0.0, 1.0)}}}, "L is fixed"),
         ({"options": {"decay_at": (1.5,)}}, "decay_at"),
         ({"options": {"epochs": 0}}, "epochs"),
         ({"values": {"tau_fc": 0.0}}, "tau_fc starts at 0"),
         ({"fixed": ("nothing",)}, "nothing"),
+        ({"priors": {"R": 0.1}}, "hpinn has no priors"),
     ],
 )
 def test_misuse_is_named(change, said):
     """Each mistake in options, values or names is answered by one line that names it."""
     with pytest.raises(JointIdError) as error:
         fit_hpinn(
-            build("dc_motor"), motor_step(samples=100), change.get("values"), change.get("fixed", ()),
-            options=HPinnOptions(**change.get("options", {})),
-        )  # fmt: skip
+            build("dc_motor"),
+            motor_step(samples=100),
+            ParameterSettings(**{k: v for k, v in change.items() if k != "options"}),
+            options=HPinn(**change.get("options", {})),
+        )
     assert said in str(error.value) and "\n" not in str(error.value)
 
 
@@ -338,10 +349,11 @@ class NoTorch:
 sys.meta_path.insert(0, NoTorch())
 import numpy as np
 import joint_id_core
-from joint_id_core.estimators.hpinn.fit import HPinnOptions, fit_hpinn
+from joint_id_core.estimators import HPinn
+from joint_id_core.estimators.hpinn.fit import fit_hpinn
 from joint_id_core.models import build
 from joint_id_core.data.recording import Recording
-HPinnOptions()
+HPinn()
 try:
     fit_hpinn(build("dc_motor"), Recording(np.arange(3.0), {}))
 except joint_id_core.errors.JointIdError as error:

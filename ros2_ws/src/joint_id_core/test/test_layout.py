@@ -11,7 +11,7 @@ ROOT = Path(joint_id_core.__file__).parent
 # From the ground up; what stands on one line does not import from each other.
 FLOORS = (
     ("errors",),
-    ("options",),
+    ("options", "assignments"),
     ("data",),
     ("models", "formats", "filtering", "rtde"),
     ("cell", "simulation", "results", "alignment"),

@@ -9,8 +9,7 @@ import pytest
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators import fit
-from joint_id_core.estimators.innovations.options import InnovationsOptions
+from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.models import build
 from joint_id_core.online.identifier import OnlineIdentifier, OnlineOptions
 from joint_id_core.online.window import SlidingWindow
@@ -162,11 +161,9 @@ def test_sliding_window_keeps_its_length_and_fills_holes_with_nan():
 
 
 def test_misuse_is_named_at_once():
-    with pytest.raises(JointIdError, match="unknown estimator 'magic'"):
-        OnlineIdentifier(MODEL, estimator="magic")
     with pytest.raises(JointIdError, match="no parameter 'k_9'"):
-        OnlineIdentifier(MODEL, {"k_9": 1.0})
+        OnlineIdentifier(MODEL, ParameterSettings({"k_9": 1.0}))
     with pytest.raises(JointIdError, match="no parameter 'k_9'"):
-        OnlineIdentifier(MODEL, fit_options=InnovationsOptions(priors="k_9=0.1"))
+        OnlineIdentifier(MODEL, ParameterSettings(priors={"k_9": 0.1}))
     with pytest.raises(JointIdError, match="option window_s = 0"):
         OnlineOptions(window_s=0.0)

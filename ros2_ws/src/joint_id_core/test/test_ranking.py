@@ -28,9 +28,9 @@ def trial(
     errors = {n: 1e-3 * size * (NOISE[k] + own * alone[k]) for k, n in enumerate(signals)}
     parameters = [ParameterEstimate("N", "1", N, math.nan, Verdict.FIXED)]
     parameters += [ParameterEstimate(n, "Nm", 1.0, 1.0, Verdict.NOT_EXCITED) for n in unseen]
-    message = "converged" if status is Status.CONVERGED else f"residuals are not white: {status.advice}"
+    notes = ("Converged.",) if status is Status.CONVERGED else ("Residuals are not white.", f"{status.advice}.")
     estimate = Estimate(
-        "rigid_joint", "innovations", status, message, tuple(parameters),
+        "rigid_joint", "innovations", status, " ".join(notes), tuple(parameters), notes=notes,
         free=tuple(f"p{k}" for k in range(free)), nrmse=dict.fromkeys(labels, 0.1), deviance=deviance,
         observations=observations,
     )  # fmt: skip

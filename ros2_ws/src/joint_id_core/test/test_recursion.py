@@ -10,6 +10,7 @@ from joint_id_core.cell.kernel import compile_model
 from joint_id_core.cell.rollout import rollout, rollout_sensitivities
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
+from joint_id_core.estimators import ParameterSettings
 from joint_id_core.estimators.innovations.recursion import Recursion
 from joint_id_core.estimators.shared.fit_data import prepare
 from joint_id_core.models import build
@@ -47,7 +48,7 @@ def make_problem(seed=0, samples=250):
     keep = np.r_[0:80, 84:170, 171:samples]
     channels = {"voltage": u[:, 0], "external_torque": u[:, 1], "current": y[:, 0], "motor_velocity": y[:, 1]}
     record = Recording(time[keep], {n: v[keep] for n, v in channels.items()})
-    return prepare(MODEL, record, {"tau_fc": 0.0}, fixed=("tau_fc",))
+    return prepare(MODEL, record, ParameterSettings({"tau_fc": 0.0}, fixed=("tau_fc",)))
 
 
 @pytest.fixture
@@ -110,7 +111,10 @@ def test_after_a_long_gap_the_record_begins_anew():
         {name: np.concatenate([part[name] for part in parts]) for name in whole.channels},
     )
     kernel = compile_model(MODEL)
-    both, *alone = (Recursion(prepare(MODEL, r, {"tau_fc": 0.0}, fixed=("tau_fc",)), kernel) for r in (cut, *parts))
+    both, *alone = (
+        Recursion(prepare(MODEL, r, ParameterSettings({"tau_fc": 0.0}, fixed=("tau_fc",))), kernel)
+        for r in (cut, *parts)
+    )
     for part in alone:  # their spread and state noise come from the range of the labels, which the cut record shares
         part.P0, part.Q_x = both.P0, both.Q_x
     found, *each = (r.run(free_values(), LEVELS, SUBSTEPS) for r in (both, *alone))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status, Verdict
-from joint_id_core.results.report import as_dict, correlations, table
+from joint_id_core.results.report import correlations, table
 
 
 def make_estimate(**changes) -> Estimate:
@@ -32,7 +32,7 @@ def make_estimate(**changes) -> Estimate:
 
 
 def test_dictionary_is_valid_json_and_not_a_number_is_null():
-    result = json.loads(json.dumps(as_dict(make_estimate()), allow_nan=False))
+    result = json.loads(json.dumps(make_estimate().to_dict(), allow_nan=False))
     assert (result["model"], result["status"], result["message"]) == ("rigid_joint", "converged", "converged")
     assert result["elapsed_s"] == 0.25
     assert (result["start_s"], result["end_s"], result["samples"]) == (1.0, 3.0, 500)
@@ -43,6 +43,7 @@ def test_dictionary_is_valid_json_and_not_a_number_is_null():
         "value": 1.25,
         "std_dev": 0.05,
         "verdict": "estimated",
+        "initial": 1.0,
         "reason": "",
     }
     assert by_name["N"]["std_dev"] is None
@@ -57,7 +58,7 @@ def test_a_fit_that_failed_is_still_valid_json():
         status=Status.NO_MOTION, message="no motion: move the joint", free=(), covariance=np.zeros((0, 0)), nrmse={},
         noise={}, whiteness={}, chi2=math.nan, start=math.nan, end=math.nan,
     )  # fmt: skip
-    result = json.loads(json.dumps(as_dict(failed), allow_nan=False))
+    result = json.loads(json.dumps(failed.to_dict(), allow_nan=False))
     assert result["chi2"] is result["start_s"] is None
     assert result["covariance"] == []
     assert "no motion: move the joint" in table(failed)

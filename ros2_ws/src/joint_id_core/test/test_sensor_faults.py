@@ -10,8 +10,7 @@ import pytest
 from joint_id_core.cell.kernel import compile_model
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators import fit
-from joint_id_core.estimators.innovations.options import InnovationsOptions
+from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.models import build
 from joint_id_core.simulation.excitation import position_reference
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
@@ -80,7 +79,7 @@ def test_delay_of_the_motor_side_whose_input_is_the_late_signal():
     """The motor alone, with the link as an input: the same delay, from the velocity of the motor."""
     model = build("motor_side", delays=True)
     record = seen(link_ms=3, labels=("link_position", "link_velocity", "motor_velocity"))
-    estimate = fit(model, record, {"k_2": TRUTH["k_2"]}, freed=("k_2",))
+    estimate = fit(model, record, ParameterSettings({"k_2": TRUTH["k_2"]}, freed=("k_2",)))
     assert estimate.converged, estimate.message
     assert estimate["delta_q"].value == pytest.approx(3e-3, abs=1e-4)
     assert estimate["k_1"].value == pytest.approx(TRUTH["k_1"], rel=0.1)
@@ -120,9 +119,9 @@ def test_the_prior_of_the_drive_gain_is_in_every_interval():
     amperes = record.with_channels({"current": record["torque"] / 0.1})
     amperes = Recording(amperes.time, {n: v for n, v in amperes.channels.items() if n != "torque"})
     model = build("harmonic_drive", actuation="current")
-    held = fit(model, amperes, {"k_t": 0.1})
-    free = fit(model, amperes, {"k_t": 0.1}, freed=("k_t",), options=InnovationsOptions(priors="k_t=0.05"))
-    assert "a scale common to" in free["k_t"].reason
+    held = fit(model, amperes, ParameterSettings({"k_t": 0.1}))
+    free = fit(model, amperes, ParameterSettings({"k_t": 0.1}, freed=("k_t",), priors={"k_t": 0.05}))
+    assert "the common scale of J_m" in free["k_t"].reason
     for name in ("J_m", "k_1", "J_q"):
         assert held[name].std_dev < 0.01 * held[name].value
         assert free[name].std_dev == pytest.approx(0.05 * free[name].value, rel=0.05), name
@@ -130,8 +129,8 @@ def test_the_prior_of_the_drive_gain_is_in_every_interval():
 
 
 @pytest.mark.parametrize(
-    "priors, words", [("k_1", "write NAME=SD"), ("k_1=-1", "above zero"), ("N=0.1", "free it"), ("x=1", "no parameter")]
+    ("priors", "words"), [({"k_1": -1.0}, "above zero"), ({"N": 0.1}, "free it"), ({"x": 1.0}, "no parameter")]
 )
 def test_priors_that_make_no_sense_are_refused(priors, words):
     with pytest.raises(JointIdError, match=words):
-        fit(PLAIN, seen(), options=InnovationsOptions(priors=priors))
+        fit(PLAIN, seen(), ParameterSettings(priors=priors))

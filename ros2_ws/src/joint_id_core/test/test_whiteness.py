@@ -10,7 +10,7 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from joint_id_core.data.recording import Recording
-from joint_id_core.estimators import fit
+from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.estimators.innovations.whiteness import LAGS, portmanteau
 from joint_id_core.estimators.shared.fit_data import prepare
 from joint_id_core.models import build
@@ -76,13 +76,13 @@ def test_coloured_torque_is_said_and_widens_the_intervals():
     """Over 25 draws: the sigma of white noise is far too small, with the memory most of the difference is counted."""
     errors, plain, said = [], [], 0
     for seed in range(25):
-        estimate = fit(MODEL, motion(1.5, seed), TRUTH)
-        assert "not white" in estimate.message, estimate.message
+        estimate = fit(MODEL, motion(1.5, seed), ParameterSettings(TRUTH))
+        assert any("not white" in note for note in estimate.notes), estimate.notes
         free = estimate.free
         std = np.array([estimate[n].std_dev for n in free])
         errors.append(np.array([estimate[n].value - TRUTH[n] for n in free]) / std)
-        white = fit(MODEL, motion(0.0, seed), TRUTH)
-        said += "not white" in white.message
+        white = fit(MODEL, motion(0.0, seed), ParameterSettings(TRUTH))
+        said += any("not white" in note for note in white.notes)
         plain.append(np.array([white[n].value - TRUTH[n] for n in free]) / [white[n].std_dev for n in free])
     assert said <= 2  # the joint sticks at each turn, which smoothed friction follows only nearly
     assert np.sqrt(np.mean(np.square(plain))) < 1.3

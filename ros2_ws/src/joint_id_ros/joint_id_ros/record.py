@@ -10,7 +10,7 @@ import signal
 import sys
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Optional
 
 import typer
 
@@ -21,8 +21,8 @@ DRAIN_S = 5.0  # at most this long after the stop, what has arrived is still wri
 
 def record(
     output: Annotated[Path, typer.Argument(help="bag directory to create")],
-    topics: Annotated[list[str] | None, typer.Argument(help="topics (default: all)")] = None,
-    duration: Annotated[float | None, typer.Option(help="stop after this many s (default: at Ctrl-C)")] = None,
+    topics: Annotated[Optional[list[str]], typer.Argument(help="topics (default: all)")] = None,
+    duration: Annotated[Optional[float], typer.Option(help="stop after this many s (default: at Ctrl-C)")] = None,
 ) -> None:
     """Record live topics to an mcap bag until Ctrl-C, SIGTERM or the end of --duration.
 

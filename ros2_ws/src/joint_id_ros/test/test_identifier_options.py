@@ -3,48 +3,48 @@
 import pytest
 
 from joint_id_core.errors import JointIdError
-from joint_id_ros.options.identifier import ModelOptions
+from joint_id_ros.options.identifier import IdentifierOptions
 
 
 def test_a_value_of_one_joint_wins_over_that_of_all_whatever_the_order():
     for texts in (("k_t=0.1", "elbow_joint.k_t=0.0802", "N=101"), ("elbow_joint.k_t=0.0802", "N=101", "k_t=0.1")):
-        options = ModelOptions(set=texts)
+        options = IdentifierOptions(set=texts)
         assert options.values("elbow_joint") == {"k_t": 0.0802, "N": 101.0}
         assert options.values("wrist_1_joint") == {"k_t": 0.1, "N": 101.0}
         assert options.values("") == {"k_t": 0.1, "N": 101.0}
 
 
 def test_a_held_value_wins_over_a_start_value_of_the_same_joints():
-    options = ModelOptions(set=("k_2=1", "elbow.k_2=2", "elbow.c_1=3"), fix=("k_2=5", "wrist.k_2=6", "c_1=7"))
+    options = IdentifierOptions(set=("k_2=1", "elbow.k_2=2", "elbow.c_1=3"), fix=("k_2=5", "wrist.k_2=6", "c_1=7"))
     assert options.values("elbow") == {"k_2": 2.0, "c_1": 3.0}
     assert options.values("wrist") == {"k_2": 6.0, "c_1": 7.0}
     assert options.values("base") == {"k_2": 5.0, "c_1": 7.0}
 
 
 def test_parameters_are_held_and_freed_by_joint():
-    options = ModelOptions(fix=("c_1", "k_2=0", "elbow.J_m"), free=("dtheta_0", "elbow.k_2", "wrist.N"))
+    options = IdentifierOptions(fix=("c_1", "k_2=0", "elbow.J_m"), free=("dtheta_0", "elbow.k_2", "wrist.N"))
     assert (options.fixed("base"), options.freed("base")) == (["c_1", "k_2"], ["dtheta_0"])
     assert (options.fixed("elbow"), options.freed("elbow")) == (["c_1", "J_m"], ["dtheta_0", "k_2"])
     assert (options.fixed("wrist"), options.freed("wrist")) == (["c_1", "k_2"], ["dtheta_0", "N"])
 
 
 def test_names_of_joints_may_hold_a_prefix_and_dots():
-    options = ModelOptions(set=("left/arm.v2_elbow_joint.k_t = 0.08", " tool.k_t=.2"))
+    options = IdentifierOptions(set=("left/arm.v2_elbow_joint.k_t = 0.08", " tool.k_t=.2"))
     assert options.values("left/arm.v2_elbow_joint") == {"k_t": 0.08}
     assert options.values("tool") == {"k_t": 0.2}
 
 
 def test_joints_that_are_named_are_expected():
-    assert ModelOptions().expected == ModelOptions(set=("N=101",)).expected == ()
-    assert ModelOptions(set=("b.N=1", "a.k_t=1"), fix=("c.N",), free=("b.k_2",)).expected == ("b", "a", "c")
-    assert ModelOptions(joints=("a", "b"), set=("b.N=1",)).expected == ("a", "b")
+    assert IdentifierOptions().expected == IdentifierOptions(set=("N=101",)).expected == ()
+    assert IdentifierOptions(set=("b.N=1", "a.k_t=1"), fix=("c.N",), free=("b.k_2",)).expected == ("b", "a", "c")
+    assert IdentifierOptions(joints=("a", "b"), set=("b.N=1",)).expected == ("a", "b")
 
 
 @pytest.mark.parametrize("parameter", ["set", "fix", "free"])
 def test_a_joint_that_is_not_identified_is_refused_with_those_that_are(parameter):
     text = "elbow.k_2" if parameter == "free" else "elbow.k_2=0"
     with pytest.raises(JointIdError) as error:
-        ModelOptions(joints=("elbow_joint", "wrist_1_joint"), **{parameter: (text,)})
+        IdentifierOptions(joints=("elbow_joint", "wrist_1_joint"), **{parameter: (text,)})
     for part in (f"parameter {parameter}", repr(text), "joint elbow,", "elbow_joint, wrist_1_joint"):
         assert part in str(error.value)
 
@@ -57,26 +57,26 @@ def test_a_joint_that_is_not_identified_is_refused_with_those_that_are(parameter
 )
 def test_a_text_of_another_form_is_refused_with_an_example(parameter, text):
     with pytest.raises(JointIdError) as error:
-        ModelOptions(**{parameter: (text,)})
+        IdentifierOptions(**{parameter: (text,)})
     assert f"parameter {parameter}: {text!r} is not of the form NAME" in str(error.value)
     assert "elbow_joint." in str(error.value)
 
 
 def test_a_parameter_that_is_spoken_of_twice_is_refused():
     with pytest.raises(JointIdError, match=r"parameter set: 'elbow.k_t=0.2' speaks of k_t again"):
-        ModelOptions(set=("elbow.k_t=0.1", "k_t=0.1", "elbow.k_t=0.2"))
+        IdentifierOptions(set=("elbow.k_t=0.1", "k_t=0.1", "elbow.k_t=0.2"))
 
 
 @pytest.mark.parametrize("option", [{"cell": "implicit"}, {"priors": "k_t=0.05"}])
 def test_options_of_innovations_are_refused_with_another_estimator(option):
     with pytest.raises(JointIdError, match="cell and priors are for the innovations estimator"):
-        ModelOptions(estimator="hpinn", **option)
-    assert ModelOptions(estimator="innovations", **option)
+        IdentifierOptions(estimator="hpinn", **option)
+    assert IdentifierOptions(estimator="innovations", **option)
 
 
 def test_a_drive_is_given_or_either():
-    assert ModelOptions(model="rigid_joint").drives == ("torque", "current")
-    assert ModelOptions(model="rigid_joint", actuation="current").drives == ("current",)
-    assert "k_t" in ModelOptions(model="rigid_joint").build("current").parameter_names
-    assert "k_t" not in ModelOptions(model="rigid_joint").build("torque").parameter_names
-    assert ModelOptions(model="electromechanical").build("torque").name == "electromechanical"
+    assert IdentifierOptions(model="rigid_joint").drives == ("torque", "current")
+    assert IdentifierOptions(model="rigid_joint", actuation="current").drives == ("current",)
+    assert "k_t" in IdentifierOptions(model="rigid_joint").build("current").parameter_names
+    assert "k_t" not in IdentifierOptions(model="rigid_joint").build("torque").parameter_names
+    assert IdentifierOptions(model="electromechanical").build("torque").name == "electromechanical"

@@ -13,7 +13,7 @@ from joint_id_core.filtering.offline import FilterOptions
 from joint_id_core.online.identifier import OnlineOptions
 from joint_id_core.options import check, option
 from joint_id_core.simulation.plants import MotionOptions
-from joint_id_ros.options.identifier import ModelOptions
+from joint_id_ros.options.identifier import IdentifierOptions
 from joint_id_ros.options.sim import SimOptions
 from joint_id_ros.parameters import PARAMETER_ERRORS, assignments, declare, read
 
@@ -91,7 +91,7 @@ def test_a_value_of_the_wrong_type_or_range_is_refused_by_name(make, overrides):
 
 
 @pytest.mark.parametrize(
-    "options", [FilterOptions, InputOptions, ModelOptions, OnlineOptions, SimOptions, MotionOptions]
+    "options", [FilterOptions, InputOptions, IdentifierOptions, OnlineOptions, SimOptions, MotionOptions]
 )
 def test_every_parameter_of_the_nodes_is_described(make, options):
     node = make()

@@ -13,49 +13,31 @@ import importlib.util
 import inspect
 import logging
 import os
-import re
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from pathlib import Path
 from types import ModuleType
-from typing import TextIO
+from typing import Any, TextIO
 
 from joint_id_core import models
-from joint_id_core.cell.loops import esdirk, innovations, noise, simulate
+from joint_id_core.cell import CELLS
+from joint_id_core.cell.loops import arrays, innovations, noise, simulate
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import Model
 
 log = logging.getLogger(__name__)
 
-# No "nnan": it would let the compiler drop the NaN test that marks a missing label.
-_FASTMATH = "{'reassoc', 'contract', 'arcp', 'nsz'}"
-_V, _M, _T, _I = "float64[::1]", "float64[:, ::1]", "float64[:, :, ::1]", "int64[::1]"
-_SENSITIVITIES = {"rollout_sensitivities": f"void({_V}, {_V}, {_M}, {_V}, {_I}, {_M}, {_T})"}
-_SIMULATION = {
-    "rollout": f"void({_M}, int64, {_V}, {_M}, {_V}, {_I}, {_M})",
-    "jacobians": f"void({_M}, {_M}, {_V}, {_T})",
-}
-_FILTER = {
-    "innovations": f"float64({_V}, {_M}, {_I}, {_M}, {_M}, {_V}, {_M}, {_M}, {_I}, {_V}, {_V}, {_V}, "
-    f"{_V}, {_V}, {_I}, {_M}, {_M}, {_M}, {_T}, {_T}, {_T}, {_T}, {_M}, {_V})",
-    "observations": f"void({_M}, {_M}, {_V}, {_M})",
-}
-_GAINS = {
-    "noise_information": f"void({_M}, {_I}, {_I}, {_M}, {_M}, {_T}, {_T}, {_T}, {_V}, {_M})",
-    "bounded_step": f"float64({_V}, {_M}, {_V}, {_V}, {_V}, float64, float64, {_V})",
-    "disturbances": f"void({_M}, {_I}, {_I}, {_M}, {_M}, {_T}, {_T}, {_T}, {_T}, {_I}, {_M}, {_M}, {_M}, {_V})",
-}
-# Called by those, never from Python: typed where they are called.
-_INLINE = (
-    "constants", "jacobian", "observe", "inputs", "slope", "linearise", "factor", "solve", "matrix", "solve_stage",
-    "stages", "step", "step_parameters", "step_full", "work_space",
-)  # fmt: skip
-CELLS = ("rk4", "implicit")
+# What Python calls of a kernel.
+_Functions = tuple[Callable[..., Any], ...]
+_SIMULATION: _Functions = (simulate.rollout, simulate.jacobians)
+_FILTER: _Functions = (innovations.innovations, innovations.observations)
+_SENSITIVITIES: _Functions = (simulate.rollout_sensitivities,)
+_GAINS: _Functions = (noise.noise_information, noise.bounded_step, noise.disturbances)
 
 
 @dataclass(frozen=True)
@@ -118,55 +100,55 @@ def _hash(*parts: str) -> str:
     ]
 
 
-def _source(model: Model, friction: str, sensitive: tuple[str, ...], cell: str, wanted: Mapping[str, str]) -> str:
+@lru_cache(maxsize=8)
+def _cell_source(model: Model, friction: str, sensitive: tuple[str, ...], cell: str) -> str:
+    """Sizes and functions of a model, which the loops call."""
     from joint_id_core.cell.rk4_source import cell_text
     from joint_id_core.cell.symbolic import derive
 
     derivative = derive(model, friction, sensitive)  # type: ignore[arg-type]  # checked by compile_model
-    text = cell_text(model, derivative, cell)  # type: ignore[arg-type]  # checked by compile_model
-    if cell == "implicit":
-        text += _implicit_steps()
-    for loops in (simulate, innovations) if friction == "tanh" else (simulate,):
-        text += _after_mark(loops)
-    return _compiled(f"{model!r}, friction {friction}, cell {cell}", text, wanted)
+    return cell_text(model, derivative, cell)  # type: ignore[arg-type]  # checked by compile_model
 
 
-def _compiled(what: str, text: str, wanted: Mapping[str, str]) -> str:
-    """Source with the functions `wanted`, by their types, and those that are called by them."""
-    text = re.sub(r": (Any|int|float|bool)\b|-> (None|float|Any)", "", text).replace(") :", "):")
-    for name in {**_SENSITIVITIES, **_SIMULATION, **_FILTER}.keys() - wanted.keys():
-        text = re.sub(rf"\ndef {name}\(.*?(?=\n\n\n|\Z)", "", text, flags=re.DOTALL)
-    for name, signature in wanted.items():
-        decorator = f'@njit("{signature}", cache=True, fastmath={_FASTMATH}, nogil=True, error_model="numpy")\n'
-        text = text.replace(f"def {name}(", f"{decorator}def {name}(")
-    inline = f'@njit(fastmath={_FASTMATH}, error_model="numpy")\n'
-    for name in _INLINE:
-        text = text.replace(f"def {name}(", f"{inline}def {name}(")
-    head = f'"""Generated for {what}: do not edit."""\n\n'
-    head += "import math\n\nimport numpy as np\nfrom numba import carray, njit\n\n"
-    head += "from joint_id_core.cell.stack_array import on_stack\n\n"
-    return head + text
+_MODULE = '''"""Generated for {what}: do not edit."""
+
+import math
+
+{imports}
+from joint_id_core.cell.translate import compiled, translated
+
+{cell}'''
+_FUNCTION = """
+
+translated_{name} = translated({module}.{name}, globals())
 
 
-def _after_mark(loops: ModuleType) -> str:
-    """The text of a module from where it is compiled."""
-    _, text = re.split(r"# --- compiled .*\n", inspect.getsource(loops))
+@compiled("{signature}")
+def {name}({arguments}):
+    return translated_{name}({arguments})
+"""
+
+
+def _module_source(what: str, cell: str, functions: _Functions) -> str:
+    """A module with `functions` compiled, which call those of `cell`."""
+    imports = "\n".join(sorted({f"import {function.__module__}" for function in functions}))
+    text = _MODULE.format(what=what, imports=imports, cell=cell)
+    for function in functions:
+        arguments = inspect.get_annotations(function)
+        result = arrays.NUMBA[arguments.pop("return")]
+        text += _FUNCTION.format(
+            name=function.__name__,
+            module=function.__module__,
+            arguments=", ".join(arguments),
+            signature=f"{result}({', '.join(arrays.NUMBA[kind] for kind in arguments.values())})",
+        )
     return text
 
 
-def _implicit_steps() -> str:
-    """The implicit cell, its last function once for the parameters alone and once with states and inputs."""
-    text = _after_mark(esdirk)
-    shared, template = text.split("def step_COLUMNS")
-    for name, columns in (("step_parameters", "CP"), ("step_full", "CF")):
-        shared += f"def {name}{template}".replace("COLUMNS", columns)
-    return shared
-
-
-def _build(path: Path, what: str, source: Callable[[], str], wanted: Mapping[str, str]) -> ModuleType:
+def _build(path: Path, what: str, source: Callable[[], str], functions: _Functions) -> ModuleType:
     """Load a compiled module, after writing its source if it is not there."""
     if not path.exists():
-        log.info("compiling %s once, about 10 s; the result is kept in %s", what, path.parent)
+        log.info("compiling %s once, a few seconds; the result is kept in %s", what, path.parent)
         draft = path.with_suffix(".draft")
         draft.write_text(source())
         draft.replace(path)
@@ -176,7 +158,7 @@ def _build(path: Path, what: str, source: Callable[[], str], wanted: Mapping[str
     sys.modules[spec.name] = module
     with _short_loops_vectorised():
         spec.loader.exec_module(module)
-    missing = [name for name in wanted if not hasattr(module, name)]
+    missing = [f.__name__ for f in functions if not hasattr(module, f.__name__)]
     if missing:  # a file cut short by a full disk is still valid Python
         raise ImportError(f"{path} has no {', '.join(missing)}")
     return module
@@ -233,8 +215,8 @@ def compile_model(model: Model, friction: str = "tanh", extra: tuple[str, ...] =
     for name in extra:
         model.parameter(name)
     sensitive = tuple(p.name for p in model.parameters if not p.fixed or p.name in extra)
-    wanted = {**_SIMULATION, **_FILTER} if friction == "tanh" else _SIMULATION  # all that H-PINN uses
-    module = _cell(model, friction, sensitive, cell, "kernel", wanted)
+    functions = _SIMULATION + _FILTER if friction == "tanh" else _SIMULATION  # all that H-PINN uses
+    module = _cell(model, friction, sensitive, cell, "kernel", functions)
     kernel = Kernel(model, friction, cell, model.parameter_names, sensitive, module)
     if friction == "tanh":
         _ = kernel.gains  # compiled here, not in the first fit
@@ -242,12 +224,16 @@ def compile_model(model: Model, friction: str = "tanh", extra: tuple[str, ...] =
 
 
 def _cell(
-    model: Model, friction: str, sensitive: tuple[str, ...], cell: str, part: str, wanted: Mapping[str, str]
+    model: Model, friction: str, sensitive: tuple[str, ...], cell: str, part: str, functions: _Functions
 ) -> ModuleType:
     """A part of the kernel of a model."""
+
+    def source() -> str:
+        text = _cell_source(model, friction, sensitive, cell)
+        return _module_source(f"{model!r}, friction {friction}, cell {cell}", text, functions)
+
     folder = cache_directory() / f"{model.name}-{_key(model, friction, sensitive, cell)}"
-    source = partial(_source, model, friction, sensitive, cell, wanted)
-    return _loaded(folder / f"{part}.py", f"model {model.name}", source, wanted)
+    return _loaded(folder / f"{part}.py", f"model {model.name}", source, functions)
 
 
 @lru_cache(maxsize=64)
@@ -255,20 +241,19 @@ def _gains(states: int, inputs: int, delayed: bool) -> ModuleType:
     """The compiled `loops.noise` for so many states and inputs."""
     columns = simulate.padded(states + inputs)
     sizes = f"NX = {states}\nNU = {inputs}\nCL = {columns}\nCD = {noise.DISTURBANCES}\nDELAYED = {delayed}\n"
-    text = sizes + _after_mark(noise)
     what = f"noise statistics of {states} states and {inputs} inputs"
     path = cache_directory() / f"gains-{_hash(sizes)}" / "gains.py"
-    return _loaded(path, what, lambda: _compiled(what, text, _GAINS), _GAINS)
+    return _loaded(path, what, lambda: _module_source(what, sizes, _GAINS), _GAINS)
 
 
-def _loaded(path: Path, what: str, source: Callable[[], str], wanted: Mapping[str, str]) -> ModuleType:
+def _loaded(path: Path, what: str, source: Callable[[], str], functions: _Functions) -> ModuleType:
     """A compiled module, from the cache or compiled."""
     folder = path.parent
     with _locked(folder):
         try:
-            return _build(path, what, source, wanted)
+            return _build(path, what, source, functions)
         except Exception as error:  # whatever is wrong with a cached file, a fresh build is the cure
             log.warning("the cached kernel in %s cannot be loaded (%s): building it again", folder, error)
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
-            return _build(path, what, source, wanted)
+            return _build(path, what, source, functions)

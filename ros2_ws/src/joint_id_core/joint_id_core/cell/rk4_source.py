@@ -218,6 +218,19 @@ class _Text:
         return lines
 
 
+_IMPLICIT_STEPS = [
+    "from joint_id_core.cell.loops.esdirk import step, step_columns",
+    "",
+    "",
+    "def step_parameters(x, V, u0, u1, c, h, substeps):",
+    "    step_columns(CP, x, V, u0, u1, c, h, substeps)",
+    "",
+    "",
+    "def step_full(x, V, u0, u1, c, h, substeps):",
+    "    step_columns(CF, x, V, u0, u1, c, h, substeps)",
+]
+
+
 def cell_text(model: Model, d: Derivative, cell: Cell) -> str:
     """Source of the functions of one model that the loops call."""
     text = _Text(model, d)
@@ -240,6 +253,6 @@ def cell_text(model: Model, d: Derivative, cell: Cell) -> str:
             text.step("step_full", "CF", True),
         ]
     else:
-        functions.append(text.point())
+        functions += [text.point(), _IMPLICIT_STEPS]
     header = [f"{name} = {size}" for name, size in sizes.items()] + [f"DELAYED = {text.observation is not None}"]
     return "\n".join([*header, *(line for f in functions for line in ["", "", *f])]) + "\n"

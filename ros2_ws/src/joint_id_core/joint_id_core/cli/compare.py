@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
-from joint_id_core.cli.arguments import Progress, pairs, print_json
+from joint_id_core.assignments import texts_by_name
 from joint_id_core.cli.fit_options import (
     EndOption,
     FileArgument,
@@ -17,13 +17,15 @@ from joint_id_core.cli.fit_options import (
     JointOption,
     JsonOption,
     MapOption,
+    SetOption,
     StartOption,
-    given_and_held,
+    Texts,
+    parameter_settings,
     window,
 )
 from joint_id_core.cli.group import BAD_INPUT, complain
-from joint_id_core.cli.model_options import SetOption, Texts
-from joint_id_core.comparison.model_text import GRAMMAR, parse
+from joint_id_core.cli.output import Progress, print_json
+from joint_id_core.comparison.model_text import GRAMMAR
 from joint_id_core.errors import JointIdError
 
 if TYPE_CHECKING:
@@ -45,8 +47,8 @@ def compare(
     map_: MapOption = None,
     start: StartOption = None,
     end: EndOption = None,
-    validate: Annotated[Path | None, typer.Option(help="recording to predict, instead of the last part")] = None,
-    held_out: Annotated[float | None, typer.Option(help="share of the samples to predict (default: 1/3)")] = None,
+    validate: Annotated[Optional[Path], typer.Option(help="recording to predict, instead of the last part")] = None,
+    held_out: Annotated[Optional[float], typer.Option(help="share of the samples to predict (default: 1/3)")] = None,
     json: JsonOption = False,
 ) -> None:
     """Fit several models to the first part of a recording and rank them by what they predict of the rest.
@@ -55,28 +57,25 @@ def compare(
     """
     if validate is not None and held_out is not None:
         raise JointIdError("--validate and --held-out exclude each other: with --validate all of FILE is fitted")
-    values, fixed = given_and_held(set_, fix)
+    settings = parameter_settings(set_, fix, free)
     texts = [text for option in models or () for text in option.split(",")]
 
     from joint_id_core import formats
-    from joint_id_core.comparison import compare as comparison
-    from joint_id_core.comparison import report as comparison_report
+    from joint_id_core.comparison import comparing as comparison
     from joint_id_core.results.estimate import Status
 
-    mapping = pairs(map_ or (), "--map")
+    mapping = texts_by_name(map_ or (), "--map")
     recording = window(formats.read(file, joint, mapping), start, end)
     validation = formats.read(validate, joint, mapping) if validate is not None else None
     share = comparison.HELD_OUT_SHARE if held_out is None else held_out
     with Progress() as progress:
-        result = comparison.compare(
-            parse(texts, recording), recording, validation, share, values, fixed, set(free or ()), progress
-        )
+        result = comparison.compare(texts, recording, validation, share, settings, progress)
     best = result.ranking.best
     again = _fit_arguments(best, set_, fix, free) if best else []
     if json:
-        print_json(comparison_report.as_dict(result) | {"fit_arguments": again})
+        print_json(result.to_dict() | {"fit_arguments": again})
     else:
-        print(comparison_report.table(result))
+        print(result)
         if best:
             data = [("--joint", joint), *(("--map", text) for text in map_ or ()), ("--start", start), ("--end", end)]
             said = [word for option, value in data if value is not None for word in (option, str(value))]

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any, Optional
 
 import typer
 
-from joint_id_core.cli.arguments import Progress, pairs, print_json
+from joint_id_core.assignments import texts_by_name
 from joint_id_core.cli.fit_options import (
     EndOption,
     FileArgument,
@@ -18,85 +17,63 @@ from joint_id_core.cli.fit_options import (
     JsonOption,
     MapOption,
     PriorOption,
+    SetOption,
     StartOption,
-    given_and_held,
+    parameter_settings,
     window,
 )
 from joint_id_core.cli.group import BAD_INPUT, complain
-from joint_id_core.cli.model_options import (
-    MODEL_HELP,
-    ActuationOption,
-    DelaysOption,
-    FrictionOption,
-    GravityOption,
-    KinematicErrorOption,
-    OffsetsOption,
-    SetOption,
-    build_model,
-)
-from joint_id_core.comparison.model_text import drive_of
-from joint_id_core.errors import JointIdError
-
-if TYPE_CHECKING:
-    from joint_id_core.estimators.innovations.options import InnovationsOptions
+from joint_id_core.cli.options import with_options
+from joint_id_core.cli.output import Progress, print_json
+from joint_id_core.estimators import ESTIMATORS
+from joint_id_core.models.options import ModelOptions
 
 
+@with_options("model_options", (ModelOptions,), required=("model",))
+@with_options("estimator_options", tuple(ESTIMATORS.values()), only=("cell", "substeps", "epochs", "learning_rate"))
 def fit(
     file: FileArgument,
-    model: Annotated[str, typer.Option(help=MODEL_HELP)],
+    model_options: dict[str, Any],
+    estimator_options: dict[str, Any],
     joint: JointOption = None,
     set_: SetOption = None,
     fix: FixOption = None,
     free: FreeOption = None,
     map_: MapOption = None,
-    actuation: ActuationOption = None,
-    friction: FrictionOption = None,
-    gravity: GravityOption = False,
-    kinematic_error: KinematicErrorOption = False,
-    delays: DelaysOption = False,
-    offsets: OffsetsOption = False,
-    estimator: Annotated[str, typer.Option(help="innovations or hpinn (needs torch)")] = "innovations",
-    cell: Annotated[str, typer.Option(help="rk4, or implicit for stiff joints")] = "rk4",
+    estimator: Annotated[str, typer.Option(help=f"{' or '.join(ESTIMATORS)} (needs torch)")] = "innovations",
     prior: PriorOption = None,
     start: StartOption = None,
     end: EndOption = None,
-    validate: Annotated[Path | None, typer.Option(help="recording that the fitted model must predict")] = None,
-    plot: Annotated[Path | None, typer.Option(help="save a picture of measurement and prediction")] = None,
+    validate: Annotated[Optional[Path], typer.Option(help="recording that the fitted model must predict")] = None,
+    plot: Annotated[Optional[Path], typer.Option(help="save a picture of measurement and prediction")] = None,
+    save: Annotated[Optional[Path], typer.Option(help="save the estimate as JSON")] = None,
     json: JsonOption = False,
 ) -> None:
     """Identify the parameters of a joint model, with standard deviations and verdicts.
 
     Exit code 0: converged; 1: no convergence or a poor fit; 2: bad input.
     """
-    values, fixed = given_and_held(set_, fix)
+    settings = parameter_settings(set_, fix, free, prior)
 
     from joint_id_core import estimators, formats
-    from joint_id_core.results import report
     from joint_id_core.results.estimate import Status
 
+    chosen = ModelOptions(**model_options)
+    solver = estimators.build(estimator, **estimator_options)
     if plot is not None:
-        from joint_id_core.cli.plot import check
+        from joint_id_core.results.plot import check
 
         check(plot)
-    mapping = pairs(map_ or (), "--map")
+    mapping = texts_by_name(map_ or (), "--map")
     recording = window(formats.read(file, joint, mapping), start, end)
-    drive = actuation or drive_of(model, recording)
-    built = build_model(
-        model, drive, friction, gravity=gravity, kinematic_error=kinematic_error, delays=delays, offsets=offsets
-    )
+    other = formats.read(validate, joint, mapping) if validate is not None else None
+    built = chosen.build(chosen.drive_in(recording))
     with Progress() as progress:
-        estimate = estimators.fit(
-            built, recording, values, fixed, freed=set(free or ()), estimator=estimator, progress=progress,
-            options=_options(estimator, cell, prior or []),
-        )  # fmt: skip
-    result = report.as_dict(
-        replace(estimate, start=recording.origin + estimate.start, end=recording.origin + estimate.end)
-    )
-    text = report.table(estimate)
-    if validate is not None and estimate.predictions is not None:
-        from joint_id_core.validation.held_out import held_out, held_out_drive
+        estimate = estimators.fit(built, recording, settings, solver, progress)
+    result, text = estimate.to_dict(), str(estimate)
+    if other is not None and estimate.predictions is not None:
+        from joint_id_core.validation.prediction import held_out, held_out_drive
 
-        other = formats.read(validate, joint, mapping)
         nrmse = held_out(built, other, estimate)
         result["validation"] = [{"signal": name, "nrmse": value} for name, value in nrmse.items()]
         text += f"\nheld out, {validate}: " + ", ".join(f"{name} nrmse {v:.3g}" for name, v in nrmse.items())
@@ -104,30 +81,15 @@ def fit(
         if explained is not None:
             result["validation"].append({"signal": explained[0], "r_squared": explained[1]})
             text += f", {explained[0]} R^2 {explained[1]:.4f}"
-    if plot is not None and estimate.predictions is not None:
-        from joint_id_core.cli.plot import save
-
-        save(plot, built, recording, estimate)
     if json:
         print_json(result)
     else:
         print(text)
+    if save is not None:
+        estimate.save(save)
+    if plot is not None and estimate.predictions is not None:
+        estimate.plot(plot)
     if not estimate.converged:
         complain(f"{estimate.status.value}: {estimate.message}")
         unusable = estimate.status in (Status.NO_MOTION, Status.TOO_SHORT, Status.MISSING_SIGNAL)
         raise typer.Exit(BAD_INPUT if unusable else 1)
-
-
-def _options(estimator: str, cell: str, priors: list[str]) -> InnovationsOptions | None:
-    """Options of the innovations estimator, the only one that has these.
-
-    Raises:
-        JointIdError: they were given for another estimator, or are not among the choices.
-    """
-    from joint_id_core.estimators.innovations.options import InnovationsOptions
-
-    if estimator == "innovations":
-        return InnovationsOptions(cell=cell, priors=",".join(priors))
-    if cell != "rk4" or priors:
-        raise JointIdError(f"--cell and --prior are for the innovations estimator: leave them out with {estimator}")
-    return None

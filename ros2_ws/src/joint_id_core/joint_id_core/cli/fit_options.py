@@ -1,22 +1,24 @@
-"""Options of the commands that fit: which data, and which parameters are given, held or freed."""
+"""Options of the commands that fit: which data, and what is said of the parameters."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
-from joint_id_core.cli.arguments import numbers
-from joint_id_core.cli.model_options import Texts
+from joint_id_core.assignments import numbers_by_name
 from joint_id_core.errors import JointIdError
+from joint_id_core.estimators import ParameterSettings
 
 if TYPE_CHECKING:
     from joint_id_core.data.recording import Recording
 
+Texts = Optional[list[str]]
 MAP_HELP = "channel=column, or a product: torque=gtau*vir; of a bag channel=topic.field"
 FileArgument = Annotated[Path, typer.Argument(help="CSV, MAT or bag")]
-JointOption = Annotated[str | None, typer.Option(help="joint of a bag that holds several")]
+JointOption = Annotated[Optional[str], typer.Option(help="joint of a bag that holds several")]
+SetOption = Annotated[Texts, typer.Option("--set", help="NAME=VALUE: start value, or value of a held parameter")]
 FixOption = Annotated[Texts, typer.Option("--fix", help="NAME or NAME=VALUE: hold this parameter")]
 FreeOption = Annotated[Texts, typer.Option("--free", help="NAME: estimate this parameter that the model holds")]
 PRIOR_HELP = (
@@ -24,19 +26,21 @@ PRIOR_HELP = (
 )
 PriorOption = Annotated[Texts, typer.Option("--prior", help=PRIOR_HELP)]
 MapOption = Annotated[Texts, typer.Option("--map", help=MAP_HELP)]
-StartOption = Annotated[float | None, typer.Option(help="leave out what is before, s after the first sample")]
-EndOption = Annotated[float | None, typer.Option(help="leave out what is after, s after the first sample")]
+StartOption = Annotated[Optional[float], typer.Option(help="leave out what is before, s after the first sample")]
+EndOption = Annotated[Optional[float], typer.Option(help="leave out what is after, s after the first sample")]
 JsonOption = Annotated[bool, typer.Option("--json", help="machine-readable result")]
 
 
-def given_and_held(set_: Texts, fix: Texts) -> tuple[dict[str, float], set[str]]:
-    """Values from --set and --fix, and the names that --fix holds.
+def parameter_settings(set_: Texts, fix: Texts, free: Texts, prior: Texts = None) -> ParameterSettings:
+    """What --set, --fix, --free and --prior say together.
 
     Raises:
-        JointIdError: a text that is not NAME=VALUE, a name given twice.
+        JointIdError: a text that is not NAME=VALUE, a name given twice, a prior that is not above zero.
     """
-    values = numbers(set_ or (), "--set") | numbers([text for text in fix or () if "=" in text], "--fix")
-    return values, {text.partition("=")[0].strip() for text in fix or ()}
+    fixed = fix or []
+    values = numbers_by_name(set_ or (), "--set") | numbers_by_name([t for t in fixed if "=" in t], "--fix")
+    held = [text.partition("=")[0].strip() for text in fixed]
+    return ParameterSettings(values, held, free or (), numbers_by_name(prior or (), "--prior"))
 
 
 def window(recording: Recording, start: float | None, end: float | None) -> Recording:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
-from joint_id_core.cli.arguments import pairs, print_json
+from joint_id_core.assignments import texts_by_name
+from joint_id_core.cli.output import print_json
 
 if TYPE_CHECKING:
     from joint_id_core.data.recording import Recording
@@ -15,15 +16,15 @@ if TYPE_CHECKING:
 
 def info(
     file: Annotated[Path, typer.Argument(help="CSV, MAT or bag")],
-    joint: Annotated[str | None, typer.Option(help="only this joint of a bag")] = None,
-    map_: Annotated[list[str] | None, typer.Option("--map", help="channel=column, as for fit")] = None,
+    joint: Annotated[Optional[str], typer.Option(help="only this joint of a bag")] = None,
+    map_: Annotated[Optional[list[str]], typer.Option("--map", help="channel=column, as for fit")] = None,
     json: Annotated[bool, typer.Option("--json", help="machine-readable result")] = False,
 ) -> None:
     """Show joints, channels, rate, gaps and missing values of a recording."""
     from joint_id_core import formats
     from joint_id_core.formats.mapping import TARGETS
 
-    mapping = pairs(map_ or (), "--map")
+    mapping = texts_by_name(map_ or (), "--map")
     found = formats.joints(file, mapping)
     names: tuple[str | None, ...] = (joint,) if joint else (found or (None,))
     contents = formats.contents(file)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Optional
 
 import typer
 
@@ -22,12 +22,12 @@ def robot_emulator(
     port: Annotated[int, typer.Option(help="TCP port; 0: any that is free")] = PORT,
     robot: Annotated[str, typer.Option(help="ur3e, ur5e or ur10e: sizes of the joints")] = "ur3e",
     version: Annotated[str, typer.Option(help="of the controller; it decides which fields there are")] = "5.13.0",
-    without: Annotated[list[str] | None, typer.Option(help="field that the controller does not have")] = None,
+    without: Annotated[Optional[list[str]], typer.Option(help="field that the controller does not have")] = None,
     slow_start: Annotated[float, typer.Option(help="s after power-up in which it listens but answers nothing")] = 0.0,
     seed: Annotated[int, typer.Option(help="of noise and faults")] = 0,
     moving: Annotated[str, typer.Option(help="joints that move: all, none, or numbers from 0 to 5 as 0,2")] = "all",
     amplitude: Annotated[float, typer.Option(help="peak of the motion in rad")] = 0.3,
-    truth: Annotated[Path | None, typer.Option(help="YAML file to write the true parameters to")] = None,
+    truth: Annotated[Optional[Path], typer.Option(help="YAML file to write the true parameters to")] = None,
 ) -> None:
     """Be a robot controller on the network: RTDE at 500 Hz, six simulated joints, faults on demand.
 

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import LAWS, MODELS, Model, build
-from joint_id_core.models.transmission import Actuation
+from joint_id_core.models.options import DRIVES, FLAGS, drive_of
 
 if TYPE_CHECKING:
     from joint_id_core.data.recording import Recording
 
 EVERY_LAW = "all"
-FLAGS = ("gravity", "kinematic_error", "delays", "offsets")
-DRIVES: tuple[str, ...] = get_args(Actuation)
 GRAMMAR = (
     f"MODEL[:LAW][+OPTION...] with MODEL one of {', '.join(MODELS)}; LAW one of {', '.join(LAWS)}, {EVERY_LAW}; "
     f"OPTION one of {', '.join((*FLAGS, *DRIVES))}"
@@ -37,8 +35,8 @@ class Candidate:
     arguments: tuple[str, ...]
 
 
-def parse(texts: Sequence[str], recording: Recording) -> tuple[Candidate, ...]:
-    """Candidates from texts such as `rigid_joint`, `rigid_joint:stribeck`, `harmonic_drive:all+gravity`.
+def parse(models: Sequence[str | Model | Candidate], recording: Recording) -> tuple[Candidate, ...]:
+    """Candidates from models, and from texts: `rigid_joint`, `rigid_joint:stribeck`, `harmonic_drive:all+gravity`.
 
     A model without a law has the paper's, `coulomb_viscous`; with the law `all` it is one candidate for each. A single
     text without a law stands for all of them, as one candidate is no comparison. No text at all: see `every_model`.
@@ -48,15 +46,13 @@ def parse(texts: Sequence[str], recording: Recording) -> tuple[Candidate, ...]:
         JointIdError: a text that names no model, law or option (it lists those that exist), an option that the model
             does not have, a candidate given twice, fewer than two.
     """
-    texts = [text.strip() for text in texts]
-    if not texts:
-        texts = [f"{name}:{EVERY_LAW}" for name in every_model(recording)]
-    elif len(texts) == 1 and ":" not in texts[0]:
-        name, plus, options = texts[0].partition("+")
-        texts = [f"{name}:{EVERY_LAW}{plus}{options}"]
+    named = list(models) or [f"{name}:{EVERY_LAW}" for name in every_model(recording)]
+    if len(named) == 1 and isinstance(named[0], str) and ":" not in named[0]:
+        name, plus, options = named[0].partition("+")
+        named = [f"{name}:{EVERY_LAW}{plus}{options}"]
     found: dict[str, Candidate] = {}
-    for text in texts:
-        for candidate in _candidates(text, recording):
+    for item in named:
+        for candidate in _candidates(item.strip(), recording) if isinstance(item, str) else [_candidate(item)]:
             if candidate.label in found:
                 raise JointIdError(f"candidate {candidate.label} is given twice: give it once")
             found[candidate.label] = candidate
@@ -93,11 +89,23 @@ def every_model(recording: Recording) -> tuple[str, ...]:
 _SIDES = ("link", "motor")
 
 
-def drive_of(model: str, recording: Recording) -> str | None:
-    """The recorded drive signal, for a model that can be driven by torque or by current; None for the others."""
-    if model not in MODELS or "actuation" not in {f.name for f in fields(MODELS[model])}:
-        return None
-    return "torque" if recording.measured("torque") or not recording.measured("current") else "current"
+def _candidate(model: Model | Candidate) -> Candidate:
+    """The candidate that a model stands for; the label of a model of one's own is how Python shows it."""
+    if isinstance(model, Candidate):
+        return model
+    if type(model) is not MODELS.get(model.name):
+        return Candidate(repr(model), model, ())
+    options = {f.name: getattr(model, f.name) for f in fields(model)}
+    flags = [flag for flag in FLAGS if options.get(flag)]
+    drives = [options["actuation"]] if "actuation" in options else []
+    return _labelled(model, options.get("friction", LAWS[0]), flags, drives)
+
+
+def _labelled(model: Model, law: str, flags: Sequence[str], drives: Sequence[str]) -> Candidate:
+    """A candidate with its canonical text and the arguments that build it."""
+    label = "+".join([f"{model.name}:{law}", *flags, *drives])
+    arguments = ["--model", model.name, "--friction", law, *(f"--{flag.replace('_', '-')}" for flag in flags)]
+    return Candidate(label, model, (*arguments, *(word for drive in drives for word in ("--actuation", drive))))
 
 
 def _candidates(text: str, recording: Recording) -> Iterator[Candidate]:
@@ -122,8 +130,5 @@ def _candidates(text: str, recording: Recording) -> Iterator[Candidate]:
     if drive is not None:
         options["actuation"] = drive
     for chosen in LAWS if law == EVERY_LAW else (law or LAWS[0],):
-        label = "+".join([f"{name}:{chosen}", *(f for f in FLAGS if f in extras), *drives])
-        arguments = ["--model", name, "--friction", chosen, *(f"--{f.replace('_', '-')}" for f in FLAGS if f in extras)]
-        if drives:
-            arguments += ["--actuation", drives[0]]
-        yield Candidate(label, build(name, friction=chosen, **options), tuple(arguments))
+        model = build(name, friction=chosen, **options)
+        yield _labelled(model, chosen, [f for f in FLAGS if f in extras], drives)

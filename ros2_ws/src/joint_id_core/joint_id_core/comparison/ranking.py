@@ -100,7 +100,8 @@ def _delta_bic(trial: Trial, trials: Sequence[Trial]) -> float:
 def _reason(trial: Trial, classes: list[list[Trial]], held_out: HeldOut | None) -> str:
     """Why one trial stands where it stands."""
     status = trial.estimate.status
-    text = trial.estimate.message.replace(f": {status.advice}", "")
+    found = (*trial.estimate.notes, trial.estimate.message)[0]
+    text = found[:1].lower() + found[1:].rstrip(".")
     if trial.failure:
         return trial.failure
     if not trial.describes:

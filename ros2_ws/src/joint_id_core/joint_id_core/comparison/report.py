@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from joint_id_core.comparison.compare import Comparison
+from joint_id_core.comparison.comparing import Comparison
 from joint_id_core.comparison.ranking import Row
 from joint_id_core.data.recording import Recording
-from joint_id_core.results import report
 
 
 def as_dict(comparison: Comparison) -> dict[str, Any]:
@@ -35,7 +34,7 @@ def as_dict(comparison: Comparison) -> dict[str, Any]:
                 "delta_bic": r.delta_bic,
                 "held_out": held_out,
                 "held_out_score": r.score,
-                "estimate": report.as_dict(t.estimate),
+                "estimate": t.estimate.to_dict(),
             }
         )
     return {

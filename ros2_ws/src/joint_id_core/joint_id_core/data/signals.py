@@ -98,6 +98,38 @@ CHANNELS: dict[str, Signal] = {
 }
 
 
+_KINDS = ("position", "velocity", "acceleration")  # each the time derivative of the one before
+_SIDES = {"motor": "link", "link": "motor"}  # of the gear
+
+
+def derivative_of(name: str) -> str | None:
+    """Name of a channel's time derivative: "motor_velocity" of "motor_position". None if it has none."""
+    return _beside(name, 1)
+
+
+def integral_of(name: str) -> str | None:
+    """Name of the channel that this one is the time derivative of. None if there is none."""
+    return _beside(name, -1)
+
+
+def _beside(name: str, step: int) -> str | None:
+    side, _, kind = name.rpartition("_")
+    at = _KINDS.index(kind) + step if kind in _KINDS else -1
+    return f"{side}_{_KINDS[at]}" if side and 0 <= at < len(_KINDS) else None
+
+
+def side_of(name: str) -> str | None:
+    """Side of the gear that a channel belongs to: "motor", "link" or None."""
+    side = name.partition("_")[0]
+    return side if side in _SIDES else None
+
+
+def across_gear(name: str) -> str | None:
+    """Name of the same quantity on the other side of the gear: "link_position" of "motor_position". Else None."""
+    side = side_of(name)
+    return f"{_SIDES[side]}{name.removeprefix(side)}" if side else None
+
+
 def channel(name: str, **changes: str) -> Signal:
     """Return the channel called `name`, with changed fields (e.g. `hold="first"`)."""
     return replace(CHANNELS[name], **changes)  # type: ignore[arg-type]  # only string fields are changed

@@ -1,47 +1,79 @@
-"""Estimators by name. Each takes a model and a recording and returns an `Estimate`."""
+"""Estimators: objects whose fields are their options. Each takes a model and a recording and returns an `Estimate`."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
-from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators.innovations.fit import fit_innovations
-from joint_id_core.estimators.innovations.options import InnovationsOptions
-from joint_id_core.estimators.innovations.stages import Progress
-from joint_id_core.models import Model
-from joint_id_core.results.estimate import Estimate
+from joint_id_core.estimators.hpinn.estimator import HPinn
+from joint_id_core.estimators.innovations.estimator import Innovations
+from joint_id_core.estimators.shared.settings import ParameterSettings
+from joint_id_core.options import Progress
 
 if TYPE_CHECKING:
-    from joint_id_core.estimators.hpinn.fit import HPinnOptions
+    from joint_id_core.data.recording import Recording
+    from joint_id_core.models import Model
+    from joint_id_core.results.estimate import Estimate
 
-ESTIMATORS = ("innovations", "hpinn")
+__all__ = ["DEFAULT", "ESTIMATORS", "Estimator", "HPinn", "Innovations", "ParameterSettings", "build", "fit"]
+
+
+class Estimator(Protocol):
+    """What every estimator is: a frozen dataclass of options with a name and `fit`."""
+
+    name: ClassVar[str]
+
+    def fit(
+        self,
+        model: Model,
+        recording: Recording,
+        settings: ParameterSettings | None = None,
+        progress: Progress | None = None,
+    ) -> Estimate:
+        """Fit a model to a recording."""
+
+
+ESTIMATORS: dict[str, type[Innovations] | type[HPinn]] = {kind.name: kind for kind in (Innovations, HPinn)}
+DEFAULT = Innovations()
 
 
 def fit(
     model: Model,
     recording: Recording,
-    values: Mapping[str, float] | None = None,
-    fixed: Collection[str] = (),
-    freed: Collection[str] = (),
-    estimator: str = "innovations",
+    settings: ParameterSettings | None = None,
+    estimator: Estimator = DEFAULT,
     progress: Progress | None = None,
-    options: InnovationsOptions | HPinnOptions | None = None,
 ) -> Estimate:
-    """Fit `model` to `recording` with the estimator called `estimator` and, where given, its own options.
+    """Fit a model to a recording.
+
+    Args:
+        model: from `models.build`, or of your own.
+        recording: inputs and at least one measured state.
+        settings: start values, held and freed parameters, priors; without it the model's table.
+        estimator: `Innovations()` or `HPinn()`, with options of their own.
+        progress: called with a line of text now and then.
+
+    Returns:
+        The estimate. Poor data are no exception: the status says what is wrong and what to do.
 
     Raises:
-        JointIdError: unknown estimator, options of another one, misuse of parameter names or values.
+        JointIdError: misuse of parameter names, values or options; a library that the estimator needs is missing.
     """
-    if estimator == "innovations":
-        if options is not None and not isinstance(options, InnovationsOptions):
-            raise JointIdError(f"estimator innovations takes InnovationsOptions, not {type(options).__name__}")
-        return fit_innovations(model, recording, values, fixed, freed, options, progress=progress)
-    if estimator == "hpinn":
-        from joint_id_core.estimators.hpinn.fit import HPinnOptions, fit_hpinn  # needs torch, which is optional
+    return estimator.fit(model, recording, settings, progress)
 
-        if options is not None and not isinstance(options, HPinnOptions):
-            raise JointIdError(f"estimator hpinn takes HPinnOptions, not {type(options).__name__}")
-        return fit_hpinn(model, recording, values, fixed, freed, options, progress=progress)
-    raise JointIdError(f"unknown estimator {estimator!r}: choose one of {', '.join(ESTIMATORS)}")
+
+def build(name: str, **options: object) -> Innovations | HPinn:
+    """The estimator called `name` with its options.
+
+    Raises:
+        JointIdError: unknown name, an option that this estimator does not have, a value outside its range.
+    """
+    if name not in ESTIMATORS:
+        raise JointIdError(f"unknown estimator {name!r}: choose one of {', '.join(ESTIMATORS)}")
+    known = ESTIMATORS[name].__dataclass_fields__
+    for option in options:
+        if option not in known:
+            raise JointIdError(
+                f"estimator {name} has no option {option}: leave it out, or choose from {', '.join(known)}"
+            )
+    return ESTIMATORS[name](**options)  # type: ignore[arg-type]  # checked by the dataclass itself

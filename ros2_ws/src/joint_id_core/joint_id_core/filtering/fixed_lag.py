@@ -13,7 +13,7 @@ from joint_id_core.data.recording import Array
 from joint_id_core.filtering.offline import REACH, STENCIL, FilterOptions, settling
 
 
-class Kernel:
+class FilterDesign:
     """What follows from options and period: the forward filter and the weights of the fixed lag.
 
     Attributes:
@@ -49,21 +49,21 @@ class Run:
 
     def __init__(
         self,
-        kernel: Kernel,
+        design: FilterDesign,
         inputs: tuple[str, ...],
         wanted: Mapping[str, tuple[str, ...]],
         start: float,
         columns: int,
     ) -> None:
-        self.kernel, self.inputs, self.wanted, self.start = kernel, inputs, wanted, start
+        self.design, self.inputs, self.wanted, self.start = design, inputs, wanted, start
         self.derived = frozenset(name for names in wanted.values() for name in names)
         self.bad = np.zeros(columns, dtype=bool)
         self._times: deque[float] = deque(maxlen=4)
         self._rows = np.zeros((4, columns))
         self._bad_rows = np.zeros((4, columns), dtype=bool)
-        self._width = kernel.weights.shape[1]
+        self._width = design.weights.shape[1]
         self._buffer = np.zeros((2 * self._width, columns))  # each output twice, so that the latest are contiguous
-        self._io = np.zeros((len(kernel.forward), columns))
+        self._io = np.zeros((len(design.forward), columns))
         self._outputs = np.full((4, 3 * columns), np.nan)
         self._spoilt = np.zeros(columns, dtype=np.int64)  # grid index of the last unusable input; the start is one
         self._next = 0  # grid index of the next input
@@ -77,21 +77,21 @@ class Run:
 
     def step(self) -> bool:
         """Advance by one grid point; False when the samples do not reach far enough yet."""
-        at = self.start + self._next * self.kernel.period
+        at = self.start + self._next * self.design.period
         if len(self._times) < 4 or at >= self._times[2]:
             return False
         x = _weights(at, self._times) @ self._rows
         if self._bad_rows.any():
             self._spoilt[self._bad_rows.any(axis=0)] = self._next
         if self._next == 0:
-            self._io[1:] = np.outer(self.kernel.steady, x)
+            self._io[1:] = np.outer(self.design.steady, x)
             self._buffer[:] = x
         self._io[0] = x
-        self._io = self.kernel.forward @ self._io
+        self._io = self.design.forward @ self._io
         k = self._next % self._width
         self._buffer[k] = self._buffer[k + self._width] = self._io[0]
-        result = self.kernel.weights @ self._buffer[k + 1 : k + 1 + self._width]
-        result[:, self._next - self._spoilt <= self.kernel.ahead + self.kernel.memory] = np.nan
+        result = self.design.weights @ self._buffer[k + 1 : k + 1 + self._width]
+        result[:, self._next - self._spoilt <= self.design.ahead + self.design.memory] = np.nan
         self._outputs[:3] = self._outputs[1:]
         self._outputs[3] = result.ravel()
         self._next += 1
@@ -99,15 +99,15 @@ class Run:
 
     def ready(self, time: float) -> bool:
         """Whether the outputs reach two grid points beyond an instant."""
-        return self._first(time) + 3 <= self._next - 1 - self.kernel.ahead
+        return self._first(time) + 3 <= self._next - 1 - self.design.ahead
 
     def at(self, time: float) -> Array:
         """Value, first and second derivative at an instant that has just become ready, shape (3, columns)."""
-        nodes = [self.start + (self._next - 4 - self.kernel.ahead + k) * self.kernel.period for k in range(4)]
+        nodes = [self.start + (self._next - 4 - self.design.ahead + k) * self.design.period for k in range(4)]
         return (_weights(time, nodes) @ self._outputs).reshape(3, -1)
 
     def _first(self, time: float) -> int:
-        return max(int((time - self.start) / self.kernel.period) - 1, 0)
+        return max(int((time - self.start) / self.design.period) - 1, 0)
 
 
 def _weights(at: float, nodes: deque[float] | list[float]) -> Array:

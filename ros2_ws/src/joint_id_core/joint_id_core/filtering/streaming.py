@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError
-from joint_id_core.filtering.fixed_lag import Kernel, Run
+from joint_id_core.filtering.fixed_lag import FilterDesign, Run
 from joint_id_core.filtering.offline import FilterOptions, derivatives
 
 _STAMPS = 50  # stamps from which the period is taken when it is not given
@@ -59,7 +59,7 @@ class StreamingFilter:
         self._shape: dict[str, int] = {}
         self._last = -np.inf
         self._waiting: deque[tuple[float, dict[str, Array]]] = deque()
-        self._kernel: Kernel | None = None
+        self._design: FilterDesign | None = None
         self._run: Run | None = None
         if period is not None:
             self._set_period(period)
@@ -70,7 +70,7 @@ class StreamingFilter:
 
         Jitter, holes and the first sample after a start may cost a period more.
         """
-        return (self._kernel.ahead + 4) * self.period + self._kernel.delay if self._kernel else float("nan")
+        return (self._design.ahead + 4) * self.period + self._design.delay if self._design else float("nan")
 
     def push(self, time: float, channels: Mapping[str, ArrayLike]) -> list[FilteredSample]:
         """Take one sample, each channel a number or an array (joints,), and return those that became complete."""
@@ -94,7 +94,7 @@ class StreamingFilter:
             done = self._abandon()
         self._shape, self._last = shape, time
         self._waiting.append((time, values))
-        if self._kernel is None:
+        if self._design is None:
             return done + self._learn_period()
         return done + self._advance(time, values)
 
@@ -119,16 +119,16 @@ class StreamingFilter:
         return [done for time, values in samples for done in self.push(time, values)]
 
     def _set_period(self, period: float) -> None:
-        self._kernel = Kernel(self.options, period)
+        self._design = FilterDesign(self.options, period)
         self.period = period
 
     def _advance(self, time: float, values: dict[str, Array]) -> list[FilteredSample]:
         """Filter a sample and give out those whose lag has passed."""
-        assert self._kernel is not None
+        assert self._design is not None
         if self._run is None:
             wanted = derivatives(tuple(values))
             inputs = tuple(values) if self.options.causal else tuple(wanted)
-            self._run = Run(self._kernel, inputs, wanted, time, sum(self._shape[name] for name in inputs))
+            self._run = Run(self._design, inputs, wanted, time, sum(self._shape[name] for name in inputs))
         run = self._run
         row = np.concatenate([values[name] for name in run.inputs]) if run.inputs else np.zeros(0)
         bad = ~np.isfinite(row)
@@ -145,7 +145,7 @@ class StreamingFilter:
 
     def _finish(self, time: float, values: dict[str, Array], run: Run) -> FilteredSample:
         """One sample with its derived channels."""
-        assert self._kernel is not None
+        assert self._design is not None
         results, first = run.at(time), 0
         channels = dict(values)
         for name in run.inputs:
@@ -155,7 +155,7 @@ class StreamingFilter:
                 channels[name] = rows[0]
             for k, derivative in enumerate(run.wanted.get(name, ()), 1):
                 channels[derivative] = rows[k]
-        return FilteredSample(time - self._kernel.delay, channels, run.derived)
+        return FilteredSample(time - self._design.delay, channels, run.derived)
 
     def _abandon(self) -> list[FilteredSample]:
         """Start anew. Samples still in the lag come out without derived values (not at all with `causal`)."""

@@ -15,7 +15,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.formats import csv_file, mat_file
 from joint_id_core.formats.csv_file import write_csv
 
-__all__ = ["contents", "joints", "read", "write_bag", "write_csv"]
+__all__ = ["contents", "joints", "read", "write", "write_bag", "write_csv"]
 
 
 def read(path: str | Path, joint: str | None = None, mapping: Mapping[str, str] | None = None) -> Recording:
@@ -65,6 +65,18 @@ def contents(path: str | Path) -> tuple[str, ...]:
     if kind == "csv":
         return csv_file.columns(path)
     return mat_file.variables(path) if kind == "mat" else _bags().topics(path)
+
+
+def write(path: str | Path, recording: Recording) -> None:
+    """Write a recording: as CSV if the path ends in .csv, else as a bag directory.
+
+    Raises:
+        JointIdError: the path exists or cannot be written; of a bag, rosbags is not installed.
+    """
+    if Path(path).suffix.lower() == ".csv":
+        write_csv(path, recording)
+    else:
+        write_bag(path, {recording.joint or "joint": recording})
 
 
 def write_bag(path: str | Path, recordings: Mapping[str, Recording], storage: str = "mcap") -> None:

@@ -64,10 +64,55 @@ class Model:
         """By state, the parameters whose sum in s is how late its sensor is; states not named are shown at once."""
         return {}
 
+    @cached_property
+    def drive(self) -> str | None:
+        """The input that drives the joint: torque, current or voltage; None if there is none of them."""
+        return next((name for name in ("torque", "current", "voltage") if name in self.input_names), None)
+
+    @property
+    def torque_drive(self) -> str | None:
+        """The drive if it is a torque or the current that makes one; None if it is a voltage, or nothing."""
+        return self.drive if self.drive != "voltage" else None
+
+    @property
+    def load(self) -> str | None:
+        """The input that is a torque on the link, None if there is none."""
+        return "external_torque" if "external_torque" in self.input_names else None
+
+    def torque_constant(self, values: Mapping[str, float]) -> float:
+        """Motor torque in Nm for one unit of the `torque_drive`."""
+        return values["k_t"] if self.torque_drive == "current" else 1.0
+
+    def gear_ratio(self, values: Mapping[str, float]) -> float:
+        """Turns of the motor for one of the link, 1 without a gear."""
+        return values.get("N", 1.0)
+
+    @property
+    def has_gravity(self) -> bool:
+        """Whether the model has a load that goes with the angle of the link."""
+        return "a_g" in self.parameter_names
+
+    @property
+    def has_torque_offset(self) -> bool:
+        """Whether the model has a constant torque."""
+        return "tau_0" in self.parameter_names
+
+    @property
+    def cubic_stiffness(self) -> str | None:
+        """Parameter that makes the spring of the gear stiffer under load; None without such a spring."""
+        return "k_2" if "k_2" in self.parameter_names else None
+
+    def twist_under(self, drive: float, velocity: float, acceleration: float, p: Any) -> float:
+        """Twist of the gear in rad, seen at the link, that balances the `torque_drive`; 0 for a rigid one.
+
+        `velocity` in rad/s and `acceleration` in rad/s^2 are those of the motor; `p` has one attribute a parameter.
+        """
+        return 0.0
+
     @property
     def optional_inputs(self) -> frozenset[str]:
         """Inputs that are zero when the recording does not have them."""
-        return frozenset({"external_torque"})
+        return frozenset({self.load} if self.load else ())
 
     @cached_property
     def state_names(self) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from joint_id_core.models.friction import Friction
 from joint_id_core.models.transmission import (
     LABEL_DELAYS,
     Actuation,
+    balanced_twist,
     delay_parameters,
     drive_parameters,
     drive_signal,
@@ -107,6 +108,10 @@ class HarmonicDrive(Model):
     @property
     def label_delays(self) -> dict[str, tuple[str, ...]]:
         return LABEL_DELAYS if self.delays else {}
+
+    def twist_under(self, drive: float, velocity: float, acceleration: float, p: Any) -> float:
+        torque = drive_torque(self.actuation, drive, p) - (p.tau_0 if self.offsets else 0.0)
+        return balanced_twist(torque, velocity, acceleration, p)
 
     def derivative(self, x: Sequence[Any], u: Sequence[Any], p: Any, ops: Ops) -> tuple[Any, ...]:
         theta_m, q, w_m, w_q = x

@@ -14,6 +14,7 @@ from joint_id_core.models.harmonic_drive import motor_friction
 from joint_id_core.models.transmission import (
     LABEL_DELAYS,
     Actuation,
+    balanced_twist,
     delay_parameters,
     drive_parameters,
     drive_signal,
@@ -86,6 +87,9 @@ class MotorSide(Model):
             *(kinematic_error_parameters() if self.kinematic_error else ()),
             *(delay_parameters() if self.delays else ()),
         )
+
+    def twist_under(self, drive: float, velocity: float, acceleration: float, p: Any) -> float:
+        return balanced_twist(drive_torque(self.actuation, drive, p) - p.tau_0, velocity, acceleration, p)
 
     def derivative(self, x: Sequence[Any], u: Sequence[Any], p: Any, ops: Ops) -> tuple[Any, ...]:
         theta_m, w_m = x

@@ -49,6 +49,20 @@ def spring_torque(twist: Any, twist_rate: Any, p: Any) -> Any:
     return p.c_1 * twist_rate + p.k_1 * twist + p.k_2 * twist * twist * twist
 
 
+def balanced_twist(torque: float, velocity: float, acceleration: float, p: Any) -> float:
+    """Twist in rad at which the spring takes up what of a motor torque in Nm neither friction nor inertia do."""
+    torque -= p.c_m * velocity + p.tau_fm * math.tanh(velocity)
+    torque -= p.J_m * acceleration
+    load = abs(p.N * torque)
+    # monotone, and convex for either sign: Newton's method from the larger of two bounds goes down to the root
+    twist = load / max(p.k_1, 1e-12)
+    if p.k_2 > 0.0:
+        twist = min(twist, (load / p.k_2) ** (1 / 3))
+    for _ in range(20):
+        twist -= (p.k_1 * twist + p.k_2 * twist**3 - load) / max(p.k_1 + 3.0 * p.k_2 * twist * twist, 1e-12)
+    return math.copysign(twist, torque)
+
+
 def kinematic_error_parameters() -> tuple[Parameter, ...]:
     """Two-per-turn kinematic error theta_ke = a_ke sin(2 theta_m + phi_ke), in rad at the link."""
     return (

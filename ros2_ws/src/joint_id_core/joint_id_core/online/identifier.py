@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from joint_id_core import estimators
 from joint_id_core.data.recording import Recording
-from joint_id_core.errors import JointIdError
+from joint_id_core.estimators import DEFAULT, Estimator
 from joint_id_core.estimators.innovations.belief import Belief, Coordinates
+from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.innovations.fit import fit_innovations
-from joint_id_core.estimators.innovations.options import InnovationsOptions
-from joint_id_core.estimators.shared.fit_data import split_parameters
+from joint_id_core.estimators.shared.sentences import message
+from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.online.extension import extend
 from joint_id_core.online.window import SlidingWindow
@@ -25,6 +24,7 @@ from joint_id_core.results.estimate import Estimate, Status
 SURPRISE = 2.0
 # Ends of a fit with the memory that a wrong memory may have brought about.
 UNEXPLAINED = (Status.POOR_FIT, Status.MAX_ITERATIONS, Status.DIVERGED)
+CHANGED = "The joint has changed: older windows are forgotten."
 WARM_UP = 100  # samples before the new ones that show the state of the joint
 
 
@@ -56,32 +56,25 @@ class OnlineIdentifier:
 
     Args:
         model: model of the joint.
-        values, fixed, freed: as in `estimators.fit`.
+        settings: as in `estimators.fit`.
         options: window, hop, memory.
-        estimator: "innovations", or another of `estimators.ESTIMATORS`, which then fits every window afresh.
-        fit_options: of the innovations estimator.
+        estimator: `Innovations`, or another one, which then fits every window by itself, without memory.
 
     Raises:
-        JointIdError: unknown estimator, parameter names, values or priors.
+        JointIdError: unknown parameter names, wrong values or priors.
     """
 
     def __init__(
         self,
         model: Model,
-        values: Mapping[str, float] | None = None,
-        fixed: Collection[str] = (),
+        settings: ParameterSettings | None = None,
         options: OnlineOptions | None = None,
-        estimator: str = "innovations",
-        freed: Collection[str] = (),
-        fit_options: InnovationsOptions | None = None,
+        estimator: Estimator = DEFAULT,
     ) -> None:
-        if estimator not in estimators.ESTIMATORS:
-            raise JointIdError(f"unknown estimator {estimator!r}: choose one of {', '.join(estimators.ESTIMATORS)}")
-        _, free = split_parameters(model, values or {}, fixed, freed)
+        self.settings = settings or ParameterSettings()
+        _, free = self.settings.applied_to(model)
         self.model, self.options, self.estimator = model, options or OnlineOptions(), estimator
-        self._fit_options = fit_options or InnovationsOptions()
-        self._coordinates = Coordinates(model, free, self._fit_options.known(model, free))
-        self._values, self._fixed, self._freed = dict(values or {}), tuple(fixed), tuple(freed)
+        self._coordinates = Coordinates(model, free, self.settings.priors)
         self._window = SlidingWindow(self.options.window_s)
         self._next_fit = -np.inf
         self._last: Estimate | None = None
@@ -114,13 +107,13 @@ class OnlineIdentifier:
         That is once a window's length, or where the new samples do not agree with the last estimate.
         """
         last, options = self._last, self.options
-        if last is None or not options.memory_s or not self._window.end - options.window_s < self._fitted:
+        if not isinstance(self.estimator, Innovations) or last is None or not options.memory_s:
+            return None
+        if not self._window.end - options.window_s < self._fitted:
             return None
         recording = self._window.recording(last.end - WARM_UP * (last.end - last.start) / last.samples)
         inflation = float(np.exp((self._window.end - last.end) / options.memory_s))
-        estimate = extend(
-            self.model, last, recording, self._values, self._fixed, self._freed, self._fit_options, inflation
-        )
+        estimate = extend(self.model, last, recording, self.settings, self.estimator, inflation)
         if estimate is not None:
             self._last = estimate
             self._past.append(estimate)
@@ -128,23 +121,20 @@ class OnlineIdentifier:
 
     def _fit(self, recording: Recording) -> Estimate:
         self._fitted = -np.inf
-        if self.estimator != "innovations":
-            return estimators.fit(
-                self.model, recording, self._values, self._fixed, self._freed, estimator=self.estimator
-            )
+        if not isinstance(self.estimator, Innovations):
+            return self.estimator.fit(self.model, recording, self.settings)
         estimate = fit_innovations(
-            self.model, recording, self._values, self._fixed, self._freed, self._fit_options,
+            self.model, recording, self.settings, self.estimator,
             belief=self._belief(float(recording.time[0])), previous=self._last,
         )  # fmt: skip
         noisy = self._last is not None and self._drive_noise(estimate) > SURPRISE * self._drive_noise(self._last)
         if self._last is not None and (noisy or estimate.status in UNEXPLAINED):
-            alone = fit_innovations(self.model, recording, self._values, self._fixed, self._freed, self._fit_options)
+            alone = fit_innovations(self.model, recording, self.settings, self.estimator)
             better = not estimate.converged or SURPRISE * self._drive_noise(alone) < self._drive_noise(estimate)
             if alone.converged and better:
                 self._past.clear()
-                estimate = replace(
-                    alone, message=f"{alone.message}; the joint has changed: older windows are forgotten"
-                )
+                notes = (alone.notes[0], CHANGED, *alone.notes[1:])
+                estimate = replace(alone, message=message(notes), notes=notes)
         if estimate.converged:
             self._last, self._fitted = estimate, estimate.end
             self._past.append(estimate)

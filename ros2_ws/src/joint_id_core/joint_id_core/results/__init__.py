@@ -1,1 +1,6 @@
 """What an estimator returns, for programs and for people."""
+
+from joint_id_core.results.estimate import Estimate as Estimate
+from joint_id_core.results.estimate import ParameterEstimate as ParameterEstimate
+from joint_id_core.results.estimate import Status as Status
+from joint_id_core.results.estimate import Verdict as Verdict

@@ -1,14 +1,17 @@
-"""The result of an estimation: values, covariance, verdicts, fit, and the report made of them."""
+"""The result of an estimation: values, covariance, verdicts, fit."""
 
 from __future__ import annotations
 
 import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from joint_id_core.data.recording import Array
+from joint_id_core.errors import JointIdError
 
 # Posterior over prior standard deviation: above the first the data taught next to nothing, above the second
 # less than half of what is needed to call the parameter estimated.
@@ -91,12 +94,26 @@ class Checks:
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """What an estimator returns.
+class Predictions:
+    """Labels as they were measured and as the fit predicts them, over the samples that were fitted.
 
     Attributes:
-        model: registry name of the model.
-        estimator: name of the estimator.
+        time: instants in s, shape (T,).
+        measured, predicted: by signal, shape (T,), in the signal's unit; `measured` is NaN where nothing was measured.
+    """
+
+    time: Array
+    measured: Mapping[str, Array]
+    predicted: Mapping[str, Array]
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Estimate:
+    """What an estimator returns. `print` shows it as a table; `save` and `load` keep it as JSON.
+
+    Attributes:
+        model: name of the model; model_options: the options it was built with (`models.build`).
+        estimator: name of the estimator; cell: the integrator of its model, "rk4" or "implicit".
         status, message: how it ended and, in words, what to know.
         parameters: all parameters of the model in its order, fixed ones included.
         free: names of the estimated parameters, in the order of `covariance`.
@@ -109,10 +126,12 @@ class Estimate:
             has no likelihood); observations: how many label values it covers.
         substeps: RK4 steps a sample.
         iterations, elapsed_s: cost of the fit.
-        start, end: first and last instant of the data in s.
+        start, end: first and last instant of the data in s, counted from `origin` (see `Recording`).
         samples: number of samples used.
-        predictions: by signal, the predicted labels, shape (T,), for plots; None for messages.
+        source, joint: where the data came from, as in `Recording`.
+        predictions: measured and predicted labels; None where none were made or kept.
         checks: what tests of this fit found, or of the one that this estimate extends.
+        notes: all that was found, in sentences, the most useful first; `message` holds the first ones.
     """
 
     model: str
@@ -134,8 +153,14 @@ class Estimate:
     start: float = float("nan")
     end: float = float("nan")
     samples: int = 0
-    predictions: Mapping[str, Array] | None = None
+    origin: int = 0
+    source: str = ""
+    joint: str = ""
+    model_options: Mapping[str, Any] = field(default_factory=dict)
+    cell: str = "rk4"
+    predictions: Predictions | None = None
     checks: Checks | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def converged(self) -> bool:
@@ -148,4 +173,84 @@ class Estimate:
         return {p.name: p.value for p in self.parameters}
 
     def __getitem__(self, name: str) -> ParameterEstimate:
-        return next(p for p in self.parameters if p.name == name)
+        """The estimate of one parameter.
+
+        Raises:
+            JointIdError: the model has no such parameter.
+        """
+        for row in self.parameters:
+            if row.name == name:
+                return row
+        raise JointIdError(f"model {self.model} has no parameter {name!r}: it has {', '.join(self.values)}")
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the other estimate holds the same; predictions, which are not saved, apart."""
+        return isinstance(other, Estimate) and self.to_dict() == other.to_dict()
+
+    __hash__ = object.__hash__
+
+    def __repr__(self) -> str:
+        """One line: what was fitted, how it ended, and what was found."""
+        from joint_id_core.results.report import one_line
+
+        return one_line(self)
+
+    def __str__(self) -> str:
+        """The table of the report."""
+        from joint_id_core.results.report import table
+
+        return table(self)
+
+    def _repr_html_(self) -> str:
+        """The table of a notebook."""
+        from joint_id_core.results.html import table
+
+        return table(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The estimate as plain JSON types: all but `predictions`. See `results.estimate_json`."""
+        from joint_id_core.results.estimate_json import to_dict
+
+        return to_dict(self)
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> Estimate:
+        """The estimate that `to_dict` wrote.
+
+        Raises:
+            JointIdError: the content is no estimate, of a later version, or incomplete.
+        """
+        from joint_id_core.results.estimate_json import from_dict
+
+        return from_dict(content)
+
+    def save(self, path: str | Path) -> None:
+        """Write the estimate as a JSON file; an older file of that name is replaced only by a whole new one.
+
+        Raises:
+            JointIdError: the file cannot be written.
+        """
+        from joint_id_core.results.estimate_json import save
+
+        save(self, Path(path))
+
+    @classmethod
+    def load(cls, path: str | Path) -> Estimate:
+        """Read the file that `save` wrote.
+
+        Raises:
+            JointIdError: the file cannot be read or holds no estimate.
+        """
+        from joint_id_core.results.estimate_json import load
+
+        return load(Path(path))
+
+    def plot(self, path: str | Path) -> None:
+        """Save a picture of measured and predicted labels; its ending chooses the format. Needs matplotlib.
+
+        Raises:
+            JointIdError: matplotlib is missing, there are no predictions, or the file cannot be written.
+        """
+        from joint_id_core.results.plot import save
+
+        save(Path(path), self)

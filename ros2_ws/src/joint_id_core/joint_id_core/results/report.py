@@ -1,59 +1,29 @@
-"""An estimate for people (a table) and for machines (a dictionary)."""
+"""An estimate for people: a table, and one line."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
 from joint_id_core.results.estimate import STRONG_CORRELATION, Estimate, ParameterEstimate, Verdict
 
 
-def as_dict(estimate: Estimate) -> dict[str, Any]:
-    """The estimate as plain JSON types; NaN becomes None."""
-    rows = [
-        {
-            "name": p.name,
-            "unit": p.unit,
-            "value": _number(p.value),
-            "std_dev": _number(p.std_dev),
-            "verdict": p.verdict.value,
-            "reason": p.reason,
-        }
-        for p in estimate.parameters
-    ]
-    signals = [
-        {"signal": name, "nrmse": _number(v), "noise_std_dev": _number(estimate.noise.get(name, math.nan))}
-        for name, v in estimate.nrmse.items()
-    ]
-    return {
-        "model": estimate.model,
-        "estimator": estimate.estimator,
-        "status": estimate.status.value,
-        "message": estimate.message,
-        "parameters": rows,
-        "free": list(estimate.free),
-        "covariance": np.asarray(estimate.covariance).tolist(),
-        "fit": signals,
-        "noise": {name: _number(v) for name, v in estimate.noise.items()},
-        "chi2": _number(estimate.chi2),
-        "whiteness": {name: _number(v) for name, v in estimate.whiteness.items()},
-        "substeps": estimate.substeps,
-        "iterations": estimate.iterations,
-        "samples": estimate.samples,
-        "start_s": _number(estimate.start),
-        "end_s": _number(estimate.end),
-        "elapsed_s": estimate.elapsed_s,
-    }
+def one_line(estimate: Estimate) -> str:
+    """What was fitted, how it ended, and what was found, in one line."""
+    found = [p for p in estimate.parameters if p.verdict is Verdict.ESTIMATED]
+    values = "".join(f", {p.name}={p.value:.4g}±{p.std_dev:.1g}" for p in found)
+    return f"<Estimate {estimate.model} by {estimate.estimator}: {estimate.status.value}{values}>"
 
 
 def table(estimate: Estimate) -> str:
     """The estimate as lines of text: values, standard deviations, verdicts, fit, strong correlations."""
     head = f"{estimate.model} by {estimate.estimator}: {estimate.status.value}"
-    lines = [head, f"  {estimate.message}", ""]
-    lines.append(f"  {'parameter':<10}{'value':>13}  {'std dev':>10}  {'':>8}  {'unit':<11}{'verdict':<12}start")
-    lines += [_row(p) for p in estimate.parameters]
+    also = [f"    {note}" for note in estimate.notes if note not in estimate.message]
+    lines = [head, f"  {estimate.message}", *(["  also:", *also] if also else []), ""]
+    width = max([11, *(len(p.unit) + 1 for p in estimate.parameters)])
+    lines.append(f"  {'parameter':<10}{'value':>13}  {'std dev':>10}  {'':>8}  {'unit':<{width}}{'verdict':<12}start")
+    lines += [_row(p, width) for p in estimate.parameters]
     doubtful = [p for p in estimate.parameters if p.verdict not in (Verdict.ESTIMATED, Verdict.FIXED) and p.reason]
     lines += ["", *(f"  {p.name}: {p.reason}" for p in doubtful)] if doubtful else []
     if estimate.nrmse:
@@ -88,13 +58,11 @@ def correlations(estimate: Estimate, threshold: float = STRONG_CORRELATION) -> l
     return sorted(found, key=lambda pair: -abs(pair[2]))
 
 
-def _row(p: ParameterEstimate) -> str:
+def _row(p: ParameterEstimate, width: int) -> str:
     value = f"{p.value:>13.6g}"
     if p.verdict is Verdict.FIXED:
-        return f"  {p.name:<10}{value}  {'':>10}  {'':>8}  {p.unit:<11}{p.verdict.value}"
+        return f"  {p.name:<10}{value}  {'':>10}  {'':>8}  {p.unit:<{width}}{p.verdict.value}"
     share = f"({100 * p.std_dev / abs(p.value):.2g} %)" if p.value and math.isfinite(p.std_dev) else ""
-    return f"  {p.name:<10}{value}  {p.std_dev:>10.2g}  {share:>8}  {p.unit:<11}{p.verdict.value:<12}{p.initial:.4g}"
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
+    return (
+        f"  {p.name:<10}{value}  {p.std_dev:>10.2g}  {share:>8}  {p.unit:<{width}}{p.verdict.value:<12}{p.initial:.4g}"
+    )

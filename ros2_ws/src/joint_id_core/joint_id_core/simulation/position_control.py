@@ -68,7 +68,7 @@ class ControlledJoint:
         torque_noise: float = 0.0,
         seed: int = 0,
     ) -> None:
-        drive = next((n for n in ("torque", "current") if n in model.input_names), None)
+        drive = model.torque_drive
         if drive is None or "link_position" not in model.state_names:
             raise JointIdError(
                 f"model {model.name} cannot be position controlled: it needs a link position as a state and "
@@ -78,8 +78,8 @@ class ControlledJoint:
             raise JointIdError(f"torque_noise = {torque_noise} Nm: must not be negative")
         self._controller, self._reference = controller, reference
         p = model.values(values)
-        self._n = p["N"]
-        self._drive, self._k_t = drive, p.get("k_t", 1.0)
+        self._n = model.gear_ratio(p)
+        self._drive, self._k_t = drive, model.torque_constant(p)
         self._noise, self._rng = torque_noise, np.random.default_rng(seed)
         if x0 is None:
             q = float(reference.value(0.0))
@@ -130,6 +130,6 @@ def simulate_closed_loop(
         state = loop.joint.state
         rows.append({**state, **loop.tick(dt)})
     channels = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    if "external_torque" in model.input_names:
-        channels["external_torque"] = np.zeros(len(grid))
+    if model.load is not None:
+        channels[model.load] = np.zeros(len(grid))
     return Recording(grid.time, channels, source=grid.source)

@@ -7,10 +7,8 @@ from collections import Counter
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from joint_id_core.alignment.joining import StampOrder
-from joint_id_core.comparison.model_text import DRIVES, drive_of
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators.innovations.options import InnovationsOptions
 from joint_id_core.formats.topics import SAMPLES
 from joint_id_core.online.identifier import OnlineIdentifier, OnlineOptions
 from joint_id_core.results.estimate import Estimate
@@ -18,7 +16,7 @@ from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples
 from joint_id_ros import conversions as convert
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.lifecycle import ManagedNode
-from joint_id_ros.options.identifier import ModelOptions
+from joint_id_ros.options.identifier import IdentifierOptions
 from joint_id_ros.parameters import read
 from joint_id_ros.qos import LATEST
 from joint_id_ros.streams import Streams
@@ -31,8 +29,8 @@ class IdentifierNode(ManagedNode):
     """Fits the model of every joint over sliding windows in a thread and publishes all joints' latest estimates."""
 
     def __init__(self) -> None:
-        super().__init__("identifier", ModelOptions, OnlineOptions)
-        self._model_options = ModelOptions()
+        super().__init__("identifier", IdentifierOptions, OnlineOptions)
+        self._model_options = IdentifierOptions()
         self._online_options = OnlineOptions()
         self._worker: Worker | None = None
         self._streams: Streams | None = None
@@ -48,23 +46,20 @@ class IdentifierNode(ManagedNode):
     def _begin_joint(self, joint: str, samples: Recording) -> OnlineIdentifier:
         """The identifier of a joint whose first samples are these."""
         options = self._model_options
-        return self._make(joint, options.actuation or drive_of(options.model, samples) or DRIVES[0])
+        return self._make(joint, options.drive_in(samples))
 
     def _make(self, joint: str, drive: str) -> OnlineIdentifier:
         options = self._model_options
         return OnlineIdentifier(
             options.build(drive),
-            options.values(joint),
-            options.fixed(joint),
+            options.settings(joint),
             self._online_options,
-            options.estimator,
-            options.freed(joint),
-            InnovationsOptions(cell=options.cell, priors=options.priors),
+            options.solver,
         )
 
     def prepare(self) -> None:
         """Read the parameters and check all of them by building the identifiers."""
-        self._model_options = read(self, ModelOptions)
+        self._model_options = read(self, IdentifierOptions)
         self._online_options = read(self, OnlineOptions)
         for joint in self._model_options.expected or ("",):
             try:

@@ -2,48 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
-from joint_id_core.cell.kernel import CELLS
-from joint_id_core.comparison.model_text import DRIVES, FLAGS
+from joint_id_core.assignments import numbers_by_name
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators import ESTIMATORS
-from joint_id_core.estimators.innovations.options import InnovationsOptions
-from joint_id_core.models import LAWS, MODELS, Model, build
+from joint_id_core.estimators import ESTIMATORS, Estimator, Innovations, ParameterSettings
+from joint_id_core.estimators import build as build_estimator
+from joint_id_core.models.options import ModelOptions
 from joint_id_core.models.per_joint import Entry, parse
-from joint_id_core.options import check, option
+from joint_id_core.options import option, same_option
 
 
 @dataclass(frozen=True)
-class ModelOptions:
+class IdentifierOptions(ModelOptions):
     """What is identified, and how.
 
     What `set`, `fix` and `free` say of one joint wins over what they say of all.
 
     Raises:
         JointIdError: a value outside its choices, a text of another form, a joint that is not among `joints`,
-            a parameter that is spoken of twice.
+            a parameter that is spoken of twice, an option that the estimator does not have.
     """
 
-    model: str = option("electromechanical", "joint model", choices=tuple(MODELS))
     joints: tuple[str, ...] = option((), "joints to identify; none: every joint that is seen")
-    estimator: str = option("innovations", "estimation method", choices=tuple(ESTIMATORS))
-    actuation: str = option(
-        "",
-        "what drives the joint; empty: the torque if it is measured, else the current (as joint-id fit)",
-        choices=("", *DRIVES),
-    )
-    friction: str = option(LAWS[0], "friction law", choices=LAWS)
-    gravity: bool = option(False, "whether the joint carries gravity torque a_g cos(q) + b_g sin(q)")
-    kinematic_error: bool = option(False, "whether the gear's kinematic error is modelled")
-    delays: bool = option(False, "whether sensors may be late: adds delta_p and delta_q")
-    offsets: bool = option(False, "whether torque and twist have offsets: adds tau_0 and dtheta_0")
-    cell: str = option(
-        InnovationsOptions.cell, "integrator of the innovations estimator; implicit for stiff joints", choices=CELLS
-    )
+    estimator: str = option(Innovations.name, "estimation method", choices=tuple(ESTIMATORS))
+    cell: str = same_option(Innovations, "cell")
     priors: str = option(
-        InnovationsOptions.priors,
-        "standard deviations known before any data, NAME=SD separated by commas; relative for positive parameters",
+        "", "standard deviations known before any data, NAME=SD separated by commas; relative for positive parameters"
     )
     set: tuple[str, ...] = option(
         (), 'start values, and values of fixed parameters, as "NAME=VALUE", or for one joint "JOINT.NAME=VALUE"'
@@ -57,11 +42,8 @@ class ModelOptions:
     autostart: bool = option(True, "configure and activate at start, without a lifecycle manager")
 
     def __post_init__(self) -> None:
-        check(self)
-        if self.estimator != "innovations" and (self.cell, self.priors) != (
-            InnovationsOptions.cell,
-            InnovationsOptions.priors,
-        ):
+        super().__post_init__()
+        if self.estimator != Innovations.name and (self.cell, self.priors) != (Innovations.cell, ""):
             raise JointIdError(
                 f"cell and priors are for the innovations estimator: leave them out with {self.estimator}"
             )
@@ -81,21 +63,18 @@ class ModelOptions:
             seen.append((entry.joint, entry.name))
 
     @property
-    def drives(self) -> tuple[str, ...]:
-        """What may drive the model: the actuation that is given, or each there is."""
-        return (self.actuation,) if self.actuation else DRIVES
+    def solver(self) -> Estimator:
+        """The estimator with its options."""
+        return build_estimator(self.estimator, **({"cell": self.cell} if self.estimator == Innovations.name else {}))
 
-    def build(self, drive: str) -> Model:
-        """The model with what drives it, where it has such an input; an option that it lacks may stay at its default.
+    def settings(self, joint: str) -> ParameterSettings:
+        """What is said of the parameters of a joint.
 
         Raises:
-            JointIdError: an option that the model does not have.
+            JointIdError: priors of another form, or not above zero.
         """
-        own = {f.name for f in fields(MODELS[self.model])}
-        defaults = {f.name: f.default for f in fields(self)}
-        given = {n: getattr(self, n) for n in ("actuation", "friction", *FLAGS)}
-        chosen = {n: v for n, v in given.items() if n in own or v != defaults[n]}
-        return build(self.model, **{**chosen, **({"actuation": drive} if "actuation" in own else {})})
+        priors = numbers_by_name(filter(None, map(str.strip, self.priors.split(","))), "parameter priors")
+        return ParameterSettings(self.values(joint), self.fixed(joint), self.freed(joint), priors)
 
     @property
     def expected(self) -> tuple[str, ...]:

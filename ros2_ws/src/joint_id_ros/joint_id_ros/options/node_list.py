@@ -8,14 +8,14 @@ from joint_id_core.online.identifier import OnlineOptions
 from joint_id_core.rtde.stream import StreamOptions
 from joint_id_core.simulation.plants import MotionOptions
 from joint_id_ros.options.driver import DriverOptions
-from joint_id_ros.options.identifier import ModelOptions
+from joint_id_ros.options.identifier import IdentifierOptions
 from joint_id_ros.options.player import PlayerOptions
 from joint_id_ros.options.sim import SimOptions
 
 NODES: dict[str, tuple[type, ...]] = {
     "sim": (SimOptions, MotionOptions),
     "filter": (InputOptions, FilterOptions),
-    "identifier": (ModelOptions, OnlineOptions),
+    "identifier": (IdentifierOptions, OnlineOptions),
     "player": (PlayerOptions,),
     "driver": (DriverOptions, StreamOptions),
 }

@@ -7,28 +7,25 @@ reach 8. Modes that die out within a fraction of the step are damped, however fa
 |lambda h| = 2.78. Every stage is solved by Newton's method, and the sensitivities are the exact derivatives of the
 solved stages, by the implicit function theorem with the same matrix.
 
-As `loops.simulate`, this module is never called: `cell.kernel` puts its text behind the generated functions of a
-model, the last function once for each number of columns, written COLUMNS here. Rows of the work space V after the NX
-of W: the slopes D of the six stages, then the argument of the one that is being made.
+Compiled as `loops.simulate`. Rows of the work space V after the NX of W: the slopes D of the six stages, then the
+argument of the one that is being made.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
+
+from joint_id_core.cell.loops.arrays import Indices, Matrix, Vector
 
 NX: int
 NU: int
 NP: int
-COLUMNS: int
 inputs: Callable[..., None]
 slope: Callable[..., None]
 jacobian: Callable[..., None]
 linearise: Callable[..., None]
-
-# --- compiled from here ---
 
 GAMMA = 0.25
 STAGES = (
@@ -46,7 +43,7 @@ EXACT = 1e-11  # relative change of a slope at which a stage is solved
 AS_EXACT_AS_CAN_BE = 1e-7  # change from which a step that brings nothing more is rounding, not failure
 
 
-def factor(M: Any, order: Any) -> None:
+def factor(M: Matrix, order: Indices) -> None:
     """LU decomposition of M (n, n) in place, with partial pivoting: row i of the result is row order[i] of M."""
     size = len(M)
     for i in range(size):
@@ -66,7 +63,7 @@ def factor(M: Any, order: Any) -> None:
                 M[i, j] -= M[i, k] * M[k, j]
 
 
-def solve(M: Any, order: Any, r: Any, out: Any) -> None:
+def solve(M: Matrix, order: Indices, r: Vector, out: Vector) -> None:
     """Solve with the factors of M; r and out (n) are not the same array."""
     size = len(M)
     for i in range(size):
@@ -81,7 +78,7 @@ def solve(M: Any, order: Any, r: Any, out: Any) -> None:
         out[i] = total / M[i, i]
 
 
-def matrix(y: Any, hg: float, u: Any, c: Any, M: Any, order: Any) -> None:
+def matrix(y: Vector, hg: float, u: Vector, c: Vector, M: Matrix, order: Indices) -> None:
     """Factors of 1 - hg df/dx at y."""
     jacobian(y, u, c, M)
     for i in range(len(M)):
@@ -91,7 +88,9 @@ def matrix(y: Any, hg: float, u: Any, c: Any, M: Any, order: Any) -> None:
     factor(M, order)
 
 
-def solve_stage(y0: Any, k: Any, hg: float, u: Any, c: Any, space: Any, M: Any, order: Any) -> None:
+def solve_stage(
+    y0: Vector, k: Vector, hg: float, u: Vector, c: Vector, space: Matrix, M: Matrix, order: Indices
+) -> None:
     """Newton's method for k = f(y0 + hg k), from the k given. space (4, NX) is work space.
 
     A step that makes the residual larger is halved: across the turn of Coulomb friction whole ones may go to and fro.
@@ -129,7 +128,18 @@ def solve_stage(y0: Any, k: Any, hg: float, u: Any, c: Any, space: Any, M: Any, 
             break
 
 
-def stages(x: Any, k: Any, stage: int, hs: float, u: Any, c: Any, y: Any, space: Any, M: Any, order: Any) -> None:
+def stages(
+    x: Vector,
+    k: Matrix,
+    stage: int,
+    hs: float,
+    u: Vector,
+    c: Vector,
+    y: Vector,
+    space: Matrix,
+    M: Matrix,
+    order: Indices,
+) -> None:
     """Fill the slope k[stage] and its argument y, from the slopes of the stages before."""
     for i in range(len(x)):
         y[i] = x[i]
@@ -145,7 +155,7 @@ def stages(x: Any, k: Any, stage: int, hs: float, u: Any, c: Any, y: Any, space:
         y[i] += hs * GAMMA * k[stage, i]
 
 
-def step(x: Any, V: Any, u0: Any, u1: Any, c: Any, h: float, substeps: int) -> None:
+def step(x: Vector, V: Vector, u0: Vector, u1: Vector, c: Vector, h: float, substeps: int) -> None:
     """Advance x by one sample of length h, in `substeps` implicit steps."""
     k, u, y = np.zeros((6, NX)), np.empty(NU), np.empty(NX)
     M, space, order = np.empty((NX, NX)), np.empty((4, NX)), np.empty(NX, dtype=np.int64)
@@ -158,12 +168,14 @@ def step(x: Any, V: Any, u0: Any, u1: Any, c: Any, h: float, substeps: int) -> N
             x[i] = y[i]  # stiffly accurate: the last argument is the result
 
 
-def step_COLUMNS(x: Any, V: Any, u0: Any, u1: Any, c: Any, h: float, substeps: int) -> None:
-    """Advance x and the sensitivities in V by one sample of length h, in `substeps` implicit steps."""
+def step_columns(
+    columns: int, x: Vector, V: Vector, u0: Vector, u1: Vector, c: Vector, h: float, substeps: int
+) -> None:
+    """As `step`, with the sensitivities in V, whose rows are `columns` long."""
     k, u, y, f = np.zeros((6, NX)), np.empty(NU), np.empty(NX), np.empty(NX)
     M, space, order = np.empty((NX, NX)), np.empty((4, NX)), np.empty(NX, dtype=np.int64)
     A, B, G = np.empty((NX, NX)), np.empty((NX, max(NP, 1))), np.empty((NX, NU))
-    new = 7 * NX * COLUMNS
+    new = 7 * NX * columns
     hs = h / substeps
     for s in range(substeps):
         for stage in range(6):
@@ -174,41 +186,41 @@ def step_COLUMNS(x: Any, V: Any, u0: Any, u1: Any, c: Any, h: float, substeps: i
             matrix(y, hg, u, c, M, order)
             # (1 - hg A) D_stage = A (W + hs sum of earlier D) + B, all columns at once
             for i in range(NX):
-                for j in range(COLUMNS):
-                    V[new + i * COLUMNS + j] = V[i * COLUMNS + j]
+                for j in range(columns):
+                    V[new + i * columns + j] = V[i * columns + j]
                 for m in range(stage):
                     weight = hs * STAGES[stage][m]
-                    for j in range(COLUMNS):
-                        V[new + i * COLUMNS + j] += weight * V[((m + 1) * NX + i) * COLUMNS + j]
-            first = (stage + 1) * NX * COLUMNS
+                    for j in range(columns):
+                        V[new + i * columns + j] += weight * V[((m + 1) * NX + i) * columns + j]
+            first = (stage + 1) * NX * columns
             for i in range(NX):
                 row = order[i]
-                for j in range(COLUMNS):
-                    V[first + i * COLUMNS + j] = 0.0
+                for j in range(columns):
+                    V[first + i * columns + j] = 0.0
                 for n in range(NX):
                     weight = A[row, n]
-                    for j in range(COLUMNS):
-                        V[first + i * COLUMNS + j] += weight * V[new + n * COLUMNS + j]
+                    for j in range(columns):
+                        V[first + i * columns + j] += weight * V[new + n * columns + j]
                 for n in range(NP):
-                    V[first + i * COLUMNS + n] += B[row, n]
-                if COLUMNS >= NP + NX + NU:
+                    V[first + i * columns + n] += B[row, n]
+                if columns >= NP + NX + NU:
                     for n in range(NU):
-                        V[first + i * COLUMNS + NP + NX + n] += G[row, n]
+                        V[first + i * columns + NP + NX + n] += G[row, n]
                 for n in range(i):
                     weight = M[i, n]
-                    for j in range(COLUMNS):
-                        V[first + i * COLUMNS + j] -= weight * V[first + n * COLUMNS + j]
+                    for j in range(columns):
+                        V[first + i * columns + j] -= weight * V[first + n * columns + j]
             for i in range(NX - 1, -1, -1):
                 for n in range(i + 1, NX):
                     weight = M[i, n]
-                    for j in range(COLUMNS):
-                        V[first + i * COLUMNS + j] -= weight * V[first + n * COLUMNS + j]
+                    for j in range(columns):
+                        V[first + i * columns + j] -= weight * V[first + n * columns + j]
                 weight = 1.0 / M[i, i]
-                for j in range(COLUMNS):
-                    V[first + i * COLUMNS + j] *= weight
+                for j in range(columns):
+                    V[first + i * columns + j] *= weight
         for i in range(NX):
             x[i] = y[i]
             for m in range(6):
                 weight = hs * STAGES[5][m]
-                for j in range(COLUMNS):
-                    V[i * COLUMNS + j] += weight * V[((m + 1) * NX + i) * COLUMNS + j]
+                for j in range(columns):
+                    V[i * columns + j] += weight * V[((m + 1) * NX + i) * columns + j]

@@ -1,17 +1,16 @@
 """The loop over time of the innovations form: the filter with its sensitivities.
 
-As `loops.simulate`, this module is text for `cell.kernel`, with the same work space V. It is compiled with smooth
-friction only: a filter needs derivatives.
+Compiled as `loops.simulate`, with the same work space V, but with smooth friction only: a filter needs derivatives.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
+from joint_id_core.cell.loops.arrays import Cube, Indices, Matrix, Vector
 from joint_id_core.cell.loops.simulate import padded
 
 NX: int  # states
@@ -31,8 +30,6 @@ DELAYED: bool  # whether sensors show the states late
 constants: Callable[..., None]
 observe: Callable[..., None]
 step_full: Callable[..., None]
-carray: Callable[..., Any]  # of numba
-on_stack: Callable[[int], Any]
 
 
 def layout(states: int, parameters: int, columns: int, step: int) -> dict[str, int]:
@@ -49,34 +46,31 @@ def layout(states: int, parameters: int, columns: int, step: int) -> dict[str, i
     return found
 
 
-# --- compiled from here ---
-
-
 def innovations(
-    x0: Any,
-    P0: Any,
-    begin: Any,
-    X0: Any,
-    V0: Any,
-    time: Any,
-    u: Any,
-    y: Any,
-    label: Any,
-    gap: Any,
-    R: Any,
-    q: Any,
-    Q_x: Any,
-    p: Any,
-    substeps: Any,
-    X: Any,
-    e: Any,
-    S: Any,
-    K: Any,
-    F: Any,
-    C: Any,
-    J: Any,
-    H: Any,
-    g: Any,
+    x0: Vector,
+    P0: Matrix,
+    begin: Indices,
+    X0: Matrix,
+    V0: Matrix,
+    time: Vector,
+    u: Matrix,
+    y: Matrix,
+    label: Indices,
+    gap: Vector,
+    R: Vector,
+    q: Vector,
+    Q_x: Vector,
+    p: Vector,
+    substeps: Indices,
+    X: Matrix,
+    e: Matrix,
+    S: Matrix,
+    K: Cube,
+    F: Cube,
+    C: Cube,
+    J: Cube,
+    H: Matrix,
+    g: Vector,
 ) -> float:
     """Run the innovations form once over the record and return sum e^2/S + log S, NaN if the path blew up.
 
@@ -95,13 +89,11 @@ def innovations(
     c = np.empty(NC)
     constants(p, c)
     # One array (see `layout`): the columns of the step, P, A P, rows s of this sample's labels, sum s e, sum s s'.
-    V = carray(on_stack(SF), SF)
-    for j in range(SF):
-        V[j] = 0.0
-    x = x0.copy()
-    shown, at, seen = np.empty(NX), np.empty(NX), np.empty(NX)
+    V = np.zeros(SF)
+    x, shown, at, seen = np.empty(NX), np.empty(NX), np.empty(NX), np.empty(NX)
     by_x, by_p = np.empty((NX, NX)), np.empty((NX, max(NP, 1)))
     for m in range(NX):
+        x[m] = x0[m]
         for n in range(NX):
             V[AT_P + m * NX + n] = P0[m, n]
     T = len(time)
@@ -239,7 +231,7 @@ def innovations(
     return cost
 
 
-def observations(X: Any, u: Any, p: Any, Y: Any) -> None:
+def observations(X: Matrix, u: Matrix, p: Vector, Y: Matrix) -> None:
     """What the sensors of all states show, Y (T, NX), along the path X (T, NX)."""
     c = np.empty(NC)
     constants(p, c)

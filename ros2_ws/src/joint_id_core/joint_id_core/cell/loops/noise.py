@@ -1,14 +1,15 @@
 """What follows from the gains that a pass of `loops.innovations` stored: noise levels, and what a disturbance does.
 
-As `loops.simulate`, this module is text for `cell.kernel`: compiled once for all models with as many states and inputs.
+Compiled as `loops.simulate`, once for all models with as many states and inputs.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
+
+from joint_id_core.cell.loops.arrays import Cube, Indices, Matrix, Vector
 
 NX: int  # states
 NU: int  # inputs
@@ -19,18 +20,18 @@ DELAYED: bool  # whether sensors show the states late
 
 DISTURBANCES = 8
 
-# --- compiled from here ---
-
-
-def work_space(size: int) -> Any:
-    """Zeros that begin at a cache line (64 bytes): a vector that crosses one costs twice as much to load."""
-    block = np.zeros(size + 7)
-    first = (8 - (block.ctypes.data // 8) % 8) % 8
-    return block[first : first + size]
-
 
 def noise_information(
-    y: Any, label: Any, begin: Any, e: Any, S: Any, K: Any, F: Any, C: Any, score: Any, info: Any
+    y: Matrix,
+    label: Indices,
+    begin: Indices,
+    e: Matrix,
+    S: Matrix,
+    K: Cube,
+    F: Cube,
+    C: Cube,
+    score: Vector,
+    info: Matrix,
 ) -> None:
     """Score and information of the noise levels (R, then q) from what `innovations` stored.
 
@@ -43,7 +44,7 @@ def noise_information(
     NY = len(label)
     P, M, x, P_i = 0, NX * NX * CL, 2 * NX * NX * CL, (2 * NX * NX + NX) * CL
     S_, e_, sums, products = P_i + NX * CL, P_i + (NX + 1) * CL, P_i + (NX + 2) * CL, P_i + (NX + 3) * CL
-    d = work_space((2 * NX * NX + 2 * NX + 3 + CL) * CL)
+    d = np.zeros((2 * NX * NX + 2 * NX + 3 + CL) * CL)
     for t in range(len(y)):
         if begin[t] >= 0:
             for j in range(NX * NX * CL):
@@ -132,7 +133,14 @@ def noise_information(
 
 
 def bounded_step(
-    score: Any, info: Any, levels: Any, lower: Any, upper: Any, largest: float, ridge: float, step: Any
+    score: Vector,
+    info: Matrix,
+    levels: Vector,
+    lower: Vector,
+    upper: Vector,
+    largest: float,
+    ridge: float,
+    step: Vector,
 ) -> float:
     """One scoring step of the logarithms of the noise levels, `step` (L), and its squared length by `info`.
 
@@ -179,20 +187,20 @@ def bounded_step(
 
 
 def disturbances(
-    y: Any,
-    label: Any,
-    begin: Any,
-    e: Any,
-    S: Any,
-    K: Any,
-    F: Any,
-    C: Any,
-    J: Any,
-    channel: Any,
-    disturbance: Any,
-    cross: Any,
-    total: Any,
-    score: Any,
+    y: Matrix,
+    label: Indices,
+    begin: Indices,
+    e: Matrix,
+    S: Matrix,
+    K: Cube,
+    F: Cube,
+    C: Cube,
+    J: Cube,
+    channel: Indices,
+    disturbance: Matrix,
+    cross: Matrix,
+    total: Matrix,
+    score: Vector,
 ) -> None:
     """How small disturbances of inputs would move the predicted labels, with known gains, beside parameters and errors.
 
@@ -208,7 +216,7 @@ def disturbances(
         (2 * NX + 2) * CD,
         (2 * NX + 2 + CD) * CD,
     )
-    d = work_space((2 * NX + 2 + CD + NP) * CD)
+    d = np.zeros((2 * NX + 2 + CD + NP) * CD)
     for t in range(len(y)):
         if begin[t] >= 0:
             for j in range(NX * CD):

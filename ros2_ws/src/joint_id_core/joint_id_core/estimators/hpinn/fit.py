@@ -7,8 +7,7 @@ tens of percent, and it takes a measured input for exact. `innovations` has neit
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,15 +15,26 @@ import numpy as np
 from joint_id_core.cell.kernel import compile_model
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators.shared.fit_data import FitData, UnusableError, prepare, unusable
+from joint_id_core.estimators.hpinn.estimator import HPinn
+from joint_id_core.estimators.shared.fit_data import FitData, UnusableError, options_of, origin_of, prepare, unusable
 from joint_id_core.estimators.shared.initial_state import rough_states, start_state
+from joint_id_core.estimators.shared.sentences import listed, message, missed, sentence, times
+from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.estimators.shared.substeps import stable_substeps
 from joint_id_core.models import Model
-from joint_id_core.options import check, option
-from joint_id_core.results.estimate import NOT_EXCITED_RATIO, PRIOR_RATIO, Estimate, ParameterEstimate, Status, Verdict
+from joint_id_core.options import Progress
+from joint_id_core.results.estimate import (
+    NOT_EXCITED_RATIO,
+    PRIOR_RATIO,
+    Estimate,
+    ParameterEstimate,
+    Predictions,
+    Status,
+    Verdict,
+)
 
 if TYPE_CHECKING:
-    from joint_id_core.estimators.hpinn.network import HPinn
+    from joint_id_core.estimators.hpinn.network import HPinnNetwork
     from joint_id_core.estimators.hpinn.training import Labels
 
 LEVEL_SHARE = (
@@ -37,51 +47,15 @@ STEP_LIMIT = 1.0  # largest |lambda h| of an RK4 step: the error of the fastest 
 MINIMUM_DISTANCE = 1.0  # noise standard deviations from the minimum beyond which the message says how far training got
 
 
-@dataclass(frozen=True)
-class HPinnOptions:
-    """Options of the H-PINN. The paper trains for 300 to 1000 epochs and does not print its learning rates."""
-
-    epochs: int = option(300, "training epochs, each one simulation of the whole record", lower=1)
-    learning_rate: float = option(0.01, "first RMSProp step, relative to each parameter's start value", lower=0.0)
-    decay_at: tuple[float, ...] = option((0.4, 0.6, 0.8), "shares of the epochs at which the learning rate decays")
-    decay_factor: float = option(0.3, "factor of each decay of the learning rate", lower=0.0, upper=1.0)
-    substeps: int = option(0, "RK4 steps a sample, 1 in the paper; 0 finds a stable number", lower=0, upper=64)
-    friction: str = option("sign", "Coulomb friction: sign as in the paper, or smoothed", choices=("sign", "tanh"))
-    torsion_label: bool = option(True, "add the torsion theta_m/N - q as a label where both angles are measured")
-    bounds: str = option("", "intervals of parameters as name=lower:upper, separated by commas")
-
-    def __post_init__(self) -> None:
-        check(self)
-        if any(not 0.0 < share < 1.0 for share in self.decay_at):
-            raise JointIdError(f"option decay_at = {self.decay_at}: shares of the epochs must lie between 0 and 1")
-
-    def intervals(self, model: Model) -> dict[str, tuple[float, float]]:
-        """`bounds` by parameter.
-
-        Raises:
-            JointIdError: text that is not name=lower:upper, an unknown parameter, or lower not below upper.
-        """
-        found = {}
-        for item in filter(None, (part.strip() for part in self.bounds.split(","))):
-            name, _, interval = (part.strip() for part in item.partition("="))
-            try:
-                lower, upper = (float(end) for end in interval.split(":"))
-            except ValueError:
-                raise JointIdError(f"option bounds: cannot read {item!r}: write name=lower:upper") from None
-            if not lower < upper:
-                raise JointIdError(f"option bounds: {item!r} holds no value: put the lower end first")
-            found[model.parameter(name).name] = (lower, upper)
-        return found
+DEFAULTS = HPinn()
 
 
 def fit_hpinn(
     model: Model,
     recording: Recording,
-    values: Mapping[str, float] | None = None,
-    fixed: Collection[str] = (),
-    freed: Collection[str] = (),
-    options: HPinnOptions | None = None,
-    progress: Callable[[str], None] | None = None,
+    settings: ParameterSettings | None = None,
+    options: HPinn = DEFAULTS,
+    progress: Progress | None = None,
 ) -> Estimate:
     """Train the H-PINN on a recording.
 
@@ -93,23 +67,27 @@ def fit_hpinn(
     Args:
         model: from `models.build`.
         recording: inputs without NaN and at least one measured state.
-        values: start values (values of fixed parameters) that replace the nominal ones.
-        fixed, freed: names to hold although the table frees them, and the other way round.
-        options: see `HPinnOptions`.
+        settings: values, held and freed parameters; this estimator has no priors.
+        options: the estimator.
         progress: called with a line of text now and then.
 
     Raises:
-        JointIdError: torch is not installed, NaN in an input, misuse of names, values or bounds. Poor data
+        JointIdError: torch is not installed, NaN in an input, misuse of names, values or bounds, a prior. Poor data
             come back as an `Estimate` with a status.
     """
     begun = clock.perf_counter()
-    options = options or HPinnOptions()
     tell = progress or (lambda _: None)
-    from joint_id_core.estimators.hpinn.network import HPinn  # says so where torch is missing
+    from joint_id_core.estimators.hpinn.network import HPinnNetwork  # says so where torch is missing
     from joint_id_core.estimators.hpinn.training import LearningRate, make_labels, train
 
+    if settings is not None and settings.priors:
+        raise JointIdError(
+            f"estimator hpinn has no priors: leave out that of {', '.join(settings.priors)}, or use innovations"
+        )
+    for name in options.bounds:
+        model.parameter(name)
     try:
-        data = prepare(model, recording, values, fixed, freed)
+        data = prepare(model, recording, settings)
     except UnusableError as error:
         return unusable(model, "hpinn", error, recording)
     if data.dropped:
@@ -117,8 +95,7 @@ def fit_hpinn(
             f"{recording.source}: {data.dropped} samples have no {' or no '.join(model.input_names)}, and the hpinn "
             "simulates the whole record: cut the record there, or choose the innovations estimator"
         )
-    intervals = options.intervals(model)
-    for name in intervals:
+    for name in options.bounds:
         if name not in data.free:
             raise JointIdError(f"option bounds: {name} is fixed: free it or leave its interval out")
     labels = make_labels(data, options.torsion_label)
@@ -127,13 +104,13 @@ def fit_hpinn(
     kernel = compile_model(model, options.friction, tuple(sorted(set(data.free) - table_free)))
     substeps = options.substeps or stable_substeps(data, kernel, data.p, rough_states(data), STEP_LIMIT)
     start = dict(zip(model.parameter_names, data.p.tolist(), strict=True))
-    net = HPinn(model, start, data.free, intervals, options.friction, substeps)  # type: ignore[arg-type]  # choices are checked
+    net = HPinnNetwork(model, start, data.free, options.bounds, options.friction, substeps)  # type: ignore[arg-type]  # choices are checked
     x0 = start_state(data)[0]
     rates = LearningRate(options.learning_rate, options.decay_at, options.decay_factor)
     history, finite = train(net, data, labels, x0, options.epochs, rates, tell)
     if not history:
-        message = f"{recording.source}: the simulation from the start values is not finite: {Status.DIVERGED.advice}"
-        return unusable(model, "hpinn", UnusableError(Status.DIVERGED, message), recording)
+        text = f"{recording.source}: the simulation from the start values is not finite: {Status.DIVERGED.advice}"
+        return unusable(model, "hpinn", UnusableError(Status.DIVERGED, text), recording)
     return _estimate(net, data, labels, x0, start, history, finite, clock.perf_counter() - begun)
 
 
@@ -174,7 +151,7 @@ def _verdict(model: Model, name: str, value: float, sd: float) -> Verdict:
 
 
 def _estimate(
-    net: HPinn, data: FitData, labels: Labels, x0: Array, start: dict[str, float],
+    net: HPinnNetwork, data: FitData, labels: Labels, x0: Array, start: dict[str, float],
     history: list[float], finite: bool, elapsed: float,
 ) -> Estimate:  # fmt: skip
     """Simulate with the trained parameters and turn what comes out into an `Estimate`."""
@@ -204,13 +181,18 @@ def _estimate(
     fit = dict(zip(labels.names, nrmse.tolist(), strict=True))
     flat = np.nan_to_num(residuals)
     lag = np.sum(flat[1:] * flat[:-1], axis=0) / np.maximum(np.sum(flat**2, axis=0), 1e-300)
-    status, message = _judge(history, finite, fit, found, away)
+    status, notes = _judge(history, finite, fit, found, away)
     return Estimate(
-        model.name, "hpinn", status, message, rows, free=free, covariance=covariance, nrmse=fit,
+        model.name, "hpinn", status, message(notes), rows, notes=notes, free=free, covariance=covariance, nrmse=fit,
         noise=dict(zip(labels.names, noise.tolist(), strict=False)),  # the torsion has no noise of its own
         whiteness=dict(zip(labels.names, lag.tolist(), strict=True)), substeps=net.substeps, iterations=len(history),
         elapsed_s=elapsed, start=float(data.time[0]), end=float(data.time[-1]), samples=len(data.time),
-        predictions=dict(zip(labels.names, predicted.T, strict=True)),
+        predictions=Predictions(
+            data.time,
+            dict(zip(labels.names, labels.y.T, strict=True)),
+            dict(zip(labels.names, predicted.T, strict=True)),
+        ),
+        model_options=options_of(model), **origin_of(data.recording),
     )  # fmt: skip
 
 
@@ -220,28 +202,29 @@ def _judge(
     nrmse: Mapping[str, float],
     found: Mapping[str, Verdict],
     away: Mapping[str, float],
-) -> tuple[Status, str]:
+) -> tuple[Status, tuple[str, ...]]:
+    """Status, and what was found in sentences, the most useful first."""
     worst = max(nrmse, key=lambda name: np.nan_to_num(nrmse[name]))
     farthest = max(away, key=lambda name: away[name], default="")
     if not finite:
-        status, text = (
-            Status.DIVERGED,
-            f"the simulation left the finite numbers at epoch {len(history)}: values are of the best epoch",
-        )
+        status = Status.DIVERGED
+        said = [f"the simulation left the finite numbers at epoch {len(history)}: values are of the best epoch"]
     elif not _levelled_off(history):
-        status, text = Status.MAX_ITERATIONS, "the loss still falls: train for more epochs or at a higher learning rate"
+        status = Status.MAX_ITERATIONS
+        said = ["the loss still falls: train for more epochs or at a higher learning rate"]
     elif nrmse[worst] > POOR_NRMSE:
-        miss = f"the simulation of {worst} misses by {100 * nrmse[worst]:.0f} % of its variation"
-        status, text = Status.POOR_FIT, f"{miss}: {Status.POOR_FIT.advice}"
+        status = Status.POOR_FIT
+        said = [missed(f"simulated values of {worst}", nrmse[worst]), Status.POOR_FIT.advice]
     else:
-        status, text = Status.CONVERGED, "the loss has levelled off"
+        status, said = Status.CONVERGED, ["the loss has levelled off"]
         if away.get(farthest, 0.0) > MINIMUM_DISTANCE:
-            text += (
-                f", {away[farthest]:.2g} noise standard deviations of {farthest} before the minimum that Gauss-Newton "
-                "sees; the standard deviations contain that distance: more epochs or the innovations estimator help"
+            said.append(
+                f"training ended {times(away[farthest])} the noise's standard deviation of {farthest} before the "
+                "minimum that Gauss-Newton sees, which the standard deviations contain: more epochs or the innovations "
+                "estimator help"
             )
-    text += "; standard deviations assume white residuals"
-    for verdict, words in ((Verdict.AT_BOUND, "at a bound"), (Verdict.NOT_EXCITED, "this motion does not show")):
+    for verdict, words in ((Verdict.AT_BOUND, "at a bound:"), (Verdict.NOT_EXCITED, "this motion does not show")):
         names = [name for name, v in found.items() if v is verdict]
-        text += f"; {words}: {', '.join(names)}" if names else ""
-    return status, text
+        said += [f"{words} {listed(names)}"] if names else []
+    said.append("standard deviations assume white residuals")
+    return status, tuple(sentence(text) for text in said)

@@ -2,7 +2,7 @@
 
 Yang, Du, Li, Zhou, Zhang, "Physics-Informed Neural Network for Model Prediction and Dynamics Parameter
 Identification of Collaborative Robot Joints", section III. The trainable weights are the physical parameters.
-`RK4Cell` is the network in plain torch; `HPinn` unrolls it, by default through the compiled kernel, whose
+`RK4Cell` is the network in plain torch; `HPinnNetwork` unrolls it, by default through the compiled kernel, whose
 exact forward sensitivities give the same gradient some thousand times faster than a taped loop.
 """
 
@@ -114,7 +114,7 @@ class _CompiledRollout(torch.autograd.Function):
         return None, grad_p, None, None, None, None
 
 
-class HPinn(torch.nn.Module):
+class HPinnNetwork(torch.nn.Module):
     """The recurrent network: inputs and start states in, predicted states out (paper Fig. 2a).
 
     Each weight is its parameter divided by a scale (the start value; for a parameter that may be negative
@@ -182,7 +182,7 @@ class HPinn(torch.nn.Module):
         if self.kernel is not None:
             if x0.requires_grad:
                 raise JointIdError(
-                    "the compiled cell has no gradient by the start state: build HPinn with compiled=False"
+                    "the compiled cell has no gradient by the start state: build HPinnNetwork with compiled=False"
                 )
             return _CompiledRollout.apply(x0, p, self.kernel, time, u, self.substeps)
         by_name = SimpleNamespace(**dict(zip(self.model.parameter_names, p.unbind(), strict=True)))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from joint_id_core.data.recording import Array
-from joint_id_core.estimators.hpinn.network import HPinn, label_weights, torch, wmse
+from joint_id_core.estimators.hpinn.network import HPinnNetwork, label_weights, torch, wmse
 from joint_id_core.estimators.shared.fit_data import FitData
 
 TORSION = "torsion"  # the paper's extra label dtheta = theta_m / N - q
@@ -49,14 +49,14 @@ def make_labels(data: FitData, torsion: bool) -> Labels:
     mix, y = np.eye(len(names)), every[:, used]
     if torsion and {"motor_position", "link_position"} <= set(names):
         motor, link = names.index("motor_position"), names.index("link_position")
-        ratio = data.p[data.model.parameter_names.index("N")]
+        ratio = data.model.gear_ratio(dict(zip(data.model.parameter_names, data.p.tolist(), strict=True)))
         y = np.column_stack([y, y[:, motor] / ratio - y[:, link]])
         mix, names = np.vstack([mix, mix[motor] / ratio - mix[link]]), (*names, TORSION)
     return Labels(names, y, mix, data.label_states[used])
 
 
 def train(
-    net: HPinn,
+    net: HPinnNetwork,
     data: FitData,
     labels: Labels,
     x0: Array,

@@ -17,12 +17,12 @@ FEEDBACK = (STRONGEST, STRONG, 1.0)  # tried in turn: a stiff joint may not stan
 EXCERPT, SHORTEST = 4, 250  # length of a record over that of its excerpt, and the shortest excerpt in samples
 
 
-def annealed(stages: Stages, z: Array, whole: bool = True) -> Minimum | None:
+def annealed(stages: Stages, z: Array, whole: bool = True, tolerance: float | None = None) -> Minimum | None:
     """One fit from z with rough noise levels and the first step size; None where it leads nowhere.
 
     Where every state is measured the noise levels, fitted along, weaken the feedback by themselves as fast as the
     parameters come closer; unmeasured states need parameters that are not far off before that. With `whole` false
-    the first part of the way is gone on an excerpt of the record.
+    the first part of the way is gone on an excerpt of the record. `tolerance` is that of the last stage.
     """
     data, rough, states = stages.data, stages.noise.rough, stages.rough_states
     inputs = np.arange(len(rough)) >= len(data.labels)
@@ -33,9 +33,9 @@ def annealed(stages: Stages, z: Array, whole: bool = True) -> Minimum | None:
             return None
         z, states = near.z, near.last.states
     elif not whole and (near := _on_excerpt(stages, z)) is not None:
-        return stages.parameters_and_noise(stages.started(near.z, near.levels, states))
+        return stages.parameters_and_noise(stages.started(near.z, near.levels, states), tolerance)
     levels = stages.noise.clip(np.where(inputs, STRONG * rough, rough))
-    return stages.parameters_and_noise(stages.started(z, levels, states))
+    return stages.parameters_and_noise(stages.started(z, levels, states), tolerance)
 
 
 def _on_excerpt(stages: Stages, z: Array) -> Minimum | None:
@@ -50,5 +50,5 @@ def _on_excerpt(stages: Stages, z: Array) -> Minimum | None:
     if excerpt is None:
         return None
     found = annealed(excerpt, z, whole=False)
-    stages.iterations += excerpt.iterations
+    stages.effort.iterations += excerpt.effort.iterations
     return found if found is not None and found.settled else None

@@ -7,7 +7,6 @@ cell with the previous label as one more input and the Kalman gain on it.
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -15,25 +14,23 @@ from joint_id_core.cell.kernel import compile_model
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators.innovations.belief import Belief
 from joint_id_core.estimators.innovations.checks import check
-from joint_id_core.estimators.innovations.gauss_newton import Minimum
-from joint_id_core.estimators.innovations.options import InnovationsOptions
-from joint_id_core.estimators.innovations.search import Search
-from joint_id_core.estimators.innovations.stages import Progress
+from joint_id_core.estimators.innovations.estimator import Innovations
+from joint_id_core.estimators.innovations.search import Outcome, Search
 from joint_id_core.estimators.innovations.verdicts import judge, table, verdicts
-from joint_id_core.estimators.shared.fit_data import UnusableError, prepare, unusable
+from joint_id_core.estimators.shared.fit_data import UnusableError, options_of, origin_of, prepare, unusable
+from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
+from joint_id_core.options import Progress
 from joint_id_core.results.estimate import Estimate, Status
 
-DEFAULTS = InnovationsOptions()
+DEFAULTS = Innovations()
 
 
 def fit_innovations(
     model: Model,
     recording: Recording,
-    values: Mapping[str, float] | None = None,
-    fixed: Collection[str] = (),
-    freed: Collection[str] = (),
-    options: InnovationsOptions | None = None,
+    settings: ParameterSettings | None = None,
+    options: Innovations = DEFAULTS,
     belief: Belief | None = None,
     previous: Estimate | None = None,
     progress: Progress | None = None,
@@ -43,8 +40,8 @@ def fit_innovations(
     Args:
         model: from `models.build`.
         recording: inputs and at least one measured state.
-        values: start values (values of fixed parameters) that replace the nominal ones.
-        fixed, freed: names to hold although the table frees them, and the other way round.
+        settings: values, held and freed parameters, priors.
+        options: the estimator.
         belief: prior from earlier data; without it the start values with the spreads of the parameter table.
         previous: a converged estimate of the same joint to start from, without annealing (warm start).
         progress: called with a line of text now and then.
@@ -53,32 +50,32 @@ def fit_innovations(
         JointIdError: misuse of names or values. Poor data come back as an `Estimate` with a status.
     """
     begun = time.perf_counter()
-    options = options or DEFAULTS
     tell = progress or (lambda _: None)
     try:
-        data = prepare(model, recording, values, fixed, freed)
+        data = prepare(model, recording, settings)
     except UnusableError as error:
         return unusable(model, "innovations", error, recording)
     tell(f"preparing the compiled cell of {model.name}")
     search = Search(data, compile_model(model, "tanh", data.freed, options.cell), options, belief, tell)
-    found = search.warm(previous) if previous is not None and previous.converged else None
-    found = found or search.cold()
-    if found is None:
+    outcome = search.warm(previous) if previous is not None and previous.converged else None
+    outcome = outcome or search.cold()
+    if outcome is None:
         diverged = UnusableError(Status.DIVERGED, f"{recording.source}: {Status.DIVERGED.advice}")
         return unusable(model, "innovations", diverged, recording)
-    return _estimate(search, found, begun)
+    return _estimate(outcome, begun)
 
 
-def _estimate(search: Search, found: Minimum, begun: float) -> Estimate:
-    """Turn the minimum into an `Estimate`."""
-    stages, coordinates, data = search.stages, search.stages.coordinates, search.stages.data
+def _estimate(outcome: Outcome, begun: float) -> Estimate:
+    """Turn the minimum that was found into an `Estimate`."""
+    stages, found = outcome.stages, outcome.minimum
+    coordinates, data = stages.coordinates, stages.data
     model, p = data.model, stages.cost.values(found.z)
-    checks, predictions = check(stages, found, search.alone)
+    checks, predictions = check(stages, found, outcome.alone)
     covariance_z = found.covariance + checks.excess
     slope = coordinates.slope(found.z)
     covariance = covariance_z * np.outer(slope, slope)
     rows = verdicts(model, data.free, covariance_z, coordinates, found.z, checks.together)
-    judged = judge(data, found, checks.nrmse, rows, checks.texts, search.doubt)
+    judged = judge(data, found, checks.nrmse, rows, checks.texts, outcome.doubt)
     sigma = np.sqrt(found.levels)
     return Estimate(
         model=model.name, estimator="innovations", status=judged.status, message=judged.message,
@@ -87,8 +84,8 @@ def _estimate(search: Search, found: Minimum, begun: float) -> Estimate:
         noise=dict(zip(data.noise_names, map(float, sigma), strict=True)),
         chi2=judged.residuals.chi2, whiteness=judged.residuals.whiteness,
         deviance=found.last.cost, observations=sum(map(len, data.rows)),
-        substeps=stages.substeps, iterations=stages.iterations,
+        substeps=found.substeps, iterations=stages.effort.iterations,
         elapsed_s=time.perf_counter() - begun, start=float(data.time[0]), end=float(data.time[-1]),
-        samples=len(data.time), predictions=predictions,
-        checks=checks,
+        samples=len(data.time), model_options=options_of(model), cell=stages.options.cell,
+        predictions=data.predictions(predictions), checks=checks, notes=judged.notes, **origin_of(data.recording),
     )  # fmt: skip

@@ -25,6 +25,7 @@ MAX_STEP = 1.0  # a factor e in a positive parameter; keeps the first steps insi
 class Minimum:
     """Where the iteration ended: coordinates and noise levels; the last pass, matrix, gradient and cost with the prior.
 
+    `substeps` are the integrator's steps a sample where nothing asks for more: `last.steps` has those of each sample.
     `settled` says whether the last step was short enough, or nearly so; `integration` is what the coordinates moved
     when the step of the integrator was halved last. `left` is not zero where the iteration stalled: there the way to
     the solution of the estimating equation leads uphill, since the likelihood also knows the derivative of the gain. In
@@ -37,6 +38,7 @@ class Minimum:
     hessian: Array
     gradient: Array
     cost: float
+    substeps: int
     settled: bool
     iterations: int
     integration: Array
@@ -71,8 +73,8 @@ class Cost:
         """All parameter values at z."""
         return self.recursion.values(self.coordinates.values(z))
 
-    def at(self, z: Array, levels: Array, steps: Steps) -> Minimum | None:
-        """One pass at z; None when its cost is not finite."""
+    def at(self, z: Array, levels: Array, steps: Steps, substeps: int) -> Minimum | None:
+        """One pass at z with `steps` (T,) and `substeps` as in `Minimum`; None when its cost is not finite."""
         values = self.coordinates.values(z)
         last = self.recursion.run(values, levels, steps)
         d = z - self.belief.mean
@@ -82,7 +84,7 @@ class Cost:
             return None
         slope, none = np.where(self.coordinates.positive, values, 1.0), np.zeros_like(z)
         hessian = last.hessian * (slope[:, None] * slope) + self.belief.precision
-        return Minimum(z, levels, last, hessian, last.gradient * slope - pull, cost, False, 0, none, none)
+        return Minimum(z, levels, last, hessian, last.gradient * slope - pull, cost, substeps, False, 0, none, none)
 
 
 def minimise(
@@ -128,7 +130,7 @@ def minimise(
         longest = float(np.max(np.abs(dz) / coordinates.unit))
         if longest > MAX_STEP:
             dz *= MAX_STEP / longest
-        there = cost.at(coordinates.clip(z + dz), levels, start.last.steps)
+        there = cost.at(coordinates.clip(z + dz), levels, start.last.steps, start.substeps)
         small = decrement + noise_decrement < 1.0
         moved = there is not None and (there.cost < here.cost or (small and there.cost < here.cost + 1.0))
         if moved:

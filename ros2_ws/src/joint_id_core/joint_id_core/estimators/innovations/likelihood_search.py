@@ -50,7 +50,7 @@ def most_likely(cost: Cost, bounds: NoiseLevels, found: Minimum, iterations: int
     def half_cost(x: Array) -> float:
         nonlocal best
         y = np.clip(start + unit * x, lower, upper)
-        here = cost.at(y[:count], np.exp(y[count:]), found.last.steps)
+        here = cost.at(y[:count], np.exp(y[count:]), found.last.steps, found.substeps)
         if here is None:
             return 0.5 * found.cost + BLOWN_UP
         if here.cost < best.cost:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from joint_id_core.data.recording import Array
+from joint_id_core.data.signals import side_of
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.gauss_newton import Minimum
 from joint_id_core.estimators.innovations.recursion import Pass, Recursion
@@ -26,6 +27,7 @@ OWN_SHARE = 0.15  # of the information on a shape that the parameters must leave
 MOST = 2  # shapes that are taken together: more of them cancel each other, and their bias grows without end
 FORESEEN = (-1.0, 1.0, 0.5, 0.0, -0.5)  # straight line through the last four samples, minus the present one
 TINY = 1e-300
+ROUNDING = 1e-12  # of the size of a course
 LOW_SPEED = 0.1  # of the rms speed, below which friction rises in the shape of the Stribeck effect
 
 
@@ -54,7 +56,7 @@ class Misfit:
     @property
     def text(self) -> str:
         """In words; empty where nothing is significant."""
-        parts = [f"{s.name} ({size:.0f} sigma: {s.advice})" for s, size in self.found if size > SIGNIFICANT]
+        parts = [f"{s.name} ({size:.3g} sigma: {s.advice})" for s, size in self.found if size > SIGNIFICANT]
         if not parts:
             return ""
         return f"the residuals show {' and '.join(parts)}; the standard deviations contain what that may do"
@@ -65,14 +67,15 @@ def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
     model, value = data.model, dict(zip(data.model.parameter_names, p.tolist(), strict=True))
     names, inputs = model.state_names, model.input_names
     known = dict(zip((*inputs, *names), np.concatenate([data.u, states], axis=1).T.copy(), strict=True))
-    drive = next((inputs.index(n) for n in ("torque", "current") if n in inputs), None)
-    load = inputs.index("external_torque") if "external_torque" in inputs else drive
+    drive = inputs.index(model.torque_drive) if model.torque_drive is not None else None
+    load = inputs.index(model.load) if model.load is not None else drive
     found = []
     for velocity, smoothing in model.smoothing.items():
-        channel = drive if velocity.startswith("motor") and drive is not None else load
+        side = side_of(velocity)
+        channel = drive if side == "motor" and drive is not None else load
         if channel is None:
             continue
-        w, side = known[velocity], velocity.split("_")[0]
+        w = known[velocity]
         size = np.abs(w)
         speed = math.sqrt(float(w @ w) / len(w)) or 1.0
         rise = np.tanh(w / max(value[smoothing], 0.01 * speed)) * np.exp(size * (-1.0 / (LOW_SPEED * speed)))
@@ -81,10 +84,10 @@ def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
         )
         text = f"friction at the {side} that bends with speed"
         found.append(Shape(text, "try --friction eyring", channel, w * size))
-    if "link_position" in names and load is not None and "a_g" not in value:
+    if "link_position" in names and load is not None and not model.has_gravity:
         q = known["link_position"]
-        found.append(Shape("a load that goes with the angle", "try --gravity", load, q - q.mean()))
-    if drive is not None and "tau_0" not in value:
+        found.append(Shape("a load that goes with the angle", "try --gravity", load, _around_mean(q)))
+    if drive is not None and not model.has_torque_offset:
         found.append(Shape("a constant torque", "try --offsets", drive, np.ones(len(states))))
     if drive is not None:
         # Noise of the drive itself is independent of what is recorded, a sensor's is part of it. Only the past may
@@ -95,12 +98,18 @@ def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
         text, advice = f"noise in the recorded {name} that does not move the joint", f"record the commanded {name}"
         found.append(Shape(text, advice, drive, surprise, sensor=True))
     sides = {"motor_position", "link_position", "motor_velocity"}
-    if sides <= known.keys() and drive is not None and "k_2" not in data.free:
-        twist = known["motor_position"] / value["N"] - known["link_position"]
-        twist -= twist.mean()
-        text, cubic = "a spring that is not linear as the model has it", twist * twist * twist
-        found.append(Shape(text, "try --free k_2", drive, cubic))
+    cubic = model.cubic_stiffness
+    if sides <= known.keys() and drive is not None and cubic is not None and cubic not in data.free:
+        twist = _around_mean(known["motor_position"] / model.gear_ratio(value) - known["link_position"])
+        text = "a spring that is not linear as the model has it"
+        found.append(Shape(text, f"try --free {cubic}", drive, twist * twist * twist))
     return found
+
+
+def _around_mean(course: Array) -> Array:
+    """A course less its mean; zero where it is constant but for rounding, which would else have a shape of its own."""
+    away = course - course.mean()
+    return away if np.ptp(course) > ROUNDING * np.max(np.abs(course)) else np.zeros_like(course)
 
 
 def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last: Pass) -> Misfit:

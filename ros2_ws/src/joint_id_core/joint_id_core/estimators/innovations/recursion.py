@@ -57,17 +57,26 @@ class Recursion:
     """The compiled innovations recursion on fixed data, called with parameters and noise levels.
 
     Noise levels are variances, those of the labels (R) before those of the inputs (q): shape (labels + inputs,).
+
+    Args:
+        data: the record.
+        kernel: the compiled cell of its model.
+        near: values of all parameters, near the truth, for which the states are taken at the start of the record and
+            after its long gaps; None where no such values are known.
     """
 
-    def __init__(self, data: FitData, kernel: Kernel) -> None:
-        self.data = data
-        self.kernel = kernel
+    def __init__(self, data: FitData, kernel: Kernel, near: Array | None = None) -> None:
+        self.data, self.kernel, self._near = data, kernel, near
         self._columns = np.array([kernel.sensitive.index(name) for name in data.free])
         self.index = np.array([data.model.parameter_names.index(name) for name in data.free])
         self._after = np.flatnonzero(data.gap > LONGEST_GAP) + 1
         self._begin = np.full(len(data.time), -1, dtype=np.int64)
         self._begin[self._after] = np.arange(len(self._after))
-        self.start_near(None)
+        self.x0, spread = start_state(data, 0, near)
+        self.P0, self.Q_x = np.diag(spread**2), STATE_NOISE * spread**2
+        starts = [start_state(data, int(k), near) for k in self._after] or [(self.x0, spread)]
+        self._X0 = np.array([mean for mean, _ in starts])
+        self._V0 = np.array([spread for _, spread in starts]) ** 2
         T, n, m = len(data.time), len(self.x0), len(data.labels)
         self._K, self._F = np.empty((T, m, n)), np.empty((T, n, n + data.u.shape[1]))
         self._C = np.empty((T, m, n) if data.model.label_delays else (1, 1, 1))
@@ -75,20 +84,13 @@ class Recursion:
         self._F[-1] = 0.0
         self._latest: Pass | None = None
 
-    def start_near(self, p: Array | None) -> None:
-        """Take the starts of the record, and after its long gaps, for parameters `p` (all of them) near the truth."""
-        self._near = p
-        self.x0, spread = start_state(self.data, 0, p)
-        self.P0, self.Q_x = np.diag(spread**2), STATE_NOISE * spread**2
-        starts = [start_state(self.data, int(k), p) for k in self._after] or [(self.x0, spread)]
-        self._X0 = np.array([mean for mean, _ in starts])
-        self._V0 = np.array([spread for _, spread in starts]) ** 2
+    def started_near(self, near: Array | None) -> Recursion:
+        """The same recursion with another `near`."""
+        return Recursion(self.data, self.kernel, near)
 
     def with_inputs(self, u: Array) -> Recursion:
         """The same recursion on other inputs, shape (T, inputs)."""
-        other = Recursion(replace(self.data, u=u), self.kernel)
-        other.start_near(self._near)
-        return other
+        return Recursion(replace(self.data, u=u), self.kernel, self._near)
 
     def values(self, free: Array) -> Array:
         """All parameter values with the free ones put in."""

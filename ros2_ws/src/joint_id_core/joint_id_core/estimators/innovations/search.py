@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from joint_id_core.cell.kernel import Kernel
@@ -9,14 +11,15 @@ from joint_id_core.cell.rollout import Steps
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.annealing import annealed
 from joint_id_core.estimators.innovations.belief import Belief, Coordinates
+from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.innovations.gauss_newton import Cost, Minimum
 from joint_id_core.estimators.innovations.noise import NoiseLevels
-from joint_id_core.estimators.innovations.options import InnovationsOptions
 from joint_id_core.estimators.innovations.recursion import LONGEST_GAP, Recursion
-from joint_id_core.estimators.innovations.stages import TOLERANCE, Progress, Stages
+from joint_id_core.estimators.innovations.stages import TOLERANCE, Stages
 from joint_id_core.estimators.innovations.verdicts import explained
 from joint_id_core.estimators.shared.fit_data import FitData
 from joint_id_core.estimators.shared.initial_state import rough_states
+from joint_id_core.options import Progress
 from joint_id_core.results.estimate import Estimate
 
 HEAD = 250  # samples after which the start of a record is forgotten
@@ -26,117 +29,126 @@ SAME_COST = 2.0  # two starts that end this near to each other in cost have foun
 EXTRA_STARTS = 6  # when states are not measured, the cost has several minima
 
 
-class Search:
-    """The search for one minimum.
+@dataclass(frozen=True)
+class Outcome:
+    """Where a search ended.
 
     Attributes:
-        stages: those of its fits.
+        stages: those of the fit, with the start of the record that suited it.
+        minimum: the best that was found.
         doubt: why the minimum cannot be trusted; empty where nothing speaks against it.
         alone: what to say of a minimum that only one start reached; empty where two did.
     """
 
+    stages: Stages
+    minimum: Minimum
+    doubt: str = ""
+    alone: str = ""
+
+
+class Search:
+    """The search for one minimum, from an earlier estimate (`warm`) or from what is believed (`cold`)."""
+
     def __init__(
-        self, data: FitData, kernel: Kernel, options: InnovationsOptions, belief: Belief | None, tell: Progress
+        self, data: FitData, kernel: Kernel, options: Innovations, belief: Belief | None, tell: Progress
     ) -> None:
         """A search from `belief`, or without one from the start values."""
-        coordinates = Coordinates(data.model, data.free, options.known(data.model, data.free))
-        self.belief = belief or Belief.before_data(data, coordinates)
-        cost = Cost(Recursion(data, kernel), coordinates, self.belief)
-        self.stages = Stages(cost, options, NoiseLevels.of(data), rough_states(data), tell)
-        self.doubt = self.alone = ""
+        coordinates = Coordinates(data.model, data.free, data.priors)
+        self._belief = belief or Belief.before_data(data, coordinates)
+        cost = Cost(Recursion(data, kernel), coordinates, self._belief)
+        self._stages = Stages(cost, options, NoiseLevels.of(data), rough_states(data), tell)
 
-    def warm(self, previous: Estimate) -> Minimum | None:
+    def warm(self, previous: Estimate) -> Outcome | None:
         """Start from a previous estimate of the same quantities; None if it is of others or leads nowhere."""
-        stages = self.stages
-        levels = np.square(np.array(list(previous.noise.values())))
-        if previous.free != stages.data.free or len(levels) != len(stages.noise.lower):
+        stages, names = self._stages, self._stages.data.noise_names
+        if previous.free != stages.data.free or set(previous.noise) != set(names):
             return None
         coordinates, values = stages.coordinates, previous.values
         z = coordinates.clip(coordinates.z(np.array([values[n] for n in previous.free])))
-        levels = stages.noise.clip(levels)
-        stages.take_steps(z, stages.rough_states, stages.options.substeps or previous.substeps)
-        self._choose_start(z, levels)
-        found = stages.parameters_and_noise(stages.at(z, levels))
+        levels = stages.noise.clip(np.square([previous.noise[n] for n in names]))
+        substeps = stages.options.substeps or previous.substeps
+        states = stages.rough_states
+        if self._starts_loaded(z, levels, stages.steps(z, states, substeps)):
+            stages = stages.started_near(stages.cost.values(z))
+        found = stages.parameters_and_noise(stages.at(z, levels, states, substeps))
         if found is not None and stages.scoring.change(found.last.levels, found.levels) > SAME_LEVELS:
-            found = stages.parameters_and_noise(stages.at(found.z, found.levels))
+            again = stages.cost.at(found.z, found.levels, found.last.steps, found.substeps)
+            found = stages.parameters_and_noise(again)
         if found is None:
             return None
         found = stages.most_likely(found)
         if float(np.max(np.abs(found.z - z) / coordinates.spread)) < SAME_STEPS:
-            return found  # the step size was judged for these values
-        return stages.refined(found)
+            return Outcome(stages, found)  # the step size was judged for these values
+        return Outcome(stages, stages.refined(found))
 
-    def cold(self) -> Minimum | None:
+    def cold(self) -> Outcome | None:
         """Start from the belief; from others too until one describes the data, or two with unmeasured states."""
-        stages, data = self.stages, self.stages.data
-        stages.recursion.start_near(None)  # a warm start may have failed before
+        stages, data = self._stages, self._stages.data
         measured = len(data.labels) == len(data.model.states)  # one minimum, as a rule
-        if not measured:
-            stages.tolerance = TOLERANCE  # the costs of several minima are compared
-        ends: list[tuple[Minimum, int, Steps]] = []
+        tolerance = None if measured else TOLERANCE  # the costs of several minima are compared
+        ends: list[Minimum] = []
         agreed = False
         rng = np.random.default_rng(0)
         for k in range(1 + EXTRA_STARTS):
-            z = self.belief.mean
+            z = self._belief.mean
             if k:
                 stages.tell(f"start {k + 1} of {1 + EXTRA_STARTS}")
                 z = stages.coordinates.clip(z + 0.5 * stages.coordinates.spread * rng.uniform(-1.0, 1.0, len(z)))
-            end = annealed(stages, z, whole=k > 0)
+            end = annealed(stages, z, whole=k > 0, tolerance=tolerance)
             if end is None:
                 continue
-            ends.append((end, stages.substeps, stages.steps))
+            ends.append(end)
             best, agreed = _lowest(ends)
             agreed = agreed or measured
             if agreed and not explained(data, best.last.residuals).reasons:
                 break
         if not ends:
             return None
-        ends.sort(key=lambda item: item[0].cost)
-        for k, (end, substeps, steps) in enumerate(ends):
-            ends[k] = stages.most_likely(end), substeps, steps
+        ends.sort(key=lambda end: end.cost)
+        for k, end in enumerate(ends):
+            ends[k] = stages.most_likely(end)
             agreed = agreed or _lowest(ends)[1]
             if agreed:
                 break
-        best, stages.substeps, stages.steps = min(ends, key=lambda item: item[0].cost)
+        best = min(ends, key=lambda end: end.cost)
+        doubt = alone = ""
         starts = f"of {1 + EXTRA_STARTS} starts"
         if len(ends) == 1 and not agreed:
-            self.doubt = f"only one {starts} led to a minimum, the others nowhere, so a better one may exist"
+            doubt = f"only one {starts} led to a minimum, the others nowhere, so a better one may exist"
         elif not agreed:
-            self.alone = f"only one {starts} led to this minimum, the lowest of {len(ends)}: a lower one may exist"
-        if self._choose_start(best.z, best.levels):
-            loaded = stages.again(best, stages.substeps)
-            if loaded is None:
-                stages.recursion.start_near(None)
-            best = loaded or best
-        return stages.refined(best)
+            alone = f"only one {starts} led to this minimum, the lowest of {len(ends)}: a lower one may exist"
+        if self._starts_loaded(best.z, best.levels, best.last.steps):
+            near = stages.started_near(stages.cost.values(best.z))
+            loaded = near.again(best, best.substeps, tolerance)
+            if loaded is not None:
+                stages, best = near, loaded
+        return Outcome(stages, stages.refined(best, tolerance), doubt, alone)
 
-    def _choose_start(self, z: Array, levels: Array) -> bool:
-        """Start the record from the twist under its first load if that is likelier; whether it is.
+    def _starts_loaded(self, z: Array, levels: Array, steps: Steps) -> bool:
+        """Choose the relaxed or the loaded start of the gear; return True if loaded, with the twist of its first load.
 
-        For a motor position that is not measured. So it is in a window that begins in motion, and is not in one that
-        begins with a jump of the drive.
+        For a motor position that is not measured. A window that begins in motion starts loaded, one that begins with a
+        jump of the drive starts relaxed: the likelihood of the first samples decides.
         """
-        stages, data = self.stages, self.stages.data
+        stages, data = self._stages, self._stages.data
         if "motor_position" not in set(data.model.state_names) - set(data.labels):
             return False
         p, count = stages.cost.values(z), len(data.time)
         if not np.any(data.gap > LONGEST_GAP):
             count = min(count, HEAD)
-        head = Cost(Recursion(data.part(0, count), stages.kernel), stages.coordinates, self.belief)
-        costs = []
+        part, costs = data.part(0, count), []
         for near in (None, p):
-            head.recursion.start_near(near)
-            found = head.at(z, levels, stages.steps[:count])
+            head = Cost(Recursion(part, stages.kernel, near), stages.coordinates, self._belief)
+            found = head.at(z, levels, steps[:count], 0)
             costs.append(np.inf if found is None else found.cost)
         relaxed, loaded = costs
-        stages.recursion.start_near(p if loaded < relaxed else None)
         return loaded < relaxed
 
 
-def _lowest(ends: list[tuple[Minimum, int, Steps]]) -> tuple[Minimum, bool]:
+def _lowest(ends: list[Minimum]) -> tuple[Minimum, bool]:
     """The lowest of the minima that starts led to, and whether another one is the same."""
-    best = min((end for end, _, _ in ends), key=lambda end: end.cost)
-    return best, sum(_same(best, other) for other, _, _ in ends) > 1
+    best = min(ends, key=lambda end: end.cost)
+    return best, sum(_same(best, other) for other in ends) > 1
 
 
 def _same(one: Minimum, other: Minimum) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.shared.fit_data import FitData
+from joint_id_core.estimators.shared.sentences import listed, message, missed, sentence, times
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import (
     NOT_EXCITED_RATIO,
@@ -29,15 +30,17 @@ if TYPE_CHECKING:
 COLOURED = 0.3
 # Mean squared normalised innovation beyond which even the largest credible noise does not explain them.
 MOST_CHI2 = 1.5
+# Correlations that differ by less are the same.
+SAME_CORRELATION = 1e-6
 # Predictions that miss by as much as a constant would.
-POOR_NRMSE = 1.0
+CONSTANT_NRMSE = 1.0
 
 
 @dataclass(frozen=True)
 class Shown:
     """What the data and the prior say of one parameter, with the reason in words.
 
-    `together` is what is known instead of a parameter that enters only in combination.
+    `together` says what is known instead of a parameter that enters only in combination.
     """
 
     verdict: Verdict
@@ -55,13 +58,15 @@ def verdicts(
 ) -> dict[str, Shown]:
     """A verdict for every parameter, from the ratio of posterior to prior standard deviation.
 
-    The prior is the spread of the model's table, also when the estimate was warm-started. `together` names, by
-    parameter, what is known in place of one that enters only in combination.
+    The prior is the spread of the model's table, also when the estimate was warm-started. `together` says, by
+    parameter that enters only in combination, what is known instead.
     """
     deviation = np.sqrt(np.diag(covariance_z))
     correlation = covariance_z / (deviation[:, None] * deviation)
     correlation.flat[:: len(free) + 1] = 0.0
-    partners = np.abs(correlation).argmax(axis=1)
+    strength = np.abs(correlation)
+    # of several that are as strong but for rounding take the first in the table
+    partners = (strength >= strength.max(axis=1, keepdims=True) - SAME_CORRELATION).argmax(axis=1)
     strongest = correlation[np.arange(len(free)), partners].tolist()
     ratio, bounds = (deviation / coordinates.spread).tolist(), coordinates.at_bound(z).tolist()
     place, held = {name: i for i, name in enumerate(free)}, Shown(Verdict.FIXED, "held at this value")
@@ -76,7 +81,7 @@ def verdicts(
         if abs(strongest[i]) > STRONG_CORRELATION:
             apart = f"; it is hard to tell from {free[partners[i]]} (correlation {strongest[i]:+.3f})"
         if together and name in together:
-            found[name] = Shown(Verdict.PRIOR, f"it enters only in combination: {together[name]}", together[name])
+            found[name] = Shown(Verdict.PRIOR, together[name], together[name])
         elif bounds[i]:
             end, side = (row.lower, "lower") if z[i] <= coordinates.lower[i] else (row.upper, "upper")
             found[name] = Shown(Verdict.AT_BOUND, f"the data pull it beyond its {side} bound {end:g} {row.unit}")
@@ -125,19 +130,24 @@ def explained(data: FitData, residuals: Array) -> Residuals:
     reasons = []
     worst = max(whiteness, key=lambda n: abs(whiteness[n]))
     if abs(whiteness[worst]) > COLOURED:
-        reasons.append(f"residuals of {worst} are not white (lag-one autocorrelation {whiteness[worst]:.2f})")
+        reasons.append(f"the residuals of {worst} are not white (lag-one autocorrelation {whiteness[worst]:.2f})")
     if chi2 > MOST_CHI2:
-        reasons.append(f"prediction errors are {np.sqrt(chi2):.1f} times what the sensors' noise allows")
+        reasons.append(f"the prediction errors are {times(np.sqrt(chi2))} what the sensors' noise allows")
     return Residuals(chi2, whiteness, tuple(reasons))
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """Status of a fit with its reason in words, and the residual statistics behind it."""
+    """Status of a fit, what was found in sentences, the most useful first, and the residual statistics behind it."""
 
     status: Status
-    message: str
+    notes: tuple[str, ...]
     residuals: Residuals
+
+    @property
+    def message(self) -> str:
+        """The first notes."""
+        return message(self.notes)
 
 
 def idle_drives(data: FitData, q: Array) -> list[str]:
@@ -163,35 +173,43 @@ def judge(
 ) -> Judgement:
     """Decide how the fit ended: converged, not converged, or converged to a model that does not describe the data.
 
-    `warnings` are added to the message; a `doubt` about the minimum is a reason against the fit.
+    `warnings` are added to the notes, the most useful one comes first. A `doubt` about the minimum is a reason against
+    the fit.
     """
     residuals = explained(data, found.last.residuals)
-    reasons = [*residuals.reasons, *idle_drives(data, found.levels[len(data.labels) :])]
-    poor = {n: v for n, v in nrmse.items() if v > POOR_NRMSE}
+    reasons = idle_drives(data, found.levels[len(data.labels) :])
+    poor = {n: v for n, v in nrmse.items() if v > CONSTANT_NRMSE}
     if poor:
         worst = max(poor, key=lambda n: poor[n])
-        reasons.append(f"predictions of {worst} miss by {100 * poor[worst]:.0f} % of its variation")
+        reasons.append(missed(f"the predictions of {worst}", poor[worst]))
+    reasons += residuals.reasons
     if doubt:
         reasons.append(doubt)
     if not found.settled:
-        status, message = Status.MAX_ITERATIONS, Status.MAX_ITERATIONS.advice
+        status, said = Status.MAX_ITERATIONS, [Status.MAX_ITERATIONS.advice, *reasons]
     elif reasons:
-        status, message = Status.POOR_FIT, f"{'; '.join(reasons)}: {Status.POOR_FIT.advice}"
+        # the advice stands second: the first reason says what is wrong, the others say it again in other words
+        status, said = Status.POOR_FIT, [reasons[0], Status.POOR_FIT.advice]
     else:
-        status, message = Status.CONVERGED, "converged"
-    return Judgement(status, message + remarks(rows, warnings, data.dropped), residuals)
+        status, said = Status.CONVERGED, [Status.CONVERGED.advice]
+    notes = [sentence(text) for text in said] + findings(rows, warnings, data.dropped)
+    if status is Status.POOR_FIT:
+        notes += [sentence(text) for text in reasons[1:]]
+    return Judgement(status, tuple(notes), residuals)
 
 
-def remarks(rows: Mapping[str, Shown], warnings: Sequence[str], dropped: int) -> str:
-    """What to add to the message of a fit: what is not known, and what else there is to know."""
-    text = ""
+def findings(rows: Mapping[str, Shown], warnings: Sequence[str], dropped: int) -> list[str]:
+    """What else to say of a fit, in sentences, the most useful first: what is not known, and `warnings` in their order.
+
+    `dropped` is the number of samples that were left out.
+    """
+    said = list(dict.fromkeys(v.together for v in rows.values() if v.together))
+    first, *others = [*filter(None, warnings)] or [""]
     unseen = [n for n, v in rows.items() if v.verdict in (Verdict.NOT_EXCITED, Verdict.PRIOR) and not v.together]
+    said.append(first)
     if unseen:
-        text += f"; this motion does not show {', '.join(unseen)}"
-    for together in dict.fromkeys(v.together for v in rows.values() if v.together):
-        text += f"; this model shows only {together}: hold one of these parameters"
-    for warning in filter(None, warnings):
-        text += f"; {warning}"
+        said.append(f"this motion does not show {listed(unseen)}")
+    said += others
     if dropped:
-        text += f"; {dropped} samples without an input were left out"
-    return text
+        said.append(f"{dropped} samples without an input were left out")
+    return [sentence(text) for text in said if text]

@@ -1,4 +1,4 @@
-"""Residuals that remember: noise which is not white, as friction ripple or a drive's filter leave it.
+"""Autocorrelated residuals widen the covariance: noise that is not white, as friction ripple or a drive's filter leave.
 
 Ljung & Box (1978) test each label's residuals over many lags at once. Where they are not white, the scores of the
 parameters add up over time, and their sum has another variance than the information matrix says: it is taken from the
@@ -17,6 +17,7 @@ from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.gauss_newton import Minimum
 from joint_id_core.estimators.innovations.recursion import Pass, Recursion
 from joint_id_core.estimators.shared.fit_data import FitData
+from joint_id_core.estimators.shared.sentences import times
 
 LAGS = 30  # samples
 RARE = 1e-4  # probability of what white residuals show, below which they are called coloured
@@ -34,7 +35,7 @@ def memory(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
     """Test the residuals of a fit, whose latest pass is `last`; nothing is added where they are white."""
     data = recursion.data
     strength, probability = portmanteau(data, last.residuals)
-    worst = int(np.argmin(probability))
+    worst = int(np.argmax(strength))  # the least probable, also where probabilities vanish
     if probability[worst] * len(probability) > RARE:
         return Memory(np.zeros_like(found.hessian), "")
     scores = recursion.scores(last) * coordinates.slope(found.z)
@@ -46,9 +47,9 @@ def memory(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
     grown = root.T @ axes * np.sqrt(np.maximum(size - 1.0, 0.0))
     wider = np.sqrt(1.0 + np.diag(grown @ grown.T) / np.diag(found.inverse))
     text = (
-        f"the residuals of {data.labels[worst]} are not white (their autocorrelations over {LAGS} samples are "
-        f"{np.sqrt(strength[worst]):.1f} times what noise leaves): torque noise with a memory, or a ripple; the "
-        f"standard deviations are wider for it, by up to {np.max(wider):.2g}, and may still be too small"
+        f"the residuals of {data.labels[worst]} are not white (over {LAGS} samples their autocorrelation is "
+        f"{times(np.sqrt(strength[worst]))} that of noise), as a ripple of the torque leaves them: the standard "
+        f"deviations are up to {times(np.max(wider))} as wide for it and may still be too small"
     )
     return Memory(np.asarray(grown @ grown.T), text)
 

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array, Recording, any_finite
+from joint_id_core.data.signals import integral_of
 from joint_id_core.errors import JointIdError
+from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.filtering.offline import complete
 from joint_id_core.models import Model
-from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status, Verdict
+from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions, Status, Verdict
 
 MIN_SAMPLES = 50  # fewer cannot carry a handful of parameters and their covariance
 
@@ -39,6 +42,7 @@ class FitData:
         labels: their channel names; label_states (labels,): their index among the states.
         p: start values of all parameters in the model's order.
         free: names of the parameters to estimate.
+        priors: standard deviations known before any data, by parameter, as in `ParameterSettings`.
         period: typical step in s: their mean, or the median where there are gaps.
         gap: shape (T,), number of missing samples before the next one.
         dropped: samples left out because an input was missing.
@@ -53,6 +57,7 @@ class FitData:
     label_states: np.ndarray
     p: Array
     free: tuple[str, ...]
+    priors: Mapping[str, float]
     period: float
     gap: Array
     dropped: int
@@ -93,42 +98,17 @@ class FitData:
             return np.asarray(self.table.max(axis=1) - self.table.min(axis=1))
         return np.array([float(row.max() - row.min()) if len(row) else math.nan for row in self.rows])
 
+    def predictions(self, predicted: Mapping[str, Array]) -> Predictions:
+        """Predicted labels, by name, beside the measured ones."""
+        return Predictions(self.time, {name: self.y[:, k] for k, name in enumerate(self.labels)}, predicted)
+
     def part(self, first: int, last: int) -> FitData:
         """The samples from `first` to before `last`."""
         rows = {name: getattr(self, name)[first:last] for name in ("time", "u", "y", "gap")}
         return replace(self, **rows)
 
 
-def split_parameters(
-    model: Model, values: Mapping[str, float], fixed: Collection[str], freed: Collection[str]
-) -> tuple[Array, tuple[str, ...]]:
-    """Start values of all parameters and the names of those to estimate.
-
-    Raises:
-        JointIdError: unknown name, value out of bounds, nothing left to estimate.
-    """
-    for name in (*fixed, *freed):
-        model.parameter(name)
-    start = model.values(values)
-    free = tuple(q.name for q in model.parameters if (not q.fixed or q.name in freed) and q.name not in fixed)
-    if not free:
-        raise JointIdError(f"model {model.name}: every parameter is fixed, there is nothing to estimate")
-    for row in model.parameters:
-        if row.name in free and row.positive and start[row.name] <= 0.0:
-            raise JointIdError(
-                f"parameter {row.name} starts at {start[row.name]:g}: a positive parameter needs a start above zero; "
-                f"give one with --set, or hold it with --fix {row.name}=0"
-            )
-    return np.array([start[n] for n in model.parameter_names]), free
-
-
-def prepare(
-    model: Model,
-    recording: Recording,
-    values: Mapping[str, float] | None = None,
-    fixed: Collection[str] = (),
-    freed: Collection[str] = (),
-) -> FitData:
+def prepare(model: Model, recording: Recording, settings: ParameterSettings | None = None) -> FitData:
     """Check a recording against a model and lay out the arrays.
 
     Samples without an input are dropped: the step before them becomes longer. Labels are measured states.
@@ -137,8 +117,8 @@ def prepare(
         UnusableError: too short, no motion, or a signal is missing.
         JointIdError: misuse of parameter names or values.
     """
-    values = dict(values or {})
-    p, free = split_parameters(model, values, fixed, freed)
+    settings = settings or ParameterSettings()
+    p, free = settings.applied_to(model)
     if len(recording) < MIN_SAMPLES:
         raise UnusableError(
             Status.TOO_SHORT,
@@ -148,7 +128,7 @@ def prepare(
     if any(n not in recording for n in model.input_names if n not in model.optional_inputs):
         recording = complete(recording)
     for name, w_s in _smoothing(model, recording).items():
-        if name not in values:
+        if name not in settings.values:
             p[model.parameter_names.index(name)] = w_s
     columns = []
     for name in model.input_names:
@@ -192,7 +172,7 @@ def prepare(
         np.maximum(np.rint(steps / period) - 1.0, 0.0, out=gap[:-1])
     index = np.array([model.state_names.index(n) for n in labels], dtype=np.int64)
     dropped = len(recording) - len(time)
-    data = FitData(model, time, u, y, labels, index, p, free, period, gap, dropped, recording)
+    data = FitData(model, time, u, y, labels, index, p, free, settings.priors, period, gap, dropped, recording)
     if not (data.span > 0.0).any():
         raise UnusableError(
             Status.NO_MOTION,
@@ -219,8 +199,8 @@ def _peak(recording: Recording, velocity: str) -> float:
     """Largest speed in the record, from the position where it was not measured; NaN if neither was."""
     if recording.measured(velocity):
         return float(np.fmax.reduce(np.abs(recording[velocity])))
-    position = velocity.replace("velocity", "position")
-    if not recording.measured(position):
+    position = integral_of(velocity)
+    if position is None or not recording.measured(position):
         return float("nan")
     known = np.isfinite(recording[position])
     time, values = recording.time[known], recording[position][known]
@@ -247,6 +227,16 @@ def _without_frozen(signals: list[Array]) -> Array:
     return rows
 
 
+def options_of(model: Model) -> dict[str, Any]:
+    """The options that a model was built with, by name."""
+    return {f.name: getattr(model, f.name) for f in fields(model)}
+
+
+def origin_of(recording: Recording) -> dict[str, Any]:
+    """The fields of an `Estimate` that say where its data came from."""
+    return {"origin": recording.origin, "source": recording.source, "joint": recording.joint}
+
+
 def unusable(model: Model, estimator: str, error: UnusableError, recording: Recording) -> Estimate:
     """The estimate that stands for data that cannot be fitted: no values, the reason in `message`."""
     rows = tuple(
@@ -255,5 +245,6 @@ def unusable(model: Model, estimator: str, error: UnusableError, recording: Reco
     )
     span = (float(recording.time[0]), float(recording.time[-1])) if len(recording) else (float("nan"), float("nan"))
     return Estimate(
-        model.name, estimator, error.status, str(error), rows, start=span[0], end=span[1], samples=len(recording)
-    )
+        model.name, estimator, error.status, str(error), rows, start=span[0], end=span[1], samples=len(recording),
+        model_options=options_of(model), notes=(str(error),), **origin_of(recording),
+    )  # fmt: skip

@@ -25,12 +25,16 @@ def free_runs(
 
 
 def nrmse(data: FitData, predictions: dict[str, Array]) -> dict[str, float]:
-    """Rms of prediction minus label over the label's standard deviation; NaN for a constant label."""
+    """Rms of prediction minus label over the label's standard deviation; NaN for a constant label.
+
+    Infinite for a prediction that is not finite.
+    """
     found = {}
     for k, (name, y) in enumerate(zip(data.labels, data.rows, strict=True)):
         predicted = predictions[name] if len(y) == len(data.y) else predictions[name][data.present[:, k]]
         away, error = y - y.sum() / max(1, len(y)), predicted - y
         spread = float(away @ away)
         with np.errstate(over="ignore"):  # a prediction that blew up misses by an infinite amount
-            found[name] = math.sqrt(error @ error / spread) if spread > 0.0 else math.nan
+            miss = math.sqrt(error @ error / spread) if spread > 0.0 else math.nan
+        found[name] = math.inf if spread > 0.0 and math.isnan(miss) else miss
     return found

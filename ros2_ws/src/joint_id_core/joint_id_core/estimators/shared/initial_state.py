@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 from scipy.signal import savgol_filter
 
 from joint_id_core.data.recording import Array
+from joint_id_core.data.signals import across_gear, integral_of, side_of
 from joint_id_core.estimators.shared.fit_data import FitData
 
 TWIST_SPREAD = 0.02  # rad: more than any harmonic drive twists, seen at the link
 TWIST_RATE_SPREAD = 0.5  # rad/s
-_PARTNER = {
-    "motor_position": ("link_position", TWIST_SPREAD),
-    "motor_velocity": ("link_velocity", TWIST_RATE_SPREAD),
+ALIKE = 1e-6  # share by which stretches of a record may differ and count as equal
+STILL = 1e-8  # of a signal's span: a step that is no larger is none, only the rounding of what was computed from it
+_ACROSS_SPREAD = {
+    "motor_position": TWIST_SPREAD,
+    "link_position": TWIST_SPREAD,
+    "motor_velocity": TWIST_RATE_SPREAD,
+    "link_velocity": TWIST_RATE_SPREAD,
 }
 
 
@@ -26,7 +33,7 @@ def start_state(data: FitData, at: int = 0, p: Array | None = None) -> tuple[Arr
     the drive of that moment.
     """
     model, recording = data.model, data.recording
-    ratio = data.p[model.parameter_names.index("N")] if "N" in model.parameter_names else 1.0
+    ratio = model.gear_ratio(dict(zip(model.parameter_names, data.p.tolist(), strict=True)))
     first = {}
     for k, name in enumerate(data.labels):
         nearest = at
@@ -44,17 +51,15 @@ def start_state(data: FitData, at: int = 0, p: Array | None = None) -> tuple[Arr
         name = signal.name
         if name in first:
             value, sd = first[name]
-        elif name in _PARTNER and _PARTNER[name][0] in known:
-            partner, sd = _PARTNER[name]
-            value, sd = ratio * known[partner][0], ratio * sd
+        elif (across := across_gear(name)) in known and side_of(name) == "motor" and name in _ACROSS_SPREAD:
+            value, sd = ratio * known[across][0], ratio * _ACROSS_SPREAD[name]
             if name == "motor_position" and p is not None:
                 value += ratio * _twist(data, at, p)
-        elif name.startswith("link_") and f"motor_{name[5:]}" in known:
-            sd = dict(_PARTNER.values()).get(name, signal.scale)
-            value = known[f"motor_{name[5:]}"][0] / ratio
-        elif name.endswith("velocity") and name.replace("velocity", "position") in first:
+        elif across in known and side_of(name) == "link":
+            value, sd = known[across][0] / ratio, _ACROSS_SPREAD.get(name, signal.scale)
+        elif (position := integral_of(name)) in first:
             # Around a wrong velocity Coulomb friction is linearised wrongly, and the first labels then look impossible.
-            value, sd = _slope(data, name.replace("velocity", "position"), at), signal.scale
+            value, sd = _slope(data, position, at), signal.scale
         elif name in recording and np.isfinite(recording[name]).any():
             finite = np.isfinite(recording[name])
             nearest = int(np.argmin(np.abs(recording.time[finite] - data.time[at])))
@@ -72,27 +77,17 @@ def _twist(data: FitData, at: int, values: Array) -> float:
     A cubic spring is several times stiffer under load than without: linearised at no twist the filter would take the
     first labels for impossible.
     """
-    model, names = data.model, data.model.parameter_names
-    p = dict(zip(names, values.tolist(), strict=True))
-    drive = next((n for n in ("torque", "current") if n in model.input_names), None)
-    if drive is None or not {"k_1", "k_2", "J_m", "c_m", "tau_fm", "N"} <= p.keys():
+    model = data.model
+    if model.torque_drive is None:
         return 0.0
-    u = data.u[at : at + 4, model.input_names.index(drive)]
-    torque = float(np.mean(u)) * p.get("k_t", 1.0) - p.get("tau_0", 0.0)
+    drive = float(np.mean(data.u[at : at + 4, model.input_names.index(model.torque_drive)]))
+    velocity = acceleration = 0.0
     if "motor_velocity" in data.labels:
         w = data.y[at : at + 8, data.labels.index("motor_velocity")]
         if np.isfinite(w).sum() > 1:
-            speed = float(np.nanmean(w))
-            torque -= p["c_m"] * speed + p["tau_fm"] * float(np.tanh(speed))
-            torque -= p["J_m"] * _slope(data, "motor_velocity", at)
-    load = p["N"] * torque
-    # monotone, and convex for either sign: Newton's method from the larger of two bounds goes down to the root
-    x = abs(load) / max(p["k_1"], 1e-12)
-    if p["k_2"] > 0.0:
-        x = min(x, (abs(load) / p["k_2"]) ** (1 / 3))
-    for _ in range(20):
-        x -= (p["k_1"] * x + p["k_2"] * x**3 - abs(load)) / max(p["k_1"] + 3.0 * p["k_2"] * x * x, 1e-12)
-    return float(np.clip(np.copysign(x, load), -TWIST_SPREAD, TWIST_SPREAD))
+            velocity, acceleration = float(np.nanmean(w)), _slope(data, "motor_velocity", at)
+    p = SimpleNamespace(**dict(zip(model.parameter_names, values.tolist(), strict=True)))
+    return float(np.clip(model.twist_under(drive, velocity, acceleration, p), -TWIST_SPREAD, TWIST_SPREAD))
 
 
 def rough_states(data: FitData) -> Array:
@@ -101,7 +96,7 @@ def rough_states(data: FitData) -> Array:
     Labels; else what a filter derived; else the other side of the gear, the slope of the position, or the start.
     """
     model, recording, time = data.model, data.recording, data.time
-    ratio = data.p[model.parameter_names.index("N")] if "N" in model.parameter_names else 1.0
+    ratio = model.gear_ratio(dict(zip(model.parameter_names, data.p.tolist(), strict=True)))
     known = {name: data.u[:, k] for k, name in enumerate(model.input_names)}
     for name in model.state_names:
         if name in data.labels and len(data.rows[k := data.labels.index(name)]) == len(time):
@@ -112,17 +107,13 @@ def rough_states(data: FitData) -> Array:
                 known[name] = recording[name]
             elif seen.any():
                 known[name] = np.interp(time, recording.time[seen], recording[name][seen])
-    across = {f"motor_{n}": (f"link_{n}", ratio) for n in ("position", "velocity")}
-    across |= {link: (motor, 1.0 / ratio) for motor, (link, _) in across.items()}
     X = np.empty((len(time), len(model.states)))
     for i, name in enumerate(model.state_names):
-        partner, gear = across.get(name, ("", 1.0))
-        position = name.replace("velocity", "position")
         if name in known:
             X[:, i] = known[name]
-        elif partner in known:
-            X[:, i] = gear * known[partner]
-        elif position in known:
+        elif (across := across_gear(name)) in known:
+            X[:, i] = (ratio if side_of(name) == "motor" else 1.0 / ratio) * known[across]
+        elif (position := integral_of(name)) in known:
             X[:, i] = savgol_filter(known[position], 9, 2, deriv=1, delta=data.period)
         else:
             X[:, i] = start_state(data)[0][i]
@@ -137,7 +128,9 @@ def busiest(data: FitData, length: int) -> int:
     total = np.mean(signals**2, axis=0)
     scaled = signals[:, total > 0.0] / np.sqrt(total[total > 0.0])
     first = range(0, len(signals) - length + 1, max(1, length // 2))
-    return every * max(first, key=lambda k: float(np.sum(np.var(scaled[k : k + length], axis=0))))
+    motion = [float(np.sum(np.var(scaled[k : k + length], axis=0))) for k in first]
+    most = max(motion) * (1.0 - ALIKE)  # of stretches of a motion that repeats itself take the first
+    return every * next(k for k, size in zip(first, motion, strict=True) if size >= most)
 
 
 def _slope(data: FitData, name: str, at: int) -> float:
@@ -173,10 +166,11 @@ def credible_noise(rows: Array, span: Array) -> Array:
     first = rows[:, 1:] - rows[:, :-1]
     third = _third(first)
     floor = (1e-7 * span) ** 2 + 1e-24
-    still = count - 1 - np.count_nonzero(first, axis=1)
+    steps = np.abs(first)
+    moved = steps > STILL * span[:, None]
+    still = count - 1 - np.count_nonzero(moved, axis=1)
     for k in np.flatnonzero((still > 0.05 * count) & (still < count - 1)):
-        steps = np.abs(first[k])
-        floor[k] = max(floor[k], float(np.min(steps[steps > 0.0])) ** 2 / 12.0 * 0.1)
+        floor[k] = max(floor[k], float(np.min(steps[k, moved[k]])) ** 2 / 12.0 * 0.1)
     return np.array([floor, np.maximum(4.0 / 20.0 * np.einsum("kt,kt->k", third, third) / (count - 3), 4.0 * floor)])
 
 

@@ -19,7 +19,9 @@ POINTS = 8
 # samples that come within KINK smoothing velocities of zero, or cross it, take MORE_STEPS times as many steps, or as
 # many as RK4 needs there to be stable.
 KINK = 6.0
-JUMP = 0.1  # change of an input from one sample to the next, of its range in the record, that sets a fast mode going
+# Change of an input from one sample to the next, of its range in the record, that sets a fast mode going. A little less
+# than a tenth, so that rounding does not decide for a staircase of ten equal steps.
+JUMP = 0.0999
 MORE_STEPS = 8
 MOST_STEPS = 64  # a joint that stands still takes them in every sample
 

@@ -15,6 +15,7 @@ from joint_id_core.estimators.innovations.recursion import LONGEST_GAP, Recursio
 from joint_id_core.estimators.shared.fit_data import FitData, prepare
 from joint_id_core.estimators.shared.free_run import free_runs
 from joint_id_core.estimators.shared.initial_state import rough_states
+from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.estimators.shared.substeps import steps_of
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate
@@ -52,10 +53,8 @@ def held_out_errors(
     Raises:
         JointIdError: the recording cannot be used with this model, or is too short to predict anything.
     """
-    held = set(model.parameter_names) - set(estimate.free)
-    data = prepare(model, recording, estimate.values, held, estimate.free)
-    extra = tuple(n for n in estimate.free if model.parameter(n).fixed)
-    kernel = compile_model(model, "tanh", extra)
+    data = prepare(model, recording, ParameterSettings.of_estimate(estimate))
+    kernel = compile_model(model, "tanh", data.freed, estimate.cell)
     states, steps = filtered(data, kernel, estimate.noise, estimate.substeps)
     predictions = free_runs(kernel, data, states, data.p, steps, horizon_s)
     judged = _settled(data, horizon_s)

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from joint_id_core.comparison.model_text import Candidate
+from joint_id_core.comparison.model_text import Candidate, parse
 from joint_id_core.comparison.ranking import Ranking, rank
 from joint_id_core.comparison.trial import BLOCKS, Trial
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.innovations.fit import fit_innovations
-from joint_id_core.estimators.innovations.stages import Progress
 from joint_id_core.estimators.shared.fit_data import MIN_SAMPLES, UnusableError, unusable
+from joint_id_core.estimators.shared.settings import ParameterSettings
+from joint_id_core.models import Model
+from joint_id_core.options import Progress
 from joint_id_core.results.estimate import Estimate, Status
-from joint_id_core.validation.held_out import HORIZON_S, held_out_drive_errors, held_out_errors
+from joint_id_core.validation.prediction import HORIZON_S, held_out_drive_errors, held_out_errors
 
 HELD_OUT_SHARE = 1 / 3
 # A horizon in each block that is compared, and one until the filter knows the state.
@@ -35,44 +38,55 @@ class Comparison:
     fitted: Recording
     validated: Recording
 
+    def __str__(self) -> str:
+        """The table of the report."""
+        from joint_id_core.comparison.report import table
+
+        return table(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The comparison as plain JSON types."""
+        from joint_id_core.comparison.report import as_dict
+
+        return as_dict(self)
+
 
 def compare(
-    candidates: Sequence[Candidate],
+    models: Sequence[str | Model | Candidate],
     recording: Recording,
     validation: Recording | None = None,
     held_out_share: float = HELD_OUT_SHARE,
-    values: Mapping[str, float] | None = None,
-    fixed: Collection[str] = (),
-    freed: Collection[str] = (),
+    settings: ParameterSettings | None = None,
     progress: Progress | None = None,
 ) -> Comparison:
-    """Fit every candidate to the first part of a record and predict the last one.
+    """Fit every model to the first part of a record and predict the last one.
 
     A friction law is judged with the smoothing velocity of the Coulomb step that suits it: the model's own or, where
     the likelihood asks for a sharper step, a tenth or a hundredth of it. With too smooth a step a law with more
     parameters wins by making the step steeper, whatever the joint does (docs/theory.md). Smoothing velocities in
-    `values` or `fixed` are left as they are.
+    `settings` are left as they are.
 
     Args:
-        candidates: from `candidates.parse`, or of your own models.
+        models: texts such as "rigid_joint:stribeck" (see `model_text.parse`) or models; none: every friction law of
+            the models that the recording can tell of.
         recording: all of it is fitted if there is a `validation`, otherwise all but the last `held_out_share` of its
             samples, which are predicted.
         validation: another recording to predict.
         held_out_share: share of the samples, between 0 and 1.
-        values, fixed, freed: as for `estimators.fit`, each for those candidates that have the parameter.
+        settings: as for `estimators.fit`, each for those candidates that have the parameter.
         progress: called with a line of text now and then.
 
     Raises:
         JointIdError: misuse of parameter names or values (a name that no candidate has), a part too short, or motion in
             one part only. Candidates that cannot be fitted stay in the result, with the reason.
     """
-    values = dict(values or {})
-    for name in (*values, *fixed, *freed):
+    candidates, settings = parse(models, recording), settings or ParameterSettings()
+    for name in settings.names:
         if not any(name in c.model.parameter_names for c in candidates):
             known = dict.fromkeys(n for c in candidates for n in c.model.parameter_names)
             raise JointIdError(f"no candidate has a parameter {name!r}: there are {', '.join(known)}")
     for c in candidates:  # misuse shows before the first fit
-        c.model.values({n: v for n, v in values.items() if n in c.model.parameter_names})
+        settings.of(c.model).applied_to(c.model)
     fitted, validated = (recording, validation) if validation is not None else split(recording, held_out_share)
     _require_motion(fitted, validated)
     trials = []
@@ -82,9 +96,7 @@ def compare(
             if progress:
                 progress(head + text)
 
-        own = set(c.model.parameter_names)
-        own_values = {n: v for n, v in values.items() if n in own}
-        estimate = _fit(c, fitted, own_values, own & set(fixed), own & set(freed), tell)
+        estimate = _fit(c, fitted, settings.of(c.model), tell)
         tell("predicting")
         trials.append(_validated(c, estimate, validated))
     return Comparison(rank(trials), fitted, validated)
@@ -133,18 +145,16 @@ def _spread(recording: Recording, name: str) -> float:
     return float(np.nanstd(recording[name]))
 
 
-def _fit(
-    c: Candidate, recording: Recording, values: dict[str, float], fixed: set[str], freed: set[str], tell: Progress
-) -> Estimate:
+def _fit(c: Candidate, recording: Recording, settings: ParameterSettings, tell: Progress) -> Estimate:
     """Fit a candidate, with a sharper Coulomb step as long as that makes the record more likely."""
-    found = _fit_once(c, recording, values, fixed, freed, tell)
-    smoothing = {n: found[n].value for n in c.model.smoothing.values() if n not in {*values, *fixed, *freed}}
+    found = _fit_once(c, recording, settings, tell)
+    smoothing = {n: found[n].value for n in c.model.smoothing.values() if n not in settings.names}
     if found.predictions is None or not smoothing:
         return found
     for share in SHARPER:
         tell(f"Coulomb step {1 / share:g} times as sharp")
-        sharper = values | {n: share * w for n, w in smoothing.items()}
-        other = _fit_once(c, recording, sharper, fixed, freed, tell)
+        sharper = settings.with_values({n: share * w for n, w in smoothing.items()})
+        other = _fit_once(c, recording, sharper, tell)
         if found.converged and not other.converged:
             continue
         if not other.deviance < found.deviance:
@@ -153,12 +163,10 @@ def _fit(
     return found
 
 
-def _fit_once(
-    c: Candidate, recording: Recording, values: dict[str, float], fixed: set[str], freed: set[str], tell: Progress
-) -> Estimate:
+def _fit_once(c: Candidate, recording: Recording, settings: ParameterSettings, tell: Progress) -> Estimate:
     """One fit; one that runs away is a failed estimate."""
     try:
-        return fit_innovations(c.model, recording, values, fixed, freed, progress=tell)
+        return fit_innovations(c.model, recording, settings, progress=tell)
     except (ArithmeticError, np.linalg.LinAlgError) as error:  # one candidate that runs away must not end the others
         diverged = UnusableError(Status.DIVERGED, f"{recording.source}: {Status.DIVERGED.advice} ({error})")
         return unusable(c.model, "innovations", diverged, recording)

@@ -1,0 +1,179 @@
+"""Numbers and arrays of a function that is being compiled, as `cell.translate` works with them.
+
+A number is a Python one where it is known at compile time, else an LLVM value: a float, a whole number, true or false.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+
+FLOAT, INT, BOOL = ir.DoubleType(), ir.IntType(64), ir.IntType(1)
+ALIGN_BYTES = 64  # a cache line: a vector that crosses one costs twice as much to load
+
+# What Python calls it, and LLVM for floats and for whole numbers.
+ARITHMETIC: dict[type, tuple[Callable[..., Any], str, str]] = {
+    ast.Add: (operator.add, "fadd", "add"),
+    ast.Sub: (operator.sub, "fsub", "sub"),
+    ast.Mult: (operator.mul, "fmul", "mul"),
+    ast.Div: (operator.truediv, "fdiv", ""),
+    ast.Pow: (operator.pow, "", ""),
+    ast.FloorDiv: (operator.floordiv, "", "sdiv"),
+    ast.Mod: (operator.mod, "", "srem"),
+}
+COMPARISONS: dict[type, tuple[Callable[..., Any], str]] = {
+    ast.Lt: (operator.lt, "<"),
+    ast.LtE: (operator.le, "<="),
+    ast.Gt: (operator.gt, ">"),
+    ast.GtE: (operator.ge, ">="),
+    ast.Eq: (operator.eq, "=="),
+    ast.NotEq: (operator.ne, "!="),
+}
+
+
+@dataclass(frozen=True)
+class Block:
+    """An array without gaps: where its first number is, and its shape. The last index runs fastest."""
+
+    pointer: Any
+    shape: tuple[Any, ...]
+
+
+def known(value: Any) -> bool:
+    """Whether a number is known at compile time."""
+    return isinstance(value, int | float)
+
+
+def kind_of(value: Any) -> Any:
+    """Type of a number."""
+    if known(value):
+        return FLOAT if isinstance(value, float) else BOOL if isinstance(value, bool) else INT
+    return value.type
+
+
+class Machine:
+    """What can be done with numbers and arrays, at the place where a builder stands."""
+
+    def __init__(self, context: Any, builder: Any) -> None:
+        self.context, self.builder = context, builder
+        self._tables: dict[tuple[Any, ...], Block] = {}
+
+    def received(self, kind: Any, value: Any) -> Any:
+        """A number or an array that numba hands over."""
+        if not isinstance(kind, types.Array):
+            return value
+        array = self.context.make_array(kind)(self.context, self.builder, value)
+        return Block(array.data, tuple(cgutils.unpack_tuple(self.builder, array.shape)))
+
+    def as_kind(self, kind: Any, value: Any) -> Any:
+        """A number as an LLVM value of this type."""
+        own = kind_of(value)
+        if own not in {FLOAT: (FLOAT, INT, BOOL), INT: (INT, BOOL), BOOL: (BOOL,)}[kind]:
+            raise TypeError(f"a number of type {own} is used as {kind}")
+        if known(value):
+            return ir.Constant(kind, float(value) if kind == FLOAT else int(value))
+        if own == kind:
+            return value
+        if kind == INT:
+            return self.builder.zext(value, INT)
+        return self.builder.uitofp(value, FLOAT) if own == BOOL else self.builder.sitofp(value, FLOAT)
+
+    def variable(self, kind: Any) -> Any:
+        """Space for a number."""
+        with self.builder.goto_entry_block():
+            return self.builder.alloca(kind)
+
+    def store(self, value: Any, place: Any) -> None:
+        """Keep a number, of the type that belongs there."""
+        self.builder.store(self.as_kind(place.type.pointee, value), place)
+
+    # --- arithmetic
+
+    def operation(self, kind: type, a: Any, b: Any) -> Any:
+        """A Python operator between two numbers."""
+        python, of_floats, of_ints = ARITHMETIC[kind]
+        if known(a) and known(b):
+            return python(a, b)
+        if kind is ast.Pow:
+            return self.builder.fmul(a, a) if b == 2 else self.function(math.pow, [a, b])
+        if kind is ast.Div or FLOAT in (kind_of(a), kind_of(b)):
+            return getattr(self.builder, of_floats)(self.as_kind(FLOAT, a), self.as_kind(FLOAT, b))
+        flags = () if of_ints in ("sdiv", "srem") else ("nsw",)
+        return getattr(self.builder, of_ints)(self.as_kind(INT, a), self.as_kind(INT, b), flags=flags)
+
+    def negative(self, value: Any) -> Any:
+        """-value"""
+        if known(value):
+            return -value
+        return self.builder.fneg(value) if value.type == FLOAT else self.builder.neg(value)
+
+    def comparison(self, kind: type, a: Any, b: Any) -> Any:
+        """A Python comparison of two numbers."""
+        python, sign = COMPARISONS[kind]
+        if known(a) and known(b):
+            return python(a, b)
+        if FLOAT in (kind_of(a), kind_of(b)):
+            compare = self.builder.fcmp_unordered if sign == "!=" else self.builder.fcmp_ordered
+            return compare(sign, self.as_kind(FLOAT, a), self.as_kind(FLOAT, b))
+        return self.builder.icmp_signed(sign, self.as_kind(INT, a), self.as_kind(INT, b))
+
+    def extreme(self, kind: type, values: Sequence[Any]) -> Any:
+        """The one that compares so to the others: the smallest or the largest."""
+        found, *others = values
+        common = FLOAT if FLOAT in map(kind_of, values) else INT
+        for value in others:
+            better = self.comparison(kind, value, found)
+            found = self.builder.select(better, self.as_kind(common, value), self.as_kind(common, found))
+        return found
+
+    def function(self, function: Any, arguments: Sequence[Any]) -> Any:
+        """A function of `math`, as numba has it."""
+        signature = types.float64(*[types.float64] * len(arguments))
+        values = [self.as_kind(FLOAT, a) for a in arguments]
+        return self.context.get_function(function, signature)(self.builder, values)
+
+    # --- arrays
+
+    def array(self, shape: Sequence[Any], kind: Any) -> Block:
+        """A new one on the stack, whose numbers may be anything. Outside of loops its shape need not be constant."""
+        size: Any = 1
+        for number in shape:
+            size = self.operation(ast.Mult, size, number)
+        if not known(size):
+            pointer = self.builder.alloca(kind, size)
+            pointer.align = ALIGN_BYTES
+            return Block(pointer, tuple(shape))
+        with self.builder.goto_entry_block():
+            space = self.builder.alloca(ir.ArrayType(kind, size))
+            space.align = ALIGN_BYTES
+            return Block(self.builder.bitcast(space, kind.as_pointer()), tuple(shape))
+
+    def table(self, numbers: tuple[Any, ...]) -> Block:
+        """A tuple of floats, or of such tuples, in memory."""
+        if numbers not in self._tables:
+            values = np.array(numbers, dtype=float)
+            constant = ir.Constant(ir.ArrayType(FLOAT, values.size), values.ravel().tolist())
+            module = self.builder.module
+            place = cgutils.global_constant(module, module.get_unique_name("table"), constant)
+            self._tables[numbers] = Block(place.bitcast(FLOAT.as_pointer()), values.shape)
+        return self._tables[numbers]
+
+    def element(self, array: Block, index: Sequence[Any]) -> Any:
+        """Where a number is kept, or, if there are fewer indices than dimensions, the part of the array there."""
+        place: Any = 0
+        for number, size in zip(index, array.shape, strict=False):
+            place = self.operation(ast.Add, self.operation(ast.Mult, place, size), number)
+        rest = array.shape[len(index) :]
+        for size in rest:
+            place = self.operation(ast.Mult, place, size)
+        pointer = self.builder.gep(array.pointer, [self.as_kind(INT, place)], inbounds=True)
+        return Block(pointer, rest) if rest else pointer

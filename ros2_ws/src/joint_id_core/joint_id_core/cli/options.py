@@ -1,0 +1,62 @@
+"""Command-line options made from options dataclasses, so that no default and no help text is typed twice."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import MISSING, Field, fields
+from typing import Annotated, Any, Optional, get_type_hints
+
+import typer
+
+from joint_id_core.options import names
+
+
+def with_options(
+    argument: str, kinds: Sequence[type], only: Collection[str] = (), required: Collection[str] = ()
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command one option for every field of these dataclasses, or for those in `only`.
+
+    The command gets those that the user gave as one dictionary, its parameter `argument`. A field that several
+    dataclasses have becomes one option.
+    """
+    chosen: dict[str, list[tuple[type, Field[Any]]]] = {}
+    for kind in kinds:
+        for f in fields(kind):
+            if not only or f.name in only:
+                chosen.setdefault(f.name, []).append((kind, f))
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(command)
+        def called(**arguments: Any) -> None:
+            given = {name: value for name in chosen if (value := arguments.pop(name)) is not None}
+            command(**arguments, **{argument: given})
+
+        signature, hints = inspect.signature(command), get_type_hints(command, include_extras=True)
+        own = [p.replace(annotation=hints[n]) for n, p in signature.parameters.items() if n != argument]
+        made = [_parameter(name, group, name in required, len(kinds) > 1) for name, group in chosen.items()]
+        ordered = sorted([*own, *made], key=lambda p: p.default is not inspect.Parameter.empty)
+        called.__signature__ = signature.replace(parameters=ordered)  # type: ignore[attr-defined]
+        called.__annotations__ = {p.name: p.annotation for p in ordered} | {"return": None}
+        return called
+
+    return decorate
+
+
+def _parameter(name: str, group: list[tuple[type, Field[Any]]], required: bool, tell_kind: bool) -> inspect.Parameter:
+    """The command's parameter for one field."""
+    said = []
+    for kind, f in group:
+        text = f.metadata["description"]
+        if choices := f.metadata.get("choices"):
+            text += f" ({names(tuple(c for c in choices if c))})"
+        if unit := f.metadata.get("unit"):
+            text += f" [{unit}]"
+        said.append(f"{getattr(kind, 'name', '')}: {text}" if tell_kind else text)
+    default, decl = group[0][1].default, f"--{name.replace('_', '-')}"
+    shown = False if default is MISSING or default in ("", False) or required else str(default)
+    settings = typer.Option(decl, help="; ".join(said), show_default=shown)
+    annotation = Annotated[type(default) if required else Optional[type(default)], settings]  # type: ignore[valid-type]
+    end = inspect.Parameter.empty if required else None
+    return inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD, default=end, annotation=annotation)

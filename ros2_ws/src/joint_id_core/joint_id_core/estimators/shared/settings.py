@@ -1,0 +1,100 @@
+"""What the user says of a model's parameters before a fit: values, what is held or freed, and priors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from joint_id_core.errors import JointIdError
+
+if TYPE_CHECKING:  # the command line reads settings without loading NumPy
+    from joint_id_core.data.recording import Array
+    from joint_id_core.models import Model
+    from joint_id_core.results.estimate import Estimate
+
+
+@dataclass(frozen=True)
+class ParameterSettings:
+    """Settings of a model's parameters, by name; a parameter that is not named is as the model's table says.
+
+    Attributes:
+        values: start values of estimated parameters and values of held ones, SI units.
+        fixed: parameters to hold although the table estimates them.
+        freed: parameters to estimate although the table holds them.
+        priors: standard deviations known before any data, in place of the table's spreads: relative for a positive
+            parameter, else in its unit. The prior's mean is the start value.
+
+    Raises:
+        JointIdError: a standard deviation that is not above zero and finite, a text in place of a list of names.
+    """
+
+    values: Mapping[str, float] = field(default_factory=dict)
+    fixed: Collection[str] = ()
+    freed: Collection[str] = ()
+    priors: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ("fixed", "freed"):
+            names = getattr(self, name)
+            if isinstance(names, str):
+                raise JointIdError(f"{name} = {names!r}: give a list of names, e.g. {name}=[{names!r}]")
+            object.__setattr__(self, name, tuple(dict.fromkeys(names)))
+        for name in ("values", "priors"):
+            object.__setattr__(self, name, dict(getattr(self, name)))
+        for name, deviation in self.priors.items():
+            if not 0.0 < deviation < math.inf:
+                raise JointIdError(f"prior {name} = {deviation:g}: a standard deviation is finite and above zero")
+
+    @classmethod
+    def of_estimate(cls, estimate: Estimate) -> ParameterSettings:
+        """The values that an estimate found, with the parameters held and freed as they were for it."""
+        held = [name for name in estimate.values if name not in estimate.free]
+        return cls(estimate.values, held, estimate.free)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Every parameter that is named."""
+        return tuple(dict.fromkeys((*self.values, *self.fixed, *self.freed, *self.priors)))
+
+    def with_values(self, changes: Mapping[str, float]) -> ParameterSettings:
+        """The same with `changes` put into the values."""
+        return replace(self, values={**self.values, **changes})
+
+    def of(self, model: Model) -> ParameterSettings:
+        """What concerns the parameters that `model` has."""
+        own = set(model.parameter_names)
+        return ParameterSettings(
+            {n: v for n, v in self.values.items() if n in own},
+            [n for n in self.fixed if n in own],
+            [n for n in self.freed if n in own],
+            {n: v for n, v in self.priors.items() if n in own},
+        )
+
+    def applied_to(self, model: Model) -> tuple[Array, tuple[str, ...]]:
+        """Start values of all parameters in the model's order, and the names of those to estimate.
+
+        Raises:
+            JointIdError: unknown name, value out of bounds, nothing left to estimate, a prior of a held parameter.
+        """
+        import numpy as np
+
+        for name in (*self.fixed, *self.freed, *self.priors):
+            model.parameter(name)
+        start = model.values(self.values)
+        free = tuple(
+            q.name for q in model.parameters if (not q.fixed or q.name in self.freed) and q.name not in self.fixed
+        )
+        if not free:
+            raise JointIdError(f"model {model.name}: every parameter is fixed, there is nothing to estimate")
+        for name in self.priors:
+            if name not in free:
+                raise JointIdError(f"prior {name}: this parameter is held: free it (--free {name}) or drop its prior")
+        for row in model.parameters:
+            if row.name in free and row.positive and start[row.name] <= 0.0:
+                raise JointIdError(
+                    f"parameter {row.name} starts at {start[row.name]:g}: a positive parameter needs a start above "
+                    f"zero; give one with --set, or hold it with --fix {row.name}=0"
+                )
+        return np.array([start[n] for n in model.parameter_names]), free

@@ -1,0 +1,181 @@
+"""An estimate as JSON, for programs and for later: versioned, without the measured and predicted samples."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from joint_id_core.errors import JointIdError
+from joint_id_core.results.estimate import Checks, Estimate, ParameterEstimate, Status, Verdict
+
+FORMAT = "joint_id estimate"
+VERSION = 1  # grows when a reader of the version before would misread a file
+
+
+def to_dict(estimate: Estimate) -> dict[str, Any]:
+    """The estimate as plain JSON types; what is not finite becomes None.
+
+    `from_dict` gives it back to the last bit, with NaN for None.
+
+    Instants `start_s` and `end_s` count from `origin_s`, whole seconds on the clock of the source.
+    """
+    checks = estimate.checks
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "model": estimate.model,
+        "model_options": dict(estimate.model_options),
+        "estimator": estimate.estimator,
+        "cell": estimate.cell,
+        "status": estimate.status.value,
+        "message": estimate.message,
+        "notes": list(estimate.notes),
+        "parameters": [
+            {
+                "name": p.name,
+                "unit": p.unit,
+                "value": _number(p.value),
+                "std_dev": _number(p.std_dev),
+                "verdict": p.verdict.value,
+                "initial": _number(p.initial),
+                "reason": p.reason,
+            }
+            for p in estimate.parameters
+        ],
+        "free": list(estimate.free),
+        "covariance": [[_number(v) for v in row] for row in np.asarray(estimate.covariance).tolist()],
+        "fit": [
+            {"signal": name, "nrmse": _number(v), "noise_std_dev": _number(estimate.noise.get(name, math.nan))}
+            for name, v in estimate.nrmse.items()
+        ],
+        "noise": {name: _number(v) for name, v in estimate.noise.items()},
+        "chi2": _number(estimate.chi2),
+        "whiteness": {name: _number(v) for name, v in estimate.whiteness.items()},
+        "deviance": _number(estimate.deviance),
+        "observations": estimate.observations,
+        "substeps": estimate.substeps,
+        "iterations": estimate.iterations,
+        "samples": estimate.samples,
+        "source": estimate.source,
+        "joint": estimate.joint,
+        "origin_s": estimate.origin,
+        "start_s": _number(estimate.start),
+        "end_s": _number(estimate.end),
+        "elapsed_s": estimate.elapsed_s,
+        "checks": None
+        if checks is None
+        else {
+            "texts": list(checks.texts),
+            "excess": np.asarray(checks.excess).tolist(),
+            "nrmse": {name: _number(v) for name, v in checks.nrmse.items()},
+            "together": dict(checks.together),
+        },
+    }
+
+
+def from_dict(content: Mapping[str, Any]) -> Estimate:
+    """The estimate that `to_dict` wrote.
+
+    Raises:
+        JointIdError: the content is no estimate, of a later version, or incomplete.
+    """
+    if not isinstance(content, Mapping) or content.get("format") != FORMAT:
+        raise JointIdError(f'not an estimate: "format" is not "{FORMAT}"')
+    if not isinstance(version := content.get("version"), int) or version > VERSION:
+        raise JointIdError(f"the estimate is of version {version}, this library reads up to {VERSION}: update joint_id")
+    try:
+        checks, free = content["checks"], tuple(content["free"])
+        covariance = np.array([[_value(v) for v in row] for row in content["covariance"]], dtype=float)
+        return Estimate(
+            model=content["model"],
+            estimator=content["estimator"],
+            status=Status(content["status"]),
+            message=content["message"],
+            notes=tuple(content["notes"]),
+            parameters=tuple(
+                ParameterEstimate(
+                    p["name"], p["unit"], _value(p["value"]), _value(p["std_dev"]), Verdict(p["verdict"]),
+                    _value(p["initial"]), p["reason"],
+                )
+                for p in content["parameters"]
+            ),
+            free=free,
+            covariance=covariance.reshape(len(free), len(free)),
+            nrmse={row["signal"]: _value(row["nrmse"]) for row in content["fit"]},
+            noise=_values(content["noise"]),
+            chi2=_value(content["chi2"]),
+            whiteness=_values(content["whiteness"]),
+            deviance=_value(content["deviance"]),
+            observations=content["observations"],
+            substeps=content["substeps"],
+            iterations=content["iterations"],
+            elapsed_s=content["elapsed_s"],
+            start=_value(content["start_s"]),
+            end=_value(content["end_s"]),
+            samples=content["samples"],
+            origin=content["origin_s"],
+            source=content["source"],
+            joint=content["joint"],
+            model_options=dict(content["model_options"]),
+            cell=content["cell"],
+            checks=None
+            if checks is None
+            else Checks(
+                tuple(checks["texts"]),
+                np.array(checks["excess"], dtype=float).reshape(len(free), len(free)),
+                _values(checks["nrmse"]),
+                dict(checks["together"]),
+            ),
+        )  # fmt: skip
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise JointIdError(f"the estimate is incomplete or damaged: {type(error).__name__}: {error}") from None
+
+
+def save(estimate: Estimate, path: Path) -> None:
+    """Write the estimate to a file; an older file is replaced only by a whole new one.
+
+    Raises:
+        JointIdError: the file cannot be written.
+    """
+    text = json.dumps(to_dict(estimate), indent=1, allow_nan=False) + "\n"
+    draft = path.with_name(path.name + ".part")
+    try:
+        draft.write_text(text, encoding="utf-8")
+        draft.replace(path)
+    except OSError as error:
+        raise JointIdError(f"{path}: the estimate cannot be written: {error.strerror}") from None
+
+
+def load(path: Path) -> Estimate:
+    """Read the file that `save` wrote.
+
+    Raises:
+        JointIdError: the file cannot be read or holds no estimate.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise JointIdError(f"{path}: the file cannot be read: {error.strerror}") from None
+    except ValueError as error:  # no JSON, or no text at all
+        raise JointIdError(f"{path}: not a JSON file: {error}") from None
+    try:
+        return from_dict(content)
+    except JointIdError as error:
+        raise JointIdError(f"{path}: {error}") from None
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _value(number: float | None) -> float:
+    return math.nan if number is None else float(number)
+
+
+def _values(numbers: Mapping[str, float | None]) -> dict[str, float]:
+    return {name: _value(number) for name, number in numbers.items()}

@@ -1,0 +1,63 @@
+"""A picture of measured and predicted labels, and of what is left."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from joint_id_core.data.signals import CHANNELS
+from joint_id_core.errors import JointIdError
+from joint_id_core.results.estimate import Estimate
+
+
+def check(path: Path) -> None:
+    """Say before a long fit that its picture could not be saved.
+
+    Raises:
+        JointIdError: matplotlib is not installed, the folder or the ending of `path` is of no use, or it cannot be
+            written to.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+    except ImportError:
+        raise JointIdError("a plot needs matplotlib, which is not installed: pip install matplotlib") from None
+    folder = path.absolute().parent
+    if not folder.is_dir():
+        raise JointIdError(f"{path}: its folder {folder} does not exist: create it")
+    if not os.access(path if path.exists() else folder, os.W_OK):
+        raise JointIdError(f"{path}: cannot be written: choose another folder or name")
+    known = FigureCanvasAgg.get_supported_filetypes()
+    if path.suffix.lower().lstrip(".") not in known:
+        raise JointIdError(f"{path}: not a picture format: end it in one of {', '.join(sorted(known))}")
+
+
+def save(path: Path, estimate: Estimate) -> None:
+    """Draw every label with its prediction, and their difference below.
+
+    Raises:
+        JointIdError: as `check`; no prediction to draw.
+    """
+    check(path)
+    shown = estimate.predictions
+    if shown is None or not shown.predicted:
+        raise JointIdError(f"the estimate of {estimate.model} holds no predictions, there is nothing to plot")
+    from matplotlib.figure import Figure
+
+    time, count = shown.time - shown.time[0], len(shown.predicted)
+    figure = Figure(figsize=(9.0, 3.2 * count), layout="constrained")
+    axes = figure.subplots(2 * count, 1, sharex=True, squeeze=False, height_ratios=[2, 1] * count)
+    for k, (name, predicted) in enumerate(shown.predicted.items()):
+        measured, unit = shown.measured[name], CHANNELS[name].unit if name in CHANNELS else "rad"
+        above, below = axes[2 * k, 0], axes[2 * k + 1, 0]
+        above.plot(time, measured, ".", markersize=2, color="0.6", label="measured")
+        above.plot(time, predicted, linewidth=1, color="C0", label="predicted")
+        above.set_ylabel(f"{name.replace('_', ' ')} [{unit}]")
+        above.legend(loc="upper right")
+        below.plot(time, predicted - measured, linewidth=0.7, color="C3")
+        below.set_ylabel(f"error [{unit}]")
+    axes[0, 0].set_title(f"{estimate.model}, {estimate.status.value}: {estimate.source}")
+    axes[-1, 0].set_xlabel("time [s]")
+    try:
+        figure.savefig(path, dpi=120)
+    except OSError as error:
+        raise JointIdError(f"{path}: the picture cannot be written: {error}") from None

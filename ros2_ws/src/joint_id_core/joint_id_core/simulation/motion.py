@@ -1,0 +1,75 @@
+"""A simulated joint that moves so that its parameters show, seen by the sensors of a UR robot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from joint_id_core.data.recording import Array, Recording
+from joint_id_core.errors import JointIdError
+from joint_id_core.models import Model
+from joint_id_core.models.transmission import GEAR_RATIO
+from joint_id_core.simulation.excitation import STEP_S, STEPS_V, multisine, position_reference
+from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
+from joint_id_core.simulation.sensors import ur_robot_sensors
+from joint_id_core.simulation.simulator import simulate
+
+
+def simulate_motion(
+    model: Model,
+    duration: float = 6.0,
+    rate: float = 500.0,
+    values: Mapping[str, float] | None = None,
+    noise: bool = True,
+    seed: int = 0,
+) -> Recording:
+    """Simulate a joint with known parameters and return what its sensors show.
+
+    Models with a voltage get steps of it; the others follow a multisine of the link position. There is no load.
+
+    Args:
+        model: from `models.build`.
+        duration: length in s.
+        rate: samples a second.
+        values: true values that replace the nominal ones, SI units.
+        noise: whether the sensors are those of a UR robot, or exact.
+        seed: of the noise.
+
+    Raises:
+        JointIdError: a length or rate that is not above zero, unknown parameter names, values out of bounds.
+    """
+    for name, value in (("duration", duration), ("rate", rate)):
+        if not (math.isfinite(value) and value > 0.0):
+            raise JointIdError(f"{name} = {value:g}: give a number above 0")
+    truth = model.values(values)
+    exact = _moved(model, np.arange(round(duration * rate) + 1) / rate, truth)
+    if not noise:
+        return exact
+    sensors = ur_robot_sensors(model.gear_ratio(truth))
+    known = set(sensors.noise) | {"voltage"}  # the commanded voltage is exact; there is no link velocity sensor
+    return sensors.measure(exact, seed, known & set(exact.channels))
+
+
+def _moved(model: Model, time: Array, truth: dict[str, float]) -> Recording:
+    """Every channel of the motion, exact."""
+    reference = position_reference()
+    gear = model.gear_ratio(truth)
+    if model.drive == "voltage":
+        level = np.floor(time / STEP_S + 1e-9).astype(int) % len(STEPS_V)
+        recording = simulate(model, time, {"voltage": np.array(STEPS_V)[level]}, truth)
+    elif "link_position" in model.state_names:
+        default = PositionController()  # made for a gear of GEAR_RATIO; the same torque at the link for any other
+        scale = GEAR_RATIO / gear
+        controller = PositionController(default.k_p * scale, default.k_d * scale, default.limit * scale)
+        recording = simulate_closed_loop(model, controller, reference, time, truth)
+    else:
+        q, dq = reference.value(time), reference.rate(time)
+        torque = multisine(time, 0.3, reference.frequencies, seed=2)
+        drives = {model.torque_drive: torque / model.torque_constant(truth)} if model.torque_drive else {}
+        inputs = {**drives, "link_position": q, "link_velocity": dq}
+        x0 = {"motor_position": gear * q[0], "motor_velocity": gear * dq[0]}
+        recording = simulate(model, time, inputs, truth, x0)
+    channels = {name: values for name, values in recording.channels.items() if name != model.load}
+    return Recording(recording.time, channels, source=recording.source)

@@ -1,0 +1,66 @@
+"""What `import joint_id_core as jid` gives: few names, loaded when they are used."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+import joint_id_core as jid
+
+NAMES = (
+    "Estimate", "HPinn", "Innovations", "JointIdError", "Model", "OnlineIdentifier", "OnlineOptions",
+    "ParameterSettings", "Recording", "Status", "Verdict", "build", "compare", "fit", "held_out", "read", "simulate",
+    "simulate_motion", "write",
+)  # fmt: skip
+
+
+def test_the_public_names_are_these_and_all_of_them_load():
+    assert tuple(dir(jid)) == tuple(jid.__all__) == NAMES
+    assert all(callable(getattr(jid, name)) for name in NAMES)
+
+
+def test_an_unknown_name_says_what_there_is():
+    with pytest.raises(AttributeError, match="no attribute 'Fit': it has Estimate"):
+        _ = jid.Fit
+
+
+def test_the_import_loads_no_other_library():
+    code = "import sys, joint_id_core; print(*sorted({m.partition('.')[0] for m in sys.modules}))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert not {"numpy", "scipy", "sympy", "numba", "torch", "typer", "matplotlib"} & set(done.stdout.split())
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return jid.simulate_motion(jid.build("rigid_joint"), 3.0, seed=1)
+
+
+def test_a_recording_comes_back_from_a_file(recording, tmp_path):
+    for name in ("motion.csv", "bag"):
+        jid.write(tmp_path / name, recording)
+        again = jid.read(tmp_path / name)
+        assert set(again.channels) == set(recording.channels)
+        assert len(again) == len(recording)
+
+
+def test_models_are_compared_by_text_or_as_objects(recording):
+    own = jid.build("rigid_joint", friction="stribeck")
+    found = jid.compare(["rigid_joint:coulomb_viscous", own], recording)
+    labels = {row.trial.label for row in found.ranking.rows}
+    assert labels == {"rigid_joint:coulomb_viscous", "rigid_joint:stribeck+torque"}
+    assert "rigid_joint:stribeck" in str(found) and found.to_dict()["best"] in labels
+
+
+@pytest.mark.parametrize(("duration", "rate"), [(0.0, 500.0), (1.0, -1.0), (float("nan"), 500.0)])
+def test_a_motion_needs_a_length_and_a_rate(duration, rate):
+    with pytest.raises(jid.JointIdError, match="give a number above 0"):
+        jid.simulate_motion(jid.build("rigid_joint"), duration, rate)
+
+
+def test_the_true_values_of_a_simulated_motion_are_found(recording):
+    estimate = jid.fit(jid.build("rigid_joint"), recording, jid.ParameterSettings({"J": 2.0}))
+    assert estimate.converged
+    assert abs(estimate["J"].value - 1.0) < 4.0 * estimate["J"].std_dev
+    assert set(jid.held_out(jid.build("rigid_joint"), recording, estimate)) == {"link_position"}

@@ -1,0 +1,126 @@
+"""Messages of a fit: at most three sentences that a person can read, whatever the numbers are."""
+
+from __future__ import annotations
+
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from joint_id_core.data.recording import Recording
+from joint_id_core.estimators import ParameterSettings, fit
+from joint_id_core.estimators.innovations.verdicts import Shown, judge
+from joint_id_core.estimators.shared.fit_data import prepare
+from joint_id_core.estimators.shared.sentences import MOST_NAMES, listed, missed, sentence, times
+from joint_id_core.models import build
+from joint_id_core.results.estimate import Status, Verdict
+from joint_id_core.results.report import table
+from joint_id_core.simulation.excitation import position_reference
+from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
+from joint_id_core.simulation.sensors import Sensors
+
+MODEL = build("rigid_joint")
+LONGEST = 700  # characters of a message: five lines
+SIZES = st.floats(min_value=0.0, allow_infinity=True) | st.just(np.nan)
+
+
+def recorded():
+    time = np.arange(300) * 0.01
+    channels = {"link_position": np.sin(time), "link_velocity": np.cos(time), "torque": np.sin(3.0 * time)}
+    return Recording(time, channels)
+
+
+DATA = prepare(MODEL, recorded())
+
+
+def readable(message):
+    sentences = re.findall(r"[^.]+(?:\.\d[^.]*)*\.", message)
+    assert 1 <= len(sentences) <= 3, message
+    assert re.search(r"\d{9}", message) is None, message
+    assert len(message) <= LONGEST, message
+    assert message[0].isupper() or message[0].isdigit()
+    assert message.endswith(".") and ".." not in message and "\n" not in message
+
+
+@settings(deadline=None)
+@given(
+    residual=st.floats(min_value=0.0, max_value=1e150),
+    coloured=st.booleans(),
+    levels=st.lists(st.floats(min_value=1e-300, max_value=1e300), min_size=4, max_size=4),
+    nrmse=st.lists(SIZES, min_size=2, max_size=2),
+    verdicts=st.lists(st.sampled_from(Verdict), min_size=40, max_size=40),
+    warnings=st.lists(st.sampled_from(["", "the first thing", "another thing"]), max_size=5),
+    settled=st.booleans(),
+    doubt=st.sampled_from(["", "only one start led anywhere"]),
+    together=st.sampled_from(["", "this model shows only a + b = 3: hold one of these parameters"]),
+)
+def test_every_judgement_is_readable(residual, coloured, levels, nrmse, verdicts, warnings, settled, doubt, together):
+    e = np.ones((300, 2)) if coloured else np.random.default_rng(0).standard_normal((300, 2))
+    found = SimpleNamespace(
+        last=SimpleNamespace(residuals=residual * e), levels=np.array(levels[: len(DATA.noise_names)]), settled=settled
+    )
+    rows = {f"parameter_{k}": Shown(v, "why", together if k < 2 else "") for k, v in enumerate(verdicts)}
+    judged = judge(DATA, found, dict(zip(DATA.labels, nrmse, strict=True)), rows, warnings, doubt)
+    readable(judged.message)
+    assert " ".join(judged.notes).startswith(judged.message)
+    for note in judged.notes:
+        readable(note)
+    if judged.status is Status.POOR_FIT:
+        assert sentence(Status.POOR_FIT.advice) in judged.message
+    if any(v > 1.0 for v in nrmse):
+        assert judged.status is not Status.CONVERGED
+
+
+def test_the_most_useful_findings_come_first():
+    residuals = np.random.default_rng(0).standard_normal((300, 2))
+    found = SimpleNamespace(last=SimpleNamespace(residuals=residuals), levels=np.full(4, 1e-9), settled=True)
+    rows = {"k_2": Shown(Verdict.PRIOR, ""), "J": Shown(Verdict.ESTIMATED, "")}
+    texts = ("the residuals show friction (try --friction stribeck)", "", "another thing")
+    judged = judge(DATA, found, {}, rows, texts)
+    assert judged.notes == (
+        "Converged.",
+        "The residuals show friction (try --friction stribeck).",
+        "This motion does not show k_2.",
+        "Another thing.",
+    )
+    assert judged.message == " ".join(judged.notes[:3])
+    poor = judge(DATA, found, {"link_position": 3.0}, rows, texts)
+    assert poor.notes[:3] == (
+        "The predictions of link_position miss by 300 % of its variation.",
+        sentence(Status.POOR_FIT.advice),
+        "The residuals show friction (try --friction stribeck).",
+    )
+
+
+@pytest.mark.parametrize(
+    "nrmse, said",
+    [(1.234567, "123 %"), (9.5, "950 %"), (1e53, "far more"), (np.inf, "far more"), (np.nan, "far more")],
+)
+def test_what_is_missed_is_a_number_or_words(nrmse, said):
+    assert said in missed("the predictions of x", nrmse)
+
+
+def test_ratios_and_lists_stay_short():
+    assert (times(3.21), times(26.4), times(1e40)) == ("3.21 times", "26.4 times", "more than 1000 times")
+    names = [f"p{k}" for k in range(20)]
+    assert listed(names[:3]) == "p0, p1, p2"
+    assert listed(names).endswith(f"{names[MOST_NAMES - 1]} and {20 - MOST_NAMES} more")
+
+
+def test_a_fit_whose_predictions_run_away_says_so_in_words():
+    """A flexible joint that is told ten times its gear ratio: predicted velocities are a thousand times too large."""
+    model, time = build("harmonic_drive"), np.arange(1000) / 500
+    motion = simulate_closed_loop(model, PositionController(), position_reference(), time, torque_noise=0.003, seed=1)
+    noise = {"motor_position": 1e-3, "link_position": 1e-5, "motor_velocity": 0.1, "link_velocity": 1e-3}
+    estimate = fit(model, Sensors(noise=noise).measure(motion, 1), ParameterSettings({"N": 1000.0}))
+    assert not estimate.converged
+    assert any("miss by far more than its variation" in note for note in estimate.notes), estimate.notes
+    readable(estimate.message)
+    shown = table(estimate)
+    rest = [note for note in estimate.notes if note not in estimate.message]
+    assert all(note in shown for note in rest)
+    assert ("also:" in shown) == bool(rest)
+    assert estimate.to_dict()["notes"] == list(estimate.notes)

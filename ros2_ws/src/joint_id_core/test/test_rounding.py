@@ -1,0 +1,144 @@
+"""What a fit finds does not hang on the last bits of its data, nor on the order in which these are given."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from joint_id_core.data.recording import Recording
+from joint_id_core.estimators import ParameterSettings, fit
+from joint_id_core.estimators.innovations.belief import Coordinates
+from joint_id_core.estimators.innovations.misfit import shapes
+from joint_id_core.estimators.innovations.verdicts import verdicts
+from joint_id_core.estimators.innovations.whiteness import LAGS, memory
+from joint_id_core.estimators.shared.fit_data import prepare
+from joint_id_core.estimators.shared.initial_state import busiest, credible_noise
+from joint_id_core.estimators.shared.substeps import steps_of
+from joint_id_core.models import build
+from joint_id_core.simulation.excitation import multisine
+from joint_id_core.simulation.sensors import Sensors
+from joint_id_core.simulation.simulator import simulate
+
+MODEL = build("rigid_joint")
+TRUTH = {"J": 1.7, "c": 3.0, "tau_f": 2.0, "tau_0": -0.6}
+LAST_BITS = 1e-14
+
+
+def nudged(values, seed):
+    """Values as another order of the same arithmetic might leave them."""
+    return values * (1.0 + LAST_BITS * np.random.default_rng(seed).uniform(-1.0, 1.0, np.shape(values)))
+
+
+def recorded(period=1 / 300, count=900):
+    time = np.arange(count) * period
+    torque = multisine(time, 25.0, (0.5, 1.3, 2.1, 3.7), seed=5)
+    noisy = torque + 0.05 * np.random.default_rng(0).standard_normal(count)
+    measured = Sensors(noise={"link_position": 1e-5}).measure(
+        simulate(MODEL, time, {"torque": noisy}, TRUTH), 0, keep=("link_position",)
+    )
+    return measured.with_channels({"torque": torque})
+
+
+def found(recording):
+    estimate = fit(MODEL, recording)
+    words = [" ".join(w for w in note.split() if not any(c.isdigit() for c in w)) for note in estimate.notes]
+    return estimate, (estimate.status, words, [(p.verdict, p.name) for p in estimate.parameters])
+
+
+def test_a_fit_of_data_that_differ_in_their_last_bits_is_the_same():
+    recording = recorded()
+    expected, said = found(recording)
+    for seed in range(3):
+        other = {n: nudged(v, seed) for n, v in recording.channels.items()}
+        estimate, again = found(Recording(recording.time, other))
+        assert again == said
+        for name in expected.free:
+            assert abs(estimate[name].value - expected[name].value) < 1e-3 * expected[name].std_dev, name
+            assert estimate[name].std_dev == pytest.approx(expected[name].std_dev, rel=1e-3)
+
+
+def test_a_fit_does_not_depend_on_the_order_of_channels_and_names():
+    recording = recorded()
+    turned = Recording(recording.time, dict(reversed(recording.channels.items())))
+    expected = fit(MODEL, recording, ParameterSettings(freed=("N", "w_s")))
+    other = fit(MODEL, turned, ParameterSettings(freed=("w_s", "N")))
+    assert other.values == expected.values and other.notes == expected.notes
+    assert np.array_equal(other.covariance, expected.covariance)
+
+
+def test_the_step_of_an_encoder_shows_through_rounding():
+    """Computed as counts times a step in another order, equal readings differ in their last bits."""
+    step = 1e-2
+    counts = np.round(np.sin(np.arange(2000) * 2e-3) / step)
+    span = np.array([2.0])
+    expected = credible_noise(counts[None] * step, span)
+    assert expected[0, 0] == pytest.approx(step**2 / 120.0)
+    for seed in range(5):
+        assert credible_noise(nudged(counts[None] * step, seed), span) == pytest.approx(expected, rel=1e-6)
+
+
+def test_of_a_motion_that_repeats_itself_the_first_stretch_is_taken():
+    time = np.arange(3200) * 1e-2
+    wave = np.tile(np.sin(np.arange(800) * 2e-2), 4)
+    recording = Recording(time, {"link_position": wave, "torque": np.tile(np.cos(np.arange(800) * 1e-2), 4)})
+    assert busiest(prepare(MODEL, recording), 800) == 0
+    starts = set()
+    for seed in range(20):
+        other = Recording(time, {n: nudged(v, seed) for n, v in recording.channels.items()})
+        starts.add(busiest(prepare(MODEL, other), 800))
+    assert starts == {0}
+
+
+def test_of_partners_that_are_as_strong_the_first_in_the_table_is_named():
+    free = ("J", "c", "tau_f", "tau_0")
+    coordinates = Coordinates(MODEL, free)
+    covariance = np.full((4, 4), 0.99) + 0.01 * np.eye(4)
+    for seed in range(10):
+        other = nudged(covariance, seed)
+        rows = verdicts(MODEL, free, 1e-4 * (other + other.T), coordinates, np.zeros(4))
+        named = [rows[name].reason.split("hard to tell from ")[1].split()[0] for name in free]
+        assert named == ["c", "J", "J", "J"]
+
+
+def test_a_staircase_of_ten_equal_steps_jumps_at_each():
+    model = build("harmonic_drive")
+    time = np.arange(110) * 1e-2
+    stairs = np.repeat(np.arange(11) * 0.7, 10)
+    kernel = SimpleNamespace(cell="implicit")
+    states = np.full((110, 4), 1e3)  # nothing turns
+    expected = None
+    for seed in range(10):
+        u = np.column_stack([nudged(stairs, seed), np.zeros(110)])
+        data = SimpleNamespace(model=model, u=u, time=time, labels=model.state_names)
+        steps = steps_of(data, kernel, np.array(list(model.values().values())), states, 1)
+        assert np.flatnonzero(steps > 1).tolist() == list(range(10, 110, 10)), seed
+        expected = steps if expected is None else expected
+        assert np.array_equal(steps, expected)
+
+
+def test_the_most_coloured_residuals_are_named_where_no_probability_is_left():
+    """Over long records the probability of coloured residuals is zero in floating point, for several labels at once."""
+    T = 20000
+    rng = np.random.default_rng(0)
+    white = rng.standard_normal((T + 20, 2))
+    weak, strong = white[20:, 0] + white[19:-1, 0], sum(white[20 - k : T + 20 - k, 1] for k in range(20))
+    residuals = np.column_stack([weak / np.std(weak), strong / np.std(strong)])
+    data = SimpleNamespace(labels=("motor_velocity", "link_position"), rows=tuple(residuals.T))
+    recursion = SimpleNamespace(data=data, scores=lambda last: residuals[:, :1])
+    coordinates = SimpleNamespace(slope=lambda z: np.ones(1))
+    minimum = SimpleNamespace(z=np.zeros(1), hessian=T * np.eye(1), inverse=np.eye(1) / T)
+    said = memory(recursion, coordinates, minimum, SimpleNamespace(residuals=residuals)).text
+    assert "residuals of link_position" in said and f"{LAGS} samples" in said
+
+
+@pytest.mark.parametrize("angle", [0.1, 0.3, 0.7])
+def test_a_joint_that_stands_still_shows_no_load_that_goes_with_its_angle(angle):
+    """The angle less its mean is not zero but rounding, and rounding is no shape of a torque."""
+    recording = recorded(count=300)
+    data = prepare(MODEL, recording)
+    for offset in np.linspace(0.0, 1e-3, 50):
+        states = np.column_stack([np.full(300, angle + offset), recording["torque"]])
+        (load,) = (s for s in shapes(data, states, data.p) if s.name.startswith("a load"))
+        assert not load.course.any()

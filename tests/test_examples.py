@@ -1,0 +1,43 @@
+"""Every example runs as it stands, and says what it should."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+FILES = sorted(EXAMPLES.glob("*.py"))
+# A line of the output that only a right result gives.
+SAYS = {
+    "01": r"stiffness (79\d\d|80\d\d) ± \d+ Nm/rad \(estimated\); the truth is 8000",
+    "02": r"<Estimate harmonic_drive by innovations: converged, .*k_1=51\d\d±",
+    "03": r"c_2: 1\.5\d* ± ",
+    "04": r"m_gl: (9|9\.0\d*|8\.99\d*) ± ",
+    "05": r"best: rigid_joint:stribeck\n",
+    "06": r"k_t known to 5 %: J = \S+ ± 0\.0(4|5|6)",
+    "07": r"6\.00 s  k_1 = (59|60)\d\d\.\d ± .* converged",
+    "08": r"innovations: converged",
+    "09": r"(?s)link_position: predicted 0\.1 s ahead to 0\.00",
+    "10": r"see fit\.png",
+}
+
+
+def test_they_are_numbered_short_and_listed() -> None:
+    assert [file.name[:2] for file in FILES] == [f"{k:02d}" for k in range(1, 11)] == list(SAYS)
+    page = (EXAMPLES / "README.md").read_text()
+    for file in FILES:
+        assert len(file.read_text().splitlines()) <= 60, file.name
+        assert f"({file.name})" in page
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
+def test_it_runs(file: Path, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, file], cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert re.search(SAYS[file.name[:2]], done.stdout), done.stdout

@@ -1,0 +1,107 @@
+"""docs/theory.md quotes the constants, units and files of the code."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+from joint_id_core import models
+from joint_id_core.data.signals import CHANNELS
+from joint_id_core.estimators.hpinn import fit as hpinn
+from joint_id_core.estimators.innovations import (
+    annealing,
+    estimator,
+    gauss_newton,
+    misfit,
+    recursion,
+    search,
+    stages,
+    verdicts,
+    whiteness,
+)
+from joint_id_core.estimators.shared import initial_state, substeps
+from joint_id_core.models import RigidJoint, dc_motor, transmission
+from joint_id_core.online import extension, identifier
+from joint_id_core.validation import inverse_dynamics, prediction
+
+ROOT = Path(__file__).resolve().parent.parent
+TEXT = (ROOT / "docs/theory.md").read_text()
+
+
+def test_files_that_the_theory_names_exist() -> None:
+    library = ROOT / "ros2_ws/src/joint_id_core/joint_id_core"
+    lines = re.findall(r"Code: ((?:[^.]|\.(?=\w))+)\.|\(code: ([^)]+)\)", TEXT, re.IGNORECASE)
+    named = re.findall(r"`([\w/]+(?:\.py|/))`", " ".join(chain for pair in lines for chain in pair))
+    assert len(named) > 30
+    assert [name for name in named if not (library / name).exists()] == []
+
+
+def test_constants_in_the_theory() -> None:
+    """What docs/theory.md quotes is what the code uses: the text is looked up with the constant put in."""
+    words = {1: "one", 2: "two", 4: "four", 5: "five", 6: "six", 8: "eight", 64: "64"}
+    theory = " ".join(TEXT.split())
+    quoted = [
+        f"| $N$ | {transmission.GEAR_RATIO:g} |",
+        f"| $L$ | {dc_motor.INDUCTANCE:.0e} H".replace("e-0", "e-"),
+        f"6e-5 kg m² | the rotor inertia in Table V{'' if dc_motor.ROTOR_INERTIA == 6e-5 else '?'}",
+        f"for `rigid_joint` it is {100 * RigidJoint.smoothing_share:g} % of the peak speed",
+        f"$|\\lambda h| \\le {substeps.STABLE:g}$ on the negative real axis",
+        f"$|\\lambda h| \\le {substeps.LIMIT:g}$ for the fastest mode of the sliding joint, at most "
+        f"{words[substeps.MOST]}.",
+        f"{words[substeps.MORE_STEPS]} times as many steps are taken",
+        f"within ${substeps.KINK:g}\\,w_s$ of zero",
+        f"jumps (by more than {100 * substeps.JUMP:.2g} % of its range) get {words[substeps.MORE_STEPS]} times",
+        f"(or {100 * stages.STEP_TOLERANCE:g} %, where $\\sigma$ is smaller)",
+        f"to at most {estimator.MAX_SUBSTEPS}.",
+        f"a negligible variance ($10^{{{round(math.log10(recursion.STATE_NOISE))}}}$ of",
+        f"more than {words[recursion.LONGEST_GAP]} missing samples",
+        f"a spread of {initial_state.TWIST_SPREAD:g} rad and {initial_state.TWIST_RATE_SPREAD:g} rad/s at the link",
+        f"$\\Delta z' H \\Delta z < {stages.TOLERANCE:g}$; or {stages.NEAR:g},",
+        f"No step is longer than a factor {'$e$' if gauss_newton.MAX_STEP == 1.0 else '?'}",
+        f"$q$ starts at {annealing.STRONG:.0e} times".replace("e+0", "e"),
+        f"$q$ held at {annealing.STRONGEST:.0e} times".replace("e+0", "e"),
+        "uses the quarter of the record" if annealing.EXCERPT == 4 else "?",
+        f"at least {annealing.SHORTEST} samples long",
+        f"up to {words[search.EXTRA_STARTS]} more starts",
+        f"their costs differ by less than {search.SAME_COST:g}",
+        f"the way that is left is longer than {words[stages.STALLED]} standard deviation,",
+        f"From {misfit.LIKELY:g} on the bias counts; above {misfit.SIGNIFICANT:g} the message names",
+        f"At most {words[misfit.MOST]} shapes are taken together",
+        f"can take more than {100 * (1 - misfit.OWN_SHARE):g} % of it",
+        f"its last {words[len(misfit.FORESEEN) - 1]} samples do not foresee",
+        f"from {misfit.CREDIBLE:g} standard deviations on the bias counts; "
+        f"above {misfit.SIGNIFICANT:g} the message says",
+        f"over {whiteness.LAGS} lags, with",
+        f"a probability below {whiteness.RARE:.0e}".replace("e-0", "e-"),
+        f"beyond {verdicts.COLOURED:g} in size",
+        f"$\\chi^2 = \\overline{{r^2}}$ | above {verdicts.MOST_CHI2:g} |",
+        f"nrmse of free runs of {prediction.HORIZON_S:g} s ([validation](#validation)) "
+        f"| above {verdicts.CONSTANT_NRMSE:g} |",
+        f"| up to {verdicts.PRIOR_RATIO:g} | `estimated` |",
+        f"| above {verdicts.NOT_EXCITED_RATIO:g} | `not_excited`",
+        f"correlation is beyond {verdicts.STRONG_CORRELATION:g} in size",
+        f"only with {'twice' if identifier.SURPRISE == 2.0 else '?'} the drive noise",
+        f"The {identifier.WARM_UP} samples before the new ones",
+        f"longer than {words[round(math.sqrt(extension.LONGEST_STEP))]} standard deviations",
+        f"exceeds $1 + {extension.UNLIKELY:g}\\sqrt{{2/n}}$",
+        f"compared below {inverse_dynamics.DRIVE_BAND_HZ:g} Hz",
+        f"for stability and accuracy ($|\\lambda h| \\le {hpinn.STEP_LIMIT:g}$)",
+    ]
+    assert [text for text in quoted if text not in theory] == []
+
+
+def test_symbols_of_the_theory_have_the_units_of_the_code() -> None:
+    """Rows of the tables `| symbol | names | units | meaning |`: every parameter of every model stands in one."""
+    built = [models.build(name) for name in models.MODELS]
+    built.append(models.build("harmonic_drive", actuation="current", gravity=True, kinematic_error=True,
+                                  delays=True, offsets=True))  # fmt: skip
+    units = {p.name: p.unit for model in built for p in model.parameters if not p.name.startswith("w_s")}
+    channels = {name: signal.unit for name, signal in CHANNELS.items()}
+    found = {}
+    for names, unit in re.findall(r"^\| \$[^|]+\$ \| (`[^|]+`) \| ([^|]+) \|", TEXT, re.M):
+        found |= dict(zip(re.findall(r"`(\w+)`", names), unit.split(", "), strict=False))
+        if len(unit.split(", ")) == 1:
+            found |= dict.fromkeys(re.findall(r"`(\w+)`", names), unit)
+    assert units.keys() <= found.keys()
+    assert found.items() <= (units | channels).items()
