@@ -95,8 +95,8 @@ def test_modes_are_told_and_only_a_robot_without_power_is_not_published(course):
     values = course.told("POWER_OFF", WARN)
     assert values["elbow_joint: mode"] == "POWER_OFF"
     told = course.probe.get_clock().now().nanoseconds
-    course.probe.spin(1.0)  # what is under way, however late, was stamped before
-    assert stamps(course.links)[-1] < told
+    course.probe.spin(1.0)  # what is under way, however late, was stamped before, but for how far stamps may be ahead
+    assert stamps(course.links)[-1] < told + NANO // 5
     course.machine.tell("power-on")
     course.go_on()
     values = course.well()
