@@ -30,7 +30,7 @@ def demo(tmp_path):
     for process in started:
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
-            process.communicate(timeout=60.0)
+            process.communicate(timeout=PATIENCE_S)
 
 
 def children(pid):
@@ -76,7 +76,7 @@ def test_a_signal_ends_every_node(demo, number):
         assert time.monotonic() < end
         time.sleep(0.05)
     process.send_signal(number)
-    text, _ = process.communicate(timeout=60.0)
+    text, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130, text
     assert "stopped" in text
     assert not [pid for pid in nodes if Path(f"/proc/{pid}").exists()]

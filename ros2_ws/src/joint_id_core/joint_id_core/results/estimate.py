@@ -84,7 +84,7 @@ class Checks:
         texts: what to say of it, the empty text where a test found nothing.
         excess: what it adds to the covariance of the estimation coordinates (`Belief`), shape (k, k).
         nrmse: as in `Estimate`.
-        together: by parameter that enters only in combination, what is known instead.
+        together: by parameter that enters only in combination, what is known instead and what to do, in words.
     """
 
     texts: tuple[str, ...]

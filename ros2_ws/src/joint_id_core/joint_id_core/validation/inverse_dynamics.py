@@ -15,6 +15,7 @@ from joint_id_core.models.operations import ArrayOps
 # compared below this frequency, both sides filtered alike, as in inverse dynamic identification (Gautier 1997).
 # On a public UR3e log 50 Hz would explain 95.4 % of the shoulder's current, 10 Hz 99.8 %.
 DRIVE_BAND_HZ = 10.0
+ROUNDING = 1e-6  # of a length in time: samples that stand at it count as no longer
 
 
 def drive(model: Model, values: dict[str, float], recording: Recording) -> Array | None:
@@ -64,10 +65,10 @@ def drive_errors(time: Array, measured: Array, predicted: Array, band_hz: float 
         return errors
     t, options = time[known], _band(time, band_hz)
     a, b = (differentiate(t, v[known], options)[0] for v in (measured, predicted))
-    cuts = np.flatnonzero(np.diff(t) > options.max_gap * float(np.median(np.diff(t))))
+    cuts = np.flatnonzero(np.diff(t) > (1.0 + ROUNDING) * options.max_gap * float(np.median(np.diff(t))))
     first, last = t[np.concatenate([[0], cuts + 1])], t[np.concatenate([cuts, [len(t) - 1]])]
     piece = np.searchsorted(first, t, "right") - 1
-    margin = 2.0 / options.cutoff_hz
+    margin = (1.0 + ROUNDING) * 2.0 / options.cutoff_hz
     inner = (t - first[piece] > margin) & (last[piece] - t > margin) & np.isfinite(a) & np.isfinite(b)
     spread = float(np.std(a[inner])) if inner.any() else 0.0
     if spread > 0.0:

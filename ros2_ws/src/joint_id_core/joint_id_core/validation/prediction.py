@@ -13,7 +13,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.innovations.noise import NoiseLevels
 from joint_id_core.estimators.innovations.recursion import LONGEST_GAP, Recursion
 from joint_id_core.estimators.shared.fit_data import FitData, prepare
-from joint_id_core.estimators.shared.free_run import free_runs
+from joint_id_core.estimators.shared.free_run import block_length, free_runs
 from joint_id_core.estimators.shared.initial_state import rough_states
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.estimators.shared.substeps import steps_of
@@ -97,7 +97,7 @@ def filtered(data: FitData, kernel: Kernel, noise: Mapping[str, float], substeps
 
 def _settled(data: FitData, horizon_s: float) -> np.ndarray:
     """Which samples, shape (T,), belong to free runs that began at least a horizon after the last (re)start."""
-    time, block = data.time, max(1, round(horizon_s / data.period))
+    time, block = data.time, block_length(data, horizon_s)
     again = np.flatnonzero(data.gap > LONGEST_GAP) + 1
     starts = time[np.concatenate([[0], again[again < len(time)]])]
     since = starts[np.searchsorted(starts, time, "right") - 1]

@@ -44,6 +44,7 @@ LEVEL_EPOCHS = 10
 LEVEL_DROP = 0.05  # lies less than this part below its median over the same number of epochs before
 POOR_NRMSE = 0.5  # of a label's own variation; a simulation that misses by more does not describe it
 STEP_LIMIT = 1.0  # largest |lambda h| of an RK4 step: the error of the fastest mode stays near 1 %
+UNSHOWN = 1e-12  # eigenvalue of the scaled Hessian, over the largest, that stands for zero: rounding is near 1e-15
 MINIMUM_DISTANCE = 1.0  # noise standard deviations from the minimum beyond which the message says how far training got
 
 
@@ -122,12 +123,15 @@ def _levelled_off(history: list[float]) -> bool:
     return bool(last >= (1.0 - LEVEL_DROP) * before)
 
 
-def _minimum(jacobian: Array, labels: Labels, weights: Array, residuals: Array) -> tuple[Array, Array, Array]:
+def _minimum(
+    jacobian: Array, labels: Labels, weights: Array, residuals: Array, prior: Array
+) -> tuple[Array, Array, Array]:
     """Covariance of the minimum of the WMSE, noise of each measured state, and the Gauss-Newton step to that minimum.
 
     `jacobian` (T, states, k) is that of the measured states. The loss weighs labels by Eq 2 and not by their
     noise, and the torsion repeats noise of the two angles, so this is H^-1 S H^-1 with the
-    Gauss-Newton Hessian H and the score's covariance S, not H^-1 alone.
+    Gauss-Newton Hessian H and the score's covariance S, not H^-1 alone. Directions that no label shows keep the
+    standard deviations of the `prior` (k,).
     """
     known = np.isfinite(labels.y)
     by_label = np.einsum("ls,tsk->tlk", labels.mix, jacobian)
@@ -136,15 +140,25 @@ def _minimum(jacobian: Array, labels: Labels, weights: Array, residuals: Array) 
     n = labels.mix.shape[1]
     noise = np.sqrt(np.nanmean(residuals[:, :n] ** 2, axis=0))
     score = np.einsum("tl,tlk,ls,s->tsk", pull, by_label, labels.mix, noise)
-    scale = np.sqrt(np.diag(hessian)) + 1e-300
-    inverse = np.linalg.pinv(hessian / np.outer(scale, scale), rcond=1e-13, hermitian=True) / np.outer(scale, scale)
+    scale = np.sqrt(np.where(np.diag(hessian) > 0.0, np.diag(hessian), 1.0))
+    size, axes = np.linalg.eigh(hessian / np.outer(scale, scale))
+    shown = size > UNSHOWN * size.max(initial=0.0)
+    inverse = (axes[:, shown] / size[shown]) @ axes[:, shown].T / np.outer(scale, scale)
     step = -inverse @ np.einsum("tl,tlk,tl->k", pull, by_label, np.nan_to_num(residuals))
-    return inverse @ np.einsum("tsk,tsj->kj", score, score) @ inverse, noise, step
+    blind = axes[:, ~shown]
+    precision = blind.T @ (blind / (prior * scale)[:, None] ** 2)
+    unknown = blind @ np.linalg.inv(precision) @ blind.T / np.outer(scale, scale)
+    return inverse @ np.einsum("tsk,tsj->kj", score, score) @ inverse + unknown, noise, step
+
+
+def _prior(model: Model, name: str, value: float) -> float:
+    """Standard deviation before any data."""
+    p = model.parameter(name)
+    return p.spread * (value if p.positive else 1.0)
 
 
 def _verdict(model: Model, name: str, value: float, sd: float) -> Verdict:
-    p = model.parameter(name)
-    ratio = sd / (p.spread * (value if p.positive else 1.0))
+    ratio = sd / _prior(model, name, value)
     if not ratio <= NOT_EXCITED_RATIO:
         return Verdict.NOT_EXCITED
     return Verdict.PRIOR if ratio > PRIOR_RATIO else Verdict.ESTIMATED
@@ -164,7 +178,8 @@ def _estimate(
     predicted = states[:, labels.states] @ labels.mix.T
     residuals = predicted - labels.y
     jacobian = sensitivity[:, labels.states][:, :, columns]
-    covariance, noise, step = _minimum(jacobian, labels, label_weights(labels.y), residuals)
+    prior = np.array([_prior(model, name, values[name]) for name in free])
+    covariance, noise, step = _minimum(jacobian, labels, label_weights(labels.y), residuals, prior)
     away = {
         name: abs(d) / s if s > 0 else 0.0 for name, d, s in zip(free, step, np.sqrt(np.diag(covariance)), strict=True)
     }
