@@ -129,7 +129,7 @@ class Estimate:
         start, end: first and last instant of the data in s, counted from `origin` (see `Recording`).
         samples: number of samples used.
         source, joint: where the data came from, as in `Recording`.
-        predictions: measured and predicted labels; None if there are none (a loaded or an extended estimate).
+        predictions: measured and predicted labels; None for a failed, loaded or extended estimate.
         checks: findings of the checks of this fit, or of the fit that this estimate extends.
         notes: all findings as sentences, the most useful first; `message` holds the first ones.
     """
