@@ -1,4 +1,4 @@
-"""Texts of the form NAME=VALUE, as command lines and ROS parameters hold them."""
+"""Parse texts of the form NAME=VALUE from command lines and ROS parameters."""
 
 from __future__ import annotations
 
