@@ -6,7 +6,7 @@
     estimate = jid.fit(jid.build("harmonic_drive"), recording)
     print(estimate)
 
-Names are loaded when they are first used, so the import itself takes no time.
+Names are loaded when they are first used, so the import itself takes almost no time.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ __all__ = sorted(_ROOMS)  # a list, made from the table above
 
 
 def __getattr__(name: str) -> object:
-    """Load a public name from its room when it is first used."""
+    """Load a public name from its subpackage when it is first used."""
     if name not in _ROOMS:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}: it has {', '.join(__all__)}")
     value = getattr(import_module(f"{__name__}.{_ROOMS[name]}"), name)

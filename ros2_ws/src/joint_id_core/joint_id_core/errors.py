@@ -4,6 +4,6 @@
 class JointIdError(ValueError):
     """Misuse or unusable data.
 
-    The message is one line that says what was wrong, where, and what to do. Results that are merely
-    poor are no exception: they come back as an `Estimate` whose status says so.
+    The message is one line that says what was wrong, where, and what to do. A poor result raises no exception: the
+    status of its `Estimate` says so.
     """

@@ -1,4 +1,4 @@
-"""Options of a component: one described dataclass, from which ROS parameters, CLI options and docs are made."""
+"""Options of a component as one described dataclass. ROS parameters, CLI options and docs are generated from it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from joint_id_core.errors import JointIdError
 
-Progress = Callable[[str], None]  # called with a line of text now and then during a long computation
+Progress = Callable[[str], None]  # called with a line of text from time to time during a long computation
 
 
 def option(
@@ -19,7 +19,7 @@ def option(
     upper: float | None = None,
     choices: tuple[str, ...] = (),
 ) -> Any:
-    """A dataclass field with its meaning, unit and range as metadata."""
+    """Return a dataclass field with description, unit and range as metadata."""
     meta = {"description": description, "unit": unit, "lower": lower, "upper": upper, "choices": choices}
     if isinstance(default, dict):
         return field(default_factory=lambda: dict(default), metadata=meta)
@@ -27,7 +27,7 @@ def option(
 
 
 def same_option(options: type, name: str) -> Any:
-    """A dataclass field with default and metadata of the option `name` of another dataclass."""
+    """Return a dataclass field with the default and metadata of the option `name` of another dataclass."""
     f = next(f for f in fields(options) if f.name == name)
     return field(default=f.default, metadata=f.metadata)
 
@@ -43,10 +43,10 @@ def check(options: Any) -> None:
 
 
 def check_value(option: Field[Any], value: Any) -> None:
-    """Check a value of one option against its range or choices; of a tuple every element.
+    """Check a value of one option against its range or choices; for a tuple, check every element.
 
     Raises:
-        JointIdError: it is outside; names the option, the value and what is allowed.
+        JointIdError: the value is not allowed; the message names the option, the value and the allowed ones.
     """
     meta = option.metadata
     for v in value if isinstance(value, tuple) else (value,):
@@ -59,5 +59,5 @@ def check_value(option: Field[Any], value: Any) -> None:
 
 
 def names(choices: tuple[str, ...]) -> str:
-    """Choices as a person types them."""
+    """Return choices as text, as a user types them."""
     return ", ".join(choice or '""' for choice in choices)

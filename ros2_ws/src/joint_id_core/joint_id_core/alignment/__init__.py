@@ -1,1 +1,1 @@
-"""From the raw topics of a robot to aligned samples: messages joined by their stamps, and what their numbers mean."""
+"""Convert the raw topics of a robot to aligned samples: join messages by stamp, convert units, filter."""

@@ -1,4 +1,4 @@
-"""Raw topics in, samples of all joints at one instant out, with the velocities and accelerations not measured."""
+"""Align raw topics: build samples of all joints at one instant and add velocities and accelerations."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from joint_id_core.formats.topics import RAW
 
 
 class Columns(NamedTuple):
-    """One raw message: names of its joints, and what it measures, each channel of shape (joints,)."""
+    """One raw message: names of its joints, and its channels, each of shape (joints,)."""
 
     joints: tuple[str, ...]
     channels: Mapping[str, Array]
 
 
 class AlignedSample(NamedTuple):
-    """All joints at one instant; channels of shape (joints,), NaN where nothing is known."""
+    """All joints at one instant; channels of shape (joints,), NaN for unknown values."""
 
     instant_ns: int
     joints: Sequence[str]
@@ -34,11 +34,11 @@ class AlignedSample(NamedTuple):
 
 
 class Aligner:
-    """Joins the raw topics by stamp, brings their channels to SI units at the motor shaft, and filters them.
+    """Joins the raw topics by stamp, converts motor quantities to SI units at the motor shaft, and filters them.
 
     Attributes:
-        joints: every joint seen so far, in the order of appearance, which is that of the channels.
-        filter: the filter; its `events` tell what happened to the data.
+        joints: every joint seen so far, in the order of appearance; channels have the same order.
+        filter: the filter; its `events` say what happened to the data.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class Aligner:
         options: FilterOptions | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """`clock` gives the real time in s."""
+        """Build an aligner; `clock` returns the real time in s."""
         self.joints: list[str] = []
         self.filter = StreamingFilter(options)
         self._inputs = inputs
@@ -56,7 +56,7 @@ class Aligner:
         self._begun = False
 
     def add(self, topic: str, stamp_ns: int, columns: Columns) -> list[AlignedSample]:
-        """Take one message of one of the topics in `formats.topics.RAW`; the samples that became complete.
+        """Add one message of a topic in `formats.topics.RAW`; return the samples that became complete.
 
         Raises:
             JointIdError: the stamp is missing, out of order, or too late to be joined; the message is left out.
@@ -64,7 +64,7 @@ class Aligner:
         return list(self._align(self._joiner.add(topic, stamp_ns, columns)))
 
     def release(self) -> list[AlignedSample]:
-        """Samples that need wait no longer; to be called now and then while no message comes."""
+        """Return samples that need not wait any longer; call it regularly while no message arrives."""
         return list(self._align(self._joiner.release(idle=True)))
 
     def _align(self, complete: list[tuple[int, dict[str, Columns]]]) -> Iterator[AlignedSample]:
@@ -79,7 +79,7 @@ class Aligner:
             yield from map(self._sample, self.filter.push(seconds(stamp_ns, self._origin_ns), channels))
 
     def _table(self, parts: Sequence[Columns]) -> dict[str, Array]:
-        """The channels of all joints at one instant."""
+        """Return the channels of all joints at one instant, NaN for joints without a value."""
         for part in parts:
             self.joints += [joint for joint in part.joints if joint not in self.joints]
         table = {}
@@ -91,6 +91,6 @@ class Aligner:
         return table
 
     def _sample(self, sample: FilteredSample) -> AlignedSample:
-        # A sample that waited in the filter knows nothing of joints that were first seen after it.
+        # A sample that waited in the filter does not have the joints that were first seen after it.
         joints = self.joints[: len(next(iter(sample.channels.values()), ()))]
         return AlignedSample(instant(sample.time, self._origin_ns), joints, sample.channels, sample.derived)

@@ -1,4 +1,4 @@
-"""What the numbers in the filter's raw topics mean."""
+"""Meaning and units of the numbers in the filter's raw topics."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ VELOCITIES = ("link", "motor_over_gear_ratio")
 
 @dataclass(frozen=True)
 class InputOptions:
-    """How the raw topics are read."""
+    """Options that define the meaning of the raw topics."""
 
     effort_source: str = option(
         "",
@@ -45,13 +45,13 @@ class InputOptions:
         check(self)
 
     def for_topic(self, topic: str) -> InputOptions:
-        """The options with an effort that is known, when link_states is read from `topic` (all remaps applied).
+        """Return the options with a definite `effort_source`; link_states is read from `topic` (all remaps applied).
 
-        On a topic of our own name the effort is by definition the current. A topic of another name comes from a
-        program of others, of whose efforts we know nothing.
+        On a topic called link_states the effort is by definition the current. A topic of another name comes from a
+        foreign program, so the user must say what the effort is.
 
         Raises:
-            JointIdError: the effort of such a topic is not stated.
+            JointIdError: another topic name, and `effort_source` is empty.
         """
         if self.effort_source:
             return self
@@ -64,9 +64,10 @@ class InputOptions:
         return replace(self, effort_source="current")
 
     def channels(self, raw: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Channels by name, motor quantities at the motor shaft, from those that carry what stood in link_states.
+        """Convert raw channels by name: motor quantities refer to the motor shaft afterwards.
 
-        What another topic gives directly stays as it is.
+        Raw `current` and `link_velocity` hold the values of link_states. Depending on the options they become `torque`
+        and `motor_velocity`, unless another topic provides these directly.
         """
         channels = dict(raw)
         if self.effort_source != "current" and "current" in channels:

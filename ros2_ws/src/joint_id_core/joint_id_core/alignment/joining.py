@@ -1,4 +1,4 @@
-"""Messages of several topics joined by equal stamps."""
+"""Join messages of several topics by equal stamps."""
 
 from __future__ import annotations
 
@@ -9,32 +9,32 @@ from typing import Generic, TypeVar
 from joint_id_core.data.instants import NANO
 from joint_id_core.errors import JointIdError
 
-BACK_NS = NANO  # a stamp that jumps back by more than this is a new run (a bag played again), not a slip
-AHEAD_NS = 86_400 * NANO  # and so is one further ahead: times count from the begin of a run, and lose digits with it
+BACK_NS = NANO  # a stamp that goes back by more than this starts a new run (a bag played again)
+AHEAD_NS = 86_400 * NANO  # so does one further ahead: times count from the begin of a run, and long ones lose digits
 
 Part = TypeVar("Part")
 
 
 def is_new_run(last_ns: int, stamp_ns: int) -> bool:
-    """Whether a stamp is too far from the one before to go on with it."""
+    """Return whether a stamp is so far from the previous one that a new run begins."""
     return last_ns - stamp_ns > BACK_NS or stamp_ns - last_ns > AHEAD_NS
 
 
 class StampOrder:
-    """Tells whether stamps come in order."""
+    """Checks the order of stamps."""
 
     def __init__(self) -> None:
         self.last_ns: int | None = None
 
     def restarts(self, topic: str, stamp_ns: int) -> bool:
-        """Note a stamp; True when it jumps so far that a new run begins.
+        """Check and store a stamp; return True if it jumps so far that a new run begins.
 
         Raises:
-            JointIdError: the stamp is missing, repeats or is out of order; it is not noted.
+            JointIdError: the stamp is missing, repeats or is out of order; it is not stored.
         """
         last = self.last_ns
         restart = last is not None and is_new_run(last, stamp_ns)
-        if stamp_ns == 0 and last is not None:  # as the first of all it may be a recording that begins at zero
+        if stamp_ns == 0 and last is not None:  # a first stamp of zero may be a recording that begins at zero
             raise JointIdError(f"{topic}: the stamp is zero: stamp the messages when publishing")
         if last is not None and stamp_ns <= last and not restart:
             what = "repeats" if stamp_ns == last else f"goes back by {(last - stamp_ns) / NANO:.6g} s"
@@ -46,15 +46,15 @@ class StampOrder:
 class Joiner(Generic[Part]):
     """Joins messages with equal stamps, in order of their stamps.
 
-    A stamp is complete when every topic that is awaited has delivered it or a later one. A topic is no longer
-    awaited when the newest stamp of all topics is `wait_s` beyond the last one that it delivered (at the start:
-    beyond the first of all), and nothing has come from it for `wait_s` of real time either, as a bag that is
-    played fast may bring topics unevenly. It then counts as not measured until it speaks again. So a topic that
-    nobody publishes costs a delay of `wait_s` once, and not after that.
+    A stamp is complete when every active topic has delivered it or a later one. A topic becomes inactive when two
+    conditions hold: the newest stamp of all topics is `wait_s` after its last stamp (at the start: after the first
+    stamp of all), and no message has come from it for `wait_s` of real time. The second condition is needed because a
+    bag that is played fast may deliver topics unevenly. An inactive topic counts as not measured until its next
+    message. So a topic that nobody publishes causes a delay of `wait_s` only once.
     """
 
     def __init__(self, topics: Collection[str], wait_s: float, clock: Callable[[], float] = time.monotonic) -> None:
-        """`clock` gives the real time in s."""
+        """Build a joiner; `clock` returns the real time in s."""
         self._topics, self._wait_s, self._clock = tuple(topics), wait_s, clock
         self._start()
 
@@ -67,14 +67,14 @@ class Joiner(Generic[Part]):
         self._released: int | None = None
 
     def add(self, topic: str, stamp_ns: int, part: Part) -> list[tuple[int, dict[str, Part]]]:
-        """Take one message and return the stamps that became complete, each with its parts by topic.
+        """Add one message; return the stamps that became complete, each with its parts by topic.
 
         Raises:
             JointIdError: the stamp is missing, out of order, or too late to be joined; the message is left out.
         """
         done: list[tuple[int, dict[str, Part]]] = []
         if self._orders[topic].restarts(topic, stamp_ns):
-            done = sorted(self._pending.items())  # what still waited of the run before
+            done = sorted(self._pending.items())  # messages of the previous run that still waited
             self._start()
             self._orders[topic].restarts(topic, stamp_ns)
         if not self._pending and self._newest is None:
@@ -89,9 +89,9 @@ class Joiner(Generic[Part]):
         return done + self.release()
 
     def release(self, idle: bool = False) -> list[tuple[int, dict[str, Part]]]:
-        """Stamps that are complete by now.
+        """Return the stamps that are complete now, each with its parts by topic.
 
-        To be called now and then with `idle` when no message comes on any topic: then only real time counts.
+        Call it regularly with `idle` while no message comes on any topic: then only real time counts.
         """
         if self._newest is None or self._first is None:
             return []

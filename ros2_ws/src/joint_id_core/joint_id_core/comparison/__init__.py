@@ -1,1 +1,1 @@
-"""Which model describes a recording best."""
+"""Comparison of models: which one describes a recording best."""

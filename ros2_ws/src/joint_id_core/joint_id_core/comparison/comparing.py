@@ -1,4 +1,4 @@
-"""The same record explained by several models, ranked by what they predict of data that they have not seen."""
+"""Fit several models to one record and rank them by their predictions of held-out data."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from joint_id_core.results.estimate import Estimate, Status
 from joint_id_core.validation.prediction import HORIZON_S, held_out_drive_errors, held_out_errors
 
 HELD_OUT_SHARE = 1 / 3
-# A horizon in each block that is compared, and one until the filter knows the state.
+# One horizon for each block that is compared, and one more until the filter knows the state.
 MIN_VALIDATION_S = (BLOCKS + 1) * HORIZON_S
-# A part whose motion is less than this of the other's shows a sensor's noise rather than the joint.
+# A part with less than this fraction of the other part's motion shows sensor noise rather than the joint.
 STILL = 0.02
-# Shares of the smoothing velocity of Coulomb friction that a fit may take instead of the model's own.
+# Fractions of the model's smoothing velocity of Coulomb friction that a fit tries as well.
 SHARPER = (0.1, 0.01)
 # Fall of the deviance from which one is better: where the joint never turns all of them are alike but for rounding.
 LEAST_GAIN = 0.01
@@ -34,20 +34,20 @@ LEAST_GAIN = 0.01
 
 @dataclass(frozen=True)
 class Comparison:
-    """The ranking, the recording that was fitted and the one that was predicted."""
+    """Result of a comparison: the ranking, the recording that was fitted and the one that was predicted."""
 
     ranking: Ranking
     fitted: Recording
     validated: Recording
 
     def __str__(self) -> str:
-        """The table of the report."""
+        """Return the report as a table in text."""
         from joint_id_core.comparison.report import table
 
         return table(self)
 
     def to_dict(self) -> dict[str, Any]:
-        """The comparison as plain JSON types."""
+        """Return the comparison as plain JSON types."""
         from joint_id_core.comparison.report import as_dict
 
         return as_dict(self)
@@ -63,20 +63,20 @@ def compare(
 ) -> Comparison:
     """Fit every model to the first part of a record and predict the last one.
 
-    A friction law is judged with the smoothing velocity of the Coulomb step that suits it: the model's own or, where
-    the likelihood asks for a sharper step, a tenth or a hundredth of it. With too smooth a step a law with more
-    parameters wins by making the step steeper, whatever the joint does (docs/theory.md). Smoothing velocities in
-    `settings` are left as they are.
+    Every friction law is tried with the smoothing velocity of the Coulomb step that suits it: the model's own or, if
+    the likelihood is higher, a tenth or a hundredth of it. With too smooth a step, a law with more parameters would win
+    because it can make the step steeper, whatever the joint does (docs/theory.md). Smoothing velocities in `settings`
+    are not changed.
 
     Args:
-        models: texts such as "rigid_joint:stribeck" (see `model_text.parse`) or models; none: every friction law of
-            the models that the recording can tell of.
-        recording: all of it is fitted if there is a `validation`, otherwise all but the last `held_out_share` of its
-            samples, which are predicted.
+        models: texts such as "rigid_joint:stribeck" (see `model_text.parse`) or models. Empty: every friction law of
+            every model that fits the signals of the recording.
+        recording: with `validation` all of it is fitted; else all but the last `held_out_share` of its samples, which
+            are predicted.
         validation: another recording to predict.
-        held_out_share: share of the samples, between 0 and 1.
-        settings: as for `estimators.fit`, each for those candidates that have the parameter.
-        progress: called with a line of text now and then.
+        held_out_share: fraction of the samples, between 0 and 1.
+        settings: as for `estimators.fit`; a candidate uses those for parameters that it has.
+        progress: called with a line of text from time to time.
 
     Raises:
         JointIdError: misuse of parameter names or values (a name that no candidate has), a part too short, or motion in
@@ -87,7 +87,7 @@ def compare(
         if not any(name in c.model.parameter_names for c in candidates):
             known = dict.fromkeys(n for c in candidates for n in c.model.parameter_names)
             raise JointIdError(f"no candidate has a parameter {name!r}: there are {', '.join(known)}")
-    for c in candidates:  # misuse shows before the first fit
+    for c in candidates:  # report misuse before the first fit
         settings.of(c.model).applied_to(c.model)
     fitted, validated = (recording, validation) if validation is not None else split(recording, held_out_share)
     _require_motion(fitted, validated)
@@ -105,10 +105,10 @@ def compare(
 
 
 def split(recording: Recording, held_out_share: float = HELD_OUT_SHARE) -> tuple[Recording, Recording]:
-    """The first part of a recording, to fit, and the last `held_out_share` of its samples, to predict.
+    """Split a recording into the first part, to fit, and the last `held_out_share` of its samples, to predict.
 
     Raises:
-        JointIdError: a share that is not between 0 and 1, or a part too short for its purpose.
+        JointIdError: a fraction that is not between 0 and 1, or too few samples to fit.
     """
     if not 0.0 < held_out_share < 1.0:
         raise JointIdError(f"held-out share = {held_out_share:g}: give a number between 0 and 1, e.g. 0.33")
@@ -123,7 +123,11 @@ def split(recording: Recording, held_out_share: float = HELD_OUT_SHARE) -> tuple
 
 
 def _require_motion(fitted: Recording, validated: Recording) -> None:
-    """Refuse parts of which one is too short to validate on, or is at rest while the other moves."""
+    """Check that the part to predict is long enough, and that not only one of the parts moves.
+
+    Raises:
+        JointIdError: if one of these does not hold.
+    """
     lasts = len(validated) * validated.period if len(validated) > 1 else 0.0
     if lasts < MIN_VALIDATION_S or len(validated) < MIN_SAMPLES:
         raise JointIdError(
@@ -148,7 +152,7 @@ def _spread(recording: Recording, name: str) -> float:
 
 
 def _fit(c: Candidate, recording: Recording, settings: ParameterSettings, tell: Progress) -> Estimate:
-    """Fit a candidate, with a sharper Coulomb step as long as that makes the record more likely."""
+    """Fit a candidate, with a sharper Coulomb step as long as that increases the likelihood."""
     found = _fit_once(c, recording, settings, tell)
     smoothing = {n: found[n].value for n in c.model.smoothing.values() if n not in settings.names}
     if found.predictions is None or not smoothing:
@@ -166,16 +170,16 @@ def _fit(c: Candidate, recording: Recording, settings: ParameterSettings, tell: 
 
 
 def _fit_once(c: Candidate, recording: Recording, settings: ParameterSettings, tell: Progress) -> Estimate:
-    """One fit; one that runs away is a failed estimate."""
+    """Fit a candidate once; a fit that diverges returns a failed estimate."""
     try:
         return fit_innovations(c.model, recording, settings, progress=tell)
-    except (ArithmeticError, np.linalg.LinAlgError) as error:  # one candidate that runs away must not end the others
+    except (ArithmeticError, np.linalg.LinAlgError) as error:  # one candidate that diverges must not end the others
         diverged = UnusableError(Status.DIVERGED, f"{recording.source}: {Status.DIVERGED.advice} ({error})")
         return unusable(c.model, "innovations", diverged, recording)
 
 
 def _validated(c: Candidate, estimate: Estimate, recording: Recording) -> Trial:
-    """The trial of a candidate, from its errors on the part that it has not seen."""
+    """Validate a candidate: return its trial with its prediction errors on the held-out part."""
     if estimate.predictions is None:
         return Trial(c, estimate, failure=f"{estimate.status.value}: {estimate.message}")
     try:

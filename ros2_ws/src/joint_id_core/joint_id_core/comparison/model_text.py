@@ -25,9 +25,9 @@ class Candidate:
     """One model of a comparison.
 
     Attributes:
-        label: its canonical text, with the friction law always said.
-        model: what it stands for.
-        arguments: the same as arguments of `joint-id fit`.
+        label: its canonical text, always with the friction law.
+        model: the model.
+        arguments: arguments of `joint-id fit` that build the same model.
     """
 
     label: str
@@ -36,15 +36,16 @@ class Candidate:
 
 
 def parse(models: Sequence[str | Model | Candidate], recording: Recording) -> tuple[Candidate, ...]:
-    """Candidates from models, and from texts: `rigid_joint`, `rigid_joint:stribeck`, `harmonic_drive:all+gravity`.
+    """Return candidates from models, and from texts such as `rigid_joint:stribeck` or `harmonic_drive:all+gravity`.
 
-    A model without a law has the paper's, `coulomb_viscous`; with the law `all` it is one candidate for each. A single
-    text without a law stands for all of them, as one candidate is no comparison. No text at all: see `every_model`.
-    A model that can be driven by either takes the torque if that was recorded, else the current.
+    A text without a friction law means the paper's law, `coulomb_viscous`. The law `all` gives one candidate per law;
+    so does a single text without a law, because one candidate is no comparison. Without any text the models of
+    `every_model` are compared with every law. A model that can be driven by torque or current takes the torque if it
+    was recorded, else the current.
 
     Raises:
-        JointIdError: a text that names no model, law or option (it lists those that exist), an option that the model
-            does not have, a candidate given twice, fewer than two.
+        JointIdError: an unknown model, law or option (the message lists the known ones), an option that the model does
+            not have, a candidate given twice, fewer than two candidates.
     """
     named = list(models) or [f"{name}:{EVERY_LAW}" for name in every_model(recording)]
     if len(named) == 1 and isinstance(named[0], str) and ":" not in named[0]:
@@ -65,12 +66,12 @@ def parse(models: Sequence[str | Model | Candidate], recording: Recording) -> tu
 
 
 def every_model(recording: Recording) -> tuple[str, ...]:
-    """Models whose states and drive this recording holds: of one encoder, of two, with a voltage.
+    """Return the names of the models whose states and drive this recording holds.
 
-    `motor_side` is not among them: it is for a link that other joints move, which no recording tells.
+    `motor_side` is never among them: it is for a link that other joints move, too, and a recording does not show that.
 
     Raises:
-        JointIdError: none fits.
+        JointIdError: no model fits the recording.
     """
     link, motor = (any(recording.measured(f"{side}_{what}") for what in ("position", "velocity")) for side in _SIDES)
     names = []
@@ -90,7 +91,7 @@ _SIDES = ("link", "motor")
 
 
 def _candidate(model: Model | Candidate) -> Candidate:
-    """The candidate that a model stands for; the label of a model of one's own is how Python shows it."""
+    """Return the candidate of a model; the label of a user's own model is its `repr`."""
     if isinstance(model, Candidate):
         return model
     if type(model) is not MODELS.get(model.name):
@@ -102,14 +103,14 @@ def _candidate(model: Model | Candidate) -> Candidate:
 
 
 def _labelled(model: Model, law: str, flags: Sequence[str], drives: Sequence[str]) -> Candidate:
-    """A candidate with its canonical text and the arguments that build it."""
+    """Return a candidate with its canonical text and the arguments that build it."""
     label = "+".join([f"{model.name}:{law}", *flags, *drives])
     arguments = ["--model", model.name, "--friction", law, *(f"--{flag.replace('_', '-')}" for flag in flags)]
     return Candidate(label, model, (*arguments, *(word for drive in drives for word in ("--actuation", drive))))
 
 
 def _candidates(text: str, recording: Recording) -> Iterator[Candidate]:
-    """The candidates that one text stands for."""
+    """Yield the candidates that one text stands for."""
     head, *extras = (part.strip() for part in text.split("+"))
     name, colon, law = (part.strip() for part in head.partition(":"))
     extras = [extra.replace("-", "_") for extra in extras]

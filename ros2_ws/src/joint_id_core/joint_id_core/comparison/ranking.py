@@ -1,4 +1,4 @@
-"""Order the trials of a comparison, and say why in words."""
+"""Rank the trials of a comparison, with the reasons in words."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ ALIKE = 2.0  # difference of BIC "not worth more than a bare mention" (Kass and 
 
 @dataclass(frozen=True)
 class Row:
-    """A trial in its place.
+    """One row of the ranking.
 
     Attributes:
-        rank: 1 for the first; None where nothing allows to compare it with the others.
-        score: geometric mean of the held-out nrmse of the signals that decide, NaN if it does not predict them.
-        delta_bic: BIC above the lowest of the converged rows with the same labels; NaN where no other row has them.
-        reason: why it stands here.
+        trial: the candidate with its fit and its validation.
+        rank: 1 for the first; None if it cannot be compared with the others.
+        score: geometric mean of the held-out nrmse of the signals that decide; NaN if it does not predict them.
+        delta_bic: BIC minus the lowest BIC of the rows with the same labels, converged ones if there are any; NaN if no
+            other row has these labels.
+        reason: why it has this rank.
     """
 
     trial: Trial
@@ -32,7 +34,14 @@ class Row:
 
 @dataclass(frozen=True)
 class Ranking:
-    """The rows, best first; `signals` whose held-out prediction decided; notes for all; the result in one sentence."""
+    """Result of a ranking.
+
+    Attributes:
+        rows: best first.
+        signals: signals whose held-out prediction decided.
+        notes: notes on all rows.
+        conclusion: the result in one sentence.
+    """
 
     rows: tuple[Row, ...]
     signals: tuple[str, ...]
@@ -41,18 +50,18 @@ class Ranking:
 
     @property
     def best(self) -> Trial | None:
-        """The candidate that describes the record best; None if none describes it or nothing allows to choose."""
+        """The candidate that describes the record best; None if none describes it or they cannot be compared."""
         first = self.rows[0]
         return first.trial if first.rank == 1 and first.trial.describes else None
 
 
 def rank(trials: Sequence[Trial]) -> Ranking:
-    """Order trials.
+    """Rank trials.
 
-    First those that describe the data they were fitted to, then those that converged to a poor fit or not at all, then
-    those that failed. Among the first two, held-out prediction decides, on the signals that all predict. Those whose
-    errors differ by no more than chance from the best of the remaining ones stand together: the first kind by BIC if
-    all of them explain the same labels, otherwise by error.
+    First come trials that describe the data they were fitted to, then those that converged to a poor fit or did not
+    converge, then those that failed. Within the first two groups the held-out prediction decides, on the signals that
+    all of them predict. Trials form a class if their errors differ from the best one of the class by no more than
+    chance. Within a class of the first group, BIC decides if all its trials explain the same labels, else the error.
     """
     good = [t for t in trials if t.describes]
     poor = [t for t in trials if t.errors and not t.describes]
@@ -75,7 +84,7 @@ def rank(trials: Sequence[Trial]) -> Ranking:
 
 
 def _classes(trials: Sequence[Trial], held_out: HeldOut | None, by_bic: bool = True) -> list[list[Trial]]:
-    """Trials in order, those that predict equally well together."""
+    """Return the trials in order, grouped into classes that predict equally well."""
     left = sorted(trials, key=held_out.score) if held_out else list(trials)
     classes = []
     while left:
@@ -98,7 +107,7 @@ def _delta_bic(trial: Trial, trials: Sequence[Trial]) -> float:
 
 
 def _reason(trial: Trial, classes: list[list[Trial]], held_out: HeldOut | None) -> str:
-    """Why one trial stands where it stands."""
+    """Return the reason for the rank of a trial, in words."""
     status = trial.estimate.status
     found = (*trial.estimate.notes, trial.estimate.message)[0]
     text = found[:1].lower() + found[1:].rstrip(".")
@@ -140,7 +149,7 @@ def _why_first(classes: list[list[Trial]], held_out: HeldOut | None) -> str:
 
 
 def _conclusion(rows: Sequence[Row], classes: list[list[Trial]], held_out: HeldOut | None) -> str:
-    """The result in one sentence."""
+    """Return the result in one sentence."""
     predicting = [r for r in rows if r.trial.errors]
     if not predicting:
         return "no candidate could be fitted and validated: see the reason of each"
@@ -171,7 +180,7 @@ def _conclusion(rows: Sequence[Row], classes: list[list[Trial]], held_out: HeldO
 
 
 def _notes(trials: Sequence[Trial]) -> tuple[str, ...]:
-    """What to know of all the rows."""
+    """Return notes that concern all rows."""
     notes = []
     fitted = [t for t in trials if t.labels]
     sets = {(t.labels, t.estimate.observations): t for t in fitted}

@@ -1,4 +1,4 @@
-"""A comparison for people (a table) and for machines (a dictionary)."""
+"""A comparison as a table for people and as a dictionary for programs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from joint_id_core.data.recording import Recording
 
 
 def as_dict(comparison: Comparison) -> dict[str, Any]:
-    """The comparison as plain JSON types; what is not a number is NaN, which the writer makes null."""
+    """Return the comparison as plain JSON types; missing numbers are NaN, which the JSON writer turns into null."""
     ranking = comparison.ranking
     rows = []
     for r in ranking.rows:
@@ -49,7 +49,7 @@ def as_dict(comparison: Comparison) -> dict[str, Any]:
 
 
 def table(comparison: Comparison) -> str:
-    """The comparison as lines of text: one row a candidate, best first, the reasons, the result."""
+    """Return the comparison as lines of text: one row per candidate, best first, the reasons, the result."""
     ranking = comparison.ranking
     names = list(dict.fromkeys(n for r in ranking.rows for n in r.trial.errors))
     drives = {r.trial.drive for r in ranking.rows}

@@ -1,4 +1,4 @@
-"""One candidate of a comparison, fitted and validated, and what two of them may be compared by."""
+"""One candidate of a comparison, fitted and validated, and the criteria to compare two of them."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from joint_id_core.comparison.model_text import Candidate
 from joint_id_core.data.recording import Array
 from joint_id_core.results.estimate import Estimate
 
-BLOCKS = 8  # stretches of the validation part; their scatter says how much of a difference is chance
-SIGMAS = 2.0  # a difference of held-out errors counts from this many standard errors on,
-LEAST = 0.01  # and from this share of the error on: less matters to nobody
+BLOCKS = 8  # stretches of the validation part; their scatter shows how much of a difference is chance
+SIGMAS = 2.0  # a difference of held-out errors counts if it exceeds this many standard errors
+LEAST = 0.01  # and this fraction of the error: a smaller one does not matter in practice
 _TINY = 1e-12  # a relative error below rounding
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What became of one candidate.
+    """One candidate model after it was fitted and validated.
 
     Attributes:
         candidate: the model.
-        estimate: fitted to the first part of the record.
-        errors: by signal, normalised prediction errors on the validation part, shape (T,), NaN where not judged: of the
-            labels, and of the drive where the model explains one (`held_out_errors`, `held_out_drive_errors`).
-        drive: which of these signals is the drive; empty if none.
-        failure: why there are no errors; empty if there are.
+        estimate: the fit to the first part of the record.
+        errors: by signal, normalised prediction errors on the validation part, shape (T,), NaN where not judged. The
+            signals are the labels, and the drive if the model predicts it (`held_out_errors`, `held_out_drive_errors`).
+        drive: name of the drive among these signals; empty if it is not among them.
+        failure: why there are no errors; empty if there are errors.
     """
 
     candidate: Candidate
@@ -49,7 +49,7 @@ class Trial:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Signals whose likelihood the fit maximised."""
+        """Signals in the likelihood of the fit."""
         return tuple(self.estimate.nrmse)
 
     @property
@@ -75,22 +75,22 @@ class Trial:
 
 
 def same_data(a: Trial, b: Trial) -> bool:
-    """Whether the likelihoods of two fits are of the same measured values, and so their criteria comparable."""
+    """Return whether the likelihoods of two fits cover the same measured values, so that BIC and AIC are comparable."""
     alike = a.labels == b.labels and a.estimate.observations == b.estimate.observations
     return alike and math.isfinite(a.bic) and math.isfinite(b.bic)
 
 
 def common_signals(trials: Sequence[Trial]) -> tuple[str, ...]:
-    """Signals that all of these predict, in the order of the first."""
+    """Return the signals that all trials predict, in the order of the first trial."""
     return tuple(n for n in (trials[0].errors if trials else ()) if all(n in t.errors for t in trials))
 
 
 class HeldOut:
     """Held-out errors of several trials on the samples and signals that all of them predict.
 
-    The score of a trial is the geometric mean over the signals of its nrmse: a ratio of scores does not depend on how
-    the signals are scaled. Two trials are apart when the logarithm of that ratio exceeds twice its standard error,
-    which the pairwise ratios in `BLOCKS` stretches of the record give.
+    The score of a trial is the geometric mean of its nrmse over the signals. So a ratio of scores does not depend on
+    how the signals are scaled. Two trials differ if the logarithm of this ratio exceeds twice its standard error. The
+    standard error comes from the ratios in `BLOCKS` stretches of the record.
     """
 
     def __init__(self, trials: Sequence[Trial], signals: Sequence[str]) -> None:
@@ -102,15 +102,15 @@ class HeldOut:
         self._index = {t.label: k for k, t in enumerate(trials)}
 
     def score(self, trial: Trial) -> float:
-        """Geometric mean of the nrmse."""
+        """Return the geometric mean of the nrmse."""
         return float(np.exp(self._whole[self._index[trial.label]]))
 
     def ratio(self, worse: Trial, better: Trial) -> float:
-        """Error of the one over error of the other."""
+        """Return the score of `worse` over the score of `better`."""
         return self.score(worse) / self.score(better)
 
     def apart(self, a: Trial, b: Trial) -> bool:
-        """Whether the two differ by more than chance and by more than `LEAST`."""
+        """Return whether two trials differ by more than chance and by more than `LEAST`."""
         i, j = self._index[a.label], self._index[b.label]
         by_block = self._blocks[i] - self._blocks[j]
         by_block = by_block[np.isfinite(by_block)]
@@ -121,7 +121,7 @@ class HeldOut:
 
 
 def _log_rms(errors: Array) -> tuple[Array, Array]:
-    """Log rms of errors (n, T) on samples that are finite in every row: of all (n,), by block (n, BLOCKS)."""
+    """Return the log rms of errors (n, T) over samples finite in every row: in all (n,), by block (n, BLOCKS)."""
     errors = np.where(np.isfinite(errors).all(axis=0), errors, np.nan)
 
     def level(part: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Instants in whole nanoseconds, and times in seconds that count from an origin near them."""
+"""Conversion between instants in integer nanoseconds and times in s since a nearby origin."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ NANO = 10**9
 
 
 def seconds(instant_ns: int, origin_ns: int) -> float:
-    """Time since an origin in s; near zero, so that a double keeps every nanosecond of a day."""
+    """Return the time since an origin in s; for less than a day a double keeps every nanosecond."""
     return (instant_ns - origin_ns) / NANO
 
 
 def instant(time_s: float, origin_ns: int) -> int:
-    """Inverse of `seconds`; the origin for a time that is not known."""
+    """Return the instant in ns of a time in s since an origin (inverse of `seconds`); the origin for NaN."""
     return origin_ns + (round(time_s * NANO) if math.isfinite(time_s) else 0)

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]  # of any shape; docstrings say which
 
 
 def any_finite(values: Array) -> bool:
-    """Whether any of the values, shape (T,), is finite; the first one mostly is."""
+    """Return whether any of the values, shape (T,), is finite; fast, since the first one usually is."""
     return bool(len(values) and math.isfinite(values[0])) or bool(np.isfinite(values).any())
 
 
@@ -25,15 +25,15 @@ class Recording:
     """Samples of one joint.
 
     Attributes:
-        time: instants in s, shape (T,), strictly increasing; steps may differ and gaps stay gaps.
+        time: instants in s, shape (T,), strictly increasing; steps may differ, and there may be gaps.
         channels: values by channel name (`joint_id_core.data.signals.CHANNELS`), each of shape (T,), SI units,
             NaN where nothing was measured.
         derived: names of channels that were computed by a filter and not measured. They serve as start
             values and inputs, never as labels.
-        source: where it came from (a file, a topic), for messages.
+        source: where the samples came from (a file, a topic), for messages.
         joint: name of the joint.
-        origin: whole seconds that `time` counts from on the clock of the source. Instants since 1970 as doubles would
-            be 0.24 us apart, in which a motor turns further than its encoder's noise.
+        origin: zero of `time` in whole seconds on the clock of the source. Seconds since 1970 as doubles have a
+            resolution of 0.24 us; in that time a motor turns by more than the noise of its encoder.
 
     Raises:
         JointIdError: unknown channel, wrong shape, infinite values, time that is not strictly increasing.
@@ -84,10 +84,10 @@ class Recording:
         return name in self.channels
 
     def __getitem__(self, name: str) -> Array:
-        """Values of a channel.
+        """Return the values of a channel, shape (T,).
 
         Raises:
-            JointIdError: the recording does not have it.
+            JointIdError: the recording does not have the channel.
         """
         if name not in self.channels:
             raise JointIdError(f"{self.source} has no {name}: it has {', '.join(self.channels) or 'no channel'}")
@@ -109,20 +109,20 @@ class Recording:
         return int(np.count_nonzero(self._steps > 1.5 * self.period)) if len(self) > 1 else 0
 
     def measured(self, name: str) -> bool:
-        """Whether the channel holds measurements (present, not derived, not all NaN)."""
+        """Return whether the channel holds measurements (present, not derived, not all NaN)."""
         return name in self.channels and name not in self.derived and any_finite(self.channels[name])
 
     def window(self, start: float, end: float) -> Recording:
-        """Samples with start <= time < end, in s on the recording's own clock."""
+        """Return the samples with start <= time < end, in s as in `time`."""
         i, j = np.searchsorted(self.time, [start, end])
         return self.slice(int(i), int(j))
 
     def slice(self, i: int, j: int) -> Recording:
-        """Samples i to j (exclusive)."""
+        """Return the samples i to j (exclusive)."""
         return replace(self, time=self.time[i:j], channels={n: v[i:j] for n, v in self.channels.items()})
 
     def trusted(self, time: Array, channels: Mapping[str, Array], derived: frozenset[str]) -> Recording:
-        """A recording from the same source of samples that were checked before, without checking them again."""
+        """Build a recording of the same source from samples that were already checked, without a new check."""
         made = object.__new__(Recording)
         new = {"time": time, "channels": channels, "derived": derived, "_steps": time[1:] - time[:-1]}
         for name, value in (self.__dict__ | new).items():
@@ -130,7 +130,7 @@ class Recording:
         return made
 
     def with_channels(self, changes: Mapping[str, Array], derived: bool = False) -> Recording:
-        """A copy with channels added or replaced, marked as `derived` or as measured."""
+        """Return a copy with channels added or replaced, marked as `derived` or as measured."""
         names = frozenset(changes)
         marks = self.derived | names if derived else self.derived - names
         return replace(self, channels={**self.channels, **changes}, derived=marks)

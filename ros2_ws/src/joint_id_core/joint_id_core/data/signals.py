@@ -1,4 +1,4 @@
-"""What can be measured (`Signal`) and what can be identified (`Parameter`).
+"""Quantities that can be measured (`Signal`) and constants that can be identified (`Parameter`).
 
 Channel names are the same everywhere: CSV columns, message fields, model states and inputs. All units
 are SI; motor quantities are at the motor shaft, link quantities behind the gear.
@@ -12,16 +12,16 @@ from typing import Literal
 
 from joint_id_core.errors import JointIdError
 
-LARGEST = 1e9  # no signal of a joint is larger, in its SI unit: beyond it the data are damaged
+LARGEST = 1e9  # no signal of a joint is larger, in its SI unit: a larger value means damaged data
 
 
 @dataclass(frozen=True)
 class Signal:
     """A quantity that varies in time: a state, an input or a label.
 
-    `hold` tells how an input runs between two samples: "zero" (constant, as a controller writes it) or
-    "first" (a straight line, as a measured motion does). `scale` is a typical magnitude in `unit`, used
-    as the spread of an unknown start value.
+    `hold` says how an input varies between two samples: "zero" (constant, as a controller sets it) or "first" (linear,
+    for a measured motion). `scale` is a typical magnitude in `unit`, used as the standard deviation of an unknown start
+    value.
     """
 
     name: str
@@ -36,10 +36,10 @@ class Signal:
 class Parameter:
     """A physical constant of a joint.
 
-    `nominal` is the start value; NaN means that there is no sensible one and the user must give it.
-    `lower >= 0` makes the parameter positive: it is then estimated in the logarithm. `spread` is one
-    standard deviation of what is believed before any data: in natural logarithms for a positive
-    parameter, in `unit` for the others. `fixed` keeps it out of the estimation unless it is freed.
+    `nominal` is the start value; NaN means that there is no sensible default and the user must give one.
+    `lower >= 0` makes the parameter positive: its logarithm is then estimated. `spread` is the standard deviation of
+    the prior: in natural logarithms for a positive parameter, in `unit` for the others. A `fixed` parameter is not
+    estimated unless it is freed.
     """
 
     name: str
@@ -53,7 +53,7 @@ class Parameter:
 
     @property
     def positive(self) -> bool:
-        """Whether the parameter is estimated in the logarithm."""
+        """Whether the parameter is positive, so that its logarithm is estimated."""
         return self.lower >= 0.0
 
     def checked(self, value: float) -> float:
@@ -103,12 +103,12 @@ _SIDES = {"motor": "link", "link": "motor"}  # of the gear
 
 
 def derivative_of(name: str) -> str | None:
-    """Name of a channel's time derivative: "motor_velocity" of "motor_position". None if it has none."""
+    """Return the name of a channel's time derivative: "motor_velocity" for "motor_position". None if it has none."""
     return _beside(name, 1)
 
 
 def integral_of(name: str) -> str | None:
-    """Name of the channel that this one is the time derivative of. None if there is none."""
+    """Return the name of the channel whose time derivative this one is. None if there is none."""
     return _beside(name, -1)
 
 
@@ -119,13 +119,13 @@ def _beside(name: str, step: int) -> str | None:
 
 
 def side_of(name: str) -> str | None:
-    """Side of the gear that a channel belongs to: "motor", "link" or None."""
+    """Return the side of the gear that a channel belongs to: "motor", "link" or None."""
     side = name.partition("_")[0]
     return side if side in _SIDES else None
 
 
 def across_gear(name: str) -> str | None:
-    """Name of the same quantity on the other side of the gear: "link_position" of "motor_position". Else None."""
+    """Return the same quantity on the other side of the gear: "link_position" for "motor_position". Else None."""
     side = side_of(name)
     return f"{_SIDES[side]}{name.removeprefix(side)}" if side else None
 

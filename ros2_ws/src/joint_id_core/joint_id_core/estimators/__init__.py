@@ -19,7 +19,7 @@ __all__ = ["DEFAULT", "ESTIMATORS", "Estimator", "HPinn", "Innovations", "Parame
 
 
 class Estimator(Protocol):
-    """What every estimator is: a frozen dataclass of options with a name and `fit`."""
+    """Interface of an estimator: a frozen dataclass of options with a name and `fit`."""
 
     name: ClassVar[str]
 
@@ -47,14 +47,14 @@ def fit(
     """Fit a model to a recording.
 
     Args:
-        model: from `models.build`, or of your own.
+        model: from `models.build`, or your own model.
         recording: inputs and at least one measured state.
-        settings: start values, held and freed parameters, priors; without it the model's table.
-        estimator: `Innovations()` or `HPinn()`, with options of their own.
-        progress: called with a line of text now and then.
+        settings: start values, fixed and freed parameters, priors; None takes the model's table as it is.
+        estimator: `Innovations()` or `HPinn()`, each with its own options.
+        progress: called with a line of text from time to time.
 
     Returns:
-        The estimate. Poor data are no exception: the status says what is wrong and what to do.
+        The estimate. Poor data raise no exception: the status says what is wrong and what to do.
 
     Raises:
         JointIdError: misuse of parameter names, values or options; a library that the estimator needs is missing.
@@ -63,7 +63,7 @@ def fit(
 
 
 def build(name: str, **options: object) -> Innovations | HPinn:
-    """The estimator called `name` with its options.
+    """Build the estimator called `name` with its options.
 
     Raises:
         JointIdError: unknown name, an option that this estimator does not have, a value outside its range.

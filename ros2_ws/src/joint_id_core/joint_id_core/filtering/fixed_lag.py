@@ -1,4 +1,4 @@
-"""The running core of the streaming filter: forward state, a buffer of fixed lag, and weights over it."""
+"""The core of the streaming filter: state of the forward filter, buffer of fixed lag, and weights over this buffer."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ from joint_id_core.filtering.offline import REACH, STENCIL, FilterOptions, settl
 
 
 class FilterDesign:
-    """What follows from options and period: the forward filter and the weights of the fixed lag.
+    """Coefficients for given options and period: the forward filter, and the weights over the fixed lag.
 
     Attributes:
         forward: [output; next state] = forward @ [input; state], shape (1 + n, 1 + n).
-        steady: state at rest for input 1, shape (n,).
-        weights: of the forward filter's outputs for value, first and second derivative, shape (3, W).
-        ahead: samples that the weights reach ahead; memory: samples that the result depends on before its instant.
-        delay: group delay in s that is left to take off the time.
+        steady: steady state for a constant input 1, shape (n,).
+        weights: weights of the forward filter's outputs for value, first and second derivative, shape (3, W).
+        ahead: number of later samples that a result needs.
+        memory: number of earlier samples that a result depends on.
+        delay: group delay in s that must still be subtracted from the time (0 unless `causal`).
     """
 
     def __init__(self, options: FilterOptions, period: float) -> None:
@@ -45,7 +46,7 @@ class FilterDesign:
 
 
 class Run:
-    """The filter between two restarts, on an even grid that starts at its first sample."""
+    """The filter between two restarts, on an evenly spaced grid that starts at its first sample."""
 
     def __init__(
         self,
@@ -65,18 +66,18 @@ class Run:
         self._buffer = np.zeros((2 * self._width, columns))  # each output twice, so that the latest are contiguous
         self._io = np.zeros((len(design.forward), columns))
         self._outputs = np.full((4, 3 * columns), np.nan)
-        self._spoilt = np.zeros(columns, dtype=np.int64)  # grid index of the last unusable input; the start is one
+        self._spoilt = np.zeros(columns, dtype=np.int64)  # grid index of the last unusable input, at first the start
         self._next = 0  # grid index of the next input
 
     def take(self, time: float, row: Array, bad: NDArray[np.bool_]) -> None:
-        """Note a sample; values that are not finite are held."""
+        """Add a sample; a value that is not finite is replaced by the previous one."""
         self._rows[:3], self._bad_rows[:3] = self._rows[1:], self._bad_rows[1:]
         self._rows[3] = np.where(bad, self._rows[2], row) if bad.any() else row
         self._bad_rows[3] = self.bad = bad
         self._times.append(time)
 
     def step(self) -> bool:
-        """Advance by one grid point; False when the samples do not reach far enough yet."""
+        """Advance by one grid point; return False if more samples are needed first."""
         at = self.start + self._next * self.design.period
         if len(self._times) < 4 or at >= self._times[2]:
             return False
@@ -98,11 +99,11 @@ class Run:
         return True
 
     def ready(self, time: float) -> bool:
-        """Whether the outputs reach two grid points beyond an instant."""
+        """Return whether the outputs reach two grid points beyond an instant."""
         return self._first(time) + 3 <= self._next - 1 - self.design.ahead
 
     def at(self, time: float) -> Array:
-        """Value, first and second derivative at an instant that has just become ready, shape (3, columns)."""
+        """Return value, first and second derivative at an instant that has just become ready, shape (3, columns)."""
         nodes = [self.start + (self._next - 4 - self.design.ahead + k) * self.design.period for k in range(4)]
         return (_weights(time, nodes) @ self._outputs).reshape(3, -1)
 
@@ -111,7 +112,7 @@ class Run:
 
 
 def _weights(at: float, nodes: deque[float] | list[float]) -> Array:
-    """Weights of the cubic through four nodes."""
+    """Return the interpolation weights of the cubic through four nodes, shape (4,)."""
     a, b, c, d = nodes
     pa, pb, pc, pd = at - a, at - b, at - c, at - d
     return np.array(

@@ -1,11 +1,11 @@
 """The Butterworth differentiator: velocities and accelerations from encoder signals of a whole recording.
 
-Positions and velocities pass a Butterworth low-pass (4th order, 50 Hz as in the paper), forwards and backwards so
-that the phase is zero, and are differentiated by a central stencil of 7 points (relative error (w T)^6 / 140, that is
-0.04 % at 50 Hz and 500 Hz sampling). `streaming.py` does the same sample by sample.
+Positions and velocities pass a Butterworth low-pass (4th order, 50 Hz as in the paper), forwards and backwards for zero
+phase. A central difference of 7 points then differentiates them (relative error (w T)^6 / 140, that is 0.04 % at 50 Hz
+and 500 Hz sampling). `streaming.py` does the same sample by sample.
 
-With `causal` the filter runs forwards only. It then delays by its group delay, so every channel, measured or not,
-goes through the same filter and the time is shifted back by that delay: all channels describe the stated instant.
+With `causal` the filter runs forwards only and delays its output by the group delay. So every channel, measured or not,
+goes through the same filter, and the time is shifted back by that delay: all channels describe the stated instant.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Indices = NDArray[np.intp]
 STENCIL = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0
 REACH = 3  # samples that the stencil reaches to either side
 
-# What is computed from what: velocity and acceleration by side of the gear.
+# Position, velocity and acceleration by side of the gear; each one can be computed from the one before.
 SIDES = {side: (f"{side}_position", f"{side}_velocity", f"{side}_acceleration") for side in ("motor", "link")}
 
 
@@ -45,10 +45,10 @@ class FilterOptions:
         check(self)
 
     def sections(self, period: float, source: str = "data") -> Array:
-        """Second-order sections for a sampling period in s.
+        """Return the second-order sections of the filter for a sampling period in s.
 
         Raises:
-            JointIdError: the sampling is too slow for the cutoff; says which cutoff is allowed.
+            JointIdError: the sampling is too slow for the cutoff; the message says which cutoff is allowed.
         """
         if not self.cutoff_hz < 0.5 / period:
             raise JointIdError(
@@ -58,7 +58,7 @@ class FilterOptions:
         return scipy.signal.butter(self.order, self.cutoff_hz, fs=1.0 / period, output="sos")
 
     def delay(self, period: float) -> float:
-        """Group delay of one forward pass at low frequency, in s: what `causal` takes off the time."""
+        """Return the group delay of one forward pass at low frequency, in s; `causal` subtracts it from the time."""
         sos = self.sections(period)
         powers = np.arange(3)
         b, a = sos[:, :3], sos[:, 3:]  # group delay at z = 1: sum k b_k / sum b_k - sum k a_k / sum a_k
@@ -70,21 +70,21 @@ def differentiate(
 ) -> tuple[Array, ...]:
     """Smooth a signal and differentiate it `times` times.
 
-    On evenly spaced samples the smoothed signal is `scipy.signal.sosfiltfilt`'s. Otherwise the samples are brought to
-    an even grid by local cubics, only for filtering; results are returned at the given instants alone. Missing
-    samples (NaN, or a hole of at most `max_gap` periods) are bridged so; at longer gaps the signal is cut in pieces.
+    On evenly spaced samples the smoothed signal equals that of `scipy.signal.sosfiltfilt`. Other samples are first
+    interpolated to an even grid by local cubics; results are returned at the given instants only. The interpolation
+    also bridges missing samples (NaN, or a gap of at most `max_gap` periods). At longer gaps the signal is split.
 
     Args:
         time: instants in s, shape (T,), strictly increasing.
         values: shape (T,), NaN where nothing was measured.
-        options: of the filter.
+        options: options of the filter.
         times: number of derivatives.
-        source: for messages.
+        source: name of the data in messages.
 
     Returns:
-        Smoothed signal and its derivatives, 1 + `times` arrays of shape (T,). NaN where `values` is, and in pieces too
-        short to filter. Derivatives near the ends of a piece (`settling` samples) are less exact, since the filter
-        does not see on. With `causal` all lag by `options.delay(period)`.
+        Smoothed signal and its derivatives, 1 + `times` arrays of shape (T,). NaN where `values` is NaN, and in pieces
+        too short to filter. Derivatives near the ends of a piece (`settling` samples) are less accurate, since the
+        filter has no samples beyond. With `causal` all results lag by `options.delay(period)`.
 
     Raises:
         JointIdError: the sampling is too slow for the cutoff.
@@ -107,17 +107,17 @@ def differentiate(
         smooth = _filtered(interpolate(grid, t, values[piece]), options.sections(step), padding, options.causal)
         for k in range(1 + times):
             results[k, piece] = interpolate(t, grid, smooth[padding : padding + len(grid)])
-            smooth = np.convolve(smooth, STENCIL[::-1], "same") / step  # its wrong ends lie within the padding
+            smooth = np.convolve(smooth, STENCIL[::-1], "same") / step  # only values in the padding are wrong
     return tuple(results)
 
 
 def complete(recording: Recording, options: FilterOptions | None = None) -> Recording:
     """Add the velocities and accelerations that were not measured, marked as derived.
 
-    A velocity comes from the position of its side of the gear, an acceleration from the velocity where that was
-    measured and else from the position. Measured channels stay as they are (with `causal` they are filtered, and the
-    time is shifted back by the filter's delay, see the module). Earlier derived velocities and accelerations are
-    computed anew.
+    A velocity is computed from the position on its side of the gear. An acceleration is computed from the velocity if
+    that was measured, else from the position. Measured channels are not changed; only with `causal` they are filtered,
+    and the time is shifted back by the filter's delay (see the module). Velocities and accelerations that were derived
+    before are computed again.
 
     Raises:
         JointIdError: the sampling is too slow for the cutoff.
@@ -143,7 +143,7 @@ def complete(recording: Recording, options: FilterOptions | None = None) -> Reco
 
 
 def derivatives(measured: tuple[str, ...]) -> Mapping[str, tuple[str, ...]]:
-    """Which channels follow from which measured one, in the order of its derivatives."""
+    """Return, by measured channel, the channels to compute from it, in the order of its derivatives."""
     wanted: dict[str, tuple[str, ...]] = {}
     for position, velocity, acceleration in SIDES.values():
         if velocity in measured and acceleration not in measured:
@@ -154,9 +154,9 @@ def derivatives(measured: tuple[str, ...]) -> Mapping[str, tuple[str, ...]]:
 
 
 def interpolate(at: Array, time: Array, values: Array) -> Array:
-    """Local cubic (Lagrange, two samples to either side) through values of shape (n,), n >= 4, at instants (m,).
+    """Interpolate values (n,), n >= 4, at instants `at` (m,) by local cubics (Lagrange, two samples on either side).
 
-    Where `at` meets a sample, the result is that sample, so an even grid passes through unchanged.
+    At the instant of a sample the result is that sample, so samples on an even grid do not change.
     """
     first = np.clip(np.searchsorted(time, at, "right") - 2, 0, len(time) - 4)
     result = np.zeros(len(at))
@@ -170,17 +170,17 @@ def interpolate(at: Array, time: Array, values: Array) -> Array:
 
 
 def _pad_length(sos: Array) -> int:
-    """Samples by which a signal is extended at its ends: the default of `scipy.signal.sosfiltfilt`."""
+    """Return the samples by which a signal is extended at its ends: the default of `scipy.signal.sosfiltfilt`."""
     return int(3 * (2 * len(sos) + 1 - min((sos[:, 2] == 0).sum(), (sos[:, 5] == 0).sum())))
 
 
 def _extend_start(x: Array, padding: int) -> Array:
-    """Put the point reflection of the first samples before them."""
+    """Extend a signal at its start by the point reflection of its first samples."""
     return np.concatenate([2 * x[0] - x[padding:0:-1], x])
 
 
 def _filtered(x: Array, sos: Array, padding: int, causal: bool) -> Array:
-    """Filter a signal extended at both ends; the extension stays on, for the stencil to reach into."""
+    """Filter a signal extended at both ends; the result keeps the extension, which the difference stencil needs."""
     x = _extend_start(_extend_start(x, padding)[::-1], padding)[::-1]
     if not causal:
         return scipy.signal.sosfiltfilt(sos, x, padlen=0)
@@ -188,13 +188,13 @@ def _filtered(x: Array, sos: Array, padding: int, causal: bool) -> Array:
 
 
 def _pieces(time: Array, valid: Indices, longest: float) -> Iterator[Indices]:
-    """Indices of valid samples, cut at gaps longer than `longest` s (with a hair for rounding)."""
+    """Yield the indices of valid samples, split at gaps longer than `longest` s (with a margin for rounding)."""
     steps = np.diff(time[valid])
     yield from np.split(valid, np.flatnonzero(steps > longest * (1 + 1e-6)) + 1)
 
 
 def settling(sos: Array, accuracy: float = 1e-6) -> int:
-    """Samples after which the filter has forgotten all but a fraction `accuracy` of an impulse."""
+    """Return the number of samples after which the impulse response has decayed to a fraction `accuracy`."""
     radius = max(float(np.abs(np.roots(row[3:])).max()) for row in sos)
     length = 2 + math.ceil(2 * math.log(accuracy) / math.log(radius)) if radius > 0 else 2
     impulse = np.zeros(length)

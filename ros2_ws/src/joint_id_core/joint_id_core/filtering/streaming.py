@@ -1,8 +1,9 @@
-"""The Butterworth differentiator of `filtering.py`, sample by sample for all joints of a robot at once.
+"""The Butterworth differentiator of `offline.py`, sample by sample for all joints of a robot at once.
 
-Forwards the filter runs as it is, with carried state. Backwards it is the same filter's impulse response, cut where
-less than 1e-6 of it is left and scaled to gain 1 at rest, over the samples of a fixed lag; the result equals that of
-the whole signal to the same accuracy. A sample comes out when its lag has passed, with the stamp it came in with.
+The forward pass is the recursive filter, whose state is kept. The backward pass is the impulse response of the same
+filter over the samples of a fixed lag, cut off where less than 1e-6 of it is left, and scaled to gain 1 at frequency
+zero. The result equals that of the whole signal to the same accuracy. A sample is returned when its lag has passed,
+with its original stamp.
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.filtering.fixed_lag import FilterDesign, Run
 from joint_id_core.filtering.offline import FilterOptions, derivatives
 
-_STAMPS = 50  # stamps from which the period is taken when it is not given
+_STAMPS = 50  # number of stamps from which the period is estimated if it is not given
 
 
 @dataclass(frozen=True)
 class FilteredSample:
-    """All joints at one instant: `time` in s, channels of shape (joints,) with NaN where nothing is known."""
+    """All joints at one instant: `time` in s, channels of shape (joints,) with NaN for unknown values."""
 
     time: float
     channels: dict[str, Array]
@@ -34,20 +35,20 @@ class FilteredSample:
 class StreamingFilter:
     """Adds the velocities and accelerations that are not measured, with a fixed lag.
 
-    Measured channels pass untouched. With `options.causal` every channel goes through the same forward filter, and
-    the time is shifted back by its group delay. Jitter is taken out by local cubics and holes of up to
-    `options.max_gap` periods are bridged, but no sample is invented. After a longer gap, a jump of the time or a
-    change of channels it starts anew; a value that is not finite affects its own channel and joint only. What such an
-    event could make wrong is NaN, and `events` says what happened.
+    Measured channels are not changed. With `options.causal` every channel goes through the same forward filter, and
+    the time is shifted back by its group delay. Local cubics remove jitter and bridge gaps of up to `options.max_gap`
+    periods; no samples are added. After a longer gap, a jump of the time or a change of channels the filter restarts.
+    A value that is not finite affects only its own channel and joint. Values that such an event could falsify are NaN,
+    and `events` says what happened.
 
     Attributes:
         period: sampling period in s; NaN until known.
-        events: latest messages for the user, oldest first, to be taken out by the caller.
+        events: latest messages for the user, oldest first; the caller removes them.
         counts: number of events by kind: "gap", "time", "value", "channels", "rate".
     """
 
     def __init__(self, options: FilterOptions | None = None, period: float | None = None) -> None:
-        """Prepare for samples every `period` s; None takes it from the first stamps.
+        """Prepare for samples every `period` s; None estimates the period from the first stamps.
 
         Raises:
             JointIdError: the sampling is too slow for the cutoff.
@@ -73,7 +74,7 @@ class StreamingFilter:
         return (self._design.ahead + 4) * self.period + self._design.delay if self._design else float("nan")
 
     def push(self, time: float, channels: Mapping[str, ArrayLike]) -> list[FilteredSample]:
-        """Take one sample, each channel a number or an array (joints,), and return those that became complete."""
+        """Add one sample, each channel a number or an array (joints,), and return the samples that became complete."""
         values = {name: np.atleast_1d(np.asarray(value, dtype=float)) for name, value in channels.items()}
         done: list[FilteredSample] = []
         shape = {name: len(value) for name, value in values.items()}
@@ -99,13 +100,13 @@ class StreamingFilter:
         return done + self._advance(time, values)
 
     def restart(self, why: str) -> list[FilteredSample]:
-        """Begin anew, at any time; the samples that waited, without derived values (none with `causal`)."""
+        """Restart the filter; return the waiting samples without derived values (none with `causal`)."""
         self._note("time", f"{why}: filter restarted")
         self._last = -np.inf
         return self._abandon()
 
     def _learn_period(self) -> list[FilteredSample]:
-        """Once there are enough stamps, take the period from them and filter what has waited."""
+        """Estimate the period as soon as there are enough stamps, then filter the waiting samples."""
         if len(self._waiting) < _STAMPS:
             return []
         samples = list(self._waiting)
@@ -123,7 +124,7 @@ class StreamingFilter:
         self.period = period
 
     def _advance(self, time: float, values: dict[str, Array]) -> list[FilteredSample]:
-        """Filter a sample and give out those whose lag has passed."""
+        """Filter a sample and return the samples whose lag has passed."""
         assert self._design is not None
         if self._run is None:
             wanted = derivatives(tuple(values))
@@ -144,7 +145,7 @@ class StreamingFilter:
         return done
 
     def _finish(self, time: float, values: dict[str, Array], run: Run) -> FilteredSample:
-        """One sample with its derived channels."""
+        """Return one sample with its derived channels."""
         assert self._design is not None
         results, first = run.at(time), 0
         channels = dict(values)
@@ -158,7 +159,7 @@ class StreamingFilter:
         return FilteredSample(time - self._design.delay, channels, run.derived)
 
     def _abandon(self) -> list[FilteredSample]:
-        """Start anew. Samples still in the lag come out without derived values (not at all with `causal`)."""
+        """Restart the filter; return the samples still in the lag without derived values (none with `causal`)."""
         waiting, self._run = list(self._waiting), None
         self._waiting.clear()
         if self.options.causal:

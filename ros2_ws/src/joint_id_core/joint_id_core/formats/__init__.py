@@ -1,4 +1,4 @@
-"""Recordings in and out: rosbag2 (mcap, sqlite3), CSV and MAT.
+"""Read and write recordings: rosbag2 (mcap, sqlite3), CSV and MAT.
 
 `read` picks the format: `.csv`, `.mat`, or a bag, which is a directory with `metadata.yaml` or a bare `.mcap` or
 `.db3` file. Gaps, unequal steps and NaN are kept as they are; nothing is resampled or filled in.
@@ -25,10 +25,10 @@ def read(path: str | Path, joint: str | None = None, mapping: Mapping[str, str] 
         path: the file or bag.
         joint: name of the joint; needed when a bag holds several. CSV and MAT hold one unnamed joint, which then
             gets this name.
-        mapping: where `time_s` and channels come from: {channel: expression}, an expression being a product of
-            columns and numbers, e.g. {"time_s": "t", "torque": "gtau*vir"}. Columns of CSV and MAT files with a known
-            name need none. Of a bag, whose time is always `header.stamp`, only what is mapped is then read, each
-            channel from one field: {"current": "joint_states.effort"}.
+        mapping: where `time_s` and channels come from: {channel: expression}. An expression is a product of columns and
+            numbers, e.g. {"time_s": "t", "torque": "gtau*vir"}. Columns of CSV and MAT files with a known name need no
+            mapping. With a mapping, only the mapped channels of a bag are read, each from one field:
+            {"current": "joint_states.effort"}. The time of a bag is always `header.stamp`.
 
     Raises:
         JointIdError: unreadable or damaged file, wrong types, missing joint, columns that are not understood.
@@ -43,7 +43,7 @@ def read(path: str | Path, joint: str | None = None, mapping: Mapping[str, str] 
 
 
 def joints(path: str | Path, mapping: Mapping[str, str] | None = None) -> tuple[str, ...]:
-    """Names of the joints in a bag, in order of appearance; empty for CSV and MAT, which hold one unnamed joint.
+    """Return the names of the joints in a bag, in order of appearance; () for CSV and MAT, which hold one joint.
 
     `mapping` as for `read`.
 
@@ -55,7 +55,7 @@ def joints(path: str | Path, mapping: Mapping[str, str] | None = None) -> tuple[
 
 
 def contents(path: str | Path) -> tuple[str, ...]:
-    """What the file holds, used or not: columns of a CSV, variables of a MAT file, "topic (type)" of a bag.
+    """Return the contents of a file: columns of a CSV, variables of a MAT file, "topic (type)" of a bag.
 
     Raises:
         JointIdError: unreadable or damaged file.
@@ -71,7 +71,7 @@ def write(path: str | Path, recording: Recording) -> None:
     """Write a recording: as CSV if the path ends in .csv, else as a bag directory.
 
     Raises:
-        JointIdError: the path exists or cannot be written; of a bag, rosbags is not installed.
+        JointIdError: the path exists or cannot be written; a bag without rosbags installed.
     """
     if Path(path).suffix.lower() == ".csv":
         write_csv(path, recording)
@@ -80,7 +80,7 @@ def write(path: str | Path, recording: Recording) -> None:
 
 
 def write_bag(path: str | Path, recordings: Mapping[str, Recording], storage: str = "mcap") -> None:
-    """Write the recordings of several joints, by joint name, as one bag; see `bag_writer.write_bag`.
+    """Write the recordings of several joints, by joint name, into one bag; see `bag_writer.write_bag`.
 
     Raises:
         JointIdError: the path exists, a recording cannot be written, or rosbags is not installed.
@@ -92,7 +92,7 @@ def write_bag(path: str | Path, recordings: Mapping[str, Recording], storage: st
 
 
 def _bags() -> ModuleType:
-    """The bag reader. Only bags need rosbags, so nodes and CSV files do without it."""
+    """Import the bag reader. Only bags need rosbags: nodes and CSV files work without it."""
     try:
         from joint_id_core.formats import bag_reader
     except ModuleNotFoundError as error:
@@ -101,7 +101,7 @@ def _bags() -> ModuleType:
 
 
 def _kind(path: Path) -> str:
-    """Name of the format of `path`, after checking that there is something to read."""
+    """Return the format of `path`, after a check that there is something to read."""
     if not path.exists():
         raise JointIdError(f"{path}: no such file or directory: check the path")
     if path.is_dir():

@@ -1,4 +1,4 @@
-"""Which field of which topic of a bag feeds which channel, in the user's words: `current=joint_states.effort`."""
+"""User mappings from fields of bag topics to channels, such as `current=joint_states.effort`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FIELDS = {topic.type: tuple(topic.fields) for topic in RAW} | {JOINT_STATE: ("po
 
 
 class Source(NamedTuple):
-    """A topic to read, and by which factor each of its channels is multiplied (1 where it is not named)."""
+    """A topic to read, and the factor of each of its channels (1 if it has no entry)."""
 
     topic: Topic
     connection: Connection
@@ -25,12 +25,12 @@ class Source(NamedTuple):
 
 
 def columns(connections: Sequence[Connection]) -> list[str]:
-    """Fields that can be named in a mapping, "topic.field" without a leading slash."""
+    """Return the fields that a mapping can name: "topic.field" without a leading slash."""
     return [f"{c.topic.strip('/')}.{field}" for c in connections for field in FIELDS.get(c.msgtype, ())]
 
 
 def plan(path: Path, connections: Sequence[Connection], mapping: Mapping[str, str]) -> list[Source]:
-    """The topics to read for a mapping {channel: expression}, an expression being one field times numbers.
+    """Return the topics to read for a mapping {channel: expression}; an expression is one field times numbers.
 
     Raises:
         JointIdError: an unknown channel or field, an expression of another form, a field that is used twice.
@@ -60,7 +60,7 @@ def plan(path: Path, connections: Sequence[Connection], mapping: Mapping[str, st
 
 
 def example(connections: Sequence[Connection]) -> str:
-    """How to name the fields of a foreign topic; "" when there is none that could be."""
+    """Return advice on how to map the fields of an unknown topic; "" if no topic can be mapped."""
     topic = next((c.topic.strip("/") for c in connections if c.msgtype == JOINT_STATE), None)
     if topic is None:
         return ""

@@ -1,9 +1,9 @@
-"""rosbag2 in: directories and bare files, mcap and sqlite3.
+"""Read rosbag2 bags: directories and bare files, mcap and sqlite3.
 
-Topics count by the last part of their name (`topics.py`), so a namespace per robot is fine. The raw topics are
-merged on the union of their stamps, NaN where a topic has no sample; `joint_samples` is read only when there is
-no raw topic. A mapping (`bag_mapping.py`) names other topics and fields instead. The time of a sample is its
-`header.stamp`, never the time at which it was recorded.
+Topics are recognised by the last part of their name (`topics.py`), so a namespace per robot works. The raw topics are
+merged on the union of their stamps, NaN where a topic has no sample. `joint_samples` is read only if there is no raw
+topic. A mapping (`bag_mapping.py`) can name other topics and fields. The time of a sample is its `header.stamp`, never
+the time at which it was recorded.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from joint_id_core.formats.definitions import typestore
 from joint_id_core.formats.topics import MEASURED_BITS, RAW, SAMPLES, Topic
 
 NANO = 10**9
-DAY = 86400  # s; stamps of a simulation or a test begin near zero, and are kept as they are
+DAY = 86400  # s; smaller stamps come from a simulation or a test that starts near zero, and are kept as they are
 
 
 def read(path: Path, joint: str | None, mapping: Mapping[str, str]) -> Recording:
-    """Read one joint; `joint` may be None when the bag holds only one. Channels without any value are left out.
+    """Read one joint; `joint` may be None if the bag holds only one. Channels without any value are left out.
 
     Raises:
-        JointIdError: damaged or foreign bag, no known topic, wrong type, a mapping that is not understood, missing
-            joint, stamps that are zero, repeat or go backwards.
+        JointIdError: damaged bag, no known topic, wrong message type, invalid mapping, missing joint, stamps that are
+            zero, repeat or go backwards.
     """
     seen: dict[str, None] = {}
     with opened(path) as reader:
@@ -57,7 +57,7 @@ def read(path: Path, joint: str | None, mapping: Mapping[str, str]) -> Recording
 
 @dataclass(frozen=True)
 class _Table:
-    """The samples of one joint on one topic: stamps in ns, channels, which are derived, and where they are from."""
+    """The samples of one joint on one topic: stamps in ns, channels, names of derived channels, source."""
 
     stamps: list[int]
     channels: dict[str, Array]
@@ -65,17 +65,16 @@ class _Table:
     where: str
 
     def recording(self, joint: str, origin: int) -> Recording:
-        """With times that count from `origin`, in whole seconds: integers are subtracted, so that no digit is lost."""
+        """Return the samples with times since `origin` (whole seconds), subtracted as integers to keep every digit."""
         time = np.array([(stamp - origin * NANO) / NANO for stamp in self.stamps])
         return Recording(time, self.channels, self.derived, self.where, joint, origin)
 
 
 def joints(path: Path, mapping: Mapping[str, str]) -> tuple[str, ...]:
-    """Names of the joints, in order of appearance.
+    """Return the names of the joints, in order of appearance.
 
     Raises:
-        JointIdError: damaged or foreign bag, no known topic, wrong type, a mapping that is not understood, no joint
-            named.
+        JointIdError: damaged bag, no known topic, wrong message type, invalid mapping, no joint name.
     """
     names: dict[str, None] = {}
     with opened(path) as reader:
@@ -86,17 +85,17 @@ def joints(path: Path, mapping: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def _named(path: Path, seen: dict[str, None]) -> tuple[str, ...]:
-    """The joints seen, at least one."""
+    """Return the joint names; raise JointIdError if there is none."""
     if not seen:
         raise JointIdError(f"{path}: the messages name no joint: fill the field 'name' when publishing")
     return tuple(seen)
 
 
 def topics(path: Path) -> tuple[str, ...]:
-    """Topics and their types, "topic (type)".
+    """Return the topics with their types, "topic (type)".
 
     Raises:
-        JointIdError: damaged or foreign bag.
+        JointIdError: damaged bag, or not a bag.
     """
     with opened(path) as reader:
         return _topics(reader)
@@ -108,7 +107,7 @@ def _topics(reader: Reader) -> tuple[str, ...]:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Reader]:
-    """An open reader; whatever the decoder trips over in damaged bytes becomes one clear error."""
+    """Open a bag reader; any error of the decoder on damaged bytes becomes one clear JointIdError."""
     if path.is_dir() and not (path / "metadata.yaml").exists():
         raise JointIdError(
             f"{path}: not a bag, there is no metadata.yaml in it: give a bag directory or a bare .mcap or .db3 file "
@@ -121,7 +120,7 @@ def opened(path: Path) -> Iterator[Reader]:
             yield reader
     except JointIdError:
         raise
-    except Exception as error:  # apsw, struct, yaml and rosbags errors alike: the file is not what it should be
+    except Exception as error:  # apsw, struct, yaml or rosbags: any of their errors means a damaged file
         what = " ".join(str(error).split()) or type(error).__name__
         raise JointIdError(
             f"{path}: not a readable bag, damaged or truncated ({what}): record it again, or try `mcap recover` "
@@ -130,14 +129,14 @@ def opened(path: Path) -> Iterator[Reader]:
 
 
 def _sources(path: Path, reader: Reader, mapping: Mapping[str, str]) -> list[Source]:
-    """The topics to read."""
+    """Return the topics to read."""
     if mapping:
         return plan(path, reader.connections, mapping)
     return [Source(topic, connection, {}) for topic, connection in _known(path, reader)]
 
 
 def _known(path: Path, reader: Reader) -> list[tuple[Topic, Connection]]:
-    """The topics with names of ours, all in one namespace: the raw ones, or else `joint_samples`."""
+    """Return the topics with joint_id's own names, all in one namespace: the raw topics, or else `joint_samples`."""
     by_name = {topic.name: topic for topic in (*RAW, SAMPLES)}
     matched = [(by_name[last], c) for c in reader.connections if (last := c.topic.rsplit("/", 1)[-1]) in by_name]
     if not matched:
@@ -165,7 +164,7 @@ def _spaces(chosen: list[tuple[Topic, Connection]]) -> list[str]:
 
 
 def _store(connection: Connection) -> Typestore:
-    """Our own definitions, or those in the bag where they differ."""
+    """Return joint_id's own message definitions, or those in the bag if they differ."""
     store, kind = typestore(), connection.msgdef.format
     known = connection.digest in ("", store.hash_rihs01(connection.msgtype))
     if known or kind is MessageDefinitionFormat.NONE:
@@ -178,7 +177,7 @@ def _store(connection: Connection) -> Typestore:
 
 
 def _messages(reader: Reader, connection: Connection) -> Iterator[Any]:
-    """Decoded messages of one topic.
+    """Yield the decoded messages of one topic.
 
     Raises:
         JointIdError: fewer messages than the bag's index promises.
@@ -195,7 +194,7 @@ def _messages(reader: Reader, connection: Connection) -> Iterator[Any]:
 
 
 def _read_topic(path: Path, reader: Reader, source: Source, joint: str | None, seen: dict[str, None]) -> _Table:
-    """The samples of one joint (None: the first that is named) on one topic; notes all names in `seen`."""
+    """Read the samples of one joint (None: the first one) on one topic; adds all joint names to `seen`."""
     topic, connection, factors = source
     where = f"{path}, topic {connection.topic}"
     stamps: list[int] = []
@@ -229,7 +228,7 @@ def _read_topic(path: Path, reader: Reader, source: Source, joint: str | None, s
 
 
 def _merge(parts: list[Recording], path: Path, joint: str) -> Recording:
-    """All topics on the union of their stamps."""
+    """Merge all topics on the union of their stamps."""
     time = np.unique(np.concatenate([part.time for part in parts]))
     channels: dict[str, Array] = {}
     for part in parts:

@@ -1,4 +1,4 @@
-"""rosbag2 out: self-contained bags of version 9, as ROS 2 Jazzy writes them."""
+"""Write self-contained rosbag2 bags of version 9, the version of ROS 2 Jazzy."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ _MAX_STAMP = 2**31  # s, header.stamp.sec is an int32
 
 
 def write_bag(path: str | Path, recordings: Mapping[str, Recording], storage: str = "mcap") -> None:
-    """Write the recordings of one robot by joint name into a new bag directory.
+    """Write the recordings of one robot, by joint name, into a new bag directory.
 
-    They go to the raw topics (`link_states`, `motor_states`, ...) when those can carry every channel, and else
+    They go to the raw topics (`link_states`, `motor_states`, ...) if those have a field for every channel, else
     (accelerations, derived channels) to `joint_samples`. Stamps are rounded to 1 ns; values read back exactly.
 
     Raises:
-        JointIdError: the path exists, unknown storage, nothing to write, a channel that no message carries,
-            times that a stamp cannot hold.
+        JointIdError: the path exists, unknown storage, nothing to write, a channel without a message field, times that
+            do not fit a stamp.
     """
     path = Path(path)
     if storage not in _PLUGINS:
@@ -51,7 +51,7 @@ def write_bag(path: str | Path, recordings: Mapping[str, Recording], storage: st
 
 
 def _check(path: Path, recordings: Mapping[str, Recording]) -> None:
-    """Refuse what no message can carry, before anything is created."""
+    """Check that messages can hold the recordings, before anything is created."""
     if not any(len(r) and r.channels for r in recordings.values()):
         raise JointIdError(f"{path}: no sample to write: give at least one recording with a channel")
     for joint, recording in recordings.items():
@@ -70,7 +70,7 @@ def _check(path: Path, recordings: Mapping[str, Recording]) -> None:
 
 
 def _stamps(path: Path, joint: str, recording: Recording) -> NDArray[np.int64]:
-    """Times as integer nanoseconds; whole seconds apart, so that large times keep their digits."""
+    """Return the times in integer ns; whole seconds are converted separately, so that large times keep their digits."""
     whole = np.floor(recording.time)
     seconds = recording.origin + whole.astype(np.int64)
     stamps = seconds * 10**9 + np.rint((recording.time - whole) * 1e9).astype(np.int64)
@@ -84,7 +84,7 @@ Row = tuple[str, Recording, int]
 
 
 def _rows(path: Path, recordings: Mapping[str, Recording]) -> dict[int, list[Row]]:
-    """By stamp in ns: which sample of which joint belongs to it."""
+    """Return, by stamp in ns, the samples (joint, recording, index) with this stamp."""
     rows: dict[int, list[Row]] = {}
     for joint, recording in recordings.items():
         for k, stamp in enumerate(_stamps(path, joint, recording).tolist()):
@@ -93,7 +93,7 @@ def _rows(path: Path, recordings: Mapping[str, Recording]) -> dict[int, list[Row
 
 
 def _messages(topic: Topic, stamp: int, rows: list[Row]) -> Iterator[Any]:
-    """The messages of one topic at one stamp: one, or one for each set of measured channels."""
+    """Yield the messages of one topic at one stamp: one, or for `joint_samples` one per set of measured channels."""
     groups: dict[int, list[Row]] = {}
     for row in rows:
         if topic is SAMPLES:

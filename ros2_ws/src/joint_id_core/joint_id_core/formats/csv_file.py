@@ -1,7 +1,7 @@
-"""CSV files: a header, then one line a sample.
+"""CSV files: a header, then one line per sample.
 
-Columns are `time_s` and any of `joint_id_core.data.signals.CHANNELS`, in SI units; a missing column is an unmeasured
-signal, an empty cell or `nan` a missing value. Other columns are left alone unless a mapping names them. The
+Columns are `time_s` and any of `joint_id_core.data.signals.CHANNELS`, in SI units. A signal without a column was not
+measured; an empty cell or `nan` is a missing value. Other columns are ignored unless a mapping names them. The
 delimiter (comma, semicolon, tab or spaces) is found from the header.
 """
 
@@ -23,7 +23,8 @@ def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:
     """Read a CSV file; `mapping` as in `joint_id_core.formats.read`.
 
     Raises:
-        JointIdError: no usable header, a line of the wrong length, a cell that is no number (file, line, column).
+        JointIdError: no usable header, a line of the wrong length, a cell that is not a number. The message names file,
+            line and column.
     """
     header, rows, numbers = _table(path)
     products = plan(path, header, mapping)
@@ -41,7 +42,7 @@ def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:
 
 
 def columns(path: Path) -> tuple[str, ...]:
-    """Names in the header.
+    """Return the column names in the header.
 
     Raises:
         JointIdError: no header, or not a text file.
@@ -52,7 +53,7 @@ def columns(path: Path) -> tuple[str, ...]:
 def write_csv(path: str | Path, recording: Recording) -> None:
     """Write time and the measured channels; every number reads back exactly, NaN becomes an empty cell.
 
-    Derived channels are left out, since a CSV file cannot mark them and they would read back as measurements.
+    Derived channels are left out: a CSV file cannot mark them, so they would read back as measurements.
 
     Raises:
         JointIdError: the file exists, or the recording has no measured channel.
@@ -72,7 +73,7 @@ def write_csv(path: str | Path, recording: Recording) -> None:
 
 
 def _table(path: Path) -> tuple[list[str], list[list[str]], list[int]]:
-    """Header, cells by row, and the line number of each row."""
+    """Return the header, the cells by row, and the line number of each row."""
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except OSError as error:
@@ -102,13 +103,13 @@ def _table(path: Path) -> tuple[list[str], list[list[str]], list[int]]:
 
 
 def _cells(line: str, delimiter: str | None) -> list[str]:
-    """Cells of one line; None splits at spaces."""
+    """Return the cells of one line; the delimiter None splits at spaces."""
     cells = next(csv.reader([line], delimiter=delimiter)) if delimiter and '"' in line else line.split(delimiter)
     return [cell.strip() for cell in cells]
 
 
 def _column(path: Path, name: str, index: int, rows: list[list[str]], numbers: list[int]) -> Array:
-    """One column as numbers, NaN for empty cells."""
+    """Return one column as numbers, NaN for empty cells."""
     try:
         return np.array([float(row[index] or "nan") for row in rows])
     except ValueError:

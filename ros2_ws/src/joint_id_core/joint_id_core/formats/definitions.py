@@ -49,7 +49,7 @@ float64[] torque
 
 @cache
 def typestore() -> Typestore:
-    """The messages of ROS 2 Jazzy and those of joint_id."""
+    """Return the message types of ROS 2 Jazzy and of joint_id."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for name, text in DEFINITIONS.items():
         store.register(get_types_from_msg(text, name))

@@ -1,4 +1,4 @@
-"""Which column feeds which channel: known names, and expressions such as `torque=gtau*vir`."""
+"""Mapping from columns to channels: known column names, and expressions such as `torque=gtau*vir`."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ TARGETS = (TIME, *CHANNELS)
 
 @dataclass(frozen=True)
 class Product:
-    """A number times named columns (repeated where squared)."""
+    """A product of a number and columns; a column that is squared appears twice."""
 
     factor: float
     names: tuple[str, ...]
 
 
 def plan(path: Path, found: Collection[str], mapping: Mapping[str, str]) -> dict[str, Product]:
-    """Say how time and each channel are made from the columns `found` in a file.
+    """Determine how time and each channel are computed from the columns `found` in a file.
 
-    Columns with a known name are taken as they are unless `mapping` says otherwise; other columns are left alone.
+    Columns with a known name are taken as they are unless `mapping` names another source. Other columns are ignored.
 
     Returns:
-        By target (`time_s`, channel names), what to multiply; in the order of `TARGETS`.
+        By target (`time_s`, channel names), the product to compute; in the order of `TARGETS`.
 
     Raises:
-        JointIdError: no time, no channel, an unknown target, an expression that is no product of columns.
+        JointIdError: no time, no channel, an unknown target, an expression that is not a product of columns.
     """
     targets = {name: Product(1.0, (name,)) for name in TARGETS if name in found}
     for target, expression in mapping.items():
@@ -48,7 +48,7 @@ def plan(path: Path, found: Collection[str], mapping: Mapping[str, str]) -> dict
 
 
 def parse(path: Path, target: str, expression: str, found: Collection[str]) -> Product:
-    """Split an expression at its `*` signs.
+    """Parse an expression such as `gtau*vir` or `0.5*q`.
 
     Raises:
         JointIdError: a part that is neither a number nor among the columns `found`, or no column at all.
@@ -74,7 +74,7 @@ def parse(path: Path, target: str, expression: str, found: Collection[str]) -> P
 
 
 def _example(found: Collection[str]) -> str:
-    """A command line that maps the user's own columns."""
+    """Return example options that map the user's own columns."""
     own = _own(found)
     time = TIME if TIME in found else next(own, "t")
     position = next(own, "q_deg")

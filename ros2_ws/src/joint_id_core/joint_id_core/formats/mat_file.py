@@ -1,4 +1,4 @@
-"""MATLAB files up to version 7: vectors are columns, scalars may be factors in a mapping."""
+"""MATLAB files up to version 7. Vectors are columns; scalars can be factors in a mapping."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:
 
 
 def variables(path: Path) -> tuple[str, ...]:
-    """Names of the real vectors and scalars in the file.
+    """Return the names of the real vectors and scalars in the file.
 
     Raises:
         JointIdError: not a MAT file, or version 7.3.
@@ -49,12 +49,12 @@ def variables(path: Path) -> tuple[str, ...]:
 
 
 def _load(path: Path) -> dict[str, Array]:
-    """The vectors and scalars of the file, each of shape (n,)."""
+    """Return the vectors and scalars of the file by name, each of shape (n,)."""
     try:
         data = scipy.io.loadmat(path)
     except NotImplementedError:
         raise JointIdError(f"{path}: MAT version 7.3 (HDF5) is not read: save it in MATLAB with -v7") from None
-    except Exception as error:  # damaged bytes raise almost anything in the decoder
+    except Exception as error:  # the decoder raises many kinds of errors on damaged bytes
         what = str(error) or type(error).__name__
         raise JointIdError(f"{path}: not a readable MAT file ({' '.join(what.split())}): save it again") from None
     found = {}

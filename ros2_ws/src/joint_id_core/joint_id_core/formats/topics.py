@@ -1,4 +1,4 @@
-"""Which topic, message type and field carries which channel."""
+"""Topics, message types and fields of the channels."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic by the last part of its name, its type, and the channel in each array field."""
+    """A topic: last part of its name, message type, and channel by array field."""
 
     name: str
     type: str

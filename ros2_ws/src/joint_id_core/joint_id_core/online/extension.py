@@ -1,7 +1,7 @@
-"""An estimate extended by the samples that came since: one Gauss-Newton step on these alone.
+"""Extend an estimate by new samples: one Gauss-Newton step on the new samples alone.
 
-The estimate before is the prior, so the result is that of all samples together, to first order. This is recursive
-prediction-error estimation (Ljung, System Identification, 2nd ed., ch. 11), with noise levels that are held.
+The previous estimate is the prior, so to first order the result equals an estimate from all samples together. This is
+recursive prediction-error estimation (Ljung, System Identification, 2nd ed., ch. 11) with fixed noise levels.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from joint_id_core.estimators.shared.substeps import steps_of
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, Status
 
-LONGEST_STEP = 4.0  # squared length of the step in standard deviations at which a linear step is no longer believed
-UNLIKELY = 4.0  # standard deviations of the mean squared innovation of new samples that their noise may have
+LONGEST_STEP = 4.0  # squared length of the step, in standard deviations, from which one linear step is not enough
+UNLIKELY = 4.0  # standard deviations by which the mean squared innovation of new samples may exceed 1
 
 
 def extend(
@@ -43,12 +43,12 @@ def extend(
     Args:
         model, settings, options: as for the fit of `previous`.
         previous: the estimate from the data before the new samples.
-        recording: the new samples, after a few older ones that only show the state of the joint.
+        recording: the new samples, preceded by a few older ones from which the filter learns the state of the joint.
         inflation: factor on the covariance of `previous` (forgetting).
 
     Returns:
-        The estimate, of a window as long as that of `previous`; None where the new samples ask for a fit of their own:
-        they have other signals or do not move, are not explained, or change the estimate much.
+        The estimate, for a window as long as that of `previous`. None if a full fit is needed: the new samples have
+        other signals, show no motion, are not explained by the model, or change the estimate much.
     """
     begun = time.perf_counter()
     known = previous.values
@@ -92,7 +92,7 @@ def extend(
 
 
 def _mean_square(data: FitData, residuals: Array, first: int) -> float | None:
-    """Mean squared innovation of the labels from `first` on; None where their noise does not explain it."""
+    """Return the mean squared innovation of the labels from `first` on; None if noise does not explain it."""
     count = int(np.count_nonzero(data.present[first:]))
     if not count:
         return None

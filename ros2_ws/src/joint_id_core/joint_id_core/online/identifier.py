@@ -1,4 +1,4 @@
-"""Identification while the robot moves: sliding windows, warm starts, and a memory of older windows."""
+"""Identification while the robot moves: sliding windows, warm starts, and priors from older windows."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from joint_id_core.online.window import SlidingWindow
 from joint_id_core.options import check, option
 from joint_id_core.results.estimate import Estimate, Status
 
-# Growth of the drive's noise from one window to the next at which the memory is doubted.
+# Growth of the drive's noise from one window to the next from which the prior from older windows may be wrong.
 SURPRISE = 2.0
-# Ends of a fit with the memory that a wrong memory may have brought about.
+# Status of a fit that may be due to a wrong prior from older windows.
 UNEXPLAINED = (Status.POOR_FIT, Status.MAX_ITERATIONS, Status.DIVERGED)
 ROUNDING = 1e-6  # share of a window's length: hops that add up to the whole of it are a window, whatever their rounding
 CHANGED = "The joint has changed: older windows are forgotten."
-WARM_UP = 100  # samples before the new ones that show the state of the joint
+WARM_UP = 100  # samples before the new ones, from which the filter learns the state of the joint
 
 
 @dataclass(frozen=True)
@@ -44,22 +44,24 @@ class OnlineOptions:
 
 
 class OnlineIdentifier:
-    """Fits one joint again and again while samples arrive.
+    """Identifies one joint repeatedly while samples arrive.
 
-    Each window starts from the last estimate (warm start). Its prior is the estimate whose window ended where
-    this one starts, its covariance grown by what `memory_s` forgets: so no sample counts twice, and what older
-    windows taught is kept (arrival cost). Windows without motion teach nothing and leave the memory as it is. When
-    a window needs far more noise than the last one, or is not explained, it is fitted by itself as well; if that
-    explains it, the joint has changed (a load was picked up, say) and the memory is dropped.
+    Each fit of a window starts from the last estimate (warm start). The prior is the estimate whose window ended where
+    this one starts, with a covariance that grows with time (forgetting, time constant `memory_s`). So no sample counts
+    twice, and the information of older windows is kept (arrival cost). Windows without motion do not change the prior.
 
-    A window is fitted as a whole, with its noise levels and all tests, once in its length. Between, the last estimate
-    is extended by the samples that came since, unless these do not agree with it.
+    If a window needs far more noise than the last one, or is not explained, it is also fitted without a prior. If that
+    fit explains the window, the joint has changed (it picked up a load, for example), and the older estimates are
+    dropped.
+
+    A full fit, with noise levels and all checks, is made once per window length. Between full fits, the last estimate
+    is extended by the new samples, unless they disagree with it.
 
     Args:
         model: model of the joint.
         settings: as in `estimators.fit`.
-        options: window, hop, memory.
-        estimator: `Innovations`, or another one, which then fits every window by itself, without memory.
+        options: window, hop, forgetting.
+        estimator: `Innovations`; another estimator fits every window by itself, without a prior.
 
     Raises:
         JointIdError: unknown parameter names, wrong values or priors.
@@ -83,7 +85,7 @@ class OnlineIdentifier:
         self._past: deque[Estimate] = deque()
 
     def update(self, samples: Recording) -> Estimate | None:
-        """Take samples; fit and return the estimate when a hop has passed, else None.
+        """Add samples; when a hop has passed, fit and return the estimate, else None.
 
         Data that cannot be fitted give an estimate whose status says why.
 
@@ -103,9 +105,9 @@ class OnlineIdentifier:
         return self._extended() or self._fit(self._window.recording())
 
     def _extended(self) -> Estimate | None:
-        """The last estimate extended by what came since; None when it is time for a fit of the window.
+        """Return the last estimate extended by the new samples; None if the window needs a full fit.
 
-        That is once a window's length, or where the new samples do not agree with the last estimate.
+        A full fit is needed once per window length, and when the new samples disagree with the last estimate.
         """
         last, options = self._last, self.options
         if not isinstance(self.estimator, Innovations) or last is None or not options.memory_s:
@@ -142,12 +144,15 @@ class OnlineIdentifier:
         return estimate
 
     def _drive_noise(self, estimate: Estimate) -> float:
-        """Noise of the drive that the estimate needs: what a wrong memory is explained by. Inf after a failed fit."""
+        """Return the estimated noise of the drive, inf after a failed fit; a wrong prior makes it grow."""
         drive = self.model.inputs[0]
         return max(estimate.noise.get(f"input {drive.name}", np.inf), 1e-3 * drive.scale)
 
     def _belief(self, start: float) -> Belief | None:
-        """The newest estimate that ended before `start`, widened by the time since and by the window's length."""
+        """Return the newest estimate that ended before `start` as a prior; None if there is none.
+
+        Its covariance grows with the time since then plus the length of the window (forgetting).
+        """
         if self.options.memory_s == 0.0:
             return None
         known: Estimate | None = None

@@ -1,4 +1,4 @@
-"""The latest samples of a joint."""
+"""Sliding window of the latest samples of a joint."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from joint_id_core.errors import JointIdError
 
 
 class SlidingWindow:
-    """The latest samples of one joint."""
+    """Keeps the samples of one joint of the last `length_s` seconds."""
 
     def __init__(self, length_s: float) -> None:
         self._length = length_s
@@ -24,14 +24,14 @@ class SlidingWindow:
 
     @property
     def start(self) -> float:
-        """Instant of the oldest sample kept in s."""
+        """Instant of the oldest sample that is kept, in s; inf before the first."""
         return float(self._parts[0].time[0]) if self._parts else np.inf
 
     def append(self, samples: Recording) -> None:
         """Add later samples.
 
         Raises:
-            JointIdError: they are not later than what is there.
+            JointIdError: the samples are not later than those in the window.
         """
         if not len(samples):
             return
@@ -47,7 +47,7 @@ class SlidingWindow:
             self._parts.popleft()
 
     def recording(self, since: float = -np.inf) -> Recording:
-        """The samples of the window from `since` on as one recording; a channel that a part lacks is NaN there."""
+        """Return the samples of the window from `since` (s) on as one recording, NaN where a part lacks a channel."""
         start = max(since, self.end - self._length)
         parts: list[tuple[Recording, slice]] = []
         for part in reversed(self._parts):
@@ -64,5 +64,5 @@ class SlidingWindow:
             n: np.concatenate([p.channels[n][rows] if n in p else np.full(len(p), np.nan)[rows] for p, rows in parts])
             for n in names
         }
-        # the parts were checked, and so was their order
+        # the parts and their order were already checked
         return parts[-1][0].trusted(np.concatenate([p.time[rows] for p, rows in parts]), channels, derived)

@@ -1,4 +1,4 @@
-"""What an estimator returns, for programs and for people."""
+"""The result of an estimator, as data and as text."""
 
 from joint_id_core.results.estimate import Estimate as Estimate
 from joint_id_core.results.estimate import ParameterEstimate as ParameterEstimate

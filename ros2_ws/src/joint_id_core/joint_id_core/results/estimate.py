@@ -13,11 +13,11 @@ import numpy as np
 from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError
 
-# Posterior over prior standard deviation: above the first the data taught next to nothing, above the second
-# less than half of what is needed to call the parameter estimated.
+# Ratio of posterior to prior standard deviation. Above NOT_EXCITED_RATIO the data hold almost no information on the
+# parameter. Above PRIOR_RATIO they hold too little to call the parameter estimated.
 NOT_EXCITED_RATIO = 0.95
 PRIOR_RATIO = 0.5
-# Correlation from which two parameters are known together but hardly apart.
+# Correlation above which two parameters can hardly be told apart.
 STRONG_CORRELATION = 0.95
 
 
@@ -51,20 +51,20 @@ _ADVICE = {
 
 
 class Verdict(enum.Enum):
-    """What the data say of one parameter."""
+    """What the data show about one parameter."""
 
     ESTIMATED = "estimated"  # the data determine it
-    PRIOR = "prior"  # the data hardly narrow what was believed before
-    NOT_EXCITED = "not_excited"  # this motion cannot show it at all
+    PRIOR = "prior"  # the data hardly improve on the prior
+    NOT_EXCITED = "not_excited"  # the data hold no information on it: this motion does not excite it
     AT_BOUND = "at_bound"  # the estimate ran into a bound
     FIXED = "fixed"  # held by the user or by the model's table
 
 
 @dataclass(frozen=True)
 class ParameterEstimate:
-    """One row of the result. `std_dev` is NaN where there is none (fixed parameters, a failed fit).
+    """One row of the result. `std_dev` is NaN if there is none (fixed parameters, a failed fit).
 
-    `reason` says in words why the verdict is what it is.
+    `reason` explains the verdict in words.
     """
 
     name: str
@@ -78,11 +78,11 @@ class ParameterEstimate:
 
 @dataclass(frozen=True)
 class Checks:
-    """What the tests of a fit's residuals and predictions found.
+    """Findings of the checks of a fit's residuals and predictions.
 
     Attributes:
-        texts: what to say of it, the empty text where a test found nothing.
-        excess: what it adds to the covariance of the estimation coordinates (`Belief`), shape (k, k).
+        texts: one text per check; empty if the check found nothing.
+        excess: addition to the covariance of the estimation coordinates (`Belief`), shape (k, k).
         nrmse: as in `Estimate`.
         together: by parameter that enters only in combination, what is known instead and what to do, in words.
     """
@@ -95,7 +95,7 @@ class Checks:
 
 @dataclass(frozen=True)
 class Predictions:
-    """Labels as they were measured and as the fit predicts them, over the samples that were fitted.
+    """Measured and predicted labels of the samples that were fitted.
 
     Attributes:
         time: instants in s, shape (T,).
@@ -109,13 +109,13 @@ class Predictions:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Estimate:
-    """What an estimator returns. `print` shows it as a table; `save` and `load` keep it as JSON.
+    """The result of an estimator. `print` shows it as a table; `save` and `load` store it as JSON.
 
     Attributes:
         model: name of the model; model_options: the options it was built with (`models.build`).
         estimator: name of the estimator; cell: the integrator of its model, "rk4" or "implicit".
-        status, message: how it ended and, in words, what to know.
-        parameters: all parameters of the model in its order, fixed ones included.
+        status, message: how the fit ended, and the most important findings in words.
+        parameters: all parameters in the model's order, fixed ones included.
         free: names of the estimated parameters, in the order of `covariance`.
         covariance: of the free parameters in SI units, shape (len(free), len(free)).
         nrmse: by signal, rms of prediction minus label over the label's standard deviation.
@@ -124,14 +124,14 @@ class Estimate:
         whiteness: by label, lag-one autocorrelation of the innovations; 0 for a correct model.
         deviance: -2 log likelihood of the labels at the estimate, without its constant term (NaN where an estimator
             has no likelihood); observations: how many label values it covers.
-        substeps: RK4 steps a sample.
-        iterations, elapsed_s: cost of the fit.
+        substeps: integrator steps per sample.
+        iterations, elapsed_s: number of iterations and computing time in s.
         start, end: first and last instant of the data in s, counted from `origin` (see `Recording`).
         samples: number of samples used.
         source, joint: where the data came from, as in `Recording`.
-        predictions: measured and predicted labels; None where none were made or kept.
-        checks: what tests of this fit found, or of the one that this estimate extends.
-        notes: all that was found, in sentences, the most useful first; `message` holds the first ones.
+        predictions: measured and predicted labels; None for a failed, loaded or extended estimate.
+        checks: findings of the checks of this fit, or of the fit that this estimate extends.
+        notes: all findings as sentences, the most useful first; `message` holds the first ones.
     """
 
     model: str
@@ -173,7 +173,7 @@ class Estimate:
         return {p.name: p.value for p in self.parameters}
 
     def __getitem__(self, name: str) -> ParameterEstimate:
-        """The estimate of one parameter.
+        """Return the estimate of one parameter.
 
         Raises:
             JointIdError: the model has no such parameter.
@@ -184,48 +184,48 @@ class Estimate:
         raise JointIdError(f"model {self.model} has no parameter {name!r}: it has {', '.join(self.values)}")
 
     def __eq__(self, other: object) -> bool:
-        """Whether the other estimate holds the same; predictions, which are not saved, apart."""
+        """Return whether the other estimate has the same content; predictions, which are not saved, are ignored."""
         return isinstance(other, Estimate) and self.to_dict() == other.to_dict()
 
     __hash__ = object.__hash__
 
     def __repr__(self) -> str:
-        """One line: what was fitted, how it ended, and what was found."""
+        """Return one line: model, status, and the estimated parameters."""
         from joint_id_core.results.report import one_line
 
         return one_line(self)
 
     def __str__(self) -> str:
-        """The table of the report."""
+        """Return the report as a table in text."""
         from joint_id_core.results.report import table
 
         return table(self)
 
     def _repr_html_(self) -> str:
-        """The table of a notebook."""
+        """Return the table that a notebook shows."""
         from joint_id_core.results.html import table
 
         return table(self)
 
     def to_dict(self) -> dict[str, Any]:
-        """The estimate as plain JSON types: all but `predictions`. See `results.estimate_json`."""
+        """Return the estimate as plain JSON types, without `predictions`. See `results.estimate_json`."""
         from joint_id_core.results.estimate_json import to_dict
 
         return to_dict(self)
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Estimate:
-        """The estimate that `to_dict` wrote.
+        """Restore an estimate from the result of `to_dict`.
 
         Raises:
-            JointIdError: the content is no estimate, of a later version, or incomplete.
+            JointIdError: the content is not an estimate, is incomplete, or is of a later version.
         """
         from joint_id_core.results.estimate_json import from_dict
 
         return from_dict(content)
 
     def save(self, path: str | Path) -> None:
-        """Write the estimate as a JSON file; an older file of that name is replaced only by a whole new one.
+        """Write the estimate as a JSON file. An existing file is replaced only after the new one is complete.
 
         Raises:
             JointIdError: the file cannot be written.
@@ -236,17 +236,17 @@ class Estimate:
 
     @classmethod
     def load(cls, path: str | Path) -> Estimate:
-        """Read the file that `save` wrote.
+        """Read a file that `save` wrote.
 
         Raises:
-            JointIdError: the file cannot be read or holds no estimate.
+            JointIdError: the file cannot be read or does not hold an estimate.
         """
         from joint_id_core.results.estimate_json import load
 
         return load(Path(path))
 
     def plot(self, path: str | Path) -> None:
-        """Save a picture of measured and predicted labels; its ending chooses the format. Needs matplotlib.
+        """Save a plot of measured and predicted labels; the file extension sets the format. Needs matplotlib.
 
         Raises:
             JointIdError: matplotlib is missing, there are no predictions, or the file cannot be written.

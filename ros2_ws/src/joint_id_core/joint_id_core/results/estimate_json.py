@@ -1,4 +1,4 @@
-"""An estimate as JSON, for programs and for later: versioned, without the measured and predicted samples."""
+"""Estimates as versioned JSON, without the measured and predicted samples."""
 
 from __future__ import annotations
 
@@ -14,15 +14,14 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.results.estimate import Checks, Estimate, ParameterEstimate, Status, Verdict
 
 FORMAT = "joint_id estimate"
-VERSION = 1  # grows when a reader of the version before would misread a file
+VERSION = 1  # increased when a reader of the previous version would misread a file
 
 
 def to_dict(estimate: Estimate) -> dict[str, Any]:
-    """The estimate as plain JSON types; what is not finite becomes None.
+    """Return the estimate as plain JSON types; values that are not finite become None.
 
-    `from_dict` gives it back to the last bit, with NaN for None.
-
-    Instants `start_s` and `end_s` count from `origin_s`, whole seconds on the clock of the source.
+    `from_dict` restores it to the last bit, with NaN for None. The instants `start_s` and `end_s` count from
+    `origin_s`, whole seconds on the clock of the source.
     """
     checks = estimate.checks
     return {
@@ -79,10 +78,10 @@ def to_dict(estimate: Estimate) -> dict[str, Any]:
 
 
 def from_dict(content: Mapping[str, Any]) -> Estimate:
-    """The estimate that `to_dict` wrote.
+    """Restore an estimate from the result of `to_dict`.
 
     Raises:
-        JointIdError: the content is no estimate, of a later version, or incomplete.
+        JointIdError: the content is not an estimate, is incomplete, or is of a later version.
     """
     if not isinstance(content, Mapping) or content.get("format") != FORMAT:
         raise JointIdError(f'not an estimate: "format" is not "{FORMAT}"')
@@ -137,7 +136,7 @@ def from_dict(content: Mapping[str, Any]) -> Estimate:
 
 
 def save(estimate: Estimate, path: Path) -> None:
-    """Write the estimate to a file; an older file is replaced only by a whole new one.
+    """Write the estimate to a file. An existing file is replaced only after the new one is complete.
 
     Raises:
         JointIdError: the file cannot be written.
@@ -152,16 +151,16 @@ def save(estimate: Estimate, path: Path) -> None:
 
 
 def load(path: Path) -> Estimate:
-    """Read the file that `save` wrote.
+    """Read a file that `save` wrote.
 
     Raises:
-        JointIdError: the file cannot be read or holds no estimate.
+        JointIdError: the file cannot be read or does not hold an estimate.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise JointIdError(f"{path}: the file cannot be read: {error.strerror}") from None
-    except ValueError as error:  # no JSON, or no text at all
+    except ValueError as error:  # not JSON, or not even text
         raise JointIdError(f"{path}: not a JSON file: {error}") from None
     try:
         return from_dict(content)

@@ -1,4 +1,4 @@
-"""An estimate as a table of HTML, for notebooks."""
+"""An estimate as an HTML table, for notebooks."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from joint_id_core.results.estimate import Estimate, ParameterEstimate
 
 
 def table(estimate: Estimate) -> str:
-    """Status, message and one row a parameter, without style of its own."""
+    """Return status, message and a table with one row per parameter as HTML without styles."""
     head = "".join(f"<th>{name}</th>" for name in ("parameter", "value", "std dev", "unit", "verdict", "reason"))
     rows = "".join(_row(p) for p in estimate.parameters)
     title = f"{escape(estimate.model)} by {escape(estimate.estimator)}: <b>{escape(estimate.status.value)}</b>"

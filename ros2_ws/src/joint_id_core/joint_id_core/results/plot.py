@@ -1,4 +1,4 @@
-"""A picture of measured and predicted labels, and of what is left."""
+"""Plot of measured and predicted labels and of their difference."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from joint_id_core.results.estimate import Estimate
 
 
 def check(path: Path) -> None:
-    """Say before a long fit that its picture could not be saved.
+    """Check, before a long fit, that its plot can be saved.
 
     Raises:
-        JointIdError: matplotlib is not installed, the folder or the ending of `path` is of no use, or it cannot be
-            written to.
+        JointIdError: matplotlib is not installed, the folder does not exist, the file extension is not a picture
+            format, or the file cannot be written.
     """
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -32,10 +32,10 @@ def check(path: Path) -> None:
 
 
 def save(path: Path, estimate: Estimate) -> None:
-    """Draw every label with its prediction, and their difference below.
+    """Plot every label with its prediction, and their difference below.
 
     Raises:
-        JointIdError: as `check`; no prediction to draw.
+        JointIdError: as `check`; the estimate has no predictions.
     """
     check(path)
     shown = estimate.predictions

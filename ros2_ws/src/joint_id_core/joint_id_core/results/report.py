@@ -1,4 +1,4 @@
-"""An estimate for people: a table, and one line."""
+"""An estimate as text: a table, and one line."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from joint_id_core.results.estimate import STRONG_CORRELATION, Estimate, Paramet
 
 
 def one_line(estimate: Estimate) -> str:
-    """What was fitted, how it ended, and what was found, in one line."""
+    """Return one line: model, status, and the estimated parameters."""
     found = [p for p in estimate.parameters if p.verdict is Verdict.ESTIMATED]
     values = "".join(f", {p.name}={p.value:.4g}±{p.std_dev:.1g}" for p in found)
     return f"<Estimate {estimate.model} by {estimate.estimator}: {estimate.status.value}{values}>"
 
 
 def table(estimate: Estimate) -> str:
-    """The estimate as lines of text: values, standard deviations, verdicts, fit, strong correlations."""
+    """Return the estimate as lines of text: values, standard deviations, verdicts, fit, strong correlations."""
     head = f"{estimate.model} by {estimate.estimator}: {estimate.status.value}"
     also = [f"    {note}" for note in estimate.notes if note not in estimate.message]
     lines = [head, f"  {estimate.message}", *(["  also:", *also] if also else []), ""]
@@ -43,7 +43,7 @@ def table(estimate: Estimate) -> str:
 
 
 def correlations(estimate: Estimate, threshold: float = STRONG_CORRELATION) -> list[tuple[str, str, float]]:
-    """Pairs of estimated parameters whose correlation exceeds `threshold` in size, strongest first."""
+    """Return pairs of estimated parameters whose absolute correlation exceeds `threshold`, strongest first."""
     if not estimate.free:
         return []
     sd = np.sqrt(np.diag(estimate.covariance))

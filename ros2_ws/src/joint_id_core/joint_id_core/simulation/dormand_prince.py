@@ -1,7 +1,7 @@
 """One step of the Dormand-Prince 4(5) pair (ode45, RK45) on plain floats, and its dense output.
 
 Coefficients: Dormand and Prince 1980; dense output of order 4: Hairer, Norsett, Wanner, Solving Ordinary
-Differential Equations I, section II.6. With up to five states lists of floats beat arrays several times.
+Differential Equations I, section II.6. With at most five states, lists of floats are several times faster than arrays.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Step(NamedTuple):
         return self.stages[6]
 
     def interpolant(self) -> Callable[[float], State]:
-        """The state at `t + theta h` for theta in [0, 1], a polynomial of degree 4."""
+        """Return a function that gives the state at `t + theta h` for theta in [0, 1], a polynomial of degree 4."""
         h = self.h
         coefficients = []
         for y_0, y_1, k_1, _, k_3, k_4, k_5, k_6, k_7 in zip(self.y_0, self.y_1, *self.stages, strict=True):
@@ -55,7 +55,7 @@ class Step(NamedTuple):
 def step(f: Derivative, t: float, y: State, k_1: State, h: float) -> Step:
     """Take one step of length `h` in s from state `y` at time `t`, with `k_1 = f(t, y)`.
 
-    `error` is the difference of the two solutions of order 4 and 5; the fifth-order one is kept.
+    `error` is the difference between the solutions of order 4 and 5; the solution of order 5 is kept.
     """
     y_2 = [a + h * 0.2 * b for a, b in zip(y, k_1, strict=True)]
     k_2 = f(t + h * 0.2, y_2)

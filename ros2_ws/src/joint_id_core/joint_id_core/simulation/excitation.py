@@ -1,4 +1,4 @@
-"""Input and reference signals that make a joint show its parameters: steps and multisines."""
+"""Input and reference signals that excite the parameters of a joint: steps and multisines."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError
 
-# Default voltage: steps of both signs and two heights, so that viscous and Coulomb friction can be told apart. None is
-# zero: a joint at rest sticks exactly, which the smoothed friction of the estimators follows only nearly.
+# Default voltages: steps of both signs and two sizes, so that viscous and Coulomb friction can be separated. None is
+# zero: a joint at rest sticks exactly, and the smoothed friction of the estimators describes that only approximately.
 STEPS_V = (12.0, -12.0, 6.0, -6.0)
 STEP_S = 0.5
 
@@ -22,13 +22,13 @@ Phases = Literal["schroeder", "random"]
 
 
 def step(time: ArrayLike, amplitude: float, start: float = 0.0) -> Array:
-    """`amplitude` from `start` in s on, zero before; shape of `time`."""
+    """Return a step: `amplitude` from `start` in s on, zero before; shape of `time`."""
     return np.where(np.asarray(time, dtype=float) >= start, float(amplitude), 0.0)
 
 
 @dataclass(frozen=True)
 class Multisine:
-    """Sum of cosines, known at every instant: sum of a_k cos(2 pi f_k t + phi_k).
+    """A sum of cosines: sum of a_k cos(2 pi f_k t + phi_k).
 
     Attributes:
         amplitudes: a_k, in the unit of the signal.
@@ -41,11 +41,11 @@ class Multisine:
     phases: tuple[float, ...]
 
     def value(self, time: ArrayLike) -> Array:
-        """Signal at `time` in s, shape of `time`."""
+        """Return the signal at `time` in s, shape of `time`."""
         return np.cos(self._angles(time)) @ np.array(self.amplitudes)
 
     def rate(self, time: ArrayLike) -> Array:
-        """Time derivative of the signal at `time` in s, shape of `time`."""
+        """Return the time derivative of the signal at `time` in s, shape of `time`."""
         return -np.sin(self._angles(time)) @ (np.array(self.amplitudes) * 2.0 * math.pi * np.array(self.frequencies))
 
     def _angles(self, time: ArrayLike) -> Array:
@@ -54,7 +54,7 @@ class Multisine:
 
 
 def harmonics(low: float, high: float, period: float) -> tuple[float, ...]:
-    """Multiples of 1/`period` (s) from `low` to `high` (Hz), both included: a signal that repeats without leakage.
+    """Return the multiples of 1/`period` (s) from `low` to `high` (Hz), both included: tones without leakage.
 
     Raises:
         JointIdError: no multiple lies in the band.
@@ -73,10 +73,10 @@ def build_multisine(
     seed: int | None = None,
     roll_off: float = 0.0,
 ) -> Multisine:
-    """A multisine with peak `amplitude` over its first common period, or over 10 periods of its lowest tone.
+    """Build a multisine whose peak over 10 periods of its lowest tone is `amplitude`.
 
-    Components fall as f^-roll_off: 0 is a flat spectrum, 2 for a position makes its acceleration flat. Phases
-    are random for a `seed`, else Schroeder's (1970), which keep the peak low.
+    Amplitudes fall as f^-roll_off: 0 gives a flat spectrum, 2 for a position gives a flat spectrum of its acceleration.
+    Phases are random with a `seed`, else Schroeder's (1970), which keep the peak low.
 
     Raises:
         JointIdError: no frequency, one that is not positive or comes twice, an amplitude that is not finite.
@@ -102,15 +102,15 @@ def build_multisine(
 
 
 def multisine(time: ArrayLike, amplitude: float, frequencies: Sequence[float], seed: int | None = None) -> Array:
-    """Flat multisine with peak `amplitude` at `time` in s; see `build_multisine`."""
+    """Return a multisine with a flat spectrum and peak `amplitude` at `time` in s; see `build_multisine`."""
     return build_multisine(amplitude, frequencies, seed).value(time)
 
 
 def position_reference(
     amplitude: float = 0.4, low: float = 0.5, high: float = 10.0, period: float = 2.0, seed: int | None = 1
 ) -> Multisine:
-    """Link position reference: peak `amplitude` in rad, tones from `low` to `high` in Hz, `period` in s.
+    """Build a reference of the link position: peak `amplitude` in rad, tones from `low` to `high` in Hz, `period` in s.
 
-    Tones fall as 1/f^2, so that every one asks for the same acceleration and thereby the same torque.
+    Amplitudes fall as 1/f^2, so that every tone needs the same acceleration and thus the same torque.
     """
     return build_multisine(amplitude, harmonics(low, high, period), seed, roll_off=2.0)

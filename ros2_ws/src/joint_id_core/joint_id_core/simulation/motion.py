@@ -1,4 +1,4 @@
-"""A simulated joint that moves so that its parameters show, seen by the sensors of a UR robot."""
+"""Simulation of a motion that excites the parameters of a joint, measured by the sensors of a UR robot."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ def simulate_motion(
     noise: bool = True,
     seed: int = 0,
 ) -> Recording:
-    """Simulate a joint with known parameters and return what its sensors show.
+    """Simulate a joint with known parameters and return the sensor readings.
 
-    Models with a voltage get steps of it; the others follow a multisine of the link position. There is no load.
+    Models with a voltage input get voltage steps; the others follow a multisine of the link position. There is no load.
 
     Args:
         model: from `models.build`.
         duration: length in s.
-        rate: samples a second.
+        rate: sampling rate in Hz.
         values: true values that replace the nominal ones, SI units.
-        noise: whether the sensors are those of a UR robot, or exact.
-        seed: of the noise.
+        noise: True for the sensors of a UR robot, False for exact values.
+        seed: seed of the noise.
 
     Raises:
         JointIdError: a length or rate that is not above zero, unknown parameter names, values out of bounds.
@@ -53,14 +53,14 @@ def simulate_motion(
 
 
 def _moved(model: Model, time: Array, truth: dict[str, float]) -> Recording:
-    """Every channel of the motion, exact."""
+    """Return the exact values of every channel of the motion."""
     reference = position_reference()
     gear = model.gear_ratio(truth)
     if model.drive == "voltage":
         level = np.floor(time / STEP_S + 1e-9).astype(int) % len(STEPS_V)
         recording = simulate(model, time, {"voltage": np.array(STEPS_V)[level]}, truth)
     elif "link_position" in model.state_names:
-        default = PositionController()  # made for a gear of GEAR_RATIO; the same torque at the link for any other
+        default = PositionController()  # for GEAR_RATIO; scaled to the same torque at the link for another gear ratio
         scale = GEAR_RATIO / gear
         controller = PositionController(default.k_p * scale, default.k_d * scale, default.limit * scale)
         recording = simulate_closed_loop(model, controller, reference, time, truth)

@@ -1,4 +1,4 @@
-"""The joints that the node `sim` moves: what is simulated and how it is driven."""
+"""The simulated joints of the node `sim`: model and drive."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from joint_id_core.simulation.simulator import JointSimulator
 
 @dataclass(frozen=True)
 class MotionOptions:
-    """How the joint is moved."""
+    """Options of the motion."""
 
     steps_v: tuple[float, ...] = option(STEPS_V, "electromechanical: voltage steps, repeated", "V")
     step_s: float = option(STEP_S, "electromechanical: duration of a step", "s", 1e-3, 1e3)
@@ -29,13 +29,13 @@ class MotionOptions:
 
 
 class Plant(Protocol):
-    """A moving joint."""
+    """A simulated joint that moves."""
 
     model: Model
     values: dict[str, float]
 
     def tick(self, dt: float) -> dict[str, float]:
-        """True states now and the inputs that are held from now on, by channel; moves on by `dt` in s.
+        """Return the true states and the inputs now, by channel; then hold these inputs and advance by `dt` in s.
 
         Raises:
             JointIdError: the simulation cannot go on.
@@ -43,7 +43,7 @@ class Plant(Protocol):
 
 
 class StepResponses:
-    """Model 3 under voltage steps that repeat; with steps that sum to zero the position stays bounded."""
+    """Model 3 under repeated voltage steps; if the steps sum to zero, the position stays bounded."""
 
     def __init__(self, values: Mapping[str, float], motion: MotionOptions, seed: int) -> None:
         self.model: Model = Electromechanical()
@@ -60,10 +60,10 @@ class StepResponses:
 
 
 class PositionControl:
-    """Model 2 under a position controller that follows a multisine; driven by the current that it reports."""
+    """Model 2 with a position controller that follows a multisine. It is driven by a current, which it reports."""
 
     MODEL = HarmonicDrive.name
-    # The paper's Model 2 is driven by a torque; the torque constant that makes it from a current is Model 3's.
+    # The paper's Model 2 is driven by a torque. The torque constant of Model 3 converts the current to this torque.
     K_T = Electromechanical().parameter("k_t").nominal
 
     def __init__(self, values: Mapping[str, float], motion: MotionOptions, seed: int) -> None:

@@ -1,4 +1,4 @@
-"""A sampled position controller, and a joint that moves under it."""
+"""A sampled position controller, and a simulated joint under its control."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class PositionController:
 
     torque = k_p (q_ref - q) + k_d (dq_ref - w_m / N), limited to +-limit. The defaults suit Model 2 with its
     nominal parameters (paper Table V) at 500 Hz: the link follows `position_reference()` up to 10 Hz. The limit
-    is 150 Nm behind a gear of 101, the largest joint torque of a UR5e (its data sheet).
+    is 150 Nm at the link with a gear ratio of 101, the largest joint torque of a UR5e (its data sheet).
 
     Attributes:
         k_p: Nm at the motor shaft per rad at the link.
@@ -33,29 +33,31 @@ class PositionController:
     limit: float = 1.5
 
     def torque(self, q_ref: float, dq_ref: float, q: float, dq: float) -> float:
-        """Torque at the motor shaft in Nm. `q` in rad, `dq` in rad/s: link position, motor velocity over N."""
+        """Return the torque at the motor shaft in Nm; `q`: link position in rad, `dq`: motor velocity over N in rad/s.
+
+        `q_ref` and `dq_ref` are the references of the link, in the same units.
+        """
         wanted = self.k_p * (q_ref - q) + self.k_d * (dq_ref - dq)
         return max(-self.limit, min(self.limit, wanted))
 
 
 class ControlledJoint:
-    """A simulated joint under a position controller, moved on one control period at a time.
+    """A simulated joint under a position controller, advanced by one control period at a time.
 
-    The joint sees the commanded torque plus white noise, constant over a period; `tick` returns the
-    command, which is what a robot reports as its measured torque. The noise is thus noise of the measured
-    input, not of a sensor: it moves the joint.
+    The commanded torque plus white noise acts on the joint, constant over a period. `tick` returns the command, which a
+    robot reports as its measured torque. So the noise is not sensor noise but a torque that moves the joint.
 
     Args:
         model: with a link position and driven by a torque or a current at the motor shaft.
         controller: the controller.
-        reference: link position in rad; its time is zero at the start of the simulation.
+        reference: reference of the link position in rad; its time is zero at the start of the simulation.
         values: changes to the nominal parameters.
-        x0: start state; default at rest, with motor and link on the reference.
+        x0: start state; default at rest, with motor and link at the reference position.
         torque_noise: standard deviation in Nm at the motor shaft.
-        seed: of the noise.
+        seed: seed of the noise.
 
     Raises:
-        JointIdError: a model that cannot be controlled so, bad values, negative noise.
+        JointIdError: a model without link position or without torque or current input, bad values, negative noise.
     """
 
     def __init__(
@@ -89,7 +91,7 @@ class ControlledJoint:
         self.joint = JointSimulator(model, values, x0)
 
     def command(self) -> float:
-        """Torque at the motor shaft in Nm that the controller wants now."""
+        """Return the torque at the motor shaft in Nm that the controller commands now."""
         t, x = self.joint.time, self.joint.state
         dq = x["motor_velocity"] / self._n if "motor_velocity" in x else x["link_velocity"]
         return self._controller.torque(
@@ -97,7 +99,7 @@ class ControlledJoint:
         )
 
     def tick(self, dt: float) -> dict[str, float]:
-        """Hold the present command for `dt` in s; return the input channel as reported, with its value."""
+        """Hold the present command for `dt` in s; return the reported input as {channel: value}."""
         torque = self.command()
         true = torque + self._noise * self._rng.standard_normal()
         self.joint.advance(dt, {self._drive: true / self._k_t})
@@ -114,18 +116,18 @@ def simulate_closed_loop(
     torque_noise: float = 0.0,
     seed: int = 0,
 ) -> Recording:
-    """Move a joint along a position reference, one control period a sample; `time` in s, shape (T,).
+    """Simulate a joint that follows a position reference, one control period per sample; `time` in s, shape (T,).
 
-    The recorded `torque` (or `current`) is the measured one, held from its sample to the next; the joint saw
-    it plus the noise. States are recorded without sensor noise (`sensors.Sensors` adds that). Further
-    arguments and errors: see `ControlledJoint`.
+    The recorded `torque` (or `current`) is the command, held from its sample to the next. The command plus the noise
+    acts on the joint. States are recorded without sensor noise (`sensors.Sensors` adds it). For further arguments and
+    errors see `ControlledJoint`.
     """
     grid = Recording(time, {}, source=f"closed-loop simulation of {model.name}")
     if len(grid) < 2:
         raise JointIdError(f"{grid.source}: time must hold at least two instants")
     loop = ControlledJoint(model, controller, reference, values, x0, torque_noise, seed)
     rows = []
-    # The last sample has no next one: it holds the period before, as a robot's log would.
+    # The last sample has no next one: its command is held for one more period.
     for dt in [*np.diff(grid.time).tolist(), grid.period]:
         state = loop.joint.state
         rows.append({**state, **loop.tick(dt)})

@@ -1,4 +1,4 @@
-"""What sensors make of a motion: noise, finite resolution, channels that are not measured."""
+"""Sensor models: noise, finite resolution, channels that are not measured."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from joint_id_core.models.transmission import GEAR_RATIO
 
 T = TypeVar("T", float, Array)
 
-# What a UR robot reports over RTDE; its motor angle and link velocity are not sent.
+# Channels that a UR robot reports over RTDE; motor angle and link velocity are not sent.
 UR_CHANNELS = ("link_position", "motor_velocity", "current", "torque")
 
 
 @dataclass(frozen=True)
 class Sensors:
-    """White noise, then rounding to the resolution, by channel; channels not named pass untouched.
+    """Sensors that add white noise and then round to their resolution. Channels that are not named do not change.
 
     Attributes:
         noise: standard deviation by channel, in the unit of the channel.
@@ -45,15 +45,15 @@ class Sensors:
                 raise JointIdError(f"resolution of {name} = {size} {CHANNELS[name].unit}: must be finite and above 0")
 
     def reading(self, name: str, value: T, rng: np.random.Generator) -> T:
-        """What the sensor of a channel shows for one value or for an array of them; NaN stays NaN."""
+        """Return the sensor reading of a channel for one value or an array; NaN stays NaN."""
         std, size = self.noise.get(name, 0.0), self.quantum.get(name)
         shown: Any = value + std * rng.standard_normal(np.shape(value)) if std else value
         return shown if size is None else np.round(shown / size) * size
 
     def measure(self, recording: Recording, seed: int = 0, keep: Iterable[str] | None = None) -> Recording:
-        """The recording as measured, with only the channels in `keep` (default: all).
+        """Return the recording as measured, with only the channels in `keep` (default: all).
 
-        The same seed gives the same noise on a channel whichever others there are.
+        With the same seed a channel gets the same noise, independent of the other channels.
 
         Raises:
             JointIdError: unknown channel in `keep`.
@@ -68,18 +68,19 @@ class Sensors:
 
 
 def ur_robot_sensors(N: float = GEAR_RATIO) -> Sensors:
-    """Sensors of a Universal Robots joint with gear ratio `N`, as seen through RTDE.
+    """Return the sensors of a Universal Robots joint with gear ratio `N`, as seen through RTDE.
 
     Measured on a public UR3e log (aurt, 125 Hz), noise from differences of second and fourth order:
 
-    - link_position: the values of wrist 3 at rest are 1.2e-5 rad apart, 2 pi / 2^19 within the rounding of the
-      stream; noise 2.0e-5 rad (five joints at rest 1.8e-5 to 3.1e-5).
-    - motor_velocity: no steps (single precision); 1.5e-3 rad/s times N on the moving shoulder. That holds real
-      vibration too, so it is an upper bound; at rest the controller reports zero.
-    - current: no steps; 0.010 A (four joints at rest 0.0086 to 0.013 A).
+    - link_position: the values of wrist 3 at rest are 1.2e-5 rad apart, which is 2 pi / 2^19 within the rounding of the
+      stream; noise 2.0e-5 rad (five joints at rest: 1.8e-5 to 3.1e-5).
+    - motor_velocity: no quantisation (single precision); noise 1.5e-3 rad/s times N on the moving shoulder. This
+      includes real vibration, so it is an upper bound; at rest the controller reports zero.
+    - current: no quantisation; noise 0.010 A (four joints at rest: 0.0086 to 0.013 A).
 
-    torque is that current times 0.1005 Nm/A, the torque constant in the maker's calibration of a UR5e shoulder.
-    motor_position is not sent by the robot: the link encoder's figures at the motor shaft are our choice.
+    The noise of torque is that of the current times 0.1005 Nm/A, the torque constant in the manufacturer's calibration
+    of a UR5e shoulder. The robot does not send motor_position: we chose the figures of the link encoder, at the motor
+    shaft.
     """
     encoder, position = 2.0 * math.pi / 2**19, 2.0e-5
     return Sensors(
@@ -95,7 +96,7 @@ def ur_robot_sensors(N: float = GEAR_RATIO) -> Sensors:
 
 
 def _known(names: Iterable[str]) -> tuple[str, ...]:
-    """The names, each checked to be a channel."""
+    """Return the names after a check that each is a channel."""
     names = tuple(names)
     for name in names:
         if name not in CHANNELS:

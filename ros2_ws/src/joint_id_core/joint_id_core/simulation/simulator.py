@@ -15,18 +15,18 @@ from joint_id_core.models import Model
 from joint_id_core.simulation.dormand_prince import Derivative, State, Step, step
 from joint_id_core.simulation.stick_slip import StickSlip
 
-_FIRST_STEP = 1e-6  # s; grows fivefold a step
+_FIRST_STEP = 1e-6  # s; the step may grow fivefold each time
 _SHORTEST_STEP = 1e-15  # s
-_MEAN_STEP = 1e-6  # s; a model that needs shorter steps than this on average is not a joint
-_GRACE_STEPS = 1000  # before the mean step counts
-_EVENTS = 200  # changes of mode within one millisecond
+_MEAN_STEP = 1e-6  # s; a model that needs shorter steps on average has implausible parameters
+_GRACE_STEPS = 1000  # steps before the mean step is checked
+_EVENTS = 200  # most changes of mode within one millisecond
 _ABSOLUTE = 1e-3  # absolute tolerance over rtol and the scale of a state: 1e-10 rad at the link by default
 
 
 class JointSimulator:
-    """A joint that is moved on in time, as fast as a control loop wants it.
+    """Simulation of a joint that advances step by step, for example once per period of a control loop.
 
-    Step size and modes are kept from call to call. `time` is in s from the start.
+    Step size and stick-slip modes are kept from call to call. `time` is in s from the start.
 
     Args:
         model: any joint model.
@@ -51,7 +51,7 @@ class JointSimulator:
         self.time = 0.0
         self._rtol = rtol
         self._atol = [_ABSOLUTE * rtol * s.scale for s in model.states]
-        # Models build these anew whenever they are asked.
+        # A model may build these tuples again at every access.
         self._state_names, self._input_names = model.state_names, model.input_names
         self._optional = model.optional_inputs
         self._x = _ordered(model, "state", self._state_names, x0 or {}, frozenset(self._state_names))
@@ -76,17 +76,17 @@ class JointSimulator:
 
     @property
     def modes(self) -> dict[str, int]:
-        """By velocity with friction: +1 or -1 while it slides, 0 while it sticks (or has no Coulomb friction)."""
+        """Mode by velocity with friction: +1 or -1 while it slides, 0 while it sticks (or has no Coulomb friction)."""
         return dict(self._friction.modes)
 
     def advance(self, dt: float, u: Mapping[str, float], end: Mapping[str, float] | None = None) -> None:
-        """Move on by `dt` in s under the inputs `u`, by channel name; optional inputs not named are zero.
+        """Advance by `dt` in s under the inputs `u`, by channel name; optional inputs that are not given are zero.
 
-        Inputs are constant, except that those with hold "first" run linearly to their value in `end`.
+        Inputs are constant; those with hold "first" change linearly to their value in `end`.
 
         Raises:
             JointIdError: unknown or missing input, a value that is not finite, a solution that is not
-                finite or that no sensible step size can follow.
+                finite or that needs far too short steps.
         """
         if not (math.isfinite(dt) and dt > 0.0):
             raise JointIdError(f"cannot advance by {dt} s: the time step must be positive")
@@ -123,7 +123,7 @@ class JointSimulator:
                 if self._slope is None:
                     self._slope = derivative(t, self._x)
                 if rates is None and not any(self._slope):
-                    # An equilibrium under constant inputs lasts: nothing to integrate, no event to look for.
+                    # In equilibrium under constant inputs nothing changes: no integration and no events.
                     out += [list(self._x) for _ in samples[len(out) :]]
                     self.time = begun + dt
                     break
@@ -156,7 +156,7 @@ class JointSimulator:
         return out
 
     def _attempt(self, f: Derivative, t: float, slope: State, dt: float) -> Step | None:
-        """Try one step; None when its error was too large, with the step size reduced."""
+        """Try one step; if its error is too large, reduce the step size and return None."""
         left = dt - t
         cut = self._h * 1.000001 >= left
         h = left if cut else self._h
@@ -165,10 +165,10 @@ class JointSimulator:
         for e, a, b, atol in zip(taken.error, taken.y_0, taken.y_1, self._atol, strict=True):
             ratio = e / (atol + self._rtol * max(abs(a), abs(b)))
             total += ratio * ratio
-        norm = math.sqrt(total / len(taken.error))  # NaN where anything was
+        norm = math.sqrt(total / len(taken.error))  # NaN if any of the values is NaN
         factor = min(5.0, max(0.2, 0.9 * norm**-0.2)) if norm > 0.0 else 5.0
         if norm <= 1.0:
-            # A step cut short by the end of the interval says little: it never shrinks the next one.
+            # A step that was cut by the end of the interval does not reduce the next one.
             self._h = max(self._h, h * factor) if cut else h * factor
             return taken
         self._h = h * (factor if math.isfinite(norm) else 0.2)
@@ -179,7 +179,7 @@ class JointSimulator:
         return None
 
     def _count_event(self) -> None:
-        """Stop a joint that switches between stick and slip without end."""
+        """Count a change of mode; raise JointIdError if the joint switches between stick and slip without end."""
         if self.time > self._events_since + 1e-3:
             self._events, self._events_since = 0, self.time
         self._events += 1
@@ -202,8 +202,8 @@ def simulate(
 ) -> Recording:
     """Simulate a joint and record its states and inputs, without noise, at the instants `time`.
 
-    `time` in s and every input have shape (T,), T >= 2; steps may differ. A sample of an input with hold
-    "zero" lasts until the next sample, one with hold "first" runs to it in a straight line.
+    `time` in s and every input have shape (T,), T >= 2; steps may differ. Between two samples an input with hold "zero"
+    keeps its value, and an input with hold "first" changes linearly.
 
     Raises:
         JointIdError: see `JointSimulator`; also a missing or unknown input, a wrong shape, values that are not
@@ -217,7 +217,7 @@ def simulate(
     states = [list(simulator.state.values())]
     first = np.array([s.hold == "first" for s in model.inputs])
     instants, rows = known.time.tolist(), u.tolist()
-    # Inputs that are constant over many samples make one interval: its samples come from the dense output.
+    # Samples over which the inputs are constant form one interval: the dense output gives the states within it.
     changes = np.diff(u, axis=0) != 0.0
     edges = {0, len(rows) - 1}
     edges.update((np.flatnonzero(changes.any(axis=1)) + 1).tolist())
@@ -232,7 +232,7 @@ def simulate(
 
 
 def _input_table(model: Model, time: Array, inputs: Mapping[str, Array]) -> Array:
-    """Inputs as an array of shape (T, number of inputs), optional ones zero."""
+    """Return the inputs as an array (T, inputs), with zeros for optional inputs that are not given."""
     _ordered(model, "input", model.input_names, dict.fromkeys(inputs, 0.0), model.optional_inputs)
     table = np.zeros((len(time), len(model.inputs)))
     for j, name in enumerate(model.input_names):
@@ -251,7 +251,7 @@ def _input_table(model: Model, time: Array, inputs: Mapping[str, Array]) -> Arra
 def _ordered(
     model: Model, kind: str, names: Sequence[str], given: Mapping[str, float], optional: frozenset[str]
 ) -> list[float]:
-    """Values in the order of `names`, zero for those that are optional and not given."""
+    """Return the values in the order of `names`, zero for those that are optional and not given."""
     for name, value in given.items():
         if name not in names:
             raise JointIdError(f"model {model.name} has no {kind} {name!r}: it has {', '.join(names)}")

@@ -1,3 +1,3 @@
-"""Prediction of recordings that the fit has not seen."""
+"""Validation: prediction of recordings that were not used in the fit."""
 
 from joint_id_core.validation.prediction import held_out as held_out

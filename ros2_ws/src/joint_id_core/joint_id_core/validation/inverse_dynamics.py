@@ -12,22 +12,22 @@ from joint_id_core.filtering.offline import FilterOptions, complete, differentia
 from joint_id_core.models import Model
 from joint_id_core.models.operations import ArrayOps
 
-# Acceleration from an encoder is noise above the band in which a joint moves, so a prediction of the drive is
-# compared below this frequency, both sides filtered alike, as in inverse dynamic identification (Gautier 1997).
-# On a public UR3e log 50 Hz would explain 95.4 % of the shoulder's current, 10 Hz 99.8 %.
+# Acceleration computed from an encoder is mostly noise above the band in which a joint moves. So predicted and measured
+# drive are compared below this frequency, with the same filter for both, as in inverse dynamic identification (Gautier
+# 1997). On a public UR3e log, 50 Hz would explain 95.4 % of the shoulder's current, 10 Hz 99.8 %.
 DRIVE_BAND_HZ = 10.0
 ROUNDING = 1e-6  # of a length in time: samples that stand at it count as no longer
 
 
 def drive(model: Model, values: dict[str, float], recording: Recording) -> Array | None:
-    """The drive input (torque or current) that explains the measured motion: inverse dynamics.
+    """Compute the drive input (torque or current) that explains the measured motion (inverse dynamics).
 
-    Every derivative is linear in the drive, so the acceleration that the drive acts on gives it. Velocities
-    and accelerations that were not measured come from the Butterworth differentiator.
+    The derivative of every model is linear in the drive, so the drive follows from the acceleration that it acts on.
+    Velocities and accelerations that were not measured come from the Butterworth differentiator.
 
     Returns:
-        The drive at every sample, shape (T,), NaN where the motion is not known; None where the model's drive
-        is a voltage or the motion of a state was not recorded.
+        The drive at every sample, shape (T,), NaN where the motion is not known. None if the model's drive is a voltage
+        or the motion of a state was not recorded.
     """
     if model.torque_drive is None:
         return None
@@ -47,18 +47,18 @@ def drive(model: Model, values: dict[str, float], recording: Recording) -> Array
 
 
 def _band(time: Array, cutoff_hz: float) -> FilterOptions:
-    """A filter with this cutoff, or the highest one that the sampling allows with some margin."""
+    """Return a filter with this cutoff, or with the highest cutoff that the sampling allows with some margin."""
     return FilterOptions(cutoff_hz=min(cutoff_hz, 0.4 / float(np.median(np.diff(time)))))
 
 
 def drive_errors(time: Array, measured: Array, predicted: Array, band_hz: float = DRIVE_BAND_HZ) -> Array:
-    """Predicted minus measured drive below `band_hz`, over the standard deviation of the measured one there.
+    """Return predicted minus measured drive below `band_hz`, over the standard deviation of the measured drive there.
 
-    Within two periods of the band of either end of the record, or of a long gap, the filter does not see on and the
-    acceleration behind the prediction is guessed: nothing is said there.
+    Samples within two periods 1/band_hz of the ends of the record, or of a long gap, are left out. There the filter
+    lacks samples, and the acceleration behind the prediction is inaccurate.
 
     Returns:
-        Errors of shape (T,), NaN where either is not known or the filter does not reach.
+        Errors of shape (T,), NaN where a drive is not known or the sample is left out.
     """
     errors = np.full(len(time), np.nan)
     known = np.flatnonzero(np.isfinite(measured) & np.isfinite(predicted))
@@ -78,6 +78,6 @@ def drive_errors(time: Array, measured: Array, predicted: Array, band_hz: float 
 
 
 def drive_r_squared(time: Array, measured: Array, predicted: Array, band_hz: float = DRIVE_BAND_HZ) -> float:
-    """Coefficient of determination of a predicted drive, from `drive_errors`; NaN where these say nothing."""
+    """Return the coefficient of determination of a predicted drive, from `drive_errors`; NaN without any error."""
     errors = drive_errors(time, measured, predicted, band_hz)
     return 1.0 - float(np.nanmean(errors**2)) if np.isfinite(errors).any() else float("nan")

@@ -1,4 +1,4 @@
-"""Prediction of data that the fit has not seen."""
+"""Prediction of held-out data with the parameters of an estimate."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ HORIZON_S = 0.1  # how far ahead labels are predicted, as in the estimator's own
 
 
 def held_out(model: Model, recording: Recording, estimate: Estimate, horizon_s: float = HORIZON_S) -> dict[str, float]:
-    """Predict the labels of another recording with the parameters of an estimate; nothing is fitted here.
+    """Predict the labels of another recording with the parameters of an estimate, without a fit.
 
     Returns:
         By label, rms of prediction minus label over the label's standard deviation; NaN for a constant label.
@@ -40,15 +40,15 @@ def held_out(model: Model, recording: Recording, estimate: Estimate, horizon_s: 
 def held_out_errors(
     model: Model, recording: Recording, estimate: Estimate, horizon_s: float = HORIZON_S
 ) -> dict[str, Array]:
-    """Errors of the predicted labels of another recording, sample by sample.
+    """Return the errors of the predicted labels of another recording, sample by sample.
 
-    Predictions are free runs of at most `horizon_s`, each restarted from the filtered state. Left out are runs that
-    begin less than a horizon after the start of the record or after a long gap, when the filter hardly knows the
-    state: the error of a guessed velocity, not of the model, would be most of what is left.
+    Predictions are free runs of at most `horizon_s`, each restarted from the filtered state. Runs that begin less than
+    a horizon after the start of the record, or after a long gap, are left out. There the filter hardly knows the
+    state, and the error would come mostly from a guessed velocity and not from the model.
 
     Returns:
-        By label, prediction minus label over the label's standard deviation, shape (T,) as `recording.time`; NaN where
-        left out or not measured, and everywhere for a constant label; infinite where the prediction runs away.
+        By label, prediction minus label over the label's standard deviation, shape (T,) as `recording.time`. NaN where
+        left out or not measured, and everywhere for a constant label; infinite where the prediction diverges.
 
     Raises:
         JointIdError: the recording cannot be used with this model, or is too short to predict anything.
@@ -75,16 +75,16 @@ def held_out_errors(
 
 
 def filtered(data: FitData, kernel: Kernel, noise: Mapping[str, float], substeps: int) -> tuple[Array, Steps]:
-    """States of a record filtered with the start values of `data`, and the steps a sample that it took.
+    """Filter the states of a record with the start values of `data`.
 
     Args:
-        data: the record, with the values to use as its start values.
-        kernel: of its model and cell.
-        noise: standard deviations as in `Estimate.noise`; those that are missing or zero are taken from the record.
+        data: the record; its start values are the parameters to use.
+        kernel: the compiled cell of its model.
+        noise: standard deviations as in `Estimate.noise`; missing or zero ones are estimated roughly from the record.
         substeps: as in `Estimate.substeps`.
 
     Returns:
-        States, shape (T, n), and steps from each sample to the next, shape (T,).
+        States, shape (T, n), and the integrator steps from each sample to the next, shape (T,).
     """
     rough = NoiseLevels.of(data).rough
     levels = np.array(
@@ -96,7 +96,7 @@ def filtered(data: FitData, kernel: Kernel, noise: Mapping[str, float], substeps
 
 
 def _settled(data: FitData, horizon_s: float) -> np.ndarray:
-    """Which samples, shape (T,), belong to free runs that began at least a horizon after the last (re)start."""
+    """Return True, shape (T,), for samples of free runs that began at least a horizon after the last (re)start."""
     time, block = data.time, block_length(data, horizon_s)
     again = np.flatnonzero(data.gap > LONGEST_GAP) + 1
     starts = time[np.concatenate([[0], again[again < len(time)]])]
@@ -107,18 +107,18 @@ def _settled(data: FitData, horizon_s: float) -> np.ndarray:
 
 
 def held_out_drive(model: Model, recording: Recording, estimate: Estimate) -> tuple[str, float] | None:
-    """Name of the drive and R^2 of its prediction on another recording; None as `held_out_drive_errors`."""
+    """Return the name of the drive and R^2 of its prediction on another recording; None as `held_out_drive_errors`."""
     found = held_out_drive_errors(model, recording, estimate)
     return None if found is None else (found[0], 1.0 - float(np.nanmean(found[1] ** 2)))
 
 
 def held_out_drive_errors(model: Model, recording: Recording, estimate: Estimate) -> tuple[str, Array] | None:
-    """Name of the drive and the errors of its prediction on another recording, sample by sample.
+    """Predict the drive of another recording and return its name and errors, sample by sample.
 
     Returns:
         Name, and predicted minus measured drive in the band of `drive_errors` over the standard deviation of
-        the measured one, shape (T,), NaN where not known. None where the model has no such drive, the motion that it
-        needs was not recorded, or the recording is shorter than the filter needs.
+        the measured one, shape (T,), NaN where not known. None if the model is driven by a voltage, a signal was not
+        recorded, or the recording is too short for the filter.
     """
     predicted = drive(model, estimate.values, recording)
     name = model.torque_drive

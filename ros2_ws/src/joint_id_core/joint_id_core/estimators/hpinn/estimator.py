@@ -1,4 +1,4 @@
-"""The paper's network as an object: its options are its fields."""
+"""The paper's network as a dataclass whose fields are its options."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ if TYPE_CHECKING:  # the command line reads the options without loading NumPy
 class HPinn:
     """The physics-informed network of Yang et al. (H-PINN): the reference method. Needs torch.
 
-    The paper trains for 300 to 1000 epochs and does not print its learning rates. `bounds` are intervals by parameter
-    (lower, upper) that training does not leave; without them a parameter keeps to the bounds of the model's table.
+    The paper trains for 300 to 1000 epochs and does not give its learning rates. `bounds` are intervals (lower, upper)
+    by parameter that training does not leave. Other parameters keep to the bounds of the model's table.
 
     Raises:
         JointIdError: an option outside its range, or an interval whose lower end is not below its upper one.

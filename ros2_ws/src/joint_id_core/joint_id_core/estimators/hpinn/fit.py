@@ -1,7 +1,7 @@
 """The paper's estimator: train the RK4 network on the whole record (reference method).
 
-It simulates from the first labels with no feedback (single shooting), so it needs start values within some
-tens of percent, and it takes a measured input for exact. `innovations` has neither limit.
+It simulates from the first labels without feedback (single shooting). So it needs start values within some tens of
+percent of the truth, and it assumes that the measured input is exact. `innovations` has neither limit.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ if TYPE_CHECKING:
     from joint_id_core.estimators.hpinn.network import HPinnNetwork
     from joint_id_core.estimators.hpinn.training import Labels
 
-LEVEL_SHARE = (
-    0.1  # the loss has levelled off when its median over this last share of the epochs (LEVEL_EPOCHS at least)
-)
+# The loss has levelled off when its median over the last LEVEL_SHARE of the epochs (at least LEVEL_EPOCHS) is less than
+# LEVEL_DROP below its median over the same number of epochs before.
+LEVEL_SHARE = 0.1
 LEVEL_EPOCHS = 10
-LEVEL_DROP = 0.05  # lies less than this part below its median over the same number of epochs before
-POOR_NRMSE = 0.5  # of a label's own variation; a simulation that misses by more does not describe it
+LEVEL_DROP = 0.05
+POOR_NRMSE = 0.5  # above this nrmse a simulation does not describe the label
 STEP_LIMIT = 1.0  # largest |lambda h| of an RK4 step: the error of the fastest mode stays near 1 %
 UNSHOWN = 1e-12  # eigenvalue of the scaled Hessian, over the largest, that stands for zero: rounding is near 1e-15
-MINIMUM_DISTANCE = 1.0  # noise standard deviations from the minimum beyond which the message says how far training got
+MINIMUM_DISTANCE = 1.0  # distance from the minimum, in standard deviations due to noise, above which a message says so
 
 
 DEFAULTS = HPinn()
@@ -61,16 +61,17 @@ def fit_hpinn(
     """Train the H-PINN on a recording.
 
     The result is the epoch of lowest loss. CONVERGED means that every label is described and that the loss has
-    levelled off (`LEVEL_SHARE`, `LEVEL_DROP`). RMSProp often levels off in a narrow valley before the minimum, so
-    the covariance has two parts: that of the weighted least-squares minimum with one noise level a label, taken
-    from its residuals (white residuals assumed), and the square of the Gauss-Newton step that is left to it.
+    levelled off (`LEVEL_SHARE`, `LEVEL_DROP`). RMSProp often levels off in a narrow valley before the minimum. So the
+    covariance has two parts: the covariance of the weighted least-squares minimum, and the square of the Gauss-Newton
+    step that is left to this minimum. The first part uses one noise level per label from its residuals, which are
+    assumed white.
 
     Args:
         model: from `models.build`.
         recording: inputs without NaN and at least one measured state.
-        settings: values, held and freed parameters; this estimator has no priors.
-        options: the estimator.
-        progress: called with a line of text now and then.
+        settings: values, fixed and freed parameters; this estimator has no priors.
+        options: the estimator with its options.
+        progress: called with a line of text from time to time.
 
     Raises:
         JointIdError: torch is not installed, NaN in an input, misuse of names, values or bounds, a prior. Poor data
@@ -78,7 +79,7 @@ def fit_hpinn(
     """
     begun = clock.perf_counter()
     tell = progress or (lambda _: None)
-    from joint_id_core.estimators.hpinn.network import HPinnNetwork  # says so where torch is missing
+    from joint_id_core.estimators.hpinn.network import HPinnNetwork  # raises JointIdError if torch is missing
     from joint_id_core.estimators.hpinn.training import LearningRate, make_labels, train
 
     if settings is not None and settings.priors:
@@ -126,12 +127,12 @@ def _levelled_off(history: list[float]) -> bool:
 def _minimum(
     jacobian: Array, labels: Labels, weights: Array, residuals: Array, prior: Array
 ) -> tuple[Array, Array, Array]:
-    """Covariance of the minimum of the WMSE, noise of each measured state, and the Gauss-Newton step to that minimum.
+    """Return the covariance at the minimum of the WMSE, the noise of each measured state, and the step to the minimum.
 
-    `jacobian` (T, states, k) is that of the measured states. The loss weighs labels by Eq 2 and not by their
-    noise, and the torsion repeats noise of the two angles, so this is H^-1 S H^-1 with the
-    Gauss-Newton Hessian H and the score's covariance S, not H^-1 alone. Directions that no label shows keep the
-    standard deviations of the `prior` (k,).
+    `jacobian` (T, states, k) is the derivative of the measured states by the parameters. The loss weights labels by
+    Eq 2 and not by their noise, and the torsion repeats the noise of the two angles. So the covariance is H^-1 S H^-1
+    with the Gauss-Newton Hessian H and the covariance S of the score, not H^-1 alone. The step is a Gauss-Newton step.
+    Directions that no label shows keep the standard deviations of the `prior` (k,).
     """
     known = np.isfinite(labels.y)
     by_label = np.einsum("ls,tsk->tlk", labels.mix, jacobian)
@@ -168,7 +169,7 @@ def _estimate(
     net: HPinnNetwork, data: FitData, labels: Labels, x0: Array, start: dict[str, float],
     history: list[float], finite: bool, elapsed: float,
 ) -> Estimate:  # fmt: skip
-    """Simulate with the trained parameters and turn what comes out into an `Estimate`."""
+    """Simulate with the trained parameters and build the `Estimate`."""
     from joint_id_core.estimators.hpinn.network import label_weights
 
     model, values = net.model, net.values
@@ -218,7 +219,7 @@ def _judge(
     found: Mapping[str, Verdict],
     away: Mapping[str, float],
 ) -> tuple[Status, tuple[str, ...]]:
-    """Status, and what was found in sentences, the most useful first."""
+    """Return the status, and the findings as sentences, the most useful first."""
     worst = max(nrmse, key=lambda name: np.nan_to_num(nrmse[name]))
     farthest = max(away, key=lambda name: away[name], default="")
     if not finite:

@@ -29,11 +29,11 @@ except ImportError as error:
         "or choose the innovations estimator"
     ) from error
 
-POSITIVE_FLOOR = 1e-3  # a positive parameter stays above this part of its start value: an inertia divides
+POSITIVE_FLOOR = 1e-3  # lower bound of a positive parameter over its start value: models divide by an inertia
 
 
 class _TorchOps:
-    """The functions a derivative may call (`models.Ops`), on tensors."""
+    """The functions that a model's derivative may call (`models.Ops`), on torch tensors."""
 
     sin = staticmethod(torch.sin)
     cos = staticmethod(torch.cos)
@@ -44,7 +44,7 @@ class _TorchOps:
         self.smooth = friction == "tanh"
 
     def direction(self, velocity: str, w: torch.Tensor, w_s: torch.Tensor) -> torch.Tensor:
-        """tanh(w / w_s), or the paper's sign(w), whose derivative is zero."""
+        """Return tanh(w / w_s), or the paper's sign(w), whose derivative is zero."""
         return torch.tanh(w / w_s) if self.smooth else torch.sign(w)
 
 
@@ -54,7 +54,7 @@ class RK4Cell(torch.nn.Module):
     Args:
         model: the joint model.
         friction: "sign" as in the paper, or "tanh".
-        substeps: RK4 steps a sample step.
+        substeps: RK4 steps per sample.
     """
 
     def __init__(self, model: Model, friction: Smoothing = "sign", substeps: int = 1) -> None:
@@ -68,12 +68,12 @@ class RK4Cell(torch.nn.Module):
     def forward(
         self, x: torch.Tensor, u: torch.Tensor, u_next: torch.Tensor, dt: float, p: SimpleNamespace
     ) -> torch.Tensor:
-        """State one sample later.
+        """Return the state one sample later.
 
         Args:
             x: state, shape (n,), SI units.
-            u, u_next: inputs at this sample and at the next, shape (nu,); in between they stay at `u`
-                (hold "zero") or run on a straight line (hold "first").
+            u, u_next: inputs at this sample and at the next, shape (nu,). Between them an input is constant (hold
+                "zero") or linear (hold "first").
             dt: time to the next sample in s.
             p: parameters by attribute.
         """
@@ -93,7 +93,7 @@ class RK4Cell(torch.nn.Module):
 
 
 class _CompiledRollout(torch.autograd.Function):
-    """The unrolled cell as one node of the graph: sensitivities forward, vector-Jacobian product backward."""
+    """The unrolled cell as one node of the autograd graph: sensitivities forward, vector-Jacobian product backward."""
 
     @staticmethod
     def forward(
@@ -115,11 +115,11 @@ class _CompiledRollout(torch.autograd.Function):
 
 
 class HPinnNetwork(torch.nn.Module):
-    """The recurrent network: inputs and start states in, predicted states out (paper Fig. 2a).
+    """The recurrent network: it predicts states from inputs and a start state (paper Fig. 2a).
 
-    Each weight is its parameter divided by a scale (the start value; for a parameter that may be negative
-    the larger of that and its `spread`), so that one learning rate serves inertias of 1e-5 and stiffnesses of
-    1e8. The paper does not say how it does this: the scaling is our choice.
+    Each weight is a parameter divided by a scale. The scale is the start value; for a parameter that may be negative it
+    is the larger of the start value and `spread`. So one learning rate serves inertias of 1e-5 and stiffnesses of 1e8.
+    The paper does not say how it does this: the scaling is our choice.
 
     Args:
         model: the joint model.
@@ -127,8 +127,8 @@ class HPinnNetwork(torch.nn.Module):
         trainable: names of the parameters to train; the others stay fixed.
         bounds: interval by parameter, narrower than the model's own.
         friction: "sign" as in the paper, or "tanh".
-        substeps: RK4 steps a sample step.
-        compiled: roll out through the compiled kernel; False unrolls `RK4Cell` in torch.
+        substeps: RK4 steps per sample.
+        compiled: True simulates with the compiled kernel; False unrolls `RK4Cell` in torch.
 
     Raises:
         JointIdError: a positive parameter that is to be trained starts at zero, or a start value is out of bounds.
@@ -159,16 +159,16 @@ class HPinnNetwork(torch.nn.Module):
 
     @property
     def parameters_si(self) -> torch.Tensor:
-        """All parameters of the model in its order, in SI units, shape (P,)."""
+        """All parameters in the model's order, in SI units, shape (P,)."""
         return self._fixed.index_put((self._index,), self.weight * torch.from_numpy(self.scale))
 
     @property
     def values(self) -> dict[str, float]:
-        """Present value of every parameter, SI units."""
+        """Present value of every parameter by name, SI units."""
         return dict(zip(self.model.parameter_names, self.parameters_si.tolist(), strict=True))
 
     def forward(self, x0: torch.Tensor, time: Array, u: Array) -> torch.Tensor:
-        """Predicted states, shape (T, n).
+        """Return the predicted states, shape (T, n).
 
         Args:
             x0: start state, shape (n,), SI units.
@@ -176,7 +176,7 @@ class HPinnNetwork(torch.nn.Module):
             u: inputs at these instants, shape (T, nu), SI units.
 
         Raises:
-            JointIdError: x0 asks for a gradient, which the compiled cell does not have.
+            JointIdError: x0 requires a gradient, which the compiled cell does not have.
         """
         p = self.parameters_si
         if self.kernel is not None:
@@ -192,7 +192,7 @@ class HPinnNetwork(torch.nn.Module):
         return torch.stack(states)
 
     def sensitivities(self, x0: Array, time: Array, u: Array) -> tuple[Array, Array]:
-        """States (T, n) and their exact derivatives by the trainable parameters (T, n, k), SI units."""
+        """Return states (T, n) and their exact derivatives by the trainable parameters (T, n, k), SI units."""
         assert self.kernel is not None, "the eager cell has no forward sensitivities"
         columns = [self.kernel.sensitive.index(name) for name in self.trainable]
         x, s_p = rollout_sensitivities(self.kernel, x0, time, u, self.parameters_si.detach().numpy(), self.substeps)
@@ -200,14 +200,14 @@ class HPinnNetwork(torch.nn.Module):
 
     @torch.no_grad()
     def project(self) -> None:
-        """Put every weight back into its interval, as a Keras constraint does after each step."""
+        """Clip every weight to its interval, as a Keras constraint does after each step."""
         self.weight.copy_(torch.clamp(
             self.weight, torch.from_numpy(self.lower / self.scale), torch.from_numpy(self.upper / self.scale)
         ))  # fmt: skip
 
     @property
     def at_bound(self) -> tuple[str, ...]:
-        """Names of the parameters that the constraints hold."""
+        """Names of the parameters that lie on a bound."""
         value, slack = self.weight.detach().numpy() * self.scale, 1e-9 * self.scale
         held = (value <= self.lower + slack) | (value >= self.upper - slack)
         return tuple(name for name, on in zip(self.trainable, held, strict=True) if on)
@@ -236,23 +236,23 @@ def _interval(model: Model, name: str, start: float, bounds: Mapping[str, tuple[
 
 
 def label_weights(labels: Array) -> Array:
-    """w_i = |y_max / y_i,max| (paper Eq 2), shape (m,), from labels of shape (T, m), NaN where not measured.
+    """Return w_i = |y_max / y_i,max| (paper Eq 2), shape (m,), from labels of shape (T, m), NaN where not measured.
 
-    Maxima are of the absolute value, so that a motion in the negative direction weighs the same.
+    Maxima are of the absolute values, so that a motion in the negative direction has the same weight.
     """
     peak = np.nanmax(np.abs(labels), axis=0)
     return np.asarray(peak.max() / peak)
 
 
 def wmse(predicted: torch.Tensor, labels: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
-    """Weighted mean square error (paper Eq 3): mean over the samples of each label, then over the labels.
+    """Return the weighted mean square error (paper Eq 3): mean over the samples of each label, then over the labels.
 
     Args:
         predicted, labels: shape (T, m); NaN labels are skipped one by one.
         weights: of the labels, shape (m,).
     """
     known = ~torch.isnan(labels)
-    # zeros go in before the subtraction: NaN * 0 would still poison the gradient
+    # NaN labels are replaced by zeros before the subtraction: NaN * 0 would make the gradient NaN
     error = torch.where(
         known, predicted - torch.where(known, labels, torch.zeros_like(labels)), torch.zeros_like(labels)
     )

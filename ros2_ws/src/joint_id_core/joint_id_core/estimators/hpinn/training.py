@@ -16,7 +16,7 @@ TORSION = "torsion"  # the paper's extra label dtheta = theta_m / N - q
 
 @dataclass(frozen=True)
 class LearningRate:
-    """`start`, times `decay_factor` at each of the shares `decay_at` of the epochs."""
+    """Learning rate: `start`, multiplied by `decay_factor` at each of the fractions `decay_at` of the epochs."""
 
     start: float
     decay_at: tuple[float, ...]
@@ -25,9 +25,13 @@ class LearningRate:
 
 @dataclass(frozen=True)
 class Labels:
-    """What the loss compares: `y` (T, m), NaN where not measured, and how it comes from the states.
+    """Labels of the loss, and how to compute them from states.
 
-    `mix` (m, measured states) makes labels of the measured states: the identity, and a row for the torsion.
+    Attributes:
+        names: of the labels.
+        y: measured labels, shape (T, m), NaN where not measured.
+        mix: matrix from measured states to labels, shape (m, measured states): the identity, and a row for the torsion.
+        states: index of each measured state among the model's states.
     """
 
     names: tuple[str, ...]
@@ -37,12 +41,12 @@ class Labels:
 
 
 def make_labels(data: FitData, torsion: bool) -> Labels:
-    """Labels of a record, with the torsion (at the start value of N) where both angles are measured states.
+    """Build the labels of a record; `torsion` adds the torsion if both angles are measured.
 
-    A label that is zero throughout is left out: Eq 2 gives it no finite weight.
+    The torsion uses the start value of N. A label that is always zero is left out: Eq 2 gives it no finite weight.
     """
-    # From the recording and not from data.y, which leaves out readings that repeat exactly: a loss that
-    # estimates no noise takes no harm from them, and the steady state of a step is one.
+    # The labels come from the recording and not from data.y, which leaves out zeros that repeat exactly. This loss
+    # estimates no noise, so such values do no harm, and the steady state of a step response consists of them.
     every = np.column_stack([data.recording[name] for name in data.labels])
     used = [k for k in range(len(data.labels)) if np.any(np.nan_to_num(every[:, k]) != 0.0)]
     names = tuple(data.labels[k] for k in used)
@@ -64,11 +68,11 @@ def train(
     rates: LearningRate,
     tell: Callable[[str], None] = lambda _: None,
 ) -> tuple[list[float], bool]:
-    """RMSProp with piecewise constant learning rate (paper section III), constraints after every step.
+    """Train with RMSProp and a piecewise constant learning rate (paper section III), with bounds after every step.
 
     Leaves the weights of the best epoch in `net`. Returns the loss of each epoch and whether all were finite.
     """
-    # Keras defaults of RMSprop, which the paper used: forgetting factor and epsilon differ from torch's.
+    # The paper used the Keras defaults of RMSprop: forgetting factor and epsilon differ from torch's.
     optimizer = torch.optim.RMSprop([net.weight], lr=rates.start, alpha=0.9, eps=1e-7)
     milestones = [round(share * epochs) for share in rates.decay_at]
     schedule = torch.optim.lr_scheduler.MultiStepLR(optimizer, milestones, rates.decay_factor)

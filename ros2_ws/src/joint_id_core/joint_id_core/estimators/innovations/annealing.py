@@ -1,6 +1,7 @@
-"""The way from a start that may be far off: feedback of the labels from strong to optimal, first on an excerpt.
+"""Annealing: fit from start values that may be far from the truth.
 
-With strong feedback the cost has few local minima (see docs/theory.md).
+The fit starts with strong feedback of the labels, where the cost has few local minima (see docs/theory.md), and reduces
+the feedback until it is optimal. If every state is measured, it can start on an excerpt of the record.
 """
 
 from __future__ import annotations
@@ -12,17 +13,22 @@ from joint_id_core.estimators.innovations.gauss_newton import Minimum
 from joint_id_core.estimators.innovations.stages import Stages
 from joint_id_core.estimators.shared.initial_state import busiest
 
-STRONGEST, STRONG = 1e6, 1e4  # first input noise over its rough level: the feedback of the previous labels
-FEEDBACK = (STRONGEST, STRONG, 1.0)  # tried in turn: a stiff joint may not stand the strongest
-EXCERPT, SHORTEST = 4, 250  # length of a record over that of its excerpt, and the shortest excerpt in samples
+STRONGEST, STRONG = 1e6, 1e4  # first variance of input noise over its rough level; large values: strong label feedback
+FEEDBACK = (STRONGEST, STRONG, 1.0)  # tried in this order: a stiff joint may diverge with the strongest feedback
+EXCERPT, SHORTEST = 4, 250  # length of a record over the length of its excerpt; shortest excerpt in samples
 
 
 def annealed(stages: Stages, z: Array, whole: bool = True, tolerance: float | None = None) -> Minimum | None:
-    """One fit from z with rough noise levels and the first step size; None where it leads nowhere.
+    """Fit from z with rough noise levels and the first step size; return None if no pass gives a finite cost.
 
-    Where every state is measured the noise levels, fitted along, weaken the feedback by themselves as fast as the
-    parameters come closer; unmeasured states need parameters that are not far off before that. With `whole` false
-    the first part of the way is gone on an excerpt of the record. `tolerance` is that of the last stage.
+    Parameters and noise levels are fitted together: the feedback weakens by itself while the parameters improve. With
+    unmeasured states this needs parameters that are roughly right, so the parameters are fitted alone before.
+
+    Args:
+        stages: the stages to fit with.
+        z: start coordinates, shape (k,).
+        whole: False fits an excerpt of the record first, if every state is measured.
+        tolerance: of the last stage; None takes `stages.tolerance`.
     """
     data, rough, states = stages.data, stages.noise.rough, stages.rough_states
     inputs = np.arange(len(rough)) >= len(data.labels)
@@ -39,9 +45,9 @@ def annealed(stages: Stages, z: Array, whole: bool = True, tolerance: float | No
 
 
 def _on_excerpt(stages: Stages, z: Array) -> Minimum | None:
-    """A fit of the part of the record where most happens, itself begun on an excerpt; None where it is too short.
+    """Fit the part of the record with the most motion; return None if it is too short or its fit does not converge.
 
-    Far from the solution a part of the record shows the way as well as all of it.
+    This fit starts on an excerpt itself. Far from the solution, a part of the record is as useful as all of it.
     """
     length = len(stages.data.time) // EXCERPT
     if length < SHORTEST:

@@ -1,4 +1,4 @@
-"""What is believed of the free parameters: a Gaussian in estimation coordinates.
+"""Gaussian prior of the free parameters, in estimation coordinates.
 
 Coordinates z are the logarithm of positive parameters and the plain value of the others.
 """
@@ -21,7 +21,7 @@ from joint_id_core.results.estimate import Estimate
 class Coordinates:
     """Maps between physical values of the free parameters and z, and keeps z within the bounds.
 
-    `priors` are standard deviations that replace the spreads of the model's table, in the same sense.
+    `priors` are standard deviations by parameter that replace the spreads of the model's table, in the same units.
     """
 
     def __init__(self, model: Model, free: tuple[str, ...], priors: Mapping[str, float] | None = None) -> None:
@@ -37,41 +37,41 @@ class Coordinates:
         ]
         positive, self.lower, self.upper, self.spread = np.array(table).T
         self.positive = positive > 0.0
-        self.unit = np.where(self.positive, 1.0, self.spread)  # of a step: a factor e, or a spread
+        self.unit = np.where(self.positive, 1.0, self.spread)  # unit of a step: a factor e, or one spread
 
     def z(self, values: Array) -> Array:
-        """Coordinates of physical values."""
+        """Return the coordinates of physical values, shape (k,)."""
         return np.where(self.positive, np.log(np.where(self.positive, values, 1.0)), values)
 
     def values(self, z: Array) -> Array:
-        """Physical values."""
+        """Return the physical values of coordinates, shape (k,)."""
         return np.where(self.positive, np.exp(np.where(self.positive, z, 0.0)), z)
 
     def slope(self, z: Array) -> Array:
-        """d value / d z."""
+        """Return d value / d z, shape (k,)."""
         return np.where(self.positive, self.values(z), 1.0)
 
     def clip(self, z: Array) -> Array:
-        """Nearest point within the bounds."""
+        """Return the nearest point within the bounds."""
         return np.clip(z, self.lower, self.upper)
 
     def at_bound(self, z: Array) -> NDArray[np.bool_]:
-        """Which coordinates sit on a bound."""
+        """Return True for each coordinate that lies on a bound."""
         return (z <= self.lower) | (z >= self.upper)
 
     def held(self, z: Array, g: Array) -> NDArray[np.bool_]:
-        """Which coordinates sit on a bound and would leave it along g."""
+        """Return True for each coordinate that lies on a bound and would cross it in direction g."""
         return ((z <= self.lower) & (g < 0.0)) | ((z >= self.upper) & (g > 0.0))
 
 
 def _logarithm(bound: float) -> float:
-    """Of a bound of a positive parameter, which may be none."""
+    """Return the logarithm of a bound of a positive parameter; -inf for a bound of zero."""
     return math.log(bound) if bound > 0.0 else -math.inf
 
 
 @dataclass(frozen=True)
 class Belief:
-    """A Gaussian belief: mean (k,) and precision (k, k) in coordinates of the `names`."""
+    """A Gaussian prior of the parameters `names`: mean (k,) and precision (k, k) in estimation coordinates."""
 
     names: tuple[str, ...]
     mean: Array
@@ -79,13 +79,13 @@ class Belief:
 
     @classmethod
     def before_data(cls, data: FitData, coordinates: Coordinates) -> Belief:
-        """The start values with the spreads of the coordinates."""
+        """Return the prior from the start values and the spreads of the coordinates."""
         start = [data.p[data.model.parameter_names.index(n)] for n in data.free]
         return cls(data.free, coordinates.z(np.array(start)), np.diag(np.power(coordinates.spread, -2.0)))
 
     @classmethod
     def after(cls, estimate: Estimate, coordinates: Coordinates, inflation: float = 1.0) -> Belief:
-        """An estimate as the prior of later data, its covariance times `inflation` (forgetting)."""
+        """Return an estimate as the prior for later data, with its covariance times `inflation` (forgetting)."""
         values = estimate.values
         z = coordinates.z(np.array([values[n] for n in estimate.free]))
         scale = 1.0 / coordinates.slope(z)

@@ -1,4 +1,4 @@
-"""Tests of a fit: what the model lacks, autocorrelated residuals, predictions ahead, what enters only together."""
+"""Checks of a fit: torques that the model lacks, step size, residuals, predictions, inseparable parameters."""
 
 from __future__ import annotations
 
@@ -19,10 +19,15 @@ from joint_id_core.results.estimate import Checks
 
 
 def check(stages: Stages, found: Minimum, alone: str) -> tuple[Checks, dict[str, Array]]:
-    """Test a minimum; `alone` is what to say of one that only one start reached.
+    """Check a minimum.
+
+    Args:
+        stages: the stages that reached it.
+        found: the minimum.
+        alone: warning that only one start reached this minimum; empty if another start did, too.
 
     Returns:
-        What was found, and the predicted labels by name, each of shape (T,).
+        The findings, and the predicted labels by name, each of shape (T,).
     """
     data, recursion, coordinates = stages.data, stages.recursion, stages.coordinates
     last = recursion.renewed(found.last)
@@ -36,13 +41,13 @@ def check(stages: Stages, found: Minimum, alone: str) -> tuple[Checks, dict[str,
 
 
 def _combinations(data: FitData, p: Array, covariance: Array) -> dict[str, str]:
-    """By parameter that enters only in combination, what is known instead and what to do."""
+    """Return, by parameter that enters only in combination with others, what is known instead and what to do."""
     model, values = data.model, dict(zip(data.model.parameter_names, p.tolist(), strict=True))
     zero = {name for name, u in zip(model.input_names, data.u.T, strict=True) if not (u[0] or u.any())}
     zero |= {name for name in model.parameter_names if name not in data.free and values[name] == 0.0}
     known: dict[str, str] = {}
     groups = combinations(model, data.free, frozenset(zero))
-    for group in sorted(groups, key=lambda group: -len(group.names)):  # the smallest group says most of a parameter
+    for group in sorted(groups, key=lambda group: -len(group.names)):  # smallest last: it says most of a parameter
         value = group.value(values, data.free, covariance)
         unit = f" {model.parameter(group.names[0]).unit}" if group.kind == "sum" else ""
         text = group.text if value is None else f"{group.text} = {value[0]:.6g} ± {value[1]:.2g}{unit}"
@@ -51,7 +56,7 @@ def _combinations(data: FitData, p: Array, covariance: Array) -> dict[str, str]:
 
 
 def _said(group: Combination, text: str) -> str:
-    """What to say of a group whose combination reads `text`."""
+    """Return the advice for a group of parameters whose combination reads `text`."""
     if group.weights:
         hold = "one" if len(group.names) == 2 else "all but one"
         return f"this model shows only {text}: hold {hold} of these parameters"
@@ -62,7 +67,7 @@ def _said(group: Combination, text: str) -> str:
 
 
 def _stall_warning(found: Minimum) -> str:
-    """What to say of an iteration that stalled; nothing where it did not."""
+    """Return a warning if the iteration stalled, else an empty text."""
     if found.distance_left < STALLED:
         return ""
     return (
@@ -72,7 +77,7 @@ def _stall_warning(found: Minimum) -> str:
 
 
 def _step_warning(stages: Stages, found: Minimum) -> str:
-    """What to say of an integration error that matters; nothing where it does not."""
+    """Return a warning if the integration error matters, else an empty text."""
     if 2 * found.substeps <= MAX_SUBSTEPS:
         return ""
     share = np.abs(found.integration) / np.sqrt(np.diag(found.inverse))

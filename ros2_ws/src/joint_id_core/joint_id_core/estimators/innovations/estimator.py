@@ -1,4 +1,4 @@
-"""The default estimator as an object: its options are its fields."""
+"""The default estimator as a dataclass whose fields are its options."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The default estimator: the RK4-RNN with innovations feedback (prediction-error method).
 
-Ljung, System Identification (2nd ed., ch. 7) for prediction-error estimation; the cell is the paper's RK4
-cell with the previous label as one more input and the Kalman gain on it.
+See Ljung, System Identification (2nd ed., ch. 7) for prediction-error estimation. The cell is the paper's RK4 cell with
+one more input: the previous label, weighted by the Kalman gain.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ def fit_innovations(
     Args:
         model: from `models.build`.
         recording: inputs and at least one measured state.
-        settings: values, held and freed parameters, priors.
-        options: the estimator.
-        belief: prior from earlier data; without it the start values with the spreads of the parameter table.
+        settings: values, fixed and freed parameters, priors.
+        options: the estimator with its options.
+        belief: prior from earlier data; None takes the start values with the spreads of the parameter table.
         previous: a converged estimate of the same joint to start from, without annealing (warm start).
-        progress: called with a line of text now and then.
+        progress: called with a line of text from time to time.
 
     Raises:
         JointIdError: misuse of names or values. Poor data come back as an `Estimate` with a status.
@@ -66,7 +66,7 @@ def fit_innovations(
 
 
 def _estimate(outcome: Outcome, begun: float) -> Estimate:
-    """Turn the minimum that was found into an `Estimate`."""
+    """Convert the minimum that was found to an `Estimate`."""
     stages, found = outcome.stages, outcome.minimum
     coordinates, data = stages.coordinates, stages.data
     model, p = data.model, stages.cost.values(found.z)

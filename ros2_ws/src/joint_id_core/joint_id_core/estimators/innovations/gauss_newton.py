@@ -14,22 +14,32 @@ from joint_id_core.estimators.innovations.belief import Belief, Coordinates
 from joint_id_core.estimators.innovations.noise import NoiseScoring
 from joint_id_core.estimators.innovations.recursion import Pass, Recursion
 
-NEARLY = 1.0  # squared length in standard deviations of a last step at which an iteration may be cut off
-SMALLEST_SHARE = 0.02  # of a step of the noise levels
-STRONG_DAMPING = 0.1  # from which a short step does not mean that the solution is near
-NEGLIGIBLE = 0.01  # squared length of such a step at which the iteration is given up
+NEARLY = 1.0  # squared length of the last step, in standard deviations, up to which an unfinished iteration is accepted
+SMALLEST_SHARE = 0.02  # fraction of a noise-level step below which the noise levels count as settled
+STRONG_DAMPING = 0.1  # above this damping a short step does not mean that the solution is near
+NEGLIGIBLE = 0.01  # squared length of a step with strong damping at which the iteration ends
 MAX_STEP = 1.0  # a factor e in a positive parameter; keeps the first steps inside the model's validity
 
 
 @dataclass(frozen=True)
 class Minimum:
-    """Where the iteration ended: coordinates and noise levels; the last pass, matrix, gradient and cost with the prior.
+    """The point where an iteration ended.
 
-    `substeps` are the integrator's steps a sample where nothing asks for more: `last.steps` has those of each sample.
-    `settled` says whether the last step was short enough, or nearly so; `integration` is what the coordinates moved
-    when the step of the integrator was halved last. `left` is not zero where the iteration stalled: there the way to
-    the solution of the estimating equation leads uphill, since the likelihood also knows the derivative of the gain. In
-    a right model the two agree; in a wrong one their distance says how far estimates are uncertain for it.
+    The iteration follows the estimating equation, which neglects the derivative of the gain. The likelihood contains
+    it. So the cost may rise on the way to the solution of the estimating equation, and the iteration stalls. In a
+    correct model the solutions of both agree. In a wrong model their distance shows how uncertain the estimates are.
+
+    Attributes:
+        z: coordinates, shape (k,).
+        levels: noise variances, shape (L,).
+        last: the last pass.
+        hessian, gradient, cost: Gauss-Newton matrix (k, k), gradient (k,) and cost, all with the prior.
+        substeps: integrator steps per sample where no more are needed; `last.steps` has the steps of each sample.
+        settled: whether the last step was short enough, or nearly so.
+        iterations: number of iterations.
+        integration: shift of the coordinates when the integrator's step was halved last, shape (k,).
+        left: step that is left to the solution of the estimating equation, shape (k,); zero if the iteration did not
+            stall.
     """
 
     z: Array
@@ -46,35 +56,35 @@ class Minimum:
 
     @cached_property
     def inverse(self) -> Array:
-        """Of the matrix, shape (k, k): the covariance that the noise leaves to the coordinates."""
+        """Inverse of the Gauss-Newton matrix, shape (k, k): covariance of the coordinates due to noise."""
         return np.asarray(np.linalg.inv(self.hessian), dtype=float)
 
     @property
     def distance_left(self) -> float:
-        """Length of the way that is left, in standard deviations."""
+        """Length of the step that is left, in standard deviations."""
         return float(np.sqrt(self.left @ self.hessian @ self.left)) if self.left.any() else 0.0
 
     @property
     def covariance(self) -> Array:
-        """Of the coordinates, shape (k, k): of the noise, the squares of the integration error and of what is left."""
+        """Covariance of the coordinates, shape (k, k): noise, plus the squares of `integration` and `left`."""
         errors = np.outer(self.integration, self.integration) + np.outer(self.left, self.left)
         return np.asarray(self.inverse + errors, dtype=float)
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What is minimised: the innovations cost of a record, and the distance from a prior, by estimation coordinates."""
+    """The cost to minimise: innovations cost of a record plus squared distance from a prior, as a function of z."""
 
     recursion: Recursion
     coordinates: Coordinates
     belief: Belief
 
     def values(self, z: Array) -> Array:
-        """All parameter values at z."""
+        """Return all parameter values at z, shape (P,)."""
         return self.recursion.values(self.coordinates.values(z))
 
     def at(self, z: Array, levels: Array, steps: Steps, substeps: int) -> Minimum | None:
-        """One pass at z with `steps` (T,) and `substeps` as in `Minimum`; None when its cost is not finite."""
+        """Run one pass at z with `steps` (T,) and `substeps` as in `Minimum`; return None if its cost is not finite."""
         values = self.coordinates.values(z)
         last = self.recursion.run(values, levels, steps)
         d = z - self.belief.mean
@@ -90,16 +100,18 @@ class Cost:
 def minimise(
     cost: Cost, start: Minimum | None, tolerance: float, max_iterations: int, noise: NoiseScoring | None = None
 ) -> Minimum | None:
-    """Minimise the cost from `start`, with its steps, and with the noise levels where `noise` is given.
+    """Minimise the cost from `start` with its integrator steps; with `noise`, fit the noise levels as well.
 
-    Stops when the step to take, squared in standard deviations (the Newton decrement dz' H dz, and that of the noise
-    levels), is below `tolerance`, or when the score of the noise levels leads no further: it leaves out that the
-    linearisation depends on them. Where these are fitted, the last step is taken without a pass of its own. The
-    derivative of the gain is left out of the gradient, so close to the solution the cost may rise by a little along a
-    correct step: steps with a decrement below 1 are taken as they are.
+    The iteration stops when the squared length of the next step in standard deviations is below `tolerance`. This is
+    the Newton decrement dz' H dz of the parameters, and the same of the noise levels. The noise levels also count as
+    settled when only a small fraction of their step is still taken (`SMALLEST_SHARE`): their score neglects that the
+    linearisation depends on them. With `noise`, the last step is taken without another pass.
+
+    The gradient neglects the derivative of the gain. So close to the solution the cost may rise slightly along a
+    correct step: a step with a decrement below 1 is accepted if the cost rises by less than 1.
 
     Returns:
-        The minimum, or None when there was no start.
+        The minimum; None if `start` is None.
     """
     if start is None:
         return None
@@ -108,10 +120,10 @@ def minimise(
     push, noise_decrement = np.zeros_like(here.levels), np.inf if noise else 0.0
     moved = True
     while iterations < max_iterations:
-        if noise is not None and moved and noise_decrement >= 0.1 * tolerance:  # else they have settled
+        if noise is not None and moved and noise_decrement >= 0.1 * tolerance:  # else the noise levels have settled
             before = push
             push, noise_decrement = noise.step(here.last)
-            # the mean information may be less than the curvature: steps that go to and fro are too long
+            # the expected information may be less than the curvature: steps that alternate in sign are too long
             share = 0.5 * share if push @ before < -0.25 * before @ before else min(1.0, 1.5 * share)
         z, H, g = here.z, here.hessian, here.gradient
         damped = H.copy()
@@ -123,7 +135,7 @@ def minimise(
         enough = tolerance if free_step else NEGLIGIBLE
         settled = decrement < max(enough, NEARLY)
         if decrement < enough and (noise_decrement < enough or share < SMALLEST_SHARE):
-            if free_step and noise is not None:  # with rough noise levels it would lead back to the prior
+            if free_step and noise is not None:  # with rough noise levels this step would go back to the prior
                 here = replace(here, z=coordinates.clip(z + dz), levels=levels)
             break
         iterations += 1
@@ -147,7 +159,7 @@ def minimise(
 
 
 def newton_step(matrix: Array, gradient: Array, held: NDArray[np.bool_]) -> Array:
-    """The step of the coordinates that are not `held`."""
+    """Return the Newton step, zero for the coordinates that are `held` at a bound."""
     if not held.any():
         return np.asarray(np.linalg.solve(matrix, gradient), dtype=float)
     step, active = np.zeros_like(gradient), ~held
@@ -156,6 +168,6 @@ def newton_step(matrix: Array, gradient: Array, held: NDArray[np.bool_]) -> Arra
 
 
 def way_left(here: Minimum, coordinates: Coordinates) -> Array:
-    """From here to the solution of the estimating equation, as far as one step shows it."""
+    """Return the Newton step from `here` to the solution of the estimating equation, at most `MAX_STEP` each."""
     full = newton_step(here.hessian, here.gradient, coordinates.held(here.z, here.gradient))
     return np.clip(full, -MAX_STEP, MAX_STEP)

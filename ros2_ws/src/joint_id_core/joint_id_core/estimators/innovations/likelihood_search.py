@@ -1,8 +1,8 @@
-"""Down to the largest likelihood, from where the Gauss-Newton iteration stalled.
+"""Search for the maximum of the likelihood from the point where the Gauss-Newton iteration stalled.
 
-That iteration follows the estimating equation, which leaves out that the gain depends on the parameters. Where the
-model lacks something its step may lead uphill, and the point at which it then stops is one of many, chosen by rounding.
-The likelihood has a minimum there that does not depend on the way to it: it is found with slopes by differences.
+That iteration follows the estimating equation, which neglects that the gain depends on the parameters. If the model is
+incomplete, its steps may raise the cost. The point where it stops then depends on rounding. The likelihood has a
+maximum nearby that does not depend on the path to it. It is found with derivatives by finite differences.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.gauss_newton import Cost, Minimum, way_left
 from joint_id_core.estimators.innovations.noise import NoiseLevels
 
-DIFFERENCE = 1e-3  # in standard deviations: the cost has 10 digits, and is smooth over far more
+DIFFERENCE = 1e-3  # in standard deviations: the cost has 10 digits and is smooth over far longer distances
 ENOUGH = 0.01  # change of half the cost at which the search ends: 0.14 standard deviations
 MOST_ITERATIONS = 40
-REACH = 4.0  # a factor 55 in a positive parameter or a variance; a step that tries more has lost its way
-LEAST_INFORMATION = 0.1  # on the logarithm of a noise level, so that one which nothing shows is not moved far
-BLOWN_UP = 1e4  # above the start: half the cost where the path blows up
+REACH = 4.0  # largest change: a factor 55 in a positive parameter or a variance; a longer step would be wrong
+LEAST_INFORMATION = 0.1  # assumed on the logarithm of a noise level, so that a level without information moves little
+BLOWN_UP = 1e4  # added to half the cost of the start where the path diverges
 
 
 def passes_each(found: Minimum) -> int:
-    """Passes that an iteration takes, as a rule: one for every slope, and two along the step."""
+    """Return the usual number of passes per iteration: one for every derivative, and two along the step."""
     return len(found.z) + len(found.levels) + 2
 
 
 def most_likely(cost: Cost, bounds: NoiseLevels, found: Minimum, iterations: int) -> Minimum:
-    """The minimum of the cost near `found`, over coordinates and noise levels within their bounds, by sequential
-    least squares programming (Kraft, DFVLR-FB 88-28, 1988). Its steps a sample are those of `found`.
+    """Minimise the cost near `found`, over coordinates and noise levels within their bounds.
 
-    After so many `iterations` it ends with the best that it has seen.
+    Method: sequential least squares programming (Kraft, DFVLR-FB 88-28, 1988). The integrator steps are those of
+    `found`. After at most `iterations` iterations it returns the best point that it has seen.
     """
     if iterations < 1:
         return found

@@ -1,9 +1,10 @@
-"""What a slightly wrong model leaves in the residuals, and what it does to the estimates.
+"""Test the residuals for torques that the model lacks, and add the resulting bias to the covariance.
 
 A score (Lagrange multiplier) test (Breusch & Pagan 1980; Ljung, System Identification, 2nd ed., section 16.5): would
-a small torque of a given shape, added to the drive or to the load, explain the residuals? Shapes are those that joint
-models most often lack. A torque that is found stands for a bias of the estimates, whose square goes into their
-covariance: already where it is no more than likely, since a bias that hardly shows in the residuals may still be large.
+a small torque of a given shape, added to the drive or to the load, explain the residuals? The shapes are those that
+joint models most often lack. A missing torque biases the estimates, and the square of this bias is added to their
+covariance. This is done for a torque that is likely but not significant, too: a bias that hardly shows in the residuals
+may still be large.
 """
 
 from __future__ import annotations
@@ -20,22 +21,27 @@ from joint_id_core.estimators.innovations.gauss_newton import Minimum
 from joint_id_core.estimators.innovations.recursion import Pass, Recursion
 from joint_id_core.estimators.shared.fit_data import FitData
 
-LIKELY = 2.0  # standard deviations of a shape's size from which its bias is counted; a right model shows 5 % of them
-CREDIBLE = 3.0  # the same for noise of a sensor, whose bias does not shrink with the size that is found
-SIGNIFICANT = 4.0  # from which it is told; one in 16,000
-OWN_SHARE = 0.15  # of the information on a shape that the parameters must leave it: else they stand for it themselves
-MOST = 2  # shapes that are taken together: more of them cancel each other, and their bias grows without end
+LIKELY = 2.0  # size of a shape in standard deviations from which its bias counts; with a correct model 5 % reach it
+CREDIBLE = 3.0  # the same for sensor noise, whose bias does not shrink with the size that is found
+SIGNIFICANT = 4.0  # size from which the user is told; by chance it happens once in 16,000 tests
+OWN_SHARE = 0.15  # least fraction of the information on a shape that the parameters do not explain as well
+MOST = 2  # most shapes that are used together: with more they cancel each other, and their bias grows without limit
 FORESEEN = (-1.0, 1.0, 0.5, 0.0, -0.5)  # straight line through the last four samples, minus the present one
 TINY = 1e-300
-ROUNDING = 1e-12  # of the size of a course
-LOW_SPEED = 0.1  # of the rms speed, below which friction rises in the shape of the Stribeck effect
+ROUNDING = 1e-12  # range over largest value below which a signal is constant
+LOW_SPEED = 0.1  # Stribeck velocity of the low-speed shape, as a fraction of the rms speed
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A torque that may be missing: its name, what to do about it, the input it acts on, its course (T,).
+    """A torque that the model may lack.
 
-    With `sensor` it is noise of the input's sensor, which moves nothing: its size is positive then.
+    Attributes:
+        name: what it is.
+        advice: what the user can try.
+        channel: index of the input that it acts on.
+        course: its values over time, up to a factor, shape (T,).
+        sensor: True for noise of the input's sensor, which does not move the joint; its size is then positive.
     """
 
     name: str
@@ -47,15 +53,19 @@ class Shape:
 
 @dataclass(frozen=True)
 class Misfit:
-    """Shapes that may be there, each with its size in standard deviations, and what they add to the covariance of the
-    coordinates, (k, k): the squares of their bias."""
+    """Missing torques that were found.
+
+    Attributes:
+        found: the shapes, each with its size in standard deviations.
+        excess: squares of their bias, to add to the covariance of the coordinates, shape (k, k).
+    """
 
     found: tuple[tuple[Shape, float], ...]
     excess: Array
 
     @property
     def text(self) -> str:
-        """In words; empty where nothing is significant."""
+        """The significant shapes in words; empty if none is significant."""
         parts = [f"{s.name} ({size:.3g} sigma: {s.advice})" for s, size in self.found if size > SIGNIFICANT]
         if not parts:
             return ""
@@ -63,7 +73,7 @@ class Misfit:
 
 
 def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
-    """Torques that the model may lack, along the filtered path `states` (T, n) with all parameters `p`."""
+    """Return torques that the model may lack, along the filtered `states` (T, n), with all parameters `p` (P,)."""
     model, value = data.model, dict(zip(data.model.parameter_names, p.tolist(), strict=True))
     names, inputs = model.state_names, model.input_names
     known = dict(zip((*inputs, *names), np.concatenate([data.u, states], axis=1).T.copy(), strict=True))
@@ -90,8 +100,9 @@ def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
     if drive is not None and not model.has_torque_offset:
         found.append(Shape("a constant torque", "try --offsets", drive, np.ones(len(states))))
     if drive is not None:
-        # Noise of the drive itself is independent of what is recorded, a sensor's is part of it. Only the past may
-        # say what was to be expected: what follows is a controller's answer to the drive's own noise.
+        # Noise of the drive itself is independent of the recorded signal; noise of a sensor is part of that signal.
+        # The expected value is predicted from past samples only: later samples contain the controller's reaction to
+        # the drive's own noise.
         name, values = inputs[drive], known[inputs[drive]]
         surprise = np.zeros(len(values))
         surprise[len(FORESEEN) - 1 :] = np.correlate(values, FORESEEN[::-1], "valid")
@@ -107,15 +118,15 @@ def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
 
 
 def _around_mean(course: Array) -> Array:
-    """A course less its mean; zero where it is constant but for rounding, which would else have a shape of its own."""
+    """Return a signal minus its mean; zero if it is constant, so that rounding does not look like a shape."""
     away = course - course.mean()
     return away if np.ptp(course) > ROUNDING * np.max(np.abs(course)) else np.zeros_like(course)
 
 
 def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last: Pass) -> Misfit:
-    """Test the residuals of a fit for the shapes, the most significant one first, each beside those before.
+    """Test the residuals of a fit for missing torques, the most significant one first.
 
-    `last` is its latest pass.
+    Each further shape is tested together with those already found. `last` is the latest pass of the fit.
     """
     data = recursion.data
     p = recursion.values(coordinates.values(found.z))
@@ -126,7 +137,7 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
     channel = np.array([s.channel for s in candidates], dtype=np.int64)
     course = np.array([s.course for s in candidates]).T
     cross, total, score = recursion.disturbances(last, channel, course)
-    # a shape of no size has no scale
+    # a shape that is zero everywhere has no scale
     scale = 1.0 / np.sqrt(np.maximum(np.diag(total), TINY))
     slope = coordinates.slope(found.z)
     cross = slope[:, None] * cross * scale
@@ -156,10 +167,11 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
 
 
 def _attenuation(recursion: Recursion, coordinates: Coordinates, found: Minimum, channel: int, last: Pass) -> Array:
-    """What noise of an input's sensor does to the score of the coordinates, (k,): as much as the same again would.
+    """Return the effect of noise of an input's sensor on the score of the coordinates, shape (k,).
 
-    Simulation extrapolation (Cook & Stefanski, J. Am. Stat. Assoc. 89, 1994). Noise and its negative are added, so that
-    only what is of second order in them remains, which is the bias. Zero where the path does not stand the noise.
+    Method: simulation extrapolation (Cook & Stefanski, J. Am. Stat. Assoc. 89, 1994). The same amount of noise is added
+    once more, and the change of the score is measured. The noise is added with both signs and the results are averaged,
+    so that only the second-order effect, the bias, remains. Zero if a pass with added noise diverges.
     """
     data = recursion.data
     level = found.levels[len(data.labels) + channel]
@@ -176,7 +188,7 @@ def _attenuation(recursion: Recursion, coordinates: Coordinates, found: Minimum,
 
 
 def _most_significant(M: Array, a: Array, total: Array, possible: list[int], taken: list[int]) -> tuple[int, float]:
-    """Index and size, in standard deviations, of the shape that explains most beside those already taken."""
+    """Return index and size in standard deviations of the shape that explains most in addition to those taken."""
     rest = [k for k in possible if k not in taken]
     sizes = []
     for k in rest:

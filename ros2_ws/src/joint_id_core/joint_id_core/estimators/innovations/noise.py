@@ -1,7 +1,7 @@
-"""Noise levels that maximise the innovations likelihood, by Fisher scoring beside the parameters.
+"""Noise levels that maximise the innovations likelihood, by Fisher scoring.
 
 The parameters and the noise levels of a prediction-error estimate are asymptotically uncorrelated (Ljung, System
-Identification, 2nd ed., section 9.3), so each takes its own step from the same pass.
+Identification, 2nd ed., section 9.3). So parameters and noise levels each take their own step from the same pass.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from joint_id_core.estimators.innovations.recursion import Pass, Recursion
 from joint_id_core.estimators.shared.fit_data import FitData
 from joint_id_core.estimators.shared.initial_state import credible_noise, input_noise, rough_noise
 
-LARGEST_CHANGE = 20.0  # factor of a variance in one step: the information is only that of the present levels
-RIDGE = 1e-3  # information added to the logarithm of each level, so that one which nothing shows stays where it is
-SHOWN = 5.0  # information on the logarithm of a level from which the fit depends on it
+LARGEST_CHANGE = 20.0  # factor of a variance in one step: the information matrix holds only near the present levels
+RIDGE = 1e-3  # information added on the logarithm of each level, so that a level without information does not move
+SHOWN = 5.0  # information on the logarithm of a level above which the fit depends on this level
 
 
 @dataclass(frozen=True)
 class NoiseLevels:
-    """Bounds of the variances of labels and inputs, each of shape (labels + inputs,).
+    """Bounds of the noise variances of labels and inputs, each of shape (labels + inputs,).
 
-    Never below the resolution of a label or 1e-6 of the typical size of an input; for measured motions never above
-    what the signal shows. The noise of a drive has no such bound: it stands for everything the model does not know
-    about the torque.
+    Lower bounds are the resolution of a label, and 1e-6 of the typical size of an input. The upper bound of a measured
+    motion is the noise that the signal itself shows. The noise of a drive has no such upper bound: it stands for all
+    errors of the torque, those of the model included.
     """
 
     data: FitData
@@ -37,7 +37,7 @@ class NoiseLevels:
 
     @classmethod
     def of(cls, data: FitData) -> NoiseLevels:
-        """The levels for one data."""
+        """Return the bounds for a record."""
         table, span = data.table, data.span
         if table is not None:
             bounds = credible_noise(table, span)
@@ -55,25 +55,25 @@ class NoiseLevels:
 
     @cached_property
     def rough(self) -> Array:
-        """Rough levels to start from."""
+        """Rough levels to start a fit from, shape (labels + inputs,)."""
         data = self.data
         labels = [max(rough_noise(row), least) for row, least in zip(data.rows, self.lower, strict=False)]
         return np.array([*labels, *input_noise(data)])
 
     def clip(self, levels: Array) -> Array:
-        """The nearest levels within the bounds."""
+        """Return the nearest levels within the bounds."""
         return np.minimum(np.maximum(levels, self.lower), self.upper)
 
 
 def bounded_step(
     kernel: Kernel, levels: Array, lower: Array, upper: Array, score: Array, information: Array
 ) -> tuple[Array, float]:
-    """One scoring step in the variances, by the compiled `loops.noise.bounded_step`.
+    """Compute one scoring step of the variances with the compiled `loops.noise.bounded_step`.
 
-    score (L,) and information (L, L) are by the logarithms of the levels.
+    score (L,) and information (L, L) are derivatives by the logarithms of the levels.
 
     Returns:
-        The step in logarithms, and the decrement: its squared length in units of the levels' uncertainty.
+        The step in logarithms, shape (L,), and the decrement: its squared length in standard deviations of the levels.
     """
     step = np.empty_like(levels)
     decrement = kernel.gains.bounded_step(score, information, levels, lower, upper, LARGEST_CHANGE, RIDGE, step)
@@ -81,19 +81,23 @@ def bounded_step(
 
 
 class NoiseScoring:
-    """Steps of the noise levels beside the passes of one recursion; `information` (L, L) is that of the latest step."""
+    """Scoring steps of the noise levels, from the passes of one recursion.
+
+    Attributes:
+        information: information matrix of the latest step, by the logarithms of the levels, shape (L, L).
+    """
 
     def __init__(self, recursion: Recursion, bounds: NoiseLevels) -> None:
         self.recursion, self.bounds = recursion, bounds
         self.information = np.zeros((len(bounds.lower), len(bounds.lower)))
 
     def step(self, last: Pass) -> tuple[Array, float]:
-        """The step in logarithms from the latest pass, and its decrement: see `bounded_step`."""
+        """Return the step in logarithms from the latest pass, and its decrement: see `bounded_step`."""
         score, self.information = self.recursion.noise_information(last)
         bounds = self.bounds
         return bounded_step(self.recursion.kernel, last.levels, bounds.lower, bounds.upper, score, self.information)
 
     def change(self, before: Array, after: Array) -> float:
-        """Largest change of the logarithm of a level, of those that the data show."""
+        """Return the largest change of the logarithm of a level, among the levels that the data determine."""
         shown = np.diag(self.information) > SHOWN
         return float(np.max(np.abs(np.log(after / before)), where=shown, initial=0.0))

@@ -1,4 +1,4 @@
-"""One pass of the innovations form over a record: cost, gradient, Gauss-Newton matrix, and what shows the noise."""
+"""One pass of the innovations form over a record: cost, gradient, Gauss-Newton matrix, noise information."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.shared.fit_data import FitData
 from joint_id_core.estimators.shared.initial_state import start_state
 
-# Variance that each state gains a sample beside the input noise, relative to the square of its range.
-# It only keeps the covariance positive when an input is exact.
+# Variance added to each state per sample, in addition to the input noise, relative to the square of the state's range.
+# It only keeps the covariance positive definite when an input is exact.
 STATE_NOISE = 1e-18
 
-# Longest gap, in samples, over which the state is carried on. The input in between is not known: after a longer one
-# (a connection that was cut) the record begins anew, with the same parameters.
+# Longest gap, in samples, over which the state is predicted. The input is unknown in a gap. After a longer one (a lost
+# connection) the state starts again from its prior, with the same parameters.
 LONGEST_GAP = 5
 
 
 @dataclass(frozen=True)
 class Pass:
-    """Result of one pass. Gradient and matrix are by the physical values of the free parameters.
+    """Result of one pass. Gradient and matrix refer to the physical values of the free parameters.
 
     Attributes:
         cost: sum of e^2/S + log S over all labels.
@@ -34,7 +34,7 @@ class Pass:
         hessian: Gauss-Newton matrix, shape (free, free): sum s s', s the derivative of a predicted label over sqrt(S).
         gradient: sum s e/sqrt(S), minus half the slope of the cost, shape (free,).
         states: filtered states, shape (T, n).
-        free, levels, steps: what it was run with.
+        free, levels, steps: the arguments of the pass: free parameters, noise variances, integrator steps.
     """
 
     cost: float
@@ -61,8 +61,8 @@ class Recursion:
     Args:
         data: the record.
         kernel: the compiled cell of its model.
-        near: values of all parameters, near the truth, for which the states are taken at the start of the record and
-            after its long gaps; None where no such values are known.
+        near: values of all parameters, near the truth. The start states, at the begin of the record and after long
+            gaps, are computed with them. None if such values are not known.
     """
 
     def __init__(self, data: FitData, kernel: Kernel, near: Array | None = None) -> None:
@@ -85,21 +85,21 @@ class Recursion:
         self._latest: Pass | None = None
 
     def started_near(self, near: Array | None) -> Recursion:
-        """The same recursion with another `near`."""
+        """Return the same recursion with other values `near`."""
         return Recursion(self.data, self.kernel, near)
 
     def with_inputs(self, u: Array) -> Recursion:
-        """The same recursion on other inputs, shape (T, inputs)."""
+        """Return the same recursion on other inputs, shape (T, inputs)."""
         return Recursion(replace(self.data, u=u), self.kernel, self._near)
 
     def values(self, free: Array) -> Array:
-        """All parameter values with the free ones put in."""
+        """Return the values of all parameters, shape (P,), with the given `free` ones."""
         p = self.data.p.copy()
         p[self.index] = free
         return p
 
     def run(self, free: Array, levels: Array, substeps: int | Steps) -> Pass:
-        """One pass at the physical values `free`; its cost is not finite where the path blew up."""
+        """Run one pass at the physical values `free`; its cost is not finite if the path diverges."""
         a = self.data
         T, m, k = len(a.time), len(a.labels), len(self.kernel.sensitive)
         X, e, S = np.empty((T, len(self.x0))), np.empty((T, m)), np.empty((T, m))
@@ -116,16 +116,18 @@ class Recursion:
         return self._latest
 
     def disturbances(self, result: Pass, channel: NDArray[np.int64], course: Array) -> tuple[Array, Array, Array]:
-        """How disturbances of inputs would move the predicted labels, beside the free parameters and the residuals.
+        """Return information matrices and score of disturbances that are added to inputs.
+
+        Let d be the derivatives of the predicted labels over sqrt(S) by the size of each disturbance, s those by the
+        physical values of the free parameters, and r the residuals.
 
         Args:
             result: the latest pass.
-            channel: input that each disturbance is added to, shape (D,).
-            course: in the unit of the input, shape (T, D).
+            channel: index of the input that each disturbance is added to, shape (D,).
+            course: disturbance of size 1 over time, in the unit of the input, shape (T, D).
 
         Returns:
-            With the responses d of the predicted labels over sqrt(S) by the size of each disturbance, s those by the
-            physical values of the free parameters, r the residuals: sum s d' (free, D), sum d d' (D, D), sum d r (D,).
+            sum s d' (free, D), sum d d' (D, D), and sum d r (D,).
 
         Raises:
             JointIdError: `result` is not the latest pass; more disturbances than the kernel has columns for.
@@ -144,7 +146,7 @@ class Recursion:
         return cross[self._columns, :count], total[:count, :count], score[:count]
 
     def since(self, result: Pass, first: int) -> tuple[Array, Array]:
-        """Gauss-Newton matrix and gradient as in `Pass`, of the samples from `first` on alone.
+        """Return Gauss-Newton matrix and gradient as in `Pass`, but only of the samples from `first` on.
 
         Raises:
             JointIdError: `result` is not the latest pass.
@@ -154,7 +156,7 @@ class Recursion:
         return J.T @ J, J.T @ result.residuals[first:].ravel()
 
     def scores(self, result: Pass) -> Array:
-        """What each sample adds to the gradient, shape (T, free), by the physical values of the free parameters.
+        """Return the contribution of each sample to the gradient, shape (T, free).
 
         Raises:
             JointIdError: `result` is not the latest pass.
@@ -163,7 +165,10 @@ class Recursion:
         return np.asarray(np.einsum("tkp,tk->tp", self._J, result.residuals)[:, self._columns])
 
     def renewed(self, result: Pass) -> Pass:
-        """`result` as the latest pass, of which more is known than it holds: run again if another has come since."""
+        """Return `result` as the latest pass: run it again if another pass came after it.
+
+        Some methods need `result` to be the latest pass, because only its gains and derivatives are kept.
+        """
         return result if result is self._latest else self.run(result.free, result.levels, result.steps)
 
     def _require_latest(self, result: Pass) -> None:
@@ -171,10 +176,12 @@ class Recursion:
             raise JointIdError("this is known of the latest pass only: run it again")
 
     def noise_information(self, result: Pass) -> tuple[Array, Array]:
-        """Score (L,), minus half the slope of the cost, and information matrix (L, L), by the logarithms of the levels.
+        """Return score (L,) and information matrix (L, L) of the logarithms of the noise levels.
+
+        The score is minus half the slope of the cost.
 
         Raises:
-            JointIdError: `result` is not the latest pass, whose gains are kept.
+            JointIdError: `result` is not the latest pass, the only one whose gains are kept.
         """
         self._require_latest(result)
         a, levels = self.data, result.levels

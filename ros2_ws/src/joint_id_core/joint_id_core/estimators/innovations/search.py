@@ -1,4 +1,4 @@
-"""The way from a belief, or from an earlier estimate, to the minimum of the innovations cost: which starts it takes."""
+"""Search for the minimum of the innovations cost: from an earlier estimate, or from a prior with several starts."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from joint_id_core.estimators.shared.initial_state import rough_states
 from joint_id_core.options import Progress
 from joint_id_core.results.estimate import Estimate
 
-HEAD = 250  # samples after which the start of a record is forgotten
-SAME_STEPS = 0.02  # shift of an estimate, in spreads of its prior, that leaves the steps as they are (5 % mostly)
-SAME_LEVELS = 0.15  # change of a noise level's logarithm that leaves the covariance as it is (8 % of a sigma at most)
-SAME_COST = 2.0  # two starts that end this near to each other in cost have found the same minimum
+HEAD = 250  # samples after which the start state of a record has no influence
+SAME_STEPS = 0.02  # shift of an estimate, in spreads of its prior, up to which the step size is kept (mostly 5 %)
+SAME_LEVELS = 0.15  # change of a noise level's logarithm up to which the covariance is kept (at most 8 % of a sigma)
+SAME_COST = 2.0  # two starts whose costs differ by less have found the same minimum
 EXTRA_STARTS = 6  # when states are not measured, the cost has several minima
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Where a search ended.
+    """Result of a search.
 
     Attributes:
-        stages: those of the fit, with the start of the record that suited it.
-        minimum: the best that was found.
-        doubt: why the minimum cannot be trusted; empty where nothing speaks against it.
-        alone: what to say of a minimum that only one start reached; empty where two did.
+        stages: the stages of the fit, with the start state that suited the record.
+        minimum: the best minimum that was found.
+        doubt: why the minimum cannot be trusted; empty if there is no reason.
+        alone: warning that only one start reached the minimum; empty if two did.
     """
 
     stages: Stages
@@ -47,19 +47,22 @@ class Outcome:
 
 
 class Search:
-    """The search for one minimum, from an earlier estimate (`warm`) or from what is believed (`cold`)."""
+    """Search for one minimum, from an earlier estimate (`warm`) or from the prior (`cold`)."""
 
     def __init__(
         self, data: FitData, kernel: Kernel, options: Innovations, belief: Belief | None, tell: Progress
     ) -> None:
-        """A search from `belief`, or without one from the start values."""
+        """Prepare a search with the prior `belief`; None takes the start values and their spreads."""
         coordinates = Coordinates(data.model, data.free, data.priors)
         self._belief = belief or Belief.before_data(data, coordinates)
         cost = Cost(Recursion(data, kernel), coordinates, self._belief)
         self._stages = Stages(cost, options, NoiseLevels.of(data), rough_states(data), tell)
 
     def warm(self, previous: Estimate) -> Outcome | None:
-        """Start from a previous estimate of the same quantities; None if it is of others or leads nowhere."""
+        """Start from a previous estimate (warm start); return None if it does not fit the data or no pass is finite.
+
+        The previous estimate must have the same free parameters and the same noise levels.
+        """
         stages, names = self._stages, self._stages.data.noise_names
         if previous.free != stages.data.free or set(previous.noise) != set(names):
             return None
@@ -78,11 +81,15 @@ class Search:
             return None
         found = stages.most_likely(found)
         if float(np.max(np.abs(found.z - z) / coordinates.spread)) < SAME_STEPS:
-            return Outcome(stages, found)  # the step size was judged for these values
+            return Outcome(stages, found)  # the step size was already checked for these values
         return Outcome(stages, stages.refined(found))
 
     def cold(self) -> Outcome | None:
-        """Start from the belief; from others too until one describes the data, or two with unmeasured states."""
+        """Start from the prior mean, then from random starts near it; return None if none gives a finite cost.
+
+        If all states are measured, it ends with the first fit that describes the data. With unmeasured states the best
+        minimum must also have been reached from two starts.
+        """
         stages, data = self._stages, self._stages.data
         measured = len(data.labels) == len(data.model.states)  # one minimum, as a rule
         tolerance = None if measured else TOLERANCE  # the costs of several minima are compared
@@ -125,10 +132,11 @@ class Search:
         return Outcome(stages, stages.refined(best, tolerance), doubt, alone)
 
     def _starts_loaded(self, z: Array, levels: Array, steps: Steps) -> bool:
-        """Choose the relaxed or the loaded start of the gear; return True if loaded, with the twist of its first load.
+        """Choose the relaxed or the loaded start of the gear; return True if loaded.
 
-        For a motor position that is not measured. A window that begins in motion starts loaded, one that begins with a
-        jump of the drive starts relaxed: the likelihood of the first samples decides.
+        A loaded gear starts with the twist under its first load. The choice is needed if the motor position is not
+        measured. A window that begins in motion starts loaded, one that begins with a jump of the drive starts relaxed.
+        The likelihood of the first samples decides.
         """
         stages, data = self._stages, self._stages.data
         if "motor_position" not in set(data.model.state_names) - set(data.labels):
@@ -146,12 +154,12 @@ class Search:
 
 
 def _lowest(ends: list[Minimum]) -> tuple[Minimum, bool]:
-    """The lowest of the minima that starts led to, and whether another one is the same."""
+    """Return the minimum of lowest cost, and whether another start reached the same one."""
     best = min(ends, key=lambda end: end.cost)
     return best, sum(_same(best, other) for other in ends) > 1
 
 
 def _same(one: Minimum, other: Minimum) -> bool:
-    """Whether two starts led to the same minimum: by its cost, or within a sigma where an iteration stalled."""
+    """Return whether two starts reached the same minimum: by cost, or within one sigma if an iteration stalled."""
     sigma = np.sqrt(np.diag(one.covariance + other.covariance))
     return abs(one.cost - other.cost) < SAME_COST or bool(np.all(np.abs(one.z - other.z) < sigma))

@@ -1,4 +1,4 @@
-"""The stages of a fit: from a start to the minimum of the innovations cost, with the steps that each sample needs."""
+"""The stages of a fit: from start values to the minimum of the innovations cost, with enough integrator steps."""
 
 from __future__ import annotations
 
@@ -16,20 +16,21 @@ from joint_id_core.estimators.innovations.recursion import Recursion
 from joint_id_core.estimators.shared.substeps import stable_substeps, steps_of
 from joint_id_core.options import Progress
 
-STRONG_SUBSTEPS = 2  # with strong feedback a rough step does
+STRONG_SUBSTEPS = 2  # with strong feedback few integrator steps are enough
 TOLERANCE = 0.1  # squared length of the last step in standard deviations
-NEAR = 4.0  # the same beside an earlier estimate, or before a pass that will show what is left
-STALLED = 1.0  # standard deviations that an iteration may end before its solution without being called stalled
-STEP_TOLERANCE = 1e-4  # in z: what a finer step may still change where the data know better than that
+NEAR = 4.0  # the same before a later pass that shows the distance that is left
+STALLED = 1.0  # distance to the solution in standard deviations from which an iteration counts as stalled
+STEP_TOLERANCE = 1e-4  # in z: accepted integration error, even if the standard deviation is smaller
 
 
 @dataclass
 class Effort:
-    """What a fit has cost so far; a meter that all its stages read on.
+    """Computing effort of a fit so far, a counter shared by all its stages.
 
     Attributes:
-        iterations: of all stages.
-        work: steps of the integrator in all iterations; searched: those spent on the largest likelihood.
+        iterations: iterations of all stages.
+        work: integrator steps in all iterations of the stages.
+        searched: integrator steps in the searches for the maximum of the likelihood.
     """
 
     iterations: int = 0
@@ -38,12 +39,12 @@ class Effort:
 
 
 class Stages:
-    """Fits of one record, one after another. Each takes where to start and returns where it ended.
+    """The stages of fitting one record. Each method takes a start point and returns the point where it ended.
 
     Attributes:
-        cost: what is minimised.
-        tolerance: squared length in standard deviations of the last step of a stage, where nothing else is said.
-        effort: what all stages have cost.
+        cost: the cost to minimise.
+        tolerance: default of the squared length, in standard deviations, of the last step of a stage.
+        effort: computing effort of all stages.
     """
 
     def __init__(
@@ -63,7 +64,7 @@ class Stages:
         self.effort = effort or Effort()
 
     def of_part(self, first: int, length: int) -> Stages | None:
-        """The same for a part of the record, with an effort of its own; None where it lacks a label."""
+        """Return the stages for a part of the record, with their own effort; None if a label has no value there."""
         part = self.data.part(first, first + length)
         if not np.isfinite(part.y).any(axis=0).all():
             return None
@@ -71,23 +72,23 @@ class Stages:
         return Stages(cost, self.options, self.noise, self.rough_states[first : first + length], self.tell)
 
     def started_near(self, p: Array | None) -> Stages:
-        """The same, with the start of the record taken for parameters `p` near the truth: see `Recursion`."""
+        """Return the same stages, with start states for parameters `p` near the truth: see `Recursion`."""
         cost = replace(self.cost, recursion=self.recursion.started_near(p))
         return Stages(cost, self.options, self.noise, self.rough_states, self.tell, self.effort)
 
     def steps(self, z: Array, states: Array, substeps: int) -> Steps:
-        """Steps of each sample, shape (T,): `substeps`, more where friction turns, as `states` (T, n) say."""
+        """Return the steps of each sample, shape (T,): `substeps`, more at friction reversals in `states` (T, n)."""
         return steps_of(self.data, self.kernel, self.cost.values(z), states, substeps)
 
     def at(self, z: Array, levels: Array, states: Array, substeps: int) -> Minimum | None:
-        """One pass with `substeps` steps a sample, more where friction turns, as `states` (T, n) say."""
+        """Run one pass with `substeps` steps per sample, more at friction reversals in `states` (T, n)."""
         return self.cost.at(z, levels, self.steps(z, states, substeps), substeps)
 
     def started(self, z: Array, levels: Array, states: Array, even: bool = False) -> Minimum | None:
-        """A first pass with as many steps as the fastest mode needs at z, or more if the path blows up.
+        """Run a first pass with as many steps as the fastest mode needs at z, or more if the path diverges.
 
-        `states` (T, n) tell where friction turns; with `even` every sample has the same steps, few of
-        them, while that does.
+        `states` (T, n) show where friction reverses. With `even` the first try gives every sample the same few steps.
+        Returns None if no number of steps gives a finite cost.
         """
         first = self.options.substeps or self._stable(z)
         for substeps in (first,) if self.options.substeps else (first, 4 * first, 16 * first):
@@ -105,7 +106,7 @@ class Stages:
         return stable_substeps(self.data, self.kernel, self.cost.values(z), self.rough_states, sliding=True)
 
     def parameters(self, start: Minimum | None) -> Minimum | None:
-        """Fit the parameters alone, roughly."""
+        """Fit the parameters alone, with a loose tolerance."""
         return self._minimised(start, 1.0)
 
     def parameters_and_noise(self, start: Minimum | None, tolerance: float | None = None) -> Minimum | None:
@@ -122,15 +123,15 @@ class Stages:
         return found
 
     def again(self, found: Minimum, substeps: int, tolerance: float | None = None) -> Minimum | None:
-        """Fit from where another fit ended, with other steps or another start of the record."""
+        """Fit again from the end of another fit, with other steps or another start state."""
         start = self.at(found.z, found.levels, found.last.states, substeps)
         return self.parameters_and_noise(start, tolerance)
 
     def most_likely(self, found: Minimum) -> Minimum:
-        """Where the iteration stalled far from its solution, the point of largest likelihood near it.
+        """Return the point of maximum likelihood near `found` if its iteration stalled, else `found`.
 
-        All searches of a fit together take no more work than what it did besides, so that it stays as fast, almost,
-        where the model is wrong.
+        All searches of a fit together take at most as much work as its other iterations. So a fit with a wrong model
+        stays almost as fast.
         """
         if found.distance_left < STALLED:
             return found
@@ -142,22 +143,22 @@ class Stages:
         return best
 
     def refined(self, found: Minimum, tolerance: float | None = None) -> Minimum:
-        """More steps a sample until twice as many move no estimate by 0.1 sigma, or by 0.01 % where sigma is less.
+        """Increase the steps per sample until twice as many move no estimate by 0.1 sigma, or 0.01 % if that is more.
 
-        What they would do is seen from the gradient of one pass with twice as many steps. Its step is then taken, and
-        stands for the error that is left.
+        The change is computed from the gradient of one pass with twice as many steps. The estimate takes this change,
+        and `Minimum.integration` keeps it as the remaining integration error.
         """
         tolerance = self.tolerance if tolerance is None else tolerance
         while not self.options.substeps:
             steps, substeps = found.last.steps, found.substeps
-            # near the limit of stability the path may stand some steps a sample and not twice as many
+            # near the limit of stability a path may be finite with some steps and diverge with twice as many
             passes = (self.cost.at(found.z, found.levels, k * steps, substeps) for k in (2, 4, 8))
             finer = next((p for p in passes if p is not None), None)
             if finer is None:
                 return found
             covariance = finer.covariance
             step = shift = covariance @ finer.gradient
-            if self._excess(step, covariance) > 1.0:  # the integrator, or an iteration that ended early
+            if self._excess(step, covariance) > 1.0:  # due to the integrator, or to an iteration that ended early
                 here = self.cost.at(found.z, found.levels, steps, substeps)
                 shift = step if here is None else covariance @ (finer.gradient - here.gradient)
                 if here is not None and tolerance > TOLERANCE and self._excess(step - shift, covariance) > 1.0:
@@ -179,10 +180,10 @@ class Stages:
         return found
 
     def _excess(self, shift: Array, covariance: Array) -> float:
-        """Largest shift over what is allowed of an integration error."""
+        """Return the largest ratio of a shift to the allowed integration error."""
         return float(np.max(np.abs(shift) / np.maximum(0.1 * np.sqrt(np.diag(covariance)), self.least)))
 
     @property
     def least(self) -> Array:
-        """Change of each coordinate that is never worth a finer step."""
+        """Change of each coordinate that never justifies a finer step, shape (k,)."""
         return STEP_TOLERANCE * self.coordinates.unit

@@ -1,4 +1,4 @@
-"""What this data can and cannot show, and whether the model describes it at all."""
+"""Verdicts: which parameters the data determine, and whether the model describes the data."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ if TYPE_CHECKING:
 COLOURED = 0.3
 # Mean squared normalised innovation beyond which even the largest credible noise does not explain them.
 MOST_CHI2 = 1.5
-# Correlations that differ by less are the same.
+# Correlations that differ by less count as equal.
 SAME_CORRELATION = 1e-6
-# Predictions that miss by as much as a constant would.
+# nrmse of a prediction that is as bad as a constant.
 CONSTANT_NRMSE = 1.0
 
 
 @dataclass(frozen=True)
 class Shown:
-    """What the data and the prior say of one parameter, with the reason in words.
+    """Verdict on one parameter, with the reason in words.
 
-    `together` says what is known instead of a parameter that enters only in combination.
+    `together` says what is known instead, if the parameter enters only in combination with others; else it is empty.
     """
 
     verdict: Verdict
@@ -56,16 +56,16 @@ def verdicts(
     z: Array,
     together: Mapping[str, str] | None = None,
 ) -> dict[str, Shown]:
-    """A verdict for every parameter, from the ratio of posterior to prior standard deviation.
+    """Return a verdict for every parameter, from the ratio of posterior to prior standard deviation.
 
-    The prior is the spread of the model's table, also when the estimate was warm-started. `together` says, by
-    parameter that enters only in combination, what is known instead.
+    The prior is the spread in `coordinates` (the model's table, or the user's priors), also after a warm start.
+    `together` says, by parameter that enters only in combination, what is known instead.
     """
     deviation = np.sqrt(np.diag(covariance_z))
     correlation = covariance_z / (deviation[:, None] * deviation)
     correlation.flat[:: len(free) + 1] = 0.0
     strength = np.abs(correlation)
-    # of several that are as strong but for rounding take the first in the table
+    # if several correlations are equal except for rounding, take the first partner in the table
     partners = (strength >= strength.max(axis=1, keepdims=True) - SAME_CORRELATION).argmax(axis=1)
     strongest = correlation[np.arange(len(free)), partners].tolist()
     ratio, bounds = (deviation / coordinates.spread).tolist(), coordinates.at_bound(z).tolist()
@@ -101,7 +101,7 @@ def verdicts(
 def table(
     model: Model, free: tuple[str, ...], p: Array, covariance: Array, rows: Mapping[str, Shown], initial: Array
 ) -> tuple[ParameterEstimate, ...]:
-    """All parameters: values `p`, deviations from the covariance of the `free` ones, verdicts, start values."""
+    """Return the rows of all parameters: values `p`, deviations of the `free` ones, verdicts, start values."""
     std = dict(zip(free, np.sqrt(np.diag(covariance)).tolist(), strict=True))
     return tuple(
         ParameterEstimate(q.name, q.unit, v, std.get(q.name, math.nan), rows[q.name].verdict, v0, rows[q.name].reason)
@@ -138,7 +138,7 @@ def explained(data: FitData, residuals: Array) -> Residuals:
 
 @dataclass(frozen=True)
 class Judgement:
-    """Status of a fit, what was found in sentences, the most useful first, and the residual statistics behind it."""
+    """Status of a fit, the findings as sentences (most useful first), and the residual statistics behind them."""
 
     status: Status
     notes: tuple[str, ...]
@@ -146,12 +146,15 @@ class Judgement:
 
     @property
     def message(self) -> str:
-        """The first notes."""
+        """The first notes as one text."""
         return message(self.notes)
 
 
 def idle_drives(data: FitData, q: Array) -> list[str]:
-    """Reasons for which a drive explains none of the motion: its noise, variance `q` (inputs,), exceeds itself."""
+    """Return a reason for each drive that explains none of the motion.
+
+    That is a drive whose noise variance, in `q` (inputs,), exceeds its own mean square.
+    """
     reasons = []
     for signal, values, variance in zip(data.model.inputs, data.u.T, q, strict=True):
         power = float(values @ values) / len(values)
@@ -173,8 +176,7 @@ def judge(
 ) -> Judgement:
     """Decide how the fit ended: converged, not converged, or converged to a model that does not describe the data.
 
-    `warnings` are added to the notes, the most useful one comes first. A `doubt` about the minimum is a reason against
-    the fit.
+    `warnings` are added to the notes, the most useful first. A `doubt` about the minimum makes the fit a poor one.
     """
     residuals = explained(data, found.last.residuals)
     reasons = idle_drives(data, found.levels[len(data.labels) :])
@@ -188,7 +190,7 @@ def judge(
     if not found.settled:
         status, said = Status.MAX_ITERATIONS, [Status.MAX_ITERATIONS.advice, *reasons]
     elif reasons:
-        # the advice stands second: the first reason says what is wrong, the others say it again in other words
+        # the advice comes second: the first reason says what is wrong, the others repeat it in other words
         status, said = Status.POOR_FIT, [reasons[0], Status.POOR_FIT.advice]
     else:
         status, said = Status.CONVERGED, [Status.CONVERGED.advice]
@@ -199,9 +201,9 @@ def judge(
 
 
 def findings(rows: Mapping[str, Shown], warnings: Sequence[str], dropped: int) -> list[str]:
-    """What else to say of a fit, in sentences, the most useful first: what is not known, and `warnings` in their order.
+    """Return the other findings of a fit as sentences, the most useful first: unknown parameters, and `warnings`.
 
-    `dropped` is the number of samples that were left out.
+    `warnings` keep their order. `dropped` is the number of samples that were left out.
     """
     said = list(dict.fromkeys(v.together for v in rows.values() if v.together))
     first, *others = [*filter(None, warnings)] or [""]

@@ -1,8 +1,9 @@
-"""Autocorrelated residuals widen the covariance: noise that is not white, as friction ripple or a drive's filter leave.
+"""Autocorrelated residuals widen the covariance.
 
-Ljung & Box (1978) test each label's residuals over many lags at once. Where they are not white, the scores of the
-parameters add up over time, and their sum has another variance than the information matrix says: it is taken from the
-data (Newey & West, Econometrica 55, 1987), and the covariance of the estimates is that of the sandwich.
+A ripple of the friction or the filter of a drive leave such residuals. The test of Ljung & Box (1978) looks at each
+label's residuals over many lags at once. If they are not white, the scores of successive samples are correlated, and
+the variance of their sum differs from the information matrix. This variance is then estimated from the data (Newey &
+West, Econometrica 55, 1987), and the estimates get the sandwich covariance.
 """
 
 from __future__ import annotations
@@ -20,22 +21,27 @@ from joint_id_core.estimators.shared.fit_data import FitData
 from joint_id_core.estimators.shared.sentences import times
 
 LAGS = 30  # samples
-RARE = 1e-4  # probability of what white residuals show, below which they are called coloured
+RARE = 1e-4  # probability under white noise (p-value) below which residuals count as autocorrelated
 
 
 @dataclass(frozen=True)
 class Memory:
-    """What the residuals' memory adds to the covariance of the coordinates, (k, k), and how it is told."""
+    """Effect of autocorrelated residuals.
+
+    Attributes:
+        excess: addition to the covariance of the coordinates, shape (k, k); zero for white residuals.
+        text: warning for the user; empty for white residuals.
+    """
 
     excess: Array
     text: str
 
 
 def memory(recursion: Recursion, coordinates: Coordinates, found: Minimum, last: Pass) -> Memory:
-    """Test the residuals of a fit, whose latest pass is `last`; nothing is added where they are white."""
+    """Test the residuals of a fit for autocorrelation; `last` is its latest pass."""
     data = recursion.data
     strength, probability = portmanteau(data, last.residuals)
-    worst = int(np.argmax(strength))  # the least probable, also where probabilities vanish
+    worst = int(np.argmax(strength))  # the least probable label, also where probabilities underflow to zero
     if probability[worst] * len(probability) > RARE:
         return Memory(np.zeros_like(found.hessian), "")
     scores = recursion.scores(last) * coordinates.slope(found.z)
@@ -55,7 +61,7 @@ def memory(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
 
 
 def portmanteau(data: FitData, residuals: Array) -> tuple[Array, Array]:
-    """Ljung and Box's statistic over its expectation by label, and the probability that white noise shows more."""
+    """Return Ljung and Box's statistic over its expectation, and its p-value under white noise, both (labels,)."""
     count = np.array([max(1, len(row)) for row in data.rows])
     ahead = np.zeros((len(residuals) + LAGS, len(count)))
     ahead[: len(residuals)] = residuals

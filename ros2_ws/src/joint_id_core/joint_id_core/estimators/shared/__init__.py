@@ -1,1 +1,1 @@
-"""What every estimator starts from: checked arrays, initial states, step sizes, free runs."""
+"""Parts that all estimators share: checked arrays, initial states, step sizes, free runs."""

@@ -1,4 +1,4 @@
-"""A recording and a model turned into the arrays that an estimator works on, after all checks."""
+"""Check a recording against a model and convert both to the arrays that an estimator works on."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from joint_id_core.filtering.offline import complete
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions, Status, Verdict
 
-MIN_SAMPLES = 50  # fewer cannot carry a handful of parameters and their covariance
+MIN_SAMPLES = 50  # fewer samples do not determine several parameters and their covariance
 
 
 class UnusableError(JointIdError):
@@ -42,10 +42,10 @@ class FitData:
         labels: their channel names; label_states (labels,): their index among the states.
         p: start values of all parameters in the model's order.
         free: names of the parameters to estimate.
-        priors: standard deviations known before any data, by parameter, as in `ParameterSettings`.
-        period: typical step in s: their mean, or the median where there are gaps.
-        gap: shape (T,), number of missing samples before the next one.
-        dropped: samples left out because an input was missing.
+        priors: prior standard deviations by parameter, as in `ParameterSettings`.
+        period: typical time step in s: the mean step, or the median step if there are gaps.
+        gap: number of missing samples between each sample and the next one, shape (T,).
+        dropped: number of samples left out because an input was missing.
         recording: the recording with derived channels.
     """
 
@@ -65,7 +65,7 @@ class FitData:
 
     @property
     def freed(self) -> tuple[str, ...]:
-        """Parameters to estimate that the model's table holds."""
+        """Names of the estimated parameters that are fixed in the model's table."""
         held = {p.name for p in self.model.parameters if p.fixed}
         return tuple(name for name in self.free if name in held)
 
@@ -76,42 +76,42 @@ class FitData:
 
     @cached_property
     def present(self) -> NDArray[np.bool_]:
-        """Which labels were measured, shape (T, labels)."""
+        """True where a label was measured, shape (T, labels)."""
         return np.isfinite(self.y)
 
     @cached_property
     def table(self) -> Array | None:
-        """The labels as rows, shape (labels, T); None where some are missing."""
+        """The labels as rows, shape (labels, T); None if any value is missing."""
         return np.ascontiguousarray(self.y.T) if self.present.all() else None
 
     @cached_property
     def rows(self) -> tuple[Array, ...]:
-        """The values of each label that were measured, each contiguous."""
+        """The measured values of each label, without NaN, as contiguous arrays."""
         if self.table is not None:
             return tuple(self.table)
         return tuple(np.ascontiguousarray(y[seen]) for y, seen in zip(self.y.T, self.present.T, strict=True))
 
     @cached_property
     def span(self) -> Array:
-        """Largest minus smallest value of each label, shape (labels,); NaN where there is none."""
+        """Largest minus smallest value of each label, shape (labels,); NaN for a label without values."""
         if self.table is not None:
             return np.asarray(self.table.max(axis=1) - self.table.min(axis=1))
         return np.array([float(row.max() - row.min()) if len(row) else math.nan for row in self.rows])
 
     def predictions(self, predicted: Mapping[str, Array]) -> Predictions:
-        """Predicted labels, by name, beside the measured ones."""
+        """Return the predicted labels, by name, together with the measured ones."""
         return Predictions(self.time, {name: self.y[:, k] for k, name in enumerate(self.labels)}, predicted)
 
     def part(self, first: int, last: int) -> FitData:
-        """The samples from `first` to before `last`."""
+        """Return the data of the samples from `first` to before `last`."""
         rows = {name: getattr(self, name)[first:last] for name in ("time", "u", "y", "gap")}
         return replace(self, **rows)
 
 
 def prepare(model: Model, recording: Recording, settings: ParameterSettings | None = None) -> FitData:
-    """Check a recording against a model and lay out the arrays.
+    """Check a recording against a model and build the arrays of the fit.
 
-    Samples without an input are dropped: the step before them becomes longer. Labels are measured states.
+    Samples that lack an input are dropped, and the time step before them becomes longer. Labels are measured states.
 
     Raises:
         UnusableError: too short, no motion, or a signal is missing.
@@ -167,7 +167,7 @@ def prepare(model: Model, recording: Recording, settings: ParameterSettings | No
         )
     steps = time[1:] - time[:-1]
     period, gap = float(time[-1] - time[0]) / len(steps), np.zeros(len(time))
-    if steps.max() > 1.25 * period:  # there are gaps, or jitter as large
+    if steps.max() > 1.25 * period:  # there are gaps, or jitter of that size
         period = float(np.median(steps))
         np.maximum(np.rint(steps / period) - 1.0, 0.0, out=gap[:-1])
     index = np.array([model.state_names.index(n) for n in labels], dtype=np.int64)
@@ -183,7 +183,10 @@ def prepare(model: Model, recording: Recording, settings: ParameterSettings | No
 
 
 def _smoothing(model: Model, recording: Recording) -> dict[str, float]:
-    """Smoothing velocities for this record: a share of the peak, between a tenth of the table's value and all of it."""
+    """Return the smoothing velocities of Coulomb friction for this record, by parameter name.
+
+    Each is a fraction of the peak speed, limited to 0.1 to 1 times the value in the model's table.
+    """
     found: dict[str, float] = {}
     if not model.smoothing_share:
         return found
@@ -196,7 +199,10 @@ def _smoothing(model: Model, recording: Recording) -> dict[str, float]:
 
 
 def _peak(recording: Recording, velocity: str) -> float:
-    """Largest speed in the record, from the position where it was not measured; NaN if neither was."""
+    """Return the largest speed in the record; NaN if neither velocity nor position was measured.
+
+    It is computed from the position if the velocity was not measured.
+    """
     if recording.measured(velocity):
         return float(np.fmax.reduce(np.abs(recording[velocity])))
     position = integral_of(velocity)
@@ -206,15 +212,15 @@ def _peak(recording: Recording, velocity: str) -> float:
     time, values = recording.time[known], recording[position][known]
     if len(time) < 10:
         return float("nan")
-    # Over eight samples, so that the resolution of an encoder is not taken for speed.
+    # The difference is taken over eight samples, so that encoder resolution does not look like speed.
     return float(np.max(np.abs((values[8:] - values[:-8]) / (time[8:] - time[:-8]))))
 
 
 def _without_frozen(signals: list[Array]) -> Array:
-    """The signals as rows, where zeros that a sensor repeats although it resolves far finer became NaN.
+    """Return the signals as rows, with NaN for repeated zeros of a sensor that has a much finer resolution.
 
-    Robots report a velocity of exactly zero below a threshold. That is no measurement of zero, and taken
-    for one it makes the estimated noise of the sensor vanish. A quantised sensor is left as it is.
+    Robots report a velocity of exactly zero below a threshold. These zeros are not measurements: used as labels, they
+    would drive the estimated noise of the sensor to zero. Signals of a quantised sensor are not changed.
     """
     rows = np.array(signals)
     changes = np.count_nonzero(rows[:, 1:] != rows[:, :-1], axis=1)
@@ -228,17 +234,17 @@ def _without_frozen(signals: list[Array]) -> Array:
 
 
 def options_of(model: Model) -> dict[str, Any]:
-    """The options that a model was built with, by name."""
+    """Return the options that a model was built with, by name."""
     return {f.name: getattr(model, f.name) for f in fields(model)}
 
 
 def origin_of(recording: Recording) -> dict[str, Any]:
-    """The fields of an `Estimate` that say where its data came from."""
+    """Return the fields of an `Estimate` that say where its data came from."""
     return {"origin": recording.origin, "source": recording.source, "joint": recording.joint}
 
 
 def unusable(model: Model, estimator: str, error: UnusableError, recording: Recording) -> Estimate:
-    """The estimate that stands for data that cannot be fitted: no values, the reason in `message`."""
+    """Return the estimate for data that cannot be fitted: nominal values, NaN deviations, the reason in `message`."""
     rows = tuple(
         ParameterEstimate(q.name, q.unit, q.nominal, float("nan"), Verdict.FIXED if q.fixed else Verdict.NOT_EXCITED)
         for q in model.parameters

@@ -1,4 +1,4 @@
-"""Free runs: simulations that start again from the filtered state, a short way ahead of the data."""
+"""Free runs: short simulations without feedback, each restarted from the filtered state."""
 
 from __future__ import annotations
 
@@ -24,7 +24,11 @@ def block_length(data: FitData, horizon_s: float) -> int:
 def free_runs(
     kernel: Kernel, data: FitData, states: Array, p: Array, substeps: int | Steps, horizon_s: float
 ) -> dict[str, Array]:
-    """Labels predicted at most `horizon_s` ahead: simulations restarted from the filtered `states` (T, n)."""
+    """Predict the labels at most `horizon_s` ahead, by simulations restarted from the filtered `states` (T, n).
+
+    Returns:
+        By label, the predicted values, shape (T,).
+    """
     block = block_length(data, horizon_s)
     X = restarted(kernel, states[::block], block, data.time, data.u, p, substeps)
     if data.model.label_delays:
@@ -34,16 +38,16 @@ def free_runs(
 
 
 def nrmse(data: FitData, predictions: dict[str, Array]) -> dict[str, float]:
-    """Rms of prediction minus label over the label's standard deviation; NaN for a constant label.
+    """Return, by label, the rms of prediction minus label over the label's standard deviation.
 
-    Infinite for a prediction that is not finite.
+    NaN for a constant label; infinite for a prediction that is not finite.
     """
     found = {}
     for k, (name, y) in enumerate(zip(data.labels, data.rows, strict=True)):
         predicted = predictions[name] if len(y) == len(data.y) else predictions[name][data.present[:, k]]
         away, error = y - y.sum() / max(1, len(y)), predicted - y
         spread = float(away @ away)
-        with np.errstate(over="ignore"):  # a prediction that blew up misses by an infinite amount
+        with np.errstate(over="ignore"):  # the error of a prediction that diverged is infinite
             miss = math.sqrt(error @ error / spread) if spread > 0.0 else math.nan
         found[name] = math.inf if spread > 0.0 and math.isnan(miss) else miss
     return found

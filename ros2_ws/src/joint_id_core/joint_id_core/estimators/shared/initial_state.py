@@ -1,4 +1,4 @@
-"""What the estimator knows before the fit: the start state, its spread, and rough noise levels."""
+"""Start values of a fit: the start state and its standard deviation, rough states, rough noise levels."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from joint_id_core.estimators.shared.fit_data import FitData
 
 TWIST_SPREAD = 0.02  # rad: more than any harmonic drive twists, seen at the link
 TWIST_RATE_SPREAD = 0.5  # rad/s
-ALIKE = 1e-6  # share by which stretches of a record may differ and count as equal
-STILL = 1e-8  # of a signal's span: a step that is no larger is none, only the rounding of what was computed from it
+ALIKE = 1e-6  # relative difference of motion below which two stretches of a record count as equal
+STILL = 1e-8  # fraction of a signal's span; a step that is no larger is rounding, not a change of the signal
 _ACROSS_SPREAD = {
     "motor_position": TWIST_SPREAD,
     "link_position": TWIST_SPREAD,
@@ -24,13 +24,18 @@ _ACROSS_SPREAD = {
 
 
 def start_state(data: FitData, at: int = 0, p: Array | None = None) -> tuple[Array, Array]:
-    """Prior of the state at sample `at`, before its labels: mean (n,) and standard deviation (n,).
+    """Return the prior of the state at sample `at`, before its labels: mean (n,) and standard deviation (n,).
 
-    A measured state starts at its first label with a spread far above the label's own range, so that the
-    label is not counted twice. An unmeasured one starts from the other side of the gear, with the spread of
-    the twist, a velocity from the slope of its own position, or at zero with the spread that its signal is
-    known for. With parameters `p` that are near the truth, an unmeasured motor position is moved by the twist under
-    the drive of that moment.
+    A measured state starts at its first label. Its standard deviation is far above the range of the label, so that
+    the label is not counted twice. An unmeasured state starts from the first of these that exists:
+
+    - the state on the other side of the gear, with the standard deviation of the twist,
+    - for a velocity, the slope of its measured position,
+    - a derived channel of the recording,
+    - zero.
+
+    In the last three cases the standard deviation is the typical size of the signal.
+    With parameters `p` near the truth, an unmeasured motor position is shifted by the twist under the present drive.
     """
     model, recording = data.model, data.recording
     ratio = model.gear_ratio(dict(zip(model.parameter_names, data.p.tolist(), strict=True)))
@@ -39,7 +44,7 @@ def start_state(data: FitData, at: int = 0, p: Array | None = None) -> tuple[Arr
         nearest = at
         if not np.isfinite(data.y[at, k]):
             seen = np.flatnonzero(data.present[:, k])
-            if not seen.size:  # in a part of a record
+            if not seen.size:  # possible in a part of a record
                 continue
             nearest = int(seen[min(int(np.searchsorted(seen, at)), len(seen) - 1)])
         first[name] = (float(data.y[nearest, k]), 10.0 * float(data.span[k]) + 1e-9)
@@ -58,7 +63,7 @@ def start_state(data: FitData, at: int = 0, p: Array | None = None) -> tuple[Arr
         elif across in known and side_of(name) == "link":
             value, sd = known[across][0] / ratio, _ACROSS_SPREAD.get(name, signal.scale)
         elif (position := integral_of(name)) in first:
-            # Around a wrong velocity Coulomb friction is linearised wrongly, and the first labels then look impossible.
+            # Coulomb friction linearised at a wrong velocity would make the first labels look impossible.
             value, sd = _slope(data, position, at), signal.scale
         elif name in recording and np.isfinite(recording[name]).any():
             finite = np.isfinite(recording[name])
@@ -72,10 +77,10 @@ def start_state(data: FitData, at: int = 0, p: Array | None = None) -> tuple[Arr
 
 
 def _twist(data: FitData, at: int, values: Array) -> float:
-    """Twist in rad at which the spring of the gear balances the drive at sample `at`.
+    """Return the twist in rad at which the spring of the gear balances the drive at sample `at`.
 
-    A cubic spring is several times stiffer under load than without: linearised at no twist the filter would take the
-    first labels for impossible.
+    A cubic spring is several times stiffer under load than without load. Linearised at zero twist, it would make the
+    first labels look impossible to the filter.
     """
     model = data.model
     if model.torque_drive is None:
@@ -91,9 +96,10 @@ def _twist(data: FitData, at: int, values: Array) -> float:
 
 
 def rough_states(data: FitData) -> Array:
-    """States at every sample, shape (T, n), as far as the record shows them without a model.
+    """Return rough states at every sample, shape (T, n), from the record alone, without the model.
 
-    Labels; else what a filter derived; else the other side of the gear, the slope of the position, or the start.
+    Sources, in this order: labels and derived channels, the other side of the gear, the slope of the position, the
+    start state.
     """
     model, recording, time = data.model, data.recording, data.time
     ratio = model.gear_ratio(dict(zip(model.parameter_names, data.p.tolist(), strict=True)))
@@ -121,7 +127,10 @@ def rough_states(data: FitData) -> Array:
 
 
 def busiest(data: FitData, length: int) -> int:
-    """First sample of that stretch of `length` samples in which inputs and labels vary most, each by its own range."""
+    """Return the first sample of the stretch of `length` samples with the most motion.
+
+    Motion is the sum of the variances of inputs and labels, each relative to its variance in the whole record.
+    """
     every = max(1, length // 32)
     signals, length = np.column_stack([data.u, data.y])[::every], length // every
     signals = np.where(np.isfinite(signals), signals - np.nanmean(signals, axis=0), 0.0)
@@ -129,22 +138,22 @@ def busiest(data: FitData, length: int) -> int:
     scaled = signals[:, total > 0.0] / np.sqrt(total[total > 0.0])
     first = range(0, len(signals) - length + 1, max(1, length // 2))
     motion = [float(np.sum(np.var(scaled[k : k + length], axis=0))) for k in first]
-    most = max(motion) * (1.0 - ALIKE)  # of stretches of a motion that repeats itself take the first
+    most = max(motion) * (1.0 - ALIKE)  # if the motion repeats, take its first period
     return every * next(k for k, size in zip(first, motion, strict=True) if size >= most)
 
 
 def _slope(data: FitData, name: str, at: int) -> float:
-    """Slope of the straight line through eight labels of a position from sample `at` on, in its unit a second."""
+    """Return the slope of a straight line through eight values of a label from sample `at` on, in its unit per s."""
     values = data.y[:, data.labels.index(name)]
     seen = np.flatnonzero(np.isfinite(values[at:]))[:8] + at
     return float(np.polyfit(data.time[seen] - data.time[seen[0]], values[seen], 1)[0]) if len(seen) > 1 else 0.0
 
 
 def rough_noise(values: Array) -> float:
-    """Rough variance of a signal's noise, of its samples that were measured.
+    """Return a rough noise variance of a signal from its measured samples.
 
-    A smooth motion all but vanishes in third differences, white noise comes out times sqrt(20); the median keeps
-    events such as a reversal of friction out.
+    Third differences remove nearly all of a smooth motion and multiply white noise by sqrt(20). The median makes the
+    result insensitive to events such as a reversal of friction.
     """
     if len(values) < 4:
         return 0.0
@@ -154,11 +163,11 @@ def rough_noise(values: Array) -> float:
 
 
 def credible_noise(rows: Array, span: Array) -> Array:
-    """Smallest and largest credible variances of signals' noise, shape (2, k), from rows (k, T) of samples.
+    """Return the smallest and largest credible noise variances of signals, shape (2, k), from rows (k, T) of samples.
 
-    The smallest is quantisation if it shows, else 1e-7 of the span (k,) of the values squared. The largest is twice
-    what the rms of the third differences allows: noise cannot be larger than what the signal itself shows, and without
-    this bound a wrong model can explain itself by a sensor that is far worse than it is.
+    The smallest standard deviation follows from the quantisation if that is visible, else it is 1e-7 of the span (k,)
+    of the values. The largest is twice the one that the rms of the third differences gives: noise cannot be larger
+    than the signal shows. Without this bound a wrong model could explain its errors by a far too noisy sensor.
     """
     count = rows.shape[1]
     if count < 4:
@@ -175,13 +184,16 @@ def credible_noise(rows: Array, span: Array) -> Array:
 
 
 def _third(first: Array) -> Array:
-    """Third differences from first ones."""
+    """Return third differences from first differences."""
     second = first[..., 1:] - first[..., :-1]
     return np.asarray(second[..., 1:] - second[..., :-1])
 
 
 def input_noise(data: FitData) -> Array:
-    """Rough variance of each input's noise per sample, shape (inputs,): 2 % of its rms, of its typical size if zero."""
+    """Return a rough noise variance of each input per sample, shape (inputs,).
+
+    The standard deviation is 2 % of the rms of the input, at least 0.1 % of its typical size.
+    """
     rms = np.sqrt(np.einsum("tk,tk->k", data.u, data.u) / len(data.u))
     typical = np.array([1e-3 * s.scale for s in data.model.inputs])
     return np.square(np.maximum(0.02 * rms, typical))

@@ -1,39 +1,39 @@
-"""What a fit found, in sentences: the most useful ones first, at most three in a message."""
+"""Texts of a fit: findings as sentences, the most useful first, at most three in a message."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
 MOST_SENTENCES = 3
-MOST_NAMES = 12  # in a list; the table of the parameters holds all
-FAR = 10.0  # variations that a prediction misses by, from which a number says no more than words
-MOST_TIMES = 1000.0  # the same of other ratios
+MOST_NAMES = 12  # in one list; the table of the parameters has all of them
+FAR = 10.0  # nrmse above which a message gives words in place of the number
+MOST_TIMES = 1000.0  # the same for other ratios
 
 
 def sentence(text: str) -> str:
-    """A clause as a sentence: with a capital letter and a full stop."""
+    """Return a clause as a sentence, with a capital letter and a full stop."""
     return text[:1].upper() + text[1:].rstrip(".") + "."
 
 
 def message(sentences: Sequence[str]) -> str:
-    """The first sentences, as many as a reader takes in at a glance."""
+    """Return the first `MOST_SENTENCES` sentences as one text."""
     return " ".join(sentences[:MOST_SENTENCES])
 
 
 def listed(names: Iterable[str]) -> str:
-    """Names separated by commas; of a long list the first ones and how many more there are."""
+    """Return names separated by commas; a long list is cut and ends with the number of names left out."""
     names = list(names)
     more = len(names) - MOST_NAMES
     return ", ".join(names[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
 def missed(what: str, nrmse: float) -> str:
-    """By how much `what` misses its signal: `nrmse` is the rms error over the signal's standard deviation."""
+    """Say by how much `what` misses its signal; `nrmse` is the rms error over the signal's standard deviation."""
     if not nrmse <= FAR:
         return f"{what} miss by far more than its variation"
     return f"{what} miss by {100.0 * nrmse:.3g} % of its variation"
 
 
 def times(ratio: float) -> str:
-    """A ratio in words: "3.2 times", or "more than 1000 times"."""
+    """Return a ratio in words: "3.2 times", or "more than 1000 times"."""
     return f"{ratio:.3g} times" if ratio <= MOST_TIMES else f"more than {MOST_TIMES:.0f} times"

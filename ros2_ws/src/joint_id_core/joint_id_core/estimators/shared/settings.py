@@ -1,4 +1,4 @@
-"""What the user says of a model's parameters before a fit: values, what is held or freed, and priors."""
+"""User settings of a model's parameters for a fit: values, fixed and freed parameters, priors."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:  # the command line reads settings without loading NumPy
 
 @dataclass(frozen=True)
 class ParameterSettings:
-    """Settings of a model's parameters, by name; a parameter that is not named is as the model's table says.
+    """Settings of a model's parameters, by name. Parameters that are not named keep the settings of the model's table.
 
     Attributes:
-        values: start values of estimated parameters and values of held ones, SI units.
+        values: start values of estimated parameters and values of fixed ones, SI units.
         fixed: parameters to hold although the table estimates them.
         freed: parameters to estimate although the table holds them.
-        priors: standard deviations known before any data, in place of the table's spreads: relative for a positive
-            parameter, else in its unit. The prior's mean is the start value.
+        priors: prior standard deviations that replace the spreads of the table: relative for a positive parameter, else
+            in its unit. The mean of the prior is the start value.
 
     Raises:
         JointIdError: a standard deviation that is not above zero and finite, a text in place of a list of names.
@@ -49,21 +49,21 @@ class ParameterSettings:
 
     @classmethod
     def of_estimate(cls, estimate: Estimate) -> ParameterSettings:
-        """The values that an estimate found, with the parameters held and freed as they were for it."""
+        """Return settings with the values of an estimate and with its fixed and free parameters."""
         held = [name for name in estimate.values if name not in estimate.free]
         return cls(estimate.values, held, estimate.free)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Every parameter that is named."""
+        """Names of all parameters with a setting."""
         return tuple(dict.fromkeys((*self.values, *self.fixed, *self.freed, *self.priors)))
 
     def with_values(self, changes: Mapping[str, float]) -> ParameterSettings:
-        """The same with `changes` put into the values."""
+        """Return a copy with `changes` merged into `values`."""
         return replace(self, values={**self.values, **changes})
 
     def of(self, model: Model) -> ParameterSettings:
-        """What concerns the parameters that `model` has."""
+        """Return the settings of those parameters that `model` has."""
         own = set(model.parameter_names)
         return ParameterSettings(
             {n: v for n, v in self.values.items() if n in own},
@@ -73,10 +73,11 @@ class ParameterSettings:
         )
 
     def applied_to(self, model: Model) -> tuple[Array, tuple[str, ...]]:
-        """Start values of all parameters in the model's order, and the names of those to estimate.
+        """Return start values of all parameters in the model's order, shape (P,), and the names of those to estimate.
 
         Raises:
-            JointIdError: unknown name, value out of bounds, nothing left to estimate, a prior of a held parameter.
+            JointIdError: unknown name, value out of bounds, nothing left to estimate, a prior of a fixed parameter, a
+                positive parameter to estimate that starts at zero.
         """
         import numpy as np
 

@@ -1,4 +1,4 @@
-"""How many steps of the integrator each sample needs."""
+"""Number of integrator steps per sample."""
 
 from __future__ import annotations
 
@@ -9,27 +9,28 @@ from joint_id_core.cell.rollout import Steps
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.shared.fit_data import FitData
 
-# RK4 is stable up to this |lambda h| on the negative real axis; LIMIT keeps away from it, accuracy is left to the
-# doubling test of the fit. The cap is for wild intermediate parameter values, whose fits need not be accurate.
+# RK4 is stable up to |lambda h| = STABLE on the negative real axis. LIMIT stays below it; accuracy is checked later, by
+# the fit with twice as many steps. MOST limits the steps for extreme intermediate parameter values, where accuracy is
+# not needed.
 STABLE, LIMIT = 2.78, 2.0
 MOST = 8
 POINTS = 8
 
-# Close to standstill the slope of smoothed Coulomb friction is by far the fastest mode, elsewhere there is none:
-# samples that come within KINK smoothing velocities of zero, or cross it, take MORE_STEPS times as many steps, or as
-# many as RK4 needs there to be stable.
+# Close to standstill the slope of smoothed Coulomb friction gives by far the fastest mode; elsewhere this mode does not
+# exist. So samples within KINK smoothing velocities of zero velocity, or that cross zero, take MORE_STEPS times as many
+# steps, or as many as RK4 needs to be stable there.
 KINK = 6.0
-# Change of an input from one sample to the next, of its range in the record, that sets a fast mode going. A little less
-# than a tenth, so that rounding does not decide for a staircase of ten equal steps.
+# Change of an input from one sample to the next, relative to its range in the record, that excites a fast mode. It is a
+# little less than a tenth, so that rounding does not decide for a staircase of ten equal steps.
 JUMP = 0.0999
 MORE_STEPS = 8
-MOST_STEPS = 64  # a joint that stands still takes them in every sample
+MOST_STEPS = 64  # per sample; a joint at standstill takes extra steps in every sample
 
 
 def fastest_mode(data: FitData, kernel: Kernel, p: Array, states: Array, sliding: bool) -> float:
-    """Largest |lambda| in 1/s of the linearised model at a few points of the record, `states` (T, n).
+    """Return the largest |lambda| in 1/s of the linearised model at `POINTS` samples of the `states` (T, n).
 
-    With `sliding` friction is taken far from standstill, where its slope is only the viscous one.
+    With `sliding` the velocities are moved away from standstill, where the slope of friction is only viscous.
     """
     at = np.unique(np.linspace(0, len(data.time) - 1, POINTS).astype(int))
     X = states[at]
@@ -42,7 +43,7 @@ def fastest_mode(data: FitData, kernel: Kernel, p: Array, states: Array, sliding
 
 
 def standing_mode(data: FitData, kernel: Kernel, p: Array, states: Array) -> float:
-    """Largest |lambda| in 1/s at standstill, where it is the slope of smoothed friction as a rule."""
+    """Return the largest |lambda| in 1/s at standstill; usually it comes from the slope of smoothed friction."""
     X = states[:1].copy()
     X[:, [data.model.state_names.index(velocity) for velocity in data.model.smoothing]] = 0.0
     return _fastest(kernel, X, data.u[:1], p)
@@ -57,15 +58,16 @@ def _fastest(kernel: Kernel, X: Array, u: Array, p: Array) -> float:
 def stable_substeps(
     data: FitData, kernel: Kernel, p: Array, states: Array, limit: float = LIMIT, sliding: bool = False
 ) -> int:
-    """RK4 steps a sample so that |lambda h| <= limit for the fastest mode, at most `MOST`."""
+    """Return the RK4 steps per sample with which |lambda h| <= limit for the fastest mode, at most `MOST`."""
     return int(np.clip(np.ceil(fastest_mode(data, kernel, p, states, sliding) * data.period / limit), 1, MOST))
 
 
 def steps_of(data: FitData, kernel: Kernel, p: Array, states: Array, substeps: int) -> Steps:
-    """Steps from each sample to the next, shape (T,): `substeps`, more where friction turns, as `states` (T, n) say.
+    """Return the steps from each sample to the next, shape (T,).
 
-    With the implicit cell there are also more where an input jumps: it stays stable over the transient of a fast mode,
-    but follows it only with steps of that mode's time.
+    It is `substeps`, and more where `states` (T, n) are close to standstill or change direction. With the implicit cell
+    it is also more where an input jumps: this cell is stable during the transient of a fast mode, but it is accurate
+    only with steps as short as the time constant of that mode.
     """
     model = data.model
     more = np.zeros(len(states), dtype=bool)
@@ -78,7 +80,7 @@ def steps_of(data: FitData, kernel: Kernel, p: Array, states: Array, substeps: i
         more |= np.any(np.abs(np.diff(data.u, axis=0, prepend=0.0)) > JUMP * np.ptp(data.u, axis=0), axis=1)
     many = MORE_STEPS * substeps
     if kernel.cell == "rk4" and more.any() and len(data.labels) < len(model.states):
-        # labels of all states hold the path, with fewer an unstable one is lost
+        # measured states keep an unstable path near the data; with unmeasured states it would diverge
         mode = standing_mode(data, kernel, p, states)
         many = max(many, int(min(np.ceil(mode * data.period / STABLE), MOST_STEPS)))
     return np.where(more, max(substeps, min(many, MOST_STEPS)), substeps).astype(np.int64)
