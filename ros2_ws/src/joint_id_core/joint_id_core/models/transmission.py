@@ -79,7 +79,7 @@ def transmission_ratio(theta_m: Any, p: Any, ops: Ops, kinematic_error: bool) ->
 
 
 def delay_parameters() -> tuple[Parameter, ...]:
-    """Return the delays of the sensors; they may be negative. Real dual-encoder robots show 2 to 3 ms between encoders."""
+    """Return the delays of the sensors; they may be negative. Real robots show 2 to 3 ms between their encoders."""
     return (
         Parameter("delta_p", "s", "delay of the encoders against the drive signal", 0.0, -0.02, 0.02, spread=0.005),
         Parameter("delta_q", "s", "delay of the link encoder against the motor's", 0.0, -0.02, 0.02, spread=0.005),
