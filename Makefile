@@ -45,7 +45,7 @@ test-long: setup $(VENV)/.paper
 
 # The numeric unit tests as on a processor without AVX-512, as most laptops are: LAPACK, sums and kernels round differently there.
 NUMERIC_TESTS := combinations extension fit_data gauss_newton innovations messages noise online processor ranking recursion \
-	rounding starts whiteness
+	rounding starts translate whiteness
 test-haswell: setup
 	$(RUN) setup/haswell python -m pytest -n 2 --dist worksteal $(NUMERIC_TESTS:%=$(UNIT_TESTS)/test_%.py)
 

@@ -22,12 +22,12 @@ from pathlib import Path
 import rclpy
 from ament_index_python.packages import get_package_prefix
 from diagnostic_msgs.msg import DiagnosticArray
-from emulator import Emulator
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
+from joint_id_core.emulator.process import EmulatorProcess
 from joint_id_ros.conversions import nanoseconds
 from joint_id_ros.qos import STREAM_IN
 
@@ -121,7 +121,7 @@ def main() -> None:
     script = Path(get_package_prefix("joint_id_ros")) / "lib/joint_id_ros/driver"
     results = {}
     print(f"{'fault':<34}{'missing':>8}{'longest gap':>13}{'recovery':>12}{'backwards':>11}   /diagnostics")
-    with Emulator("127.0.0.1", 0) as emulator, (args.out / "rtde_faults.log").open("w") as log:
+    with EmulatorProcess() as emulator, (args.out / "rtde_faults.log").open("w") as log:
         arguments = ["--ros-args", "-p", f"robot_ip:={emulator.host}", "-p", f"port:={emulator.port}"]
         driver = subprocess.Popen([sys.executable, str(script), *arguments], env=environment, stdout=log, stderr=log)
         listener = Listener()
@@ -145,11 +145,11 @@ def main() -> None:
     (args.out / "rtde_faults.json").write_text(json.dumps({k: asdict(v) for k, v in results.items()}, indent=1))
 
 
-def _measure(listener: Listener, emulator: Emulator, actions: list[tuple[str, float]]) -> Result:
+def _measure(listener: Listener, emulator: EmulatorProcess, actions: list[tuple[str, float]]) -> Result:
     listener.clear()
     begun = time.monotonic()
     for command, seconds in actions:
-        emulator.command(command)
+        emulator.give(command)
         listener.spin(seconds)
         if seconds:
             begun = time.monotonic()

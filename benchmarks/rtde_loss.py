@@ -19,8 +19,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from emulator import Emulator
+from cpu_time import cpu_s
 
+from joint_id_core.emulator.process import EmulatorProcess
 from joint_id_core.rtde.client import Request
 from joint_id_core.rtde.clients import CLIENTS
 
@@ -42,13 +43,13 @@ def main() -> None:
     if args.read:
         _read(args.read, args.duration, args.out)
         return
-    with Emulator(HOST, PORT) as emulator:
-        begun, before = time.monotonic(), emulator.cpu_s
+    with EmulatorProcess("--host", HOST, "--port", str(PORT)) as emulator:
+        begun, before = time.monotonic(), cpu_s(emulator.process.pid)
         command = [sys.executable, __file__, "--duration", str(args.duration), "--out", str(args.out), "--read"]
         children = [subprocess.Popen([*command, name]) for name in CLIENTS]
         if any([child.wait() for child in children]):
             raise SystemExit("a client ended with an error")
-        load = (emulator.cpu_s - before) / (time.monotonic() - begun)
+        load = (cpu_s(emulator.process.pid) - before) / (time.monotonic() - begun)
     _table(args.out, load)
 
 

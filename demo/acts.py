@@ -57,12 +57,12 @@ def robot(args: argparse.Namespace) -> tuple[History, dict[str, JointEstimate], 
     truth_file = args.out / "logs/robot/truth.yaml"
     with Nodes(args.out / "logs/robot", args.domain) as nodes, Watcher(args.domain, ROBOT_JOINT) as watcher:
         nodes.node("filter")
-        port = nodes.emulator(HOST, truth_file)
+        emulator = nodes.emulator(HOST, truth_file)
         truth = yaml.safe_load(truth_file.read_text())
         # Torque constants are known of a robot; all else starts at the values of the model's table.
         known = [f"{joint}.k_t={values['k_t']!r}" for joint, values in truth.items()]
         _start_identifier(nodes, watcher, HarmonicDrive.name, known)
-        nodes.node("driver", robot_ip=HOST, port=port)
+        nodes.node("driver", robot_ip=HOST, port=emulator.port)
         history = watcher.history
         history.truth = truth[ROBOT_JOINT]
         _until(watcher, nodes, screen, lambda: bool(history.estimates), READY_S)
@@ -70,7 +70,7 @@ def robot(args: argparse.Namespace) -> tuple[History, dict[str, JointEstimate], 
             half = time.monotonic() + args.duration / 2.0
             _until(watcher, nodes, screen, lambda half=half: time.monotonic() > half, args.duration)
             if act:
-                nodes.tell_emulator(act)
+                emulator.tell(act)
         screen.finish(history)
         return history, watcher.latest, truth, watcher.said_by("driver", "received", "lost", "reconnects")
 

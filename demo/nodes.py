@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -13,11 +12,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 from ament_index_python.packages import get_package_prefix
 
+from joint_id_core.emulator.process import EmulatorProcess
+
 PATIENCE_S = 10.0  # to end after SIGINT, then after SIGTERM
-READY = re.compile(r"^ready on \S+:(\d+)$", re.MULTILINE)  # what the emulator prints
 TAIL = 15  # lines of a log that are shown when its process failed
 
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -44,7 +45,8 @@ class Nodes:
         self._environment = {
             **os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         }  # fmt: skip
-        self._children: dict[str, subprocess.Popen[bytes]] = {}
+        self._children: dict[str, subprocess.Popen[Any]] = {}
+        self._emulator: EmulatorProcess | None = None
 
     def __enter__(self) -> Nodes:
         return self
@@ -61,35 +63,24 @@ class Nodes:
         """Start `joint-id record`."""
         self._start("record", "joint_id_core", "joint-id", ["record", str(bag), *topics])
 
-    def emulator(self, host: str, truth: Path) -> int:
-        """Start `joint-id robot-emulator` at a free port; return the port once it listens.
+    def emulator(self, host: str, truth: Path) -> EmulatorProcess:
+        """Start `joint-id robot-emulator` at a free port; it listens when this returns.
 
         Raises:
-            NodeFailedError: it ended instead.
+            JointIdError: it ended instead.
         """
-        arguments = ["robot-emulator", "--host", host, "--port", "0", "--truth", str(truth)]
-        self._start("emulator", "joint_id_core", "joint-id", arguments, stdin=subprocess.PIPE)
-        while (found := READY.search(self._log("emulator").read_text(errors="replace"))) is None:
-            self.check()
-            time.sleep(0.05)
-        return int(found[1])
+        with _signals_wait():
+            emulator = EmulatorProcess("--host", host, "--truth", str(truth), before=BOUND_TO_PARENT, new_session=True)
+            self._children["emulator"], self._emulator = emulator.process, emulator
+        return emulator
 
-    def tell_emulator(self, command: str) -> None:
-        """Carry out a command of the emulator, e.g. a fault."""
-        pipe = self._children["emulator"].stdin
-        assert pipe is not None
-        pipe.write(f"{command}\n".encode())
-        pipe.flush()
-
-    def _start(
-        self, name: str, package: str, program: str, arguments: list[str], stdin: int = subprocess.DEVNULL
-    ) -> None:
+    def _start(self, name: str, package: str, program: str, arguments: list[str]) -> None:
         # What `ros2 run` does; the launchers on the PATH are shells whose child a signal could miss.
         script = Path(get_package_prefix(package)) / "lib" / package / program
         with self._log(name).open("wb") as log, _signals_wait():
             self._children[name] = subprocess.Popen(
                 [*BOUND_TO_PARENT, sys.executable, str(script), *arguments],
-                stdin=stdin, stdout=log, stderr=subprocess.STDOUT,
+                stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
                 env=self._environment, start_new_session=True,
             )  # fmt: skip
 
@@ -105,7 +96,8 @@ class Nodes:
         for name, child in self._children.items():
             code = child.poll()
             if code is not None and (code != 0 or name != may_end):
-                lines = self._log(name).read_text(errors="replace").splitlines()[-TAIL:]
+                robot = self._emulator if name == "emulator" else None
+                lines = robot.complaints if robot else self._log(name).read_text(errors="replace").splitlines()[-TAIL:]
                 raise NodeFailedError("\n  ".join([f"{name} ended with exit code {code}:", *lines]))
 
     def ended(self, name: str) -> bool:
@@ -143,7 +135,7 @@ def _signals_wait() -> Iterator[None]:
             signal.raise_signal(number)
 
 
-def _end(child: subprocess.Popen[bytes]) -> None:
+def _end(child: subprocess.Popen[Any]) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         if child.poll() is None:
             child.send_signal(number)

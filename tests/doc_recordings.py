@@ -120,9 +120,9 @@ def _table(path: Path, columns: Mapping[str, Array], delimiter: str) -> None:
 # What each page finds in its folder.
 RECORDINGS: dict[str, tuple[Callable[[Path], None], ...]] = {
     "README.md": (emps,),
-    "docs/cli.md": (motion_csv,),
     "docs/formats.md": (log_csv, emps, joint_states_torque),
     "docs/nodes/player.md": (elbow_bag,),
+    "docs/python.md": (motion_csv,),
     "docs/tutorials/bag.md": (elbow_bag,),
     "docs/tutorials/compare.md": (emps, short_ur3e_log),
     "docs/tutorials/csv.md": (motion_csv, log_csv),

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-OUTSIDE_DOCS = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "QUALITY_DECLARATION.md", "bags/README.md")]
-PAGES = [*OUTSIDE_DOCS, *sorted((ROOT / "docs").rglob("*.md"))]
+OUTSIDE_DOCS = ("README.md", "CONTRIBUTING.md", "QUALITY_DECLARATION.md", "bags/README.md", "examples/README.md")
+PAGES = [*(ROOT / name for name in OUTSIDE_DOCS), *sorted((ROOT / "docs").rglob("*.md"))]
 
 # A fence, which may be indented inside a list, with the comment on the line before it, if there is one.
 FENCE = re.compile(

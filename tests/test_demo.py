@@ -30,7 +30,7 @@ def demo(tmp_path):
     for process in started:
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
-            process.communicate(timeout=60.0)
+            process.communicate(timeout=PATIENCE_S)
 
 
 def children(pid):
@@ -43,7 +43,7 @@ def test_every_act_shows_estimates_beside_the_truth_and_the_picture_is_made(demo
     text, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, text
     acts = re.split(r"^Act \d, ", text, flags=re.MULTILINE)[1:]
-    assert [act.split()[0].strip(",:") for act in acts] == ["live", "a", "from", "the"]
+    assert re.findall(r"^Act (\d), ", text, re.MULTILINE) == ["1", "2", "3", "4"]
     found = {"R", "k_b", "k_t", "c_m", "tau_fm", "c_1", "k_1"}
     robot = {"J_m", "tau_fm", "c_1", "k_1", "k_2", "J_q", "c_q", "tau_fq"}
     # The robot sticks and slips exactly, which the smoothed friction of the fit follows to some percent only.
@@ -76,7 +76,7 @@ def test_a_signal_ends_every_node(demo, number):
         assert time.monotonic() < end
         time.sleep(0.05)
     process.send_signal(number)
-    text, _ = process.communicate(timeout=60.0)
+    text, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130, text
     assert "stopped" in text
     assert not [pid for pid in nodes if Path(f"/proc/{pid}").exists()]

@@ -133,13 +133,18 @@ def opened(tmp_path: Path, probe: Any, domain: int) -> Iterator[Callable[[Path],
 
 
 def runnable(page: Path) -> list[tuple[str, str]]:
-    """Language and text of the commands and Python blocks of a page that are to be run, in order."""
-    found = []
+    """Language and text of the commands and Python blocks of a page that are to be run, in order.
+
+    Its Python blocks are one program, as in a notebook, that stands where the last of them does.
+    """
+    found, program = [], ""
     for block in blocks(page):
         if block.language == "sh":
             found += [("sh", command) for command in block.commands if not block.excuses(command)]
         elif block.language == "python" and named(page) not in PYTHON_ELSEWHERE and not block.reason:
-            found.append(("python", block.body))
+            found = [item for item in found if item[0] != "python"]
+            program += block.body
+            found.append(("python", program))
     return found
 
 
@@ -152,11 +157,10 @@ def test_commands_run_as_written(page: Path, opened: Callable[[Path], Page], rob
     port = robot().port if any("robot_ip:=127.0.0.1" in text for _, text in commands) else 0
     for command in BESIDE.get(path, ()):
         run.run(command)
-    for number, (language, text) in enumerate(commands):
+    for language, text in commands:
         if language == "python":
-            script = run.folder / f"block_{number}.py"
-            script.write_text(text)
-            run.run(f"{shlex.quote(sys.executable)} {script.name}")
+            (run.folder / "blocks.py").write_text(text)
+            run.run(f"{shlex.quote(sys.executable)} blocks.py")
         else:
             run.run(text, port)
     run.stop()
@@ -203,7 +207,7 @@ def test_the_subscriber_of_the_tutorial_prints_estimates(tmp_path: Path, probe: 
 
     (python,) = (b.body for b in blocks(ROOT / "docs/tutorials/live.md") if b.language == "python")
     parameter = ParameterEstimate(name="k_1", value=8000.0, std_dev=5.0, verdict=ParameterEstimate.ESTIMATED)
-    joint = JointEstimate(joint="elbow", status=JointEstimate.CONVERGED, parameters=[parameter])
+    joint = JointEstimate(joint="elbow", parameters_status=JointEstimate.CONVERGED, age=0.5, parameters=[parameter])
     qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     publisher = probe.create_publisher(JointParams, "joint_params", qos)
     publisher.publish(JointParams(joints=[joint]))
@@ -214,7 +218,7 @@ def test_the_subscriber_of_the_tutorial_prints_estimates(tmp_path: Path, probe: 
     try:
         printed = tmp_path / "printed.txt"
         probe.until(lambda: printed.read_text() or process.poll() is not None, "an estimate on the screen")
-        assert printed.read_text() == "elbow {'k_1': (8000.0, 5.0)}\n"
+        assert printed.read_text() == "elbow 0.5 {'k_1': (8000.0, 5.0)}\n"
     finally:
         process.kill()
         process.wait()

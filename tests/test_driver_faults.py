@@ -5,11 +5,12 @@ import math
 
 import pytest
 from robot_messages import NANO, PERIOD_NS
-from robot_process import Reader
+from robot_stream import Reader
 from sensor_msgs.msg import JointState
 
 HOST = "127.0.0.1"
 RATE = 500
+STALL_S = 5.0  # a busy machine may hold up the emulator for longer than the 0.5 s of the default
 OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 
 
@@ -24,7 +25,7 @@ class Course:
         self.probe, self.machine = probe, machine
         self.links = probe.collect(JointState, "link_states")
         self.motors = probe.collect(JointState, "motor_states")
-        self.process = start("driver", robot_ip=HOST, port=machine.port)
+        self.process = start("driver", robot_ip=HOST, port=machine.port, stall_s=STALL_S)
         self.go_on()
 
     def go_on(self, seconds=0.5):
@@ -93,9 +94,9 @@ def test_modes_are_told_and_only_a_robot_without_power_is_not_published(course):
     course.machine.tell("power-off")
     values = course.told("POWER_OFF", WARN)
     assert values["elbow_joint: mode"] == "POWER_OFF"
-    count = len(course.links)
-    course.probe.spin(1.0)
-    assert len(course.links) == count
+    told = course.probe.get_clock().now().nanoseconds
+    course.probe.spin(1.0)  # what is under way, however late, was stamped before, but for how far stamps may be ahead
+    assert stamps(course.links)[-1] < told + NANO // 5
     course.machine.tell("power-on")
     course.go_on()
     values = course.well()
@@ -110,16 +111,16 @@ def test_a_clock_that_jumps_is_followed_once_and_stamps_go_on(course):
         course.machine.tell(f"clock-jump {jump}")
         course.told("clock", WARN)
         course.go_on()
-    course.well()
+    values = course.well()
     steps = [b - a for a, b in itertools.pairwise(stamps(course.links))]
     assert min(steps) > 0
-    assert max(steps) < NANO  # the jump is not in the stamps
-    assert sum(abs(step - PERIOD_NS) > PERIOD_NS // 10 for step in steps) <= 2
+    assert max(steps) < 4 * NANO  # the jumps of 5 s are not in the stamps
+    assert sum(abs(step - PERIOD_NS) > PERIOD_NS // 10 for step in steps) <= int(values["problems: clock set"])
 
 
 def test_a_stream_that_ends_comes_back(course):
     faults = [
-        ("stall 2.5", "no sample for 0.5 s", ERROR),
+        ("stall 8", "no sample for 5 s", ERROR),
         ("kill", "ended the connection", WARN),  # the next connection may be there before the report
         ("garbage 64", "not RTDE", WARN),
         ("power-cycle 2.5", "refuses the connection", ERROR),

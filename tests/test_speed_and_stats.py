@@ -54,7 +54,6 @@ def yardstick() -> Yardstick:
     return Yardstick()
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_the_yardstick_refuses_what_it_does_not_compute(yardstick):
     x0, u = np.zeros(4), np.zeros(10)
     with pytest.raises(JointIdError, match="has no RigidJoint"):
@@ -104,7 +103,6 @@ def test_starts_are_off_by_up_to_the_factor():
     assert np.log(2.5) < off.max() <= np.log(3.0)
 
 
-@pytest.mark.parametrize("name", ["coloured torque, 0.003 Nm", "torque ripple of 0.005 Nm"])
 def test_cases_measure_what_they_say(cache):
     for case in NOISE:
         assert set(recorded(case, 1000, cache).channels) == {*case.labels, *case.motion.inputs}, case.name

@@ -8,7 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from engine.kernel import AGREEMENT, Case, pair
+import pytest
+from engine.kernel import AGREEMENT, CASES, Case, pair
 from engine.yardstick import Yardstick
 from montecarlo import online
 from montecarlo.cases import CASES as NOISE
@@ -19,14 +20,17 @@ SEEDS = range(1000, 1006)
 BY_NAME = {case.name: case for case in NOISE}
 
 
+@pytest.fixture(scope="module")
 def cache(tmp_path_factory) -> Path:
     return tmp_path_factory.mktemp("motions")
 
 
+@pytest.fixture(scope="module")
 def yardstick() -> Yardstick:
     return Yardstick()
 
 
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_generated_kernels_agree_with_c_plus_plus(case: Case, yardstick: Yardstick):
     both = pair(case, yardstick)
     *_, X, J = both.arguments
@@ -62,6 +66,7 @@ def test_strongly_coloured_torque_is_noticed(cache):
     assert (found.converged, found.coloured) == (0, 2)
 
 
+@pytest.mark.parametrize("name", ["coloured torque, 0.003 Nm", "torque ripple of 0.005 Nm"])
 def test_faint_colour_is_said_beside_the_estimate(name, cache):
     found = summary(measure(BY_NAME[name], SEEDS[:3], cache, 1))
     assert (found.converged, found.coloured) == (3, 3)

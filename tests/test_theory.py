@@ -11,9 +11,9 @@ from joint_id_core.data.signals import CHANNELS
 from joint_id_core.estimators.hpinn import fit as hpinn
 from joint_id_core.estimators.innovations import (
     annealing,
+    estimator,
     gauss_newton,
     misfit,
-    options,
     recursion,
     search,
     stages,
@@ -23,7 +23,7 @@ from joint_id_core.estimators.innovations import (
 from joint_id_core.estimators.shared import initial_state, substeps
 from joint_id_core.models import RigidJoint, dc_motor, transmission
 from joint_id_core.online import extension, identifier
-from joint_id_core.validation import held_out, inverse_dynamics
+from joint_id_core.validation import inverse_dynamics, prediction
 
 ROOT = Path(__file__).resolve().parent.parent
 TEXT = (ROOT / "docs/theory.md").read_text()
@@ -51,9 +51,9 @@ def test_constants_in_the_theory() -> None:
         f"{words[substeps.MOST]}.",
         f"{words[substeps.MORE_STEPS]} times as many steps are taken",
         f"within ${substeps.KINK:g}\\,w_s$ of zero",
-        f"jumps (by more than {100 * substeps.JUMP:g} % of its range) get {words[substeps.MORE_STEPS]} times",
+        f"jumps (by more than {100 * substeps.JUMP:.2g} % of its range) get {words[substeps.MORE_STEPS]} times",
         f"(or {100 * stages.STEP_TOLERANCE:g} %, where $\\sigma$ is smaller)",
-        f"to at most {options.MAX_SUBSTEPS}.",
+        f"to at most {estimator.MAX_SUBSTEPS}.",
         f"a negligible variance ($10^{{{round(math.log10(recursion.STATE_NOISE))}}}$ of",
         f"more than {words[recursion.LONGEST_GAP]} missing samples",
         f"a spread of {initial_state.TWIST_SPREAD:g} rad and {initial_state.TWIST_RATE_SPREAD:g} rad/s at the link",
@@ -65,7 +65,7 @@ def test_constants_in_the_theory() -> None:
         f"at least {annealing.SHORTEST} samples long",
         f"up to {words[search.EXTRA_STARTS]} more starts",
         f"their costs differ by less than {search.SAME_COST:g}",
-        f"the way that is left is longer than {words[stages.FAR]} standard deviation,",
+        f"the way that is left is longer than {words[stages.STALLED]} standard deviation,",
         f"From {misfit.LIKELY:g} on the bias counts; above {misfit.SIGNIFICANT:g} the message names",
         f"At most {words[misfit.MOST]} shapes are taken together",
         f"can take more than {100 * (1 - misfit.OWN_SHARE):g} % of it",
@@ -76,13 +76,14 @@ def test_constants_in_the_theory() -> None:
         f"a probability below {whiteness.RARE:.0e}".replace("e-0", "e-"),
         f"beyond {verdicts.COLOURED:g} in size",
         f"$\\chi^2 = \\overline{{r^2}}$ | above {verdicts.MOST_CHI2:g} |",
-        f"nrmse of free runs of {held_out.HORIZON_S:g} s ([validation](#validation)) | above {verdicts.POOR_NRMSE:g} |",
+        f"nrmse of free runs of {prediction.HORIZON_S:g} s ([validation](#validation)) "
+        f"| above {verdicts.CONSTANT_NRMSE:g} |",
         f"| up to {verdicts.PRIOR_RATIO:g} | `estimated` |",
         f"| above {verdicts.NOT_EXCITED_RATIO:g} | `not_excited`",
         f"correlation is beyond {verdicts.STRONG_CORRELATION:g} in size",
         f"only with {'twice' if identifier.SURPRISE == 2.0 else '?'} the drive noise",
         f"The {identifier.WARM_UP} samples before the new ones",
-        f"longer than {words[round(math.sqrt(extension.FAR))]} standard deviations",
+        f"longer than {words[round(math.sqrt(extension.LONGEST_STEP))]} standard deviations",
         f"exceeds $1 + {extension.UNLIKELY:g}\\sqrt{{2/n}}$",
         f"compared below {inverse_dynamics.DRIVE_BAND_HZ:g} Hz",
         f"for stability and accuracy ($|\\lambda h| \\le {hpinn.STEP_LIMIT:g}$)",

@@ -32,7 +32,7 @@ NOISY = ClosedLoop(torque=Torque(white=0.003))
 PARTS = {
     "passes of the innovations form, compiled": ("kernel.py", "innovations"),
     "information of the noise levels, compiled": ("gains.py", "noise_information"),
-    "checking and preparing the data": ("data.py", "prepare"),
+    "checking and preparing the data": ("fit_data.py", "prepare"),
     "predictions, verdicts, the result": ("fit.py", "_estimate"),
 }
 

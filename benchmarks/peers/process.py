@@ -9,7 +9,7 @@ from importlib import import_module
 from multiprocessing.connection import Connection
 from typing import Any
 
-from emulator import cpu_s
+from cpu_time import cpu_s
 
 from peers.model2 import FREE, MODEL, Data, processor_s
 from peers.results import Run

@@ -3,3 +3,4 @@
 extensions = ["sphinx.ext.napoleon"]
 napoleon_use_ivar = True
 autodoc_mock_imports = ["torch"]
+suppress_warnings = ["ref.python"]  # the public names are there twice: in the package and in their modules

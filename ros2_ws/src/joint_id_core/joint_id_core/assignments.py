@@ -17,7 +17,7 @@ def texts_by_name(texts: Iterable[str], option: str) -> dict[str, str]:
     for text in texts:
         name, sign, value = (part.strip() for part in text.partition("="))
         if not (name and sign and value):
-            raise JointIdError(f"{option} {text}: write {option} NAME=VALUE")
+            raise JointIdError(f"{option} {text}: not of the form NAME=VALUE")
         if name in found:
             raise JointIdError(f"{option} {name} is given twice: give it once")
         found[name] = value
@@ -35,7 +35,5 @@ def numbers_by_name(texts: Iterable[str], option: str) -> dict[str, float]:
         try:
             values[name] = float(text)
         except ValueError:
-            raise JointIdError(
-                f"{option} {name}={text}: {text!r} is not a number, write e.g. {option} {name}=0.5"
-            ) from None
+            raise JointIdError(f"{option} {name}={text}: {text!r} is not a number, write e.g. {name}=0.5") from None
     return values

@@ -182,7 +182,7 @@ def test_free_estimates_what_the_model_holds(tmp_path, run):
         (["fit", "{motor}", "--model", "dc_motor", "--fix", "k_9"], "no parameter 'k_9'"),
         (["fit", "{motor}", "--model", "dc_motor", "--set", "R=-1"], "outside its bounds"),
         (["fit", "{motor}", "--model", "dc_motor", "--set", "R=big"], "'big' is not a number"),
-        (["fit", "{motor}", "--model", "dc_motor", "--set", "R"], "write --set NAME=VALUE"),
+        (["fit", "{motor}", "--model", "dc_motor", "--set", "R"], "--set R: not of the form NAME=VALUE"),
         (["fit", "{motor}", "--model", "dc_motor", "--set", "R=1", "--set", "R=2"], "given twice"),
         (["fit", "{motor}", "--model", "dc_motor", "--gravity"], "no option 'gravity'"),
         (

@@ -288,7 +288,7 @@ def test_signals_that_no_candidate_finds_are_bad_input(file, run):
         (["--models", "rigid_joint,,"], "no model ''"),
         (["--models", "rigid_joint+current"], "needs k_t"),
         (["--set", "k_9=1"], "no candidate has a parameter 'k_9'"),
-        (["--set", "J"], "write --set NAME=VALUE"),
+        (["--set", "J"], "--set J: not of the form NAME=VALUE"),
         (["--set", "tau_f=0"], "needs a start above zero"),
         (["--held-out", "2"], "between 0 and 1"),
         (["--held-out", "0.5", "--validate", "{file}"], "exclude each other"),

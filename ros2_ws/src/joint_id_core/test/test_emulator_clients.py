@@ -7,15 +7,16 @@ import time
 import numpy as np
 import pytest
 
-from .emulator_process import FIELDS, MODE, PATIENCE_S, SAFETY, SAMPLE, TIME, Client, Emulator, steps_of
+from joint_id_core.emulator.process import EmulatorProcess
+
+from .plain_client import FIELDS, MODE, PATIENCE_S, SAFETY, SAMPLE, TIME, Client, steps_of
 
 
 @pytest.fixture(scope="module")
-def shared(tmp_path_factory):
+def shared():
     """One emulator for the tests that leave it as it was; only two joints move."""
-    emulator = Emulator(tmp_path_factory.mktemp("emulator") / "log", "--port", "0", "--moving", "0,3")
-    yield emulator
-    emulator.end()
+    with EmulatorProcess("--moving", "0,3") as emulator:
+        yield emulator
 
 
 def test_it_streams_every_sample_of_a_moving_robot(shared):

@@ -12,23 +12,25 @@ import yaml
 
 from joint_id_core.cli import app
 from joint_id_core.emulator.faults import COMMANDS
+from joint_id_core.emulator.process import COMMAND, EmulatorProcess
 from joint_id_core.emulator.robots import build_joints
+from joint_id_core.errors import JointIdError
 from joint_id_core.models import HarmonicDrive
 
-from .emulator_process import MODE, PATIENCE_S, TIME, Client, Emulator, steps_of
+from .plain_client import MODE, PATIENCE_S, TIME, Client, steps_of
 
 
 @pytest.fixture
-def start(tmp_path):
+def start():
     running = []
 
     def call(*arguments):
-        running.append(Emulator(tmp_path / f"{len(running)}.log", "--port", "0", *arguments))
+        running.append(EmulatorProcess(*arguments))
         return running[-1]
 
     yield call
     for emulator in running:
-        emulator.end()
+        emulator.stop()
 
 
 def test_a_power_cycle_refuses_clients_and_begins_anew(start):
@@ -87,7 +89,7 @@ def test_a_process_that_was_stopped_catches_up_or_goes_on_without_a_jump(start):
             assert emulator.errors == ""
     np.testing.assert_array_equal(steps_of(np.concatenate(rows)), 1.0)
     emulator.wait_for_error("s behind: the machine is too slow or was stopped; the clock goes on from here")
-    assert emulator.errors.count("\n") == 1
+    assert len(emulator.complaints) == 1
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
@@ -106,11 +108,10 @@ def test_signals_end_it_with_exit_code_0(start, number):
 
 def test_quit_ends_it_and_the_end_of_the_commands_does_not(start):
     emulator = start("--moving", "none")
-    emulator.process.stdin.write(b"drop")  # a last line without its end
+    emulator.process.stdin.write("drop")  # a last line without its end
     emulator.process.stdin.close()
-    assert emulator.line().startswith("drop: ")
+    emulator.wait_for("drop: ")
     Client(emulator.port).start().samples(100)
-    emulator.process.stdout.close()  # nobody listens any more
     assert emulator.process.poll() is None
     other = start("--moving", "none")
     assert other.tell("quit").startswith("quit: ")
@@ -167,12 +168,21 @@ def test_bad_options_are_one_line_and_exit_code_2(capsys, arguments, says):
     assert err.count("\n") == 1
 
 
-def test_a_port_that_is_taken_is_told(start, tmp_path):
+def test_nobody_need_listen_to_what_it_prints():
+    pipe = subprocess.PIPE
+    with subprocess.Popen([*COMMAND, "--port", "0", "--moving", "none"], stdin=pipe, stdout=pipe, text=True) as alone:
+        client = Client(int(alone.stdout.readline().rpartition(":")[2])).start()
+        alone.stdout.close()
+        print("drop", file=alone.stdin, flush=True)
+        client.samples(100)
+        assert alone.poll() is None
+        alone.kill()
+
+
+def test_a_port_that_is_taken_is_told(start):
     emulator = start("--moving", "none")
-    second = Emulator(tmp_path / "second", "--port", str(emulator.port))
-    assert second.process.wait(PATIENCE_S) == 2
-    assert f"cannot listen at 127.0.0.1:{emulator.port}" in second.errors
-    second.end()
+    with pytest.raises(JointIdError, match=f"exit code 2: .*cannot listen at 127.0.0.1:{emulator.port}"):
+        EmulatorProcess("--port", str(emulator.port))
 
 
 def test_help_explains_every_command():

@@ -17,9 +17,9 @@ torch = pytest.importorskip("torch")
 from joint_id_core.data.recording import Recording  # noqa: E402
 from joint_id_core.errors import JointIdError  # noqa: E402
 from joint_id_core.estimators import HPinn, ParameterSettings  # noqa: E402
-from joint_id_core.estimators.hpinn.fit import fit_hpinn  # noqa: E402
+from joint_id_core.estimators.hpinn.fit import _minimum, fit_hpinn  # noqa: E402
 from joint_id_core.estimators.hpinn.network import HPinnNetwork, RK4Cell, label_weights, wmse  # noqa: E402
-from joint_id_core.estimators.hpinn.training import LearningRate, make_labels, train  # noqa: E402
+from joint_id_core.estimators.hpinn.training import Labels, LearningRate, make_labels, train  # noqa: E402
 from joint_id_core.estimators.shared.fit_data import prepare  # noqa: E402
 from joint_id_core.models import MODELS, build  # noqa: E402
 from joint_id_core.results.estimate import Status, Verdict  # noqa: E402
@@ -362,3 +362,27 @@ except joint_id_core.errors.JointIdError as error:
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert run.returncode == 0, run.stderr
     assert "pip install torch" in run.stdout
+
+
+def test_a_sum_that_labels_do_not_part_keeps_what_was_known_of_its_terms(monkeypatch):
+    """Two columns of the Jacobian that are equal: their sum is known, each of them no better than before."""
+    rng = np.random.default_rng(0)
+    known, alike = rng.standard_normal((2, 400))
+    jacobian = np.stack([known, alike, alike, np.zeros(400)], axis=1)[:, None, :]
+    labels = Labels(("link_velocity",), rng.standard_normal((400, 1)), np.eye(1), np.array([0]))
+    prior = np.array([1.0, 2.0, 2.0, 3.0])
+    eigh = np.linalg.eigh
+    for seed in range(5):
+
+        def rotated(a, seed=seed):
+            """Eigenvectors of the null space in another basis, as right as the first."""
+            size, axes = eigh(a)
+            turn = np.linalg.qr(np.random.default_rng(seed).standard_normal((2, 2)))[0]
+            return size, np.column_stack([axes[:, :2] @ turn, axes[:, 2:]])
+
+        monkeypatch.setattr(np.linalg, "eigh", rotated)
+        covariance, _, step = _minimum(jacobian, labels, np.ones(1), 0.1 * labels.y, prior)
+        sd = np.sqrt(np.diag(covariance))
+        assert sd[1:] == pytest.approx([np.sqrt(2.0), np.sqrt(2.0), 3.0], rel=1e-3)
+        assert sd[0] < 0.01 and step[3] == 0.0
+        assert np.sqrt(covariance[1, 1] + 2 * covariance[1, 2] + covariance[2, 2]) < 0.01

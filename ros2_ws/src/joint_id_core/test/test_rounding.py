@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from joint_id_core.comparison import comparing
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.estimators.innovations.belief import Coordinates
@@ -14,12 +16,16 @@ from joint_id_core.estimators.innovations.misfit import shapes
 from joint_id_core.estimators.innovations.verdicts import verdicts
 from joint_id_core.estimators.innovations.whiteness import LAGS, memory
 from joint_id_core.estimators.shared.fit_data import prepare
+from joint_id_core.estimators.shared.free_run import block_length
 from joint_id_core.estimators.shared.initial_state import busiest, credible_noise
 from joint_id_core.estimators.shared.substeps import steps_of
 from joint_id_core.models import build
+from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status, Verdict
+from joint_id_core.results.report import correlations
 from joint_id_core.simulation.excitation import multisine
 from joint_id_core.simulation.sensors import Sensors
 from joint_id_core.simulation.simulator import simulate
+from joint_id_core.validation.inverse_dynamics import drive_errors
 
 MODEL = build("rigid_joint")
 TRUTH = {"J": 1.7, "c": 3.0, "tau_f": 2.0, "tau_0": -0.6}
@@ -131,6 +137,44 @@ def test_the_most_coloured_residuals_are_named_where_no_probability_is_left():
     minimum = SimpleNamespace(z=np.zeros(1), hessian=T * np.eye(1), inverse=np.eye(1) / T)
     said = memory(recursion, coordinates, minimum, SimpleNamespace(residuals=residuals)).text
     assert "residuals of link_position" in said and f"{LAGS} samples" in said
+
+
+@pytest.mark.parametrize("rate, block", [(500, 50), (250, 25), (125, 12), (100, 10), (1000, 100), (3, 1)])
+def test_a_free_run_is_as_long_whatever_the_last_digits_of_the_period(rate, block):
+    """At 125 Hz a tenth of a second is 12 samples and a half."""
+    for off in (-1e-9, 0.0, 1e-9):
+        assert block_length(SimpleNamespace(period=(1.0 + off) / rate), 0.1) == block
+
+
+def test_a_drive_is_judged_on_the_same_samples_on_every_clock():
+    """A gap of exactly the longest length that is bridged, and ends exactly at the margin."""
+    keep = np.r_[0:150, 154:300]
+    count = {}
+    for begin in np.linspace(0.0, 1.0, 21):
+        time = begin + np.arange(300) * 0.01
+        measured = np.sin(3.0 * np.arange(300) * 0.01)
+        errors = drive_errors(time[keep], measured[keep], 1.1 * measured[keep])
+        count[begin] = np.flatnonzero(np.isfinite(errors)).tolist()
+    assert len({tuple(rows) for rows in count.values()}) == 1
+
+
+def test_a_sharper_coulomb_step_is_not_taken_where_it_changes_nothing(monkeypatch):
+    """A joint that never turns: the likelihoods differ in their last bits."""
+    recording, deviances = recorded(count=300), iter([-1000.0, -1000.0 - 1e-9])
+    estimate = replace(fit(MODEL, recording), deviance=0.0)
+    monkeypatch.setattr(comparing, "_fit_once", lambda *_: replace(estimate, deviance=next(deviances)))
+    candidate = comparing.Candidate("one", MODEL, ())
+    assert comparing._fit(candidate, recording, ParameterSettings(), lambda _: None).deviance == -1000.0
+
+
+def test_pairs_that_are_as_strongly_correlated_stay_in_the_order_of_the_model():
+    rows = tuple(ParameterEstimate(n, "1", 1.0, 1.0, Verdict.ESTIMATED) for n in "abc")
+    for seed in range(10):
+        r = nudged(np.full((3, 3), 0.99) + 0.01 * np.eye(3), seed)
+        estimate = Estimate(
+            "m", "innovations", Status.CONVERGED, "", rows, free=tuple("abc"), covariance=0.5 * (r + r.T)
+        )
+        assert [pair[:2] for pair in correlations(estimate)] == [("b", "a"), ("c", "a"), ("c", "b")]
 
 
 @pytest.mark.parametrize("angle", [0.1, 0.3, 0.7])

@@ -23,7 +23,7 @@ def ordinary(x: np.ndarray, k: np.ndarray, out: np.ndarray) -> float:
         if not (x[i] < 50.0 or math.isnan(x[i])):
             break
         total += SCALE * x[k[i]] if k[i] > 0 and x[k[i]] > 1.0 else -1.0 / (2 + i)
-        total -= (k[i] // 2) % 2 + x[i] ** 2 - abs(x[0]) ** 0.5
+        total -= (k[i] // 2) % 2 + x[i] ** 2 - abs(x[0]) ** 0.5 + (0.1 * x[i]) ** 7 - x[i] ** -3
     rows = np.zeros((2, 2))
     for i in range(2):
         row = rows[i]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import Field, fields
 from typing import Any, TypeVar
 
@@ -11,7 +11,6 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import InvalidParameterException, ParameterException
 from rclpy.node import Node
 
-from joint_id_core.errors import JointIdError
 from joint_id_core.options import names
 
 Options = TypeVar("Options")
@@ -78,21 +77,3 @@ def read(node: Node, cls: type[Options]) -> Options:
 def from_ros(option: Field[Any], value: Any) -> Any:
     """Value of an option from that of its ROS parameter; an empty list is one empty string to ROS."""
     return tuple(v for v in value if v != "") if isinstance(option.default, tuple) else value
-
-
-def assignments(texts: Iterable[str], parameter: str) -> dict[str, float]:
-    """Numbers by name from texts "NAME=VALUE".
-
-    Raises:
-        JointIdError: a text of another form; names the text and the ROS parameter.
-    """
-    values = {}
-    for text in texts:
-        name, equals, number = text.partition("=")
-        try:
-            values[name.strip()] = float(number)
-        except ValueError:
-            equals = ""
-        if not equals or not name.strip():
-            raise JointIdError(f'parameter {parameter}: {text!r} is not of the form NAME=VALUE, e.g. "N=101"')
-    return values

@@ -16,7 +16,7 @@ import typer
 
 from joint_id_core.errors import JointIdError
 
-DRAIN_S = 1.0  # at most this long after the stop, what has arrived is still written
+DRAIN_S = 5.0  # at most this long after the stop, what has arrived is still written
 
 
 def record(

@@ -53,7 +53,7 @@ def run(name: str, kind: str) -> int:
     from joint_id_ros.parameters import PARAMETER_ERRORS
 
     make = getattr(import_module(f"joint_id_ros.nodes.{name}"), kind)
-    node: Any = None
+    node = executor = None
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         node = make()
@@ -72,6 +72,8 @@ def run(name: str, kind: str) -> int:
         if node is not None:
             node.close()
             node.destroy_node()
+        if executor is not None:
+            executor.shutdown()  # before the context is gone: an executor that is collected after it complains
         rclpy.try_shutdown()
 
 

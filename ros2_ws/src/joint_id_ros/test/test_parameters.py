@@ -15,7 +15,7 @@ from joint_id_core.options import check, option
 from joint_id_core.simulation.plants import MotionOptions
 from joint_id_ros.options.identifier import IdentifierOptions
 from joint_id_ros.options.sim import SimOptions
-from joint_id_ros.parameters import PARAMETER_ERRORS, assignments, declare, read
+from joint_id_ros.parameters import PARAMETER_ERRORS, declare, read
 
 
 @dataclass(frozen=True)
@@ -99,10 +99,3 @@ def test_every_parameter_of_the_nodes_is_described(make, options):
     assert read(node, options) == options()
     for f in fields(options):
         assert len(node.describe_parameter(f.name).description) > 5
-
-
-def test_assignments_are_numbers_by_name():
-    assert assignments(["N=101", " k_t = 0.1 "], "set") == {"N": 101.0, "k_t": 0.1}
-    for bad in ("N", "N=", "=3", "N=x"):
-        with pytest.raises(JointIdError, match="parameter set"):
-            assignments([bad], "set")

@@ -9,12 +9,15 @@ from pathlib import Path
 
 import pytest
 import rclpy
+from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 
 from joint_id_msgs.msg import JointEstimate, JointParams, ParameterEstimate
 
+PATIENCE_S = 180.0  # a limit for tests that hang, not a measure of speed
+PATIENCE = Duration(seconds=PATIENCE_S)
 RECORD = (
     "import typer; from joint_id_ros.record import record; app = typer.Typer(pretty_exceptions_enable=False);"
     "app.command()(record); app()"
@@ -40,8 +43,8 @@ def start(*arguments) -> subprocess.Popen:
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-def wait_for_subscriptions(*publishers, seconds=20.0):
-    end = time.monotonic() + seconds
+def wait_for_subscriptions(*publishers):
+    end = time.monotonic() + PATIENCE_S
     while not all(p.get_subscription_count() for p in publishers):
         assert time.monotonic() < end, "the recorder did not subscribe"
         time.sleep(0.01)
@@ -67,13 +70,13 @@ def test_every_message_before_the_signal_is_in_the_bag(node, tmp_path, stop):
     try:
         wait_for_subscriptions(states, loose, params)
         before = time.time_ns()
+        loose.publish(JointState(name=["elbow"], velocity=[3.0]))  # first: nobody says whether it has arrived
         for k in range(500):
             states.publish(JointState(name=["elbow"], position=[0.001 * k]))
             time.sleep(0.001)
-        loose.publish(JointState(name=["elbow"], velocity=[3.0]))
-        time.sleep(0.2)  # on its way over the wire
+        assert states.wait_for_all_acked(PATIENCE)
         process.send_signal(stop)
-        out, err = process.communicate(timeout=20)
+        out, err = process.communicate(timeout=PATIENCE_S)
     finally:
         process.kill()
     assert (process.returncode, err) == (0, "")
@@ -93,9 +96,9 @@ def test_only_the_named_topics(node, tmp_path):
     process = start(tmp_path / "bag", "link_states", "never")
     try:
         wait_for_subscriptions(wanted)
-        time.sleep(0.5)
+        assert wanted.wait_for_all_acked(PATIENCE)
         process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=20)
+        _, err = process.communicate(timeout=PATIENCE_S)
     finally:
         process.kill()
     assert process.returncode == 0, err
@@ -116,7 +119,7 @@ def test_only_the_named_topics(node, tmp_path):
 def test_bad_input_leaves_nothing_behind(node, tmp_path, arguments, says):
     (tmp_path / "present").mkdir()
     process = start(tmp_path / arguments[0], *arguments[1:])
-    _, err = process.communicate(timeout=30)
+    _, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode != 0
     assert says in err
     assert [p.name for p in tmp_path.iterdir()] == ["present"]

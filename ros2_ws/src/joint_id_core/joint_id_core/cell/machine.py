@@ -104,11 +104,22 @@ class Machine:
         if known(a) and known(b):
             return python(a, b)
         if kind is ast.Pow:
-            return self.builder.fmul(a, a) if b == 2 else self.function(math.pow, [a, b])
+            return self._power(a, b) if isinstance(b, int) else self.function(math.pow, [a, b])
         if kind is ast.Div or FLOAT in (kind_of(a), kind_of(b)):
             return getattr(self.builder, of_floats)(self.as_kind(FLOAT, a), self.as_kind(FLOAT, b))
         flags = () if of_ints in ("sdiv", "srem") else ("nsw",)
         return getattr(self.builder, of_ints)(self.as_kind(INT, a), self.as_kind(INT, b), flags=flags)
+
+    def _power(self, a: Any, exponent: int) -> Any:
+        """A whole power, by squaring."""
+        result: Any = 1.0
+        left = abs(exponent)
+        while left:
+            if left % 2:
+                result = a if result == 1.0 else self.operation(ast.Mult, result, a)
+            left //= 2
+            a = self.operation(ast.Mult, a, a) if left else a
+        return self.operation(ast.Div, 1.0, result) if exponent < 0 else result
 
     def negative(self, value: Any) -> Any:
         """-value"""

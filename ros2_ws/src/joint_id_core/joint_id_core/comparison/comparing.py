@@ -28,6 +28,8 @@ MIN_VALIDATION_S = (BLOCKS + 1) * HORIZON_S
 STILL = 0.02
 # Fractions of the model's smoothing velocity of Coulomb friction that a fit tries as well.
 SHARPER = (0.1, 0.01)
+# Fall of the deviance from which one is better: where the joint never turns all of them are alike but for rounding.
+LEAST_GAIN = 0.01
 
 
 @dataclass(frozen=True)
@@ -161,7 +163,7 @@ def _fit(c: Candidate, recording: Recording, settings: ParameterSettings, tell: 
         other = _fit_once(c, recording, sharper, tell)
         if found.converged and not other.converged:
             continue
-        if not other.deviance < found.deviance:
+        if not other.deviance < found.deviance - LEAST_GAIN:
             break
         found = other
     return found

@@ -112,7 +112,7 @@ class Model:
     @property
     def optional_inputs(self) -> frozenset[str]:
         """Inputs that are taken as zero if the recording does not have them."""
-        return frozenset({self.load} if self.load else ())
+        return frozenset({"external_torque"})
 
     @cached_property
     def state_names(self) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ from joint_id_core.results.estimate import Estimate, Status
 SURPRISE = 2.0
 # Status of a fit that may be due to a wrong prior from older windows.
 UNEXPLAINED = (Status.POOR_FIT, Status.MAX_ITERATIONS, Status.DIVERGED)
+ROUNDING = 1e-6  # share of a window's length: hops that add up to the whole of it are a window, whatever their rounding
 CHANGED = "The joint has changed: older windows are forgotten."
 WARM_UP = 100  # samples before the new ones, from which the filter learns the state of the joint
 
@@ -111,7 +112,7 @@ class OnlineIdentifier:
         last, options = self._last, self.options
         if not isinstance(self.estimator, Innovations) or last is None or not options.memory_s:
             return None
-        if not self._window.end - options.window_s < self._fitted:
+        if not self._window.end - (1.0 - ROUNDING) * options.window_s < self._fitted:
             return None
         recording = self._window.recording(last.end - WARM_UP * (last.end - last.start) / last.samples)
         inflation = float(np.exp((self._window.end - last.end) / options.memory_s))

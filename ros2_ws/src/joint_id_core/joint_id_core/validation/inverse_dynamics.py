@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from joint_id_core.data.recording import Array, Recording
+from joint_id_core.data.signals import derivative_of
 from joint_id_core.filtering.offline import FilterOptions, complete, differentiate
 from joint_id_core.models import Model
 from joint_id_core.models.operations import ArrayOps
@@ -15,6 +16,7 @@ from joint_id_core.models.operations import ArrayOps
 # drive are compared below this frequency, with the same filter for both, as in inverse dynamic identification (Gautier
 # 1997). On a public UR3e log, 50 Hz would explain 95.4 % of the shoulder's current, 10 Hz 99.8 %.
 DRIVE_BAND_HZ = 10.0
+ROUNDING = 1e-6  # of a length in time: samples that stand at it count as no longer
 
 
 def drive(model: Model, values: dict[str, float], recording: Recording) -> Array | None:
@@ -27,7 +29,7 @@ def drive(model: Model, values: dict[str, float], recording: Recording) -> Array
         The drive at every sample, shape (T,), NaN where the motion is not known. None if the model's drive is a voltage
         or the motion of a state was not recorded.
     """
-    if model.inputs[0].name not in ("torque", "current"):
+    if model.torque_drive is None:
         return None
     recording = complete(recording, _band(recording.time, FilterOptions().cutoff_hz))
     wanted = [n for n in (*model.state_names, *model.input_names[1:]) if n not in model.optional_inputs]
@@ -38,9 +40,9 @@ def drive(model: Model, values: dict[str, float], recording: Recording) -> Array
     p = SimpleNamespace(**values)
     zero, one = (model.derivative(x, [np.full(len(recording), d), *rest], p, ArrayOps()) for d in (0.0, 1.0))
     for name, f_0, f_1 in zip(model.state_names, zero, one, strict=True):
-        acceleration = name.replace("velocity", "acceleration")
-        if name.endswith("velocity") and acceleration in recording and np.any(f_1 != f_0):
-            return np.asarray((recording[acceleration] - f_0) / (f_1 - f_0))
+        rate = derivative_of(name)  # the drive acts on accelerations alone, so these are the only rates that it moves
+        if rate is not None and rate in recording and np.any(f_1 != f_0):
+            return np.asarray((recording[rate] - f_0) / (f_1 - f_0))
     return None
 
 
@@ -64,10 +66,10 @@ def drive_errors(time: Array, measured: Array, predicted: Array, band_hz: float 
         return errors
     t, options = time[known], _band(time, band_hz)
     a, b = (differentiate(t, v[known], options)[0] for v in (measured, predicted))
-    cuts = np.flatnonzero(np.diff(t) > options.max_gap * float(np.median(np.diff(t))))
+    cuts = np.flatnonzero(np.diff(t) > (1.0 + ROUNDING) * options.max_gap * float(np.median(np.diff(t))))
     first, last = t[np.concatenate([[0], cuts + 1])], t[np.concatenate([cuts, [len(t) - 1]])]
     piece = np.searchsorted(first, t, "right") - 1
-    margin = 2.0 / options.cutoff_hz
+    margin = (1.0 + ROUNDING) * 2.0 / options.cutoff_hz
     inner = (t - first[piece] > margin) & (last[piece] - t > margin) & np.isfinite(a) & np.isfinite(b)
     spread = float(np.std(a[inner])) if inner.any() else 0.0
     if spread > 0.0:

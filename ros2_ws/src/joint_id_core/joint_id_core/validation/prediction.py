@@ -13,7 +13,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.innovations.noise import NoiseLevels
 from joint_id_core.estimators.innovations.recursion import LONGEST_GAP, Recursion
 from joint_id_core.estimators.shared.fit_data import FitData, prepare
-from joint_id_core.estimators.shared.free_run import free_runs
+from joint_id_core.estimators.shared.free_run import block_length, free_runs
 from joint_id_core.estimators.shared.initial_state import rough_states
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.estimators.shared.substeps import steps_of
@@ -97,7 +97,7 @@ def filtered(data: FitData, kernel: Kernel, noise: Mapping[str, float], substeps
 
 def _settled(data: FitData, horizon_s: float) -> np.ndarray:
     """Return True, shape (T,), for samples of free runs that began at least a horizon after the last (re)start."""
-    time, block = data.time, max(1, round(horizon_s / data.period))
+    time, block = data.time, block_length(data, horizon_s)
     again = np.flatnonzero(data.gap > LONGEST_GAP) + 1
     starts = time[np.concatenate([[0], again[again < len(time)]])]
     since = starts[np.searchsorted(starts, time, "right") - 1]
@@ -121,8 +121,8 @@ def held_out_drive_errors(model: Model, recording: Recording, estimate: Estimate
         recorded, or the recording is too short for the filter.
     """
     predicted = drive(model, estimate.values, recording)
-    name = model.inputs[0].name
-    if predicted is None or name not in recording:
+    name = model.torque_drive
+    if predicted is None or name is None or name not in recording:
         return None
     errors = drive_errors(recording.time, recording[name], predicted)
     return (name, errors) if np.isfinite(errors).any() else None

@@ -9,6 +9,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
+from joint_id_core.assignments import numbers_by_name
 from joint_id_core.data.instants import NANO
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import Electromechanical
@@ -18,7 +19,7 @@ from joint_id_msgs.msg import JointParams, MotorVoltages
 from joint_id_ros import conversions as convert
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.options.sim import SimOptions
-from joint_id_ros.parameters import assignments, declare, read
+from joint_id_ros.parameters import declare, read
 from joint_id_ros.qos import FLUSH, LATEST, STREAM_OUT
 
 TICK_S = 0.004  # the node wakes up for two samples at 500 Hz: waking costs more than simulating
@@ -34,7 +35,7 @@ class SimNode(Node):
         declare(self, SimOptions, defaults={"publish_all_states": self._model_is_electromechanical()})
         declare(self, MotionOptions)
         self._options = read(self, SimOptions)
-        values = assignments(self._options.set, "set")
+        values = numbers_by_name(self._options.set, "parameter set")
         self._plant = PLANTS[self._options.model](values, read(self, MotionOptions), self._options.seed)
         self._rng = np.random.default_rng(self._options.seed)
         self._sensors = ur_robot_sensors(self._plant.values["N"])

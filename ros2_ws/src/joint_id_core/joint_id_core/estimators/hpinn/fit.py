@@ -44,6 +44,7 @@ LEVEL_EPOCHS = 10
 LEVEL_DROP = 0.05
 POOR_NRMSE = 0.5  # above this nrmse a simulation does not describe the label
 STEP_LIMIT = 1.0  # largest |lambda h| of an RK4 step: the error of the fastest mode stays near 1 %
+UNSHOWN = 1e-12  # eigenvalue of the scaled Hessian, over the largest, that stands for zero: rounding is near 1e-15
 MINIMUM_DISTANCE = 1.0  # distance from the minimum, in standard deviations due to noise, above which a message says so
 
 
@@ -123,12 +124,15 @@ def _levelled_off(history: list[float]) -> bool:
     return bool(last >= (1.0 - LEVEL_DROP) * before)
 
 
-def _minimum(jacobian: Array, labels: Labels, weights: Array, residuals: Array) -> tuple[Array, Array, Array]:
+def _minimum(
+    jacobian: Array, labels: Labels, weights: Array, residuals: Array, prior: Array
+) -> tuple[Array, Array, Array]:
     """Return the covariance at the minimum of the WMSE, the noise of each measured state, and the step to the minimum.
 
     `jacobian` (T, states, k) is the derivative of the measured states by the parameters. The loss weights labels by
     Eq 2 and not by their noise, and the torsion repeats the noise of the two angles. So the covariance is H^-1 S H^-1
     with the Gauss-Newton Hessian H and the covariance S of the score, not H^-1 alone. The step is a Gauss-Newton step.
+    Directions that no label shows keep the standard deviations of the `prior` (k,).
     """
     known = np.isfinite(labels.y)
     by_label = np.einsum("ls,tsk->tlk", labels.mix, jacobian)
@@ -137,15 +141,25 @@ def _minimum(jacobian: Array, labels: Labels, weights: Array, residuals: Array) 
     n = labels.mix.shape[1]
     noise = np.sqrt(np.nanmean(residuals[:, :n] ** 2, axis=0))
     score = np.einsum("tl,tlk,ls,s->tsk", pull, by_label, labels.mix, noise)
-    scale = np.sqrt(np.diag(hessian)) + 1e-300
-    inverse = np.linalg.pinv(hessian / np.outer(scale, scale), rcond=1e-13, hermitian=True) / np.outer(scale, scale)
+    scale = np.sqrt(np.where(np.diag(hessian) > 0.0, np.diag(hessian), 1.0))
+    size, axes = np.linalg.eigh(hessian / np.outer(scale, scale))
+    shown = size > UNSHOWN * size.max(initial=0.0)
+    inverse = (axes[:, shown] / size[shown]) @ axes[:, shown].T / np.outer(scale, scale)
     step = -inverse @ np.einsum("tl,tlk,tl->k", pull, by_label, np.nan_to_num(residuals))
-    return inverse @ np.einsum("tsk,tsj->kj", score, score) @ inverse, noise, step
+    blind = axes[:, ~shown]
+    precision = blind.T @ (blind / (prior * scale)[:, None] ** 2)
+    unknown = blind @ np.linalg.inv(precision) @ blind.T / np.outer(scale, scale)
+    return inverse @ np.einsum("tsk,tsj->kj", score, score) @ inverse + unknown, noise, step
+
+
+def _prior(model: Model, name: str, value: float) -> float:
+    """Standard deviation before any data."""
+    p = model.parameter(name)
+    return p.spread * (value if p.positive else 1.0)
 
 
 def _verdict(model: Model, name: str, value: float, sd: float) -> Verdict:
-    p = model.parameter(name)
-    ratio = sd / (p.spread * (value if p.positive else 1.0))
+    ratio = sd / _prior(model, name, value)
     if not ratio <= NOT_EXCITED_RATIO:
         return Verdict.NOT_EXCITED
     return Verdict.PRIOR if ratio > PRIOR_RATIO else Verdict.ESTIMATED
@@ -165,7 +179,8 @@ def _estimate(
     predicted = states[:, labels.states] @ labels.mix.T
     residuals = predicted - labels.y
     jacobian = sensitivity[:, labels.states][:, :, columns]
-    covariance, noise, step = _minimum(jacobian, labels, label_weights(labels.y), residuals)
+    prior = np.array([_prior(model, name, values[name]) for name in free])
+    covariance, noise, step = _minimum(jacobian, labels, label_weights(labels.y), residuals, prior)
     away = {
         name: abs(d) / s if s > 0 else 0.0 for name, d, s in zip(free, step, np.sqrt(np.diag(covariance)), strict=True)
     }

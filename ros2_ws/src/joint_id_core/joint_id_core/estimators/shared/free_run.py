@@ -12,6 +12,15 @@ from joint_id_core.data.recording import Array
 from joint_id_core.estimators.shared.fit_data import FitData
 
 
+def block_length(data: FitData, horizon_s: float) -> int:
+    """Samples of a free run of at most `horizon_s`, 1 at least.
+
+    A quarter of a sample more is let pass, so that no usual rate stands at a threshold: 0.1 s are 50 samples at 500 Hz
+    and 12 at 125 Hz, whatever the last digits of the period.
+    """
+    return max(1, math.floor(horizon_s / data.period + 0.25))
+
+
 def free_runs(
     kernel: Kernel, data: FitData, states: Array, p: Array, substeps: int | Steps, horizon_s: float
 ) -> dict[str, Array]:
@@ -20,7 +29,7 @@ def free_runs(
     Returns:
         By label, the predicted values, shape (T,).
     """
-    block = max(1, round(horizon_s / data.period))
+    block = block_length(data, horizon_s)
     X = restarted(kernel, states[::block], block, data.time, data.u, p, substeps)
     if data.model.label_delays:
         states, X = X, np.empty_like(X)

@@ -1,66 +1,12 @@
-"""An emulated robot in its own process, and a reader of its stream that shares no code with the driver."""
+"""Readers of a robot's stream that share no code with the driver."""
 
 from __future__ import annotations
 
-import signal
 import socket
 import struct
-import subprocess
-import sys
 import threading
-import time
 from collections.abc import Sequence
 from contextlib import suppress
-from pathlib import Path
-
-from ament_index_python.packages import get_package_prefix
-
-PATIENCE_S = 60.0  # a limit for tests that hang
-SCRIPT = Path(get_package_prefix("joint_id_core")) / "lib/joint_id_core/joint-id"
-
-
-class Robot:
-    """`joint-id robot-emulator` on a port of its own."""
-
-    def __init__(self, *arguments: str, port: int = 0) -> None:
-        self._popen = subprocess.Popen(
-            [sys.executable, str(SCRIPT), "robot-emulator", "--port", str(port), *arguments],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, bufsize=1,
-        )  # fmt: skip
-        self.lines: list[str] = []
-        self.complaints: list[str] = []
-        for stream, lines in ((self._popen.stdout, self.lines), (self._popen.stderr, self.complaints)):
-            threading.Thread(
-                target=lambda s=stream, found=lines: found.extend(iter(s.readline, "")), daemon=True
-            ).start()
-        self.port = int(self._wait_for("ready on ", 0).rpartition(":")[2])
-
-    def _wait_for(self, beginning: str, since: int) -> str:
-        end = time.monotonic() + PATIENCE_S
-        while time.monotonic() < end:
-            for line in self.lines[since:]:
-                if line.startswith(beginning):
-                    return line
-            assert self._popen.poll() is None, f"the emulator ended: {self.complaints}"
-            time.sleep(0.005)
-        raise AssertionError(f"the emulator did not say {beginning!r}: {self.lines} {self.complaints}")
-
-    def tell(self, command: str) -> None:
-        """Give a command and wait until it is carried out."""
-        assert self._popen.stdin is not None
-        since = len(self.lines)
-        self._popen.stdin.write(command + "\n")
-        self._wait_for(command.split()[0], since)
-
-    def stop(self) -> None:
-        """End it."""
-        if self._popen.poll() is None:
-            self._popen.send_signal(signal.SIGINT)
-            try:
-                self._popen.wait(10.0)
-            except subprocess.TimeoutExpired:
-                self._popen.kill()
-                self._popen.wait()
 
 
 class Connection:

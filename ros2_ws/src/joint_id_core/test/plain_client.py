@@ -1,11 +1,7 @@
-"""The emulator as a process, and a client of it that knows only the framing of RTDE."""
+"""A client of the emulator that knows only the framing of RTDE."""
 
-import select
 import socket
 import struct
-import subprocess
-import sys
-import time
 
 import numpy as np
 
@@ -13,54 +9,6 @@ PATIENCE_S = 30.0  # a limit for tests that hang, not a measure of speed
 FIELDS = "timestamp,actual_q,actual_qd,actual_current,robot_mode,safety_mode"
 SAMPLE = struct.Struct(">B19d2i")
 TIME, MODE, SAFETY = 1, 20, 21
-
-
-class Emulator:
-    """The process, its commands and its lines."""
-
-    def __init__(self, log, *arguments):
-        self._log = log
-        with log.open("w") as file:
-            self.process = subprocess.Popen(
-                [sys.executable, "-c", "from joint_id_core.cli import main; main()", "robot-emulator", *arguments],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=file,
-                bufsize=0,
-            )
-        self.ready = self.line()
-        if self.ready:
-            self.port = int(self.ready.rsplit(":", 1)[1])
-
-    def line(self):
-        """Next line of standard output."""
-        assert select.select([self.process.stdout], [], [], PATIENCE_S)[0], f"it says nothing: {self.errors}"
-        return self.process.stdout.readline().decode().rstrip("\n")
-
-    def tell(self, command):
-        """Give a command; return what is said of it."""
-        self.give(command)
-        return self.line()
-
-    def give(self, command):
-        """Give a command that is not answered."""
-        self.process.stdin.write(f"{command}\n".encode())
-
-    @property
-    def errors(self):
-        return self._log.read_text()
-
-    def wait_for_error(self, text):
-        end = time.monotonic() + PATIENCE_S
-        while text not in self.errors:
-            assert time.monotonic() < end, self.errors
-            time.sleep(0.01)
-
-    def end(self):
-        self.process.kill()
-        self.process.wait()
-        self.process.stdin.close()
-        self.process.stdout.close()
 
 
 class Client:
