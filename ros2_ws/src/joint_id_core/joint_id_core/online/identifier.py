@@ -24,7 +24,7 @@ from joint_id_core.results.estimate import Estimate, Status
 SURPRISE = 2.0
 # Status of a fit that may be due to a wrong prior from older windows.
 UNEXPLAINED = (Status.POOR_FIT, Status.MAX_ITERATIONS, Status.DIVERGED)
-ROUNDING = 1e-6  # share of a window's length: hops that add up to the whole of it are a window, whatever their rounding
+ROUNDING = 1e-6  # relative tolerance of a window's length, for hops that add up to it except for rounding
 CHANGED = "The joint has changed: older windows are forgotten."
 WARM_UP = 100  # samples before the new ones, from which the filter learns the state of the joint
 
