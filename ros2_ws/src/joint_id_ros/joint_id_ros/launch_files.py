@@ -219,7 +219,7 @@ LAUNCH_FILES = {
     "robot": LaunchFile(
         "driver, filter and identifier of one robot",
         offers={
-            "driver": _all("driver", "joints", "gear_ratio", "autostart"),  # of the other nodes, or one a robot
+            "driver": _all("driver", "joints", "gear_ratio", "autostart"),  # not those of other nodes or per robot
             "filter": _all("filter"),
             "identifier": _all("identifier", "autostart"),
         },

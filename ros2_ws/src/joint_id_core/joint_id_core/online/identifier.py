@@ -81,7 +81,7 @@ class OnlineIdentifier:
         self._window = SlidingWindow(self.options.window_s)
         self._next_fit = -np.inf
         self._last: Estimate | None = None
-        self._fitted = -np.inf  # end of the last window that was fitted as a whole, if it converged
+        self._fitted = -np.inf  # end of the last window with a full fit, if it converged
         self._past: deque[Estimate] = deque()
 
     def update(self, samples: Recording) -> Estimate | None:

@@ -16,7 +16,7 @@ from joint_id_core.rtde.fields import FIELDS, TYPES
 from joint_id_core.rtde.packets import Packet, PacketReader, Recipe, encode
 from joint_id_core.rtde.rates import sent_rate
 
-_CHUNK = 65536  # bytes taken at once; a second of samples is a few times that
+_CHUNK = 65536  # bytes read at once; one second of samples has a few times as many
 _MESSAGES_KEPT = 100
 _WAKE_EVERY_S = 0.01
 

@@ -200,7 +200,7 @@ def _estimate(
     status, notes = _judge(history, finite, fit, found, away)
     return Estimate(
         model.name, "hpinn", status, message(notes), rows, notes=notes, free=free, covariance=covariance, nrmse=fit,
-        noise=dict(zip(labels.names, noise.tolist(), strict=False)),  # the torsion has no noise of its own
+        noise=dict(zip(labels.names, noise.tolist(), strict=False)),  # the torsion has no separate noise level
         whiteness=dict(zip(labels.names, lag.tolist(), strict=True)), substeps=net.substeps, iterations=len(history),
         elapsed_s=elapsed, start=float(data.time[0]), end=float(data.time[-1]), samples=len(data.time),
         predictions=Predictions(
