@@ -1,4 +1,4 @@
-"""Between ROS messages and the core's types. Every message is checked here and nowhere else."""
+"""Convert between ROS messages and the core's types. Messages are checked only here."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ VERDICT_CODES = {verdict: getattr(ParameterEstimate, verdict.name) for verdict i
 
 
 def nanoseconds(stamp: Any) -> int:
-    """Instant of a stamp in ns."""
+    """Return the instant of a stamp in ns."""
     return int(stamp.sec) * NANO + int(stamp.nanosec)
 
 
 def to_stamp(instant_ns: int) -> Time:
-    """Stamp of an instant in ns."""
+    """Return the stamp of an instant in ns."""
     return Time(sec=instant_ns // NANO, nanosec=instant_ns % NANO)
 
 
 def check(topic: Topic, message: Any) -> None:
-    """Check a message of one of our topics.
+    """Check a message of one of joint_id's topics.
 
     Raises:
-        JointIdError: a stamp that is no time, no joint, a joint twice, no value at all, an array as long as neither 0
-            nor the joints, a value that is infinite or larger than any that can be measured.
+        JointIdError: an invalid stamp, no joint, a joint that occurs twice, no value at all, an array that is neither
+            empty nor as long as the list of joints, a value that is infinite or impossibly large.
     """
     names, stamp = message.name, message.header.stamp
     if stamp.sec < 0 or stamp.nanosec >= NANO:
@@ -56,20 +56,20 @@ def check(topic: Topic, message: Any) -> None:
                 f"{topic.name}: {len(values)} values of {field} for {len(names)} joints: give one a joint or none"
             )
         for name, value in zip(names, values, strict=False):
-            if abs(value) > LARGEST:  # never true of NaN
+            if abs(value) > LARGEST:  # false for NaN
                 what = "infinite" if math.isinf(value) else f"{value:.3g}, which no joint can have"
                 raise JointIdError(f"{topic.name}: {field} of joint {name} is {what}: use NaN for a missing value")
 
 
 def to_columns(topic: Topic, message: Any) -> Columns:
-    """What a message of a raw topic that passed `check` measures; empty arrays are not measured."""
+    """Return the channels of a message of a raw topic that passed `check`; an empty array means not measured."""
     arrays = {channel: getattr(message, field) for field, channel in topic.fields.items()}
     channels = {channel: np.array(values) for channel, values in arrays.items() if len(values)}
     return Columns(tuple(message.name), channels)
 
 
 def to_samples(sample: AlignedSample) -> JointSamples:
-    """Message of an aligned sample."""
+    """Return the message of an aligned sample."""
     message = JointSamples(name=list(sample.joints))
     message.header.stamp = to_stamp(sample.instant_ns)
     for name, values in sample.channels.items():
@@ -79,9 +79,10 @@ def to_samples(sample: AlignedSample) -> JointSamples:
 
 
 def to_recordings(messages: Sequence[JointSamples], origin_ns: int, source: str) -> dict[str, Recording]:
-    """One recording a joint, time in s since the origin, of messages in order of their stamps that passed `check`.
+    """Return one recording per joint, with time in s since the origin, from messages that passed `check`.
 
-    A channel counts as derived when any of the messages says so, and is left out when it has no value.
+    The messages must be in the order of their stamps. A channel is derived if any of the messages says so. A channel
+    without any value is left out.
     """
     times: dict[str, list[float]] = {}
     columns: dict[str, dict[str, list[float]]] = {}
@@ -105,7 +106,10 @@ def to_recordings(messages: Sequence[JointSamples], origin_ns: int, source: str)
 
 
 def to_estimate_message(joint: str, newest: Estimate, good: Estimate | None, origin_ns: int) -> JointEstimate:
-    """Message of the newest fit and of the newest good one (None: there is none); their times count from the origin."""
+    """Return the message of the newest fit and the newest good one (None if there is none).
+
+    Their times count from the origin.
+    """
     found = good or newest
     signals = sorted({*newest.nrmse, *newest.noise})
     end_ns, found_end_ns = instant(newest.end, origin_ns), instant(found.end, origin_ns)
@@ -146,7 +150,7 @@ def to_estimate_message(joint: str, newest: Estimate, good: Estimate | None, ori
 
 
 def to_truth_message(joint: str, model: Model, values: Mapping[str, float], since_ns: int) -> JointEstimate:
-    """Message of values that are known, as those of a simulation."""
+    """Return the message of known parameter values, such as those of a simulation."""
     rows = [
         ParameterEstimate(name=p.name, unit=p.unit, value=values[p.name], verdict=ParameterEstimate.FIXED)
         for p in model.parameters

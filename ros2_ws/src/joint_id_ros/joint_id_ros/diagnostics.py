@@ -1,4 +1,4 @@
-"""Health of a node on /diagnostics, once a second."""
+"""Health of a node on /diagnostics, once per second."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
 PERIOD_S = 1.0
-FOREIGN_S = 3600.0  # stamps that are further off come from another clock
-LOG_EVERY_S = 5.0  # one log line a kind of problem
+FOREIGN_S = 3600.0  # stamps with a larger difference to the node's clock come from another clock
+LOG_EVERY_S = 5.0  # shortest time between two log lines on the same kind of problem
 
 
 @dataclass
 class Health:
-    """What a node tells of itself: the worst level, a sentence, and values by name."""
+    """A node's report on itself: the worst level, a sentence, and values by name."""
 
     level: bytes = DiagnosticStatus.OK
     message: str = "ok"
@@ -27,14 +27,14 @@ class Health:
 
 
 class Diagnostics:
-    """Counts what comes in and what is wrong with it, logs it sparingly, and publishes it at 1 Hz.
+    """Counts messages and problems, logs problems at a limited rate, and publishes diagnostics at 1 Hz.
 
-    The timer runs on the steady clock: with `use_sim_time` a clock that stands still must not hide the
-    report about it. Stamps come from the node's clock.
+    The timer runs on the steady clock: with `use_sim_time` the reports must go on even if /clock stops. Stamps come
+    from the node's clock.
     """
 
     def __init__(self, node: Node, health: Callable[[], Health] = Health, source: str = "") -> None:
-        """`health` gives the node's own part; `source` is the topic that must deliver ("" for none)."""
+        """Start the reports; `health` returns the node's own part, `source` is the topic that must deliver, if any."""
         self._node, self._health, self._source = node, health, source
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._timer = node.create_timer(PERIOD_S, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -51,7 +51,7 @@ class Diagnostics:
         self._newest_ns = stamp_ns
 
     def problem(self, kind: str, text: str, count: int = 1) -> None:
-        """Report something wrong with the data: counted by kind, in the next report, and in the log."""
+        """Report a problem with the data: it is counted by kind, and appears in the next report and in the log."""
         self._problems[kind] += count
         self._recent = text
         now = time.monotonic()

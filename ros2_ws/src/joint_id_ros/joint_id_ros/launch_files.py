@@ -1,7 +1,7 @@
-"""What each launch file starts and which arguments it takes.
+"""Nodes and arguments of the launch files.
 
-The arguments are the options of the nodes, so that name, default, choices and meaning stand in one place. Nothing here
-needs the package `launch`: documentation and tests are made from it too.
+The arguments are the options of the nodes, so that name, default, choices and meaning are defined in one place. This
+module does not need the package `launch`: documentation and tests use it, too.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Values = Mapping[str, str]  # text by name of the argument
 
 @dataclass(frozen=True)
 class Argument:
-    """An argument of a launch file; without a default it must be given."""
+    """An argument of a launch file; with the default None it must be given."""
 
     name: str
     description: str
@@ -34,13 +34,14 @@ class Argument:
 
 @dataclass(frozen=True)
 class NodeStart:
-    """A node of this package as it is to be started.
+    """A node of this package to start.
 
     Attributes:
+        name: name of the node and of its executable.
         own: parameters that the launch file sets.
-        files: parameter files, which win over these.
-        given: parameters from the command line, which win over the files.
-        remappings: topics and what they are read from.
+        files: parameter files, which take precedence over `own`.
+        given: parameters from the command line, which take precedence over the files.
+        remappings: pairs of a topic of the node and the topic that replaces it.
     """
 
     name: str
@@ -49,17 +50,18 @@ class NodeStart:
     given: Mapping[str, object]
     remappings: list[tuple[str, str]]
 
-    # Of several sections that fit a node ROS takes that which appears last for the first time. Parameter files mostly
-    # have sections for a node in any namespace; with the same name what is given is a later text of that section.
+    # Several sections of parameter files may match a node. ROS orders them by their first appearance, and the last one
+    # in this order wins. Parameter files mostly have sections for a node in any namespace (`/**/name`). `given_text`
+    # uses the same section name, so it is a later text of the same section.
 
     @property
     def own_text(self) -> str:
-        """Text of a parameter file with the own parameters."""
+        """Text of a parameter file with the parameters that the launch file sets."""
         return yaml.safe_dump({"/**": {"ros__parameters": dict(self.own)}})
 
     @property
     def given_text(self) -> str:
-        """Text of a parameter file with the given parameters."""
+        """Text of a parameter file with the parameters from the command line."""
         return yaml.safe_dump({f"/**/{self.name}": {"ros__parameters": dict(self.given)}})
 
 
@@ -76,12 +78,12 @@ class LaunchFile:
     """One launch file.
 
     Attributes:
-        summary: what it starts.
+        summary: the nodes that it starts, in words.
         offers: by node, in the order of their start, the options that are arguments.
         required: arguments that must be given.
-        more: arguments that are no option of a node.
-        own: parameters by node that the launch file itself sets.
-        remaps: by node, topics and what they are read from.
+        more: arguments that are not options of a node.
+        own: returns, by node, the parameters that the launch file itself sets.
+        remaps: returns, by node, pairs of a topic and the topic that replaces it.
     """
 
     summary: str
@@ -107,10 +109,12 @@ class LaunchFile:
         return (*made.values(), *self.more, params, namespace)
 
     def starts(self, values: Values, given: Collection[str]) -> list[NodeStart]:
-        """The nodes. What was `given` wins over the parameter file, and that over what the launch file sets.
+        """Return the nodes to start.
+
+        Arguments that were `given` take precedence over the parameter file, and this over what the launch file sets.
 
         Raises:
-            JointIdError: a text that is no number where one is needed, no such parameter file.
+            JointIdError: a text that is not a number where one is needed, or an unknown parameter file.
         """
         files = [parameter_file(values["params_file"])] if values["params_file"] else []
         own, remaps = self.own(values), self.remaps(values)
@@ -127,10 +131,10 @@ class LaunchFile:
 
 
 def parameter_file(text: str) -> str:
-    """Path of a parameter file from a path, or from the name of an installed one with or without `.yaml`.
+    """Return the path of a parameter file, given its path, or the name of an installed one with or without `.yaml`.
 
     Raises:
-        JointIdError: there is none; lists the installed ones.
+        JointIdError: no such file; the message lists the installed ones.
     """
     if Path(text).is_file():
         return text
@@ -146,7 +150,7 @@ def _options(node: str) -> dict[str, Field[Any]]:
 
 
 def _all(node: str, *but: str) -> tuple[str, ...]:
-    """All options of a node, `but` some."""
+    """Return all options of a node except `but`."""
     return tuple(name for name in _options(node) if name not in but)
 
 
@@ -159,16 +163,16 @@ def _argument(option: Field[Any], required: bool) -> Argument:
 
 
 def _text(value: object) -> str:
-    """A default as it is typed on the command line."""
+    """Return a default as the text that a user would type."""
     if isinstance(value, tuple):
         return ",".join(map(str, value))
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _value(option: Field[Any], text: str) -> object:
-    """Value of a ROS parameter from the text of an argument."""
+    """Return the value of a ROS parameter from the text of an argument."""
     default = option.default
-    parts = [part.strip() for part in text.split(",")]  # an empty list is one empty text to ROS
+    parts = [part.strip() for part in text.split(",")]  # for ROS an empty list is a list with one empty text
     try:
         if isinstance(default, bool):
             return text == "true"
@@ -183,7 +187,7 @@ def _value(option: Field[Any], text: str) -> object:
 
 def _demo(values: Values) -> dict[str, dict[str, object]]:
     model: dict[str, object] = {"model": values["model"]}
-    # Known of a motor, and not identifiable from its motion.
+    # The torque constant is known from the motor and cannot be identified from its motion.
     known = {"set": [f"k_t={PositionControl.K_T!r}"]} if values["model"] == PositionControl.MODEL else {}
     return {"sim": model | {"wait_subscribers": 1}, "identifier": model | known}
 
@@ -215,7 +219,7 @@ LAUNCH_FILES = {
     "robot": LaunchFile(
         "driver, filter and identifier of one robot",
         offers={
-            "driver": _all("driver", "joints", "gear_ratio", "autostart"),  # of the other nodes, or one a robot
+            "driver": _all("driver", "joints", "gear_ratio", "autostart"),  # not those of other nodes or per robot
             "filter": _all("filter"),
             "identifier": _all("identifier", "autostart"),
         },

@@ -1,4 +1,4 @@
-"""A launch description from what `launch_files` says of a launch file. Needs `launch` and `launch_ros`."""
+"""Build launch descriptions from `launch_files`. Needs `launch` and `launch_ros`."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from joint_id_ros.launch_files import LAUNCH_FILES, Argument
 
 
 def description(name: str) -> LaunchDescription:
-    """Arguments and nodes of the launch file `<name>.launch.py`."""
+    """Return arguments and nodes of the launch file `<name>.launch.py`."""
     launch_file = LAUNCH_FILES[name]
     given: set[str] = set()
 
     def note_given(context: LaunchContext) -> None:
-        """See what was given, while the arguments have no defaults yet."""
+        """Remember which arguments were given, before defaults are applied."""
         given.update(context.launch_configurations)
 
     def nodes(context: LaunchContext) -> list[Node]:
@@ -40,7 +40,7 @@ def description(name: str) -> LaunchDescription:
 
 
 def _saved(text: str) -> str:
-    """Path of a parameter file with this text."""
+    """Save a parameter file with this text and return its path."""
     with tempfile.NamedTemporaryFile("w", prefix="joint_id_", suffix=".yaml", delete=False) as file:
         file.write(text)
     return file.name

@@ -1,4 +1,4 @@
-"""What the lifecycle nodes share: parameters that are fixed while in use, a start without a manager, no silent end."""
+"""Base class of the lifecycle nodes: parameters locked while in use, start without a manager, errors reported."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ SUCCESS, FAILURE, ERROR = (getattr(TransitionCallbackReturn, name) for name in (
 class ManagedNode(LifecycleNode):
     """A lifecycle node whose work is in `prepare`, `begin` and `close`.
 
-    Its parameters come from options dataclasses: a value that is outside the choices or the range of its option is
-    refused when it is set. From configuring to cleaning up they cannot be set.
+    Its parameters come from options dataclasses. A value outside the choices or the range of its option is rejected
+    when it is set. While the node is configured, its parameters cannot be changed.
     """
 
     def __init__(self, name: str, *options: type) -> None:
@@ -43,35 +43,35 @@ class ManagedNode(LifecycleNode):
         """Read and check the parameters.
 
         Raises:
-            JointIdError: what is wrong; the node stays unconfigured.
+            JointIdError: a parameter is wrong; the node stays unconfigured.
         """
         raise NotImplementedError
 
     def begin(self) -> None:
-        """Start to work."""
+        """Start working."""
         raise NotImplementedError
 
     def close(self) -> None:
-        """Stop to work, end threads; called more than once, and from every state."""
+        """Stop working and end threads; may be called more than once, and in every state."""
         raise NotImplementedError
 
     def remedy(self, error: JointIdError) -> str:
-        """What to do about an error of `prepare`."""
+        """Return advice on an error of `prepare`."""
         return "set the parameter and configure again"
 
     def start(self) -> bool:
-        """Configure and activate without a lifecycle manager; whether that went well."""
+        """Configure and activate without a lifecycle manager; return whether both succeeded."""
         return self.trigger_configure() == SUCCESS and self.trigger_activate() == SUCCESS
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Check every parameter; they are fixed from now on."""
+        """Check every parameter and lock the parameters."""
         result = self._step(self.prepare)
         if result == SUCCESS:
             self._configured, self.not_ready = True, "configured, not active"
         return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let publishers publish, then work."""
+        """Enable the publishers, then start working."""
         super().on_activate(state)
         result = self._step(self.begin)
         if result == SUCCESS:
@@ -79,22 +79,22 @@ class ManagedNode(LifecycleNode):
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop, then let publishers publish no more."""
+        """Stop working, then disable the publishers."""
         self._end("configured, not active")
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let the parameters be set again."""
+        """Unlock the parameters."""
         self._configured, self.not_ready = False, "not configured"
         return SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop for good."""
+        """Stop permanently."""
         self._end("shut down")
         return SUCCESS
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Back to unconfigured."""
+        """Go back to the state unconfigured."""
         self._end("not configured after an internal error: see the log")
         self._configured = False
         return SUCCESS
@@ -104,7 +104,7 @@ class ManagedNode(LifecycleNode):
         self.close()
 
     def _step(self, step: Callable[[], None]) -> TransitionCallbackReturn:
-        """Result of one step; rclpy would swallow what it raises."""
+        """Run one step and return its result; log its exceptions, which rclpy would hide."""
         try:
             step()
         except JointIdError as error:
@@ -117,7 +117,7 @@ class ManagedNode(LifecycleNode):
         return SUCCESS
 
     def _on_change_state(self, request: Any, response: Any) -> Any:
-        """Answer a lifecycle manager; rclpy would end the node at a transition that its state does not allow."""
+        """Answer a lifecycle manager; a transition that is not allowed in this state would end the node in rclpy."""
         try:
             return self._change_state(request, response)
         except rclpy_implementation.RCLError:
@@ -128,7 +128,10 @@ class ManagedNode(LifecycleNode):
             return response
 
     def _on_parameters(self, changes: list[Parameter]) -> SetParametersResult:
-        """Refuse what is in use, and at once what no option can be; what needs several options is checked later."""
+        """Reject changes of parameters in use, and values that an option cannot have.
+
+        Rules that involve several options are checked later, in `prepare`.
+        """
         own = [p for p in changes if p.name in self._own]
         if self._configured and own:
             reason = f"{own[0].name} is in use: deactivate and clean up, set it, then configure and activate again"

@@ -9,10 +9,10 @@ from joint_id_core.errors import JointIdError
 
 
 def message_class(type_name: str) -> Any:
-    """Class of a type, e.g. "sensor_msgs/msg/JointState".
+    """Return the class of a type such as "sensor_msgs/msg/JointState".
 
     Raises:
-        JointIdError: not installed, or not sourced.
+        JointIdError: its package is not installed or not sourced.
     """
     package, _, name = type_name.split("/")
     try:

@@ -1,4 +1,4 @@
-"""ROS parameters made from an options dataclass (`joint_id_core.options.option`), so that no default is typed twice."""
+"""Generate ROS parameters from options dataclasses (`joint_id_core.options.option`); defaults exist only once."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from joint_id_core.options import names
 Options = TypeVar("Options")
 
 INT64_MAX = 2**63 - 1
-# What rclpy raises for a value of the wrong type or out of range; its text says which and why.
+# Exceptions of rclpy for a value of the wrong type or out of range; their text names the parameter and the reason.
 PARAMETER_ERRORS = (ParameterException, InvalidParameterException)
 
 
 def describe(option: Field[Any], read_only: bool = True) -> ParameterDescriptor:
-    """Descriptor of one option: meaning with its unit, range, choices."""
+    """Return the descriptor of one option: meaning with unit, range, choices."""
     meta = option.metadata
     unit = meta.get("unit", "")
     description = meta.get("description", "") + (f" [{unit}]" if unit else "")
@@ -49,7 +49,7 @@ def declare(
 ) -> None:
     """Declare one ROS parameter for every option of a dataclass (or for those in `only`) that is not declared yet.
 
-    `defaults` replaces defaults that follow from other parameters.
+    `defaults` holds defaults that depend on other parameters.
 
     Raises:
         PARAMETER_ERRORS: a value given at start has the wrong type or is out of range.
@@ -75,5 +75,5 @@ def read(node: Node, cls: type[Options]) -> Options:
 
 
 def from_ros(option: Field[Any], value: Any) -> Any:
-    """Value of an option from that of its ROS parameter; an empty list is one empty string to ROS."""
+    """Return the value of an option from its ROS parameter; for ROS an empty list is a list with one empty string."""
     return tuple(v for v in value if v != "") if isinstance(option.default, tuple) else value

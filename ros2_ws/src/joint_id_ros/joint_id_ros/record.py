@@ -1,7 +1,7 @@
 """`joint-id record`: write live topics to an mcap bag.
 
-The messages stay the bytes that came over the wire. As rclpy and rosbags take a while to load, they are loaded when
-recording starts; importing this module, which `joint-id --help` does, costs nothing.
+Messages are written as the bytes that were received. rclpy and rosbags load slowly, so they are imported only when
+recording starts: `joint-id --help`, which imports this module, stays fast.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import typer
 
 from joint_id_core.errors import JointIdError
 
-DRAIN_S = 5.0  # at most this long after the stop, what has arrived is still written
+DRAIN_S = 5.0  # longest time after the stop to write messages that have already arrived
 
 
 def record(
@@ -44,7 +44,7 @@ def record(
 
     from joint_id_ros.recorder import Recorder
 
-    # Own handlers: rclpy's would shut the context down under messages that are not yet written.
+    # Own signal handlers: those of rclpy would shut the context down before all messages are written.
     stopped: list[int] = []
     previous = {s: signal.signal(s, lambda number, _: stopped.append(number)) for s in (signal.SIGINT, signal.SIGTERM)}
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)

@@ -24,10 +24,10 @@ NEVER = QosTime(2147483647, 4294967295)  # as rclcpp writes an infinite duration
 
 
 class Recorder(Node):
-    """Writes messages as they arrive; new topics are found while it runs.
+    """Writes messages as they arrive; it finds new topics while it runs.
 
     Attributes:
-        count: messages written.
+        count: number of messages written.
     """
 
     def __init__(self, output: Path, topics: list[str]) -> None:
@@ -48,12 +48,12 @@ class Recorder(Node):
 
     @property
     def summary(self) -> str:
-        """One line about what has been written."""
+        """Number of messages and topics written, in one line."""
         return f"{self.count} messages on {sum(n > 0 for n in self._counts.values())} topics"
 
     @property
     def silent(self) -> list[str]:
-        """Requested topics from which nothing was written."""
+        """Requested topics without any message."""
         return sorted(t for t in self._wanted if not self._counts.get(t))
 
     def close(self) -> None:
@@ -63,7 +63,7 @@ class Recorder(Node):
             self._writer = None
 
     def _discover(self) -> None:
-        """Subscribe to what is new, wanted and published."""
+        """Subscribe to new topics that are wanted and published."""
         for topic, types in self.get_topic_names_and_types():
             if topic in self._counts or topic in self._refused or (self._wanted and topic not in self._wanted):
                 continue
@@ -82,7 +82,7 @@ class Recorder(Node):
         message = message_class(type_name)
         register(self._store, type_name)
         offered = [p.qos_profile for p in publishers]
-        # The strictest profile that every publisher can serve: none of them is missed.
+        # The strictest profile that is compatible with every publisher, so that no publisher is missed.
         reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in offered)
         latched = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in offered)
         qos = QoSProfile(
@@ -106,7 +106,7 @@ class Recorder(Node):
         self.create_subscription(message, topic, write, qos, raw=True)
 
     def _open(self) -> Writer:
-        """The bag, created with the first message so that a recording of nothing leaves nothing behind."""
+        """Return the bag; it is created with the first message, so a recording without messages leaves no files."""
         if self._writer is None:
             writer = Writer(self._output, version=9, storage_plugin=StoragePlugin.MCAP)
             try:
@@ -139,7 +139,7 @@ def register(store: Typestore, type_name: str) -> None:
 
 
 def _names(description: Any) -> list[str]:
-    """Message types named in the description of a field (nested pairs of kind and content)."""
+    """Return the message types in the description of a field (nested pairs of kind and content)."""
     kind, content = description
     if kind.name == "NAME":
         return [content]
@@ -147,7 +147,7 @@ def _names(description: Any) -> list[str]:
 
 
 def _bag_qos(reliable: bool, latched: bool) -> Qos:
-    """What the subscription asked for, in the words of the bag."""
+    """Return the QoS of the subscription in the format of the bag."""
     return Qos(
         history=QosHistory.KEEP_LAST if latched else QosHistory.UNKNOWN,
         depth=1 if latched else 0,

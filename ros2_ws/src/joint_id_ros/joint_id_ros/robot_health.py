@@ -1,4 +1,4 @@
-"""How the robot and the way to it are, from its samples: for the diagnostics and the log of the driver."""
+"""State of the robot and of its connection, from its samples, for diagnostics and log of the driver."""
 
 from __future__ import annotations
 
@@ -21,17 +21,20 @@ MODES: dict[str, tuple[type[IntEnum], IntEnum]] = {
 
 
 class RobotHealth:
-    """Follows the modes of the robot and counts the samples that are held back."""
+    """Tracks the modes of the robot and counts the rejected samples."""
 
     def __init__(self, joints: Sequence[str], rate: float, tell: Callable[[str, str], None]) -> None:
-        """`tell` gets kind and text of a change, from the thread of `note`; a change of kind "mode" is no problem."""
+        """Prepare the report; `tell` is called with kind and text of a change, from the thread of `note`.
+
+        A change of kind "mode" is not a problem.
+        """
         self._joints, self._rate, self._tell = tuple(joints), rate, tell
         self._newest: Mapping[str, Any] = {}
         self._held: Counter[str] = Counter()
         self._reason = ""
 
     def note(self, values: Mapping[str, Any], reason: str) -> None:
-        """Take a sample, with the reason why the gate holds it back ("" when it does not)."""
+        """Record a sample, with the reason why the gate rejects it ("" if it does not)."""
         if reason:
             self._held[reason] += 1
         if reason and not reason.startswith(NOT_RUNNING):
@@ -50,7 +53,7 @@ class RobotHealth:
                 self._tell("mode" if values[field] == usual else what, f"{what} is {name_of(kind, values[field])}{was}")
 
     def report(self, status: StreamStatus) -> Health:
-        """Level, a sentence, and values by name."""
+        """Return level, a sentence, and values by name."""
         values: dict[str, object] = {
             "connection": status.state.value,
             "controller version": ".".join(map(str, status.version)) or "not known",

@@ -1,4 +1,4 @@
-"""From the fields of a sample to messages: which field or register becomes which signal of the joints."""
+"""Convert samples to messages: which field or register becomes which signal of the joints."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ RANGE = re.compile(r"((?:input|output)_double_register_)(\d+)\.\.(\d+)")
 
 
 class Source(NamedTuple):
-    """A signal that a parameter chooses the source of; `geared`: fields are given at the joint, it is at the motor."""
+    """A signal whose source is chosen by a parameter.
+
+    With `geared`, a field holds the value at the joint and is multiplied by the gear ratio to get it at the motor.
+    """
 
     parameter: str
     topic: str
@@ -41,10 +44,11 @@ SOURCES = (
 
 
 def source_fields(source: Source, text: str) -> tuple[str, ...]:
-    """The field, or the six registers, that a source names; none where it is empty.
+    """Return the field, or the six registers, that a source names; () if the text is empty.
 
     Raises:
-        JointIdError: neither a vector field in the unit of the signal nor six registers; says what is allowed.
+        JointIdError: neither a vector field in the unit of the signal nor six registers; the message says what is
+            allowed.
     """
     vectors = [f.name for f in FIELDS.values() if f.type == "VECTOR6D" and f.unit == source.unit]
     if not text or text in vectors:
@@ -62,14 +66,15 @@ def source_fields(source: Source, text: str) -> tuple[str, ...]:
 class JointMessages:
     """The messages of one sample.
 
-    They are the same objects for every sample: making them anew costs more than filling and publishing them.
+    The same message objects are used for every sample, because building new ones costs more than filling and
+    publishing them.
     """
 
     def __init__(self, options: DriverOptions) -> None:
-        """Choose what is read.
+        """Choose the fields to read.
 
         Raises:
-            JointIdError: a source that does not exist, one that is used twice, or no source at all.
+            JointIdError: a source that does not exist, a source that is used twice, or no source at all.
         """
         self.by_topic: dict[str, Any] = {}
         self._rows: list[tuple[Any, str, Any, tuple[float, ...]]] = []  # message, field, values of a sample, factors
@@ -94,16 +99,16 @@ class JointMessages:
     def _add(
         self, options: DriverOptions, topic: str, field: str, fields: tuple[str, ...], factors: tuple[float, ...]
     ) -> None:
-        """Let a field of a topic's message be filled."""
+        """Add a field of a topic's message to the fields that `fill` sets."""
         if topic not in self.by_topic:
             self.by_topic[topic] = TYPES[topic](name=list(options.joints))
         self._rows.append((self.by_topic[topic], field, itemgetter(*fields), factors))
 
     def fill(self, stamp_ns: int, values: Mapping[str, Value]) -> None:
-        """Put one sample into all messages."""
+        """Write one sample into all messages."""
         sec, nanosec = divmod(stamp_ns, NANO)
         for message in self.by_topic.values():
             message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
         for message, field, row, factors in self._rows:
-            measured = row(values)  # of one field its vector, of several their values
+            measured = row(values)  # one field: its vector; several fields: a tuple of their values
             setattr(message, field, array("d", map(mul, measured, factors) if factors else measured))

@@ -1,8 +1,8 @@
-"""Start, spin and stop of a node, the same for all.
+"""Start, spin and stop any of the nodes.
 
-While a node starts, which takes a second of imports, a signal ends the process at once. From then on it
-only sets a flag that is looked at between callbacks: rclpy's own handlers would shut the context down in
-the middle of a callback, and Python's would raise KeyboardInterrupt there.
+While a node starts, which takes about a second for imports, a signal ends the process at once. Afterwards a signal only
+sets a flag, which is checked between callbacks. The handlers of rclpy would shut the context down in the middle of a
+callback, and Python's would raise KeyboardInterrupt there.
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ from importlib import import_module
 from typing import Any, Protocol
 
 BAD_INPUT = 2  # exit code
-POLL_S = 0.1  # longest time until a signal is noticed while nothing happens
+POLL_S = 0.1  # longest time until a signal is noticed in an idle node
 
 
 class Runnable(Protocol):
-    """What `run` needs of a node beside rclpy's Node."""
+    """Interface that `run` needs of a node, in addition to rclpy's Node."""
 
     finished: Any  # rclpy Future, set when there is nothing more to do; its result is None or a JointIdError
 
     def close(self) -> None:
-        """Stop threads and close files; called once, whatever ended the node."""
+        """Stop threads and close files; called once, however the node ended."""
 
 
 def run(name: str, kind: str) -> int:
     """Run the node class `kind` of `nodes/<name>.py` until SIGINT, SIGTERM or its own end; return the exit code.
 
-    0 after a signal or a normal end, 2 after bad input, told in one line on stderr.
+    The exit code is 0 after a signal or a normal end, and 2 after bad input, which is reported in one line on stderr.
     """
     signals: list[int] = []
     spinning = False
@@ -38,9 +38,8 @@ def run(name: str, kind: str) -> int:
     def note(number: int, _: object) -> None:
         signals.append(number)
         if not spinning:
-            os._exit(
-                0
-            )  # an exception may be lost inside an import, or leave a half-made DDS participant that never ends
+            # An exception may be lost in an import, or leave an incomplete DDS participant that never ends.
+            os._exit(0)
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, note)
@@ -73,7 +72,7 @@ def run(name: str, kind: str) -> int:
             node.close()
             node.destroy_node()
         if executor is not None:
-            executor.shutdown()  # before the context is gone: an executor that is collected after it complains
+            executor.shutdown()  # before the context: an executor that is deleted after it reports an error
         rclpy.try_shutdown()
 
 

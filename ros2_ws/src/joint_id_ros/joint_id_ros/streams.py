@@ -1,8 +1,8 @@
-"""Subscriptions to streams of samples that are read many at a time.
+"""Subscriptions to streams of samples that are read in batches.
 
-rclpy's executor needs 0.3 ms for every wake-up and hands over one message a topic, which at 500 Hz and
-three topics is half a core. So the first message of a batch waits `COALESCE_S` for more, and one wake-up
-takes all that have arrived.
+rclpy's executor needs 0.3 ms for every wake-up and delivers one message per topic. At 500 Hz with three topics this
+takes half a core. So the first message of a batch waits `COALESCE_S` for more, and one wake-up reads all messages that
+have arrived.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from rclpy.subscription import Subscription
 from joint_id_ros.conversions import nanoseconds
 from joint_id_ros.qos import STREAM_IN
 
-COALESCE_S = 0.005  # small beside the lag of the filter (0.14 s) and the hop of the identifier
-BATCH = 500  # messages a topic, so that timers and services are served in between
+COALESCE_S = 0.005  # small compared with the lag of the filter (0.14 s) and the hop of the identifier
+BATCH = 500  # most messages per topic and batch, so that timers and services are served in between
 
 
 class Streams:
-    """Subscribes to topics and hands their messages to one callback.
+    """Subscribes to topics and passes their messages to one callback.
 
-    Each topic's messages come in the order in which they were published; between topics they come in the
-    order of their stamps, so that no topic runs ahead because it was read first.
+    The messages of one topic come in the order in which they were published. Messages of different topics come in the
+    order of their stamps, so that no topic is ahead only because it was read first.
     """
 
     def __init__(self, node: Node, topics: Mapping[str, Any], callback: Callable[[str, Any], None]) -> None:
-        """`topics` gives the message class by topic name; `callback` gets the topic's name and the message."""
+        """Subscribe; `topics` holds message classes by topic name, `callback` gets the topic's name and the message."""
         self._node, self._callback = node, callback
         self._subscriptions: dict[str, Subscription] = {
             name: node.create_subscription(kind, name, partial(self._on_message, name), STREAM_IN)
@@ -52,7 +52,7 @@ class Streams:
             self._callback(name, one)
 
     def _take(self, topic: str, messages: list[Any]) -> list[tuple[int, str, Any]]:
-        """Stamp in ns, topic and message of all that has arrived on a topic after `messages`."""
+        """Return stamp in ns, topic and message of `messages` and of all that have arrived on the topic since."""
         subscription = self._subscriptions[topic]
         with subscription.handle:
             while len(messages) < BATCH:

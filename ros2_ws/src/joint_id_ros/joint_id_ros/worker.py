@@ -1,4 +1,4 @@
-"""The threads in which the identifier computes, so that no callback ever waits for a fit."""
+"""Threads for the computations of the identifier, so that no callback waits for a fit."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from joint_id_core.results.estimate import Estimate
 from joint_id_msgs.msg import JointSamples
 from joint_id_ros.conversions import nanoseconds, to_recordings
 
-POLL_S = 0.02  # how often the thread looks for samples: well below a hop, well above a sample
+POLL_S = 0.02  # time between two checks for new samples: well below a hop, well above a sampling period
 
-STOP_S = 2.0  # longest wait for the thread; launch and systemd kill a process that takes 5 s and more
+STOP_S = 2.0  # longest wait for the thread; launch and systemd kill a process that needs 5 s or more to end
 
 
 @dataclass(frozen=True)
 class Callbacks:
-    """What the threads of a worker call."""
+    """Callbacks of a worker, called from its threads."""
 
     estimated: Callable[[str, Estimate, int], None]  # joint, estimate, origin of its times in ns
     problem: Callable[[str, str], None]  # kind, text
 
 
 class Worker:
-    """One `OnlineIdentifier` a joint, fed in a thread of its own; with several joints as many threads as cores help it.
+    """One `OnlineIdentifier` per joint in a background thread; with several joints, up to one thread per core.
 
-    All samples that arrived meanwhile go into one update: when fits take longer than a hop, windows are
-    skipped and the results stay current.
+    All samples that arrived during a fit go into one update. So if fits take longer than a hop, windows are skipped and
+    the results stay current.
     """
 
     def __init__(
@@ -46,8 +46,11 @@ class Worker:
     ) -> None:
         """Start the thread.
 
-        `make` builds the identifier of a joint from its first samples; `joints` empty means every joint that is seen;
-        it is a problem when one of those `expected` is not.
+        Args:
+            make: builds the identifier of a joint, given its name and first samples.
+            joints: joints to identify; empty for every joint in the samples.
+            expected: joints that must be in the samples; a missing one is reported as a problem.
+            callbacks: callbacks for estimates and problems.
         """
         self._make, self._wanted, self._expected, self._callbacks = make, tuple(joints), tuple(expected), callbacks
         self._identifiers: dict[str, OnlineIdentifier] = {}
@@ -60,21 +63,21 @@ class Worker:
 
     @property
     def backlog(self) -> int:
-        """Samples that wait."""
+        """Number of samples that wait."""
         return len(self._pending)
 
     @property
     def busy_s(self) -> float:
-        """How long the longest fit under way has taken so far, in s; 0 when there is none."""
+        """Duration so far of the longest running fit in s; 0 if no fit is running."""
         now = time.monotonic()
         return now - min(self._begun.copy().values(), default=now)
 
     def add(self, message: JointSamples) -> None:
-        """Hand over a sample that passed `conversions.check`, in order of its stamp."""
+        """Add a sample that passed `conversions.check`; samples must come in the order of their stamps."""
         self._pending.append(message)
 
     def restart(self) -> None:
-        """Forget everything before the next sample: a new run begins."""
+        """Forget all earlier samples: a new run begins with the next sample."""
         self._pending.append(None)
 
     def stop(self) -> None:
@@ -98,7 +101,7 @@ class Worker:
                     self._update(batch)
             except JointIdError as error:
                 self._callbacks.problem("samples left out", str(error))
-            except Exception as error:  # a defect must not end the thread unseen
+            except Exception as error:  # a bug must not end the thread silently
                 self._callbacks.problem("internal error", f"samples left out after {_where(error)}")
 
     def _update(self, batch: list[JointSamples]) -> None:
@@ -114,7 +117,7 @@ class Worker:
                 )
         work = deque((joint, r) for joint, r in recordings.items() if not self._wanted or joint in self._wanted)
         count = min(len(work), os.cpu_count() or 1)
-        # daemons, as this thread: a compilation must not hold up the end of the process
+        # daemon threads, like this one: a compilation must not delay the end of the process
         helpers = [threading.Thread(target=self._fit_all, args=(work,), daemon=True) for _ in range(count - 1)]
         for helper in helpers:
             helper.start()
@@ -123,7 +126,7 @@ class Worker:
             helper.join()
 
     def _fit_all(self, work: deque[tuple[str, Recording]]) -> None:
-        """Fit joints until none is left; run by several threads at once."""
+        """Fit joints until none is left; several threads run this at the same time."""
         origin_ns = self._origin_ns
         assert origin_ns is not None
         while not self._stop.is_set():
@@ -141,7 +144,7 @@ class Worker:
             estimate = self._identifiers[joint].update(recording)
         except JointIdError as error:
             self._callbacks.problem("samples left out", f"joint {joint}: {error}")
-        except Exception as error:  # a defect must not end the thread unseen
+        except Exception as error:  # a bug must not end the thread silently
             self._identifiers.pop(joint, None)
             self._callbacks.problem(
                 "internal error", f"joint {joint}: identification starts anew after {_where(error)}"
@@ -154,6 +157,6 @@ class Worker:
 
 
 def _where(error: Exception) -> str:
-    """An exception with the place that raised it, in one line."""
+    """Return an exception and the place that raised it, in one line."""
     frame = traceback.extract_tb(error.__traceback__)[-1]
     return f"{type(error).__name__}: {' '.join(str(error).split())} ({frame.filename}:{frame.lineno})"

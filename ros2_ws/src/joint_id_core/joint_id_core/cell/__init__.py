@@ -1,3 +1,3 @@
-"""A model becomes one compiled integration step: Runge-Kutta 4, or implicit for stiff joints."""
+"""Compile a model to one integration step (cell): Runge-Kutta 4, or implicit for stiff joints."""
 
 CELLS = ("rk4", "implicit")

@@ -1,4 +1,4 @@
-"""Values of expressions in a Python function that is being compiled: `cell.translate` has its statements."""
+"""Compilation of expressions in a Python function; `cell.translate` compiles the statements."""
 
 from __future__ import annotations
 
@@ -15,25 +15,28 @@ from joint_id_core.cell.machine import BOOL, FLOAT, INT, Block, Machine, kind_of
 
 
 class Expressions(ABC):
-    """Evaluates the nodes of a syntax tree where a machine writes: numbers, arrays, tuples, functions and modules."""
+    """Evaluates the expressions of a syntax tree: numbers, arrays, tuples, functions and modules.
+
+    The code is written by `machine`, at its current position.
+    """
 
     def __init__(self, machine: Machine) -> None:
         self.machine, self.builder = machine, machine.builder
 
     @abstractmethod
     def name(self, name: str) -> Any:
-        """What a name stands for."""
+        """Return the value of a name."""
 
     @abstractmethod
     def call(self, function: Any, arguments: Sequence[Any]) -> Any:
-        """What a Python function returns."""
+        """Inline the call of a Python function and return its result."""
 
     @abstractmethod
     def loop(self, first: Any, last: Any, step: int) -> AbstractContextManager[tuple[Any, Any]]:
-        """A loop around what is written inside, with its count and the block where that has to end."""
+        """Write a loop around the code inside; gives its counter and the block to which the body must branch."""
 
     def value(self, node: ast.expr) -> Any:
-        """What an expression gives."""
+        """Return the value of an expression."""
         match node:
             case ast.Constant(value):
                 return value
@@ -67,14 +70,14 @@ class Expressions(ABC):
         raise NotImplementedError(f"{ast.unparse(node)}: a compiled function cannot do this")
 
     def condition(self, node: ast.expr) -> Any:
-        """What an expression gives that is true or false."""
+        """Return the value of a boolean expression."""
         value = self.value(node)
         if kind_of(value) != BOOL:
             raise TypeError(f"{ast.unparse(node)} is a number, not a condition")
         return value
 
     def _choice(self, test: ast.expr, body: ast.expr, orelse: ast.expr) -> Any:
-        """One of two expressions, of which only that one is evaluated."""
+        """Return the value of one of two expressions; only the chosen one is evaluated."""
         condition, builder = self.condition(test), self.builder
         if known(condition):
             return self.value(body if condition else orelse)
@@ -98,7 +101,7 @@ class Expressions(ABC):
         return joined
 
     def place(self, node: ast.expr) -> Any:
-        """Where a number of an array is kept."""
+        """Return the address of an array element."""
         if not isinstance(node, ast.Subscript):
             raise NotImplementedError(f"{ast.unparse(node)}: nothing can be kept there")
         return self.machine.element(self.value(node.value), self._index(node))
@@ -108,7 +111,7 @@ class Expressions(ABC):
         return index if isinstance(index, tuple) else (index,)
 
     def _element(self, node: ast.Subscript) -> Any:
-        """A number of an array or a tuple, or a part of it."""
+        """Return an element or a part of an array or a tuple."""
         array, index = self.value(node.value), self._index(node)
         if isinstance(array, tuple):
             if known(index[0]):

@@ -1,8 +1,8 @@
-"""Model -> SymPy -> one compiled module, cached on disk.
+"""Compile a model to machine code, through SymPy, and cache the result on disk.
 
-The cache lives in $JOINT_ID_CACHE_DIR, else in joint_id under $XDG_CACHE_HOME or ~/.cache. It is keyed by the
-text of the model, of the generator and by the numba version, so it never has to be cleared; deleting it
-only costs a compilation.
+The cache is in $JOINT_ID_CACHE_DIR, else in joint_id under $XDG_CACHE_HOME or ~/.cache. Its key contains the source of
+the model and of the generator and the numba version. So it never has to be cleared; if it is deleted, models are
+compiled again.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from joint_id_core.models import Model
 
 log = logging.getLogger(__name__)
 
-# What Python calls of a kernel.
+# Functions of a kernel that Python calls.
 _Functions = tuple[Callable[..., Any], ...]
 _SIMULATION: _Functions = (simulate.rollout, simulate.jacobians)
 _FILTER: _Functions = (innovations.innovations, innovations.observations)
@@ -44,7 +44,8 @@ _GAINS: _Functions = (noise.noise_information, noise.bounded_step, noise.disturb
 class Kernel:
     """The compiled cell of a model.
 
-    `parameter_names` is the order of p, `sensitive` that of sensitivity columns, `module` has the functions of a fit.
+    `parameter_names` gives the order of p, `sensitive` the order of the sensitivity columns. `module` holds the
+    functions that a fit needs.
     """
 
     model: Model
@@ -56,17 +57,17 @@ class Kernel:
 
     @cached_property
     def sensitivities(self) -> ModuleType:
-        """Has `rollout_sensitivities`, which only some users of a cell need: compiled when it is first asked for."""
+        """Module with `rollout_sensitivities`. Only some users of a cell need it, so it is compiled at first use."""
         return _cell(self.model, self.friction, self.sensitive, self.cell, "sensitivities", _SENSITIVITIES)
 
     @cached_property
     def gains(self) -> ModuleType:
-        """Has what `loops.noise` says: the same for all models with as many states and inputs."""
+        """Module with the functions of `loops.noise`, shared by all models with as many states and inputs."""
         return _gains(len(self.model.states), len(self.model.inputs), bool(self.model.label_delays))
 
 
 def cache_directory() -> Path:
-    """Folder of the compiled kernels."""
+    """Return the folder of the compiled kernels."""
     explicit = os.environ.get("JOINT_ID_CACHE_DIR")
     if explicit:
         return Path(explicit)
@@ -75,7 +76,7 @@ def cache_directory() -> Path:
 
 @lru_cache(maxsize=1)
 def _generator_text() -> str:
-    """Text of everything that shapes generated code; a change in it gives a new cache key."""
+    """Return the source of all files whose change needs a rebuild; it is part of the cache key."""
     here = Path(__file__).parent
     files = [*sorted((here.parent / "models").glob("*.py")), *sorted(here.rglob("*.py"))]
     return "".join(f.read_text() for f in files)
@@ -87,7 +88,7 @@ def _key(model: Model, friction: str, sensitive: tuple[str, ...], cell: str) -> 
     else:
         try:
             own = inspect.getsource(sys.modules[type(model).__module__])
-        except (OSError, TypeError):  # a model typed at a prompt has no source
+        except (OSError, TypeError):  # a model defined at a prompt has no source
             own = repr(id(type(model))) + str(time.time())
     return _hash(repr(model), friction, repr(sensitive), cell, own)
 
@@ -102,7 +103,7 @@ def _hash(*parts: str) -> str:
 
 @lru_cache(maxsize=8)
 def _cell_source(model: Model, friction: str, sensitive: tuple[str, ...], cell: str) -> str:
-    """Sizes and functions of a model, which the loops call."""
+    """Return the source of the sizes and functions of a model, which the loops use."""
     from joint_id_core.cell.rk4_source import cell_text
     from joint_id_core.cell.symbolic import derive
 
@@ -130,7 +131,7 @@ def {name}({arguments}):
 
 
 def _module_source(what: str, cell: str, functions: _Functions) -> str:
-    """A module with `functions` compiled, which call those of `cell`."""
+    """Return the source of a module that compiles `functions`, which call those of `cell`."""
     imports = "\n".join(sorted({f"import {function.__module__}" for function in functions}))
     text = _MODULE.format(what=what, imports=imports, cell=cell)
     for function in functions:
@@ -146,7 +147,7 @@ def _module_source(what: str, cell: str, functions: _Functions) -> str:
 
 
 def _build(path: Path, what: str, source: Callable[[], str], functions: _Functions) -> ModuleType:
-    """Load a compiled module, after writing its source if it is not there."""
+    """Load a compiled module; write its source first if it does not exist."""
     if not path.exists():
         log.info("compiling %s once, a few seconds; the result is kept in %s", what, path.parent)
         draft = path.with_suffix(".draft")
@@ -159,16 +160,17 @@ def _build(path: Path, what: str, source: Callable[[], str], functions: _Functio
     with _short_loops_vectorised():
         spec.loader.exec_module(module)
     missing = [f.__name__ for f in functions if not hasattr(module, f.__name__)]
-    if missing:  # a file cut short by a full disk is still valid Python
+    if missing:  # a file that was truncated by a full disk may still be valid Python
         raise ImportError(f"{path} has no {', '.join(missing)}")
     return module
 
 
 @contextmanager
 def _short_loops_vectorised() -> Iterator[None]:
-    """Let the compiler turn unrolled code into vector instructions: it unrolls loops over a few columns first.
+    """Enable the compiler's vectorisation of unrolled code (SLP), since it unrolls loops over a few columns first.
 
-    Numba leaves that out; with it a pass of the innovations form takes 0.9 and its noise information 0.45 of the time.
+    It is off by default in numba. With it a pass of the innovations form takes 0.9 of the time, and its noise
+    information 0.45.
     """
     from numba import config
 
@@ -181,7 +183,7 @@ def _short_loops_vectorised() -> Iterator[None]:
 
 
 def _locked(folder: Path) -> TextIO:
-    """Make the folder and lock it: a second process waits for the first one's build instead of repeating it."""
+    """Create the folder and lock it, so that a second process waits for the build of the first one."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = folder.with_suffix(".lock").open("w")
@@ -198,13 +200,13 @@ def _locked(folder: Path) -> TextIO:
 def compile_model(model: Model, friction: str = "tanh", extra: tuple[str, ...] = (), cell: str = "rk4") -> Kernel:
     """Compile the cell of a model with its sensitivities, or load it from the cache.
 
-    Sensitivities are made for every parameter that the model's table does not fix, and for `extra`.
+    The kernel has sensitivities for every parameter that is not fixed in the model's table, and for `extra`.
     `friction` is "tanh" (smoothed) or "sign" (the paper's network; simulation only, without the innovations form).
     `cell` is "rk4" or, for stiff models with smoothed friction, "implicit" (see `loops.esdirk`).
 
     Raises:
         JointIdError: unknown friction smoothing, cell or parameter name in `extra`; sign friction in the implicit cell;
-            a cache that cannot be written.
+            the cache cannot be written.
     """
     if friction not in ("tanh", "sign"):
         raise JointIdError(f"unknown friction smoothing {friction!r}: choose tanh or sign")
@@ -215,18 +217,18 @@ def compile_model(model: Model, friction: str = "tanh", extra: tuple[str, ...] =
     for name in extra:
         model.parameter(name)
     sensitive = tuple(p.name for p in model.parameters if not p.fixed or p.name in extra)
-    functions = _SIMULATION + _FILTER if friction == "tanh" else _SIMULATION  # all that H-PINN uses
+    functions = _SIMULATION + _FILTER if friction == "tanh" else _SIMULATION  # the H-PINN needs only simulation
     module = _cell(model, friction, sensitive, cell, "kernel", functions)
     kernel = Kernel(model, friction, cell, model.parameter_names, sensitive, module)
     if friction == "tanh":
-        _ = kernel.gains  # compiled here, not in the first fit
+        _ = kernel.gains  # compile it now, not during the first fit
     return kernel
 
 
 def _cell(
     model: Model, friction: str, sensitive: tuple[str, ...], cell: str, part: str, functions: _Functions
 ) -> ModuleType:
-    """A part of the kernel of a model."""
+    """Return one module of the kernel of a model."""
 
     def source() -> str:
         text = _cell_source(model, friction, sensitive, cell)
@@ -238,7 +240,7 @@ def _cell(
 
 @lru_cache(maxsize=64)
 def _gains(states: int, inputs: int, delayed: bool) -> ModuleType:
-    """The compiled `loops.noise` for so many states and inputs."""
+    """Return the compiled `loops.noise` for these numbers of states and inputs."""
     columns = simulate.padded(states + inputs)
     sizes = f"NX = {states}\nNU = {inputs}\nCL = {columns}\nCD = {noise.DISTURBANCES}\nDELAYED = {delayed}\n"
     what = f"noise statistics of {states} states and {inputs} inputs"
@@ -247,12 +249,12 @@ def _gains(states: int, inputs: int, delayed: bool) -> ModuleType:
 
 
 def _loaded(path: Path, what: str, source: Callable[[], str], functions: _Functions) -> ModuleType:
-    """A compiled module, from the cache or compiled."""
+    """Return a compiled module, from the cache or newly compiled."""
     folder = path.parent
     with _locked(folder):
         try:
             return _build(path, what, source, functions)
-        except Exception as error:  # whatever is wrong with a cached file, a fresh build is the cure
+        except Exception as error:  # a new build repairs any problem of a cached file
             log.warning("the cached kernel in %s cannot be loaded (%s): building it again", folder, error)
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)

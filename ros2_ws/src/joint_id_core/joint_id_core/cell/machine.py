@@ -1,6 +1,6 @@
-"""Numbers and arrays of a function that is being compiled, as `cell.translate` works with them.
+"""Numbers and arrays of a function that is being compiled, for `cell.translate`.
 
-A number is a Python one where it is known at compile time, else an LLVM value: a float, a whole number, true or false.
+A number that is known at compile time is a Python number. Any other number is an LLVM value: float, integer or boolean.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from numba import types
 from numba.core import cgutils
 
 FLOAT, INT, BOOL = ir.DoubleType(), ir.IntType(64), ir.IntType(1)
-ALIGN_BYTES = 64  # a cache line: a vector that crosses one costs twice as much to load
+ALIGN_BYTES = 64  # a cache line: loading a vector that crosses a line boundary costs twice as much
 
-# What Python calls it, and LLVM for floats and for whole numbers.
+# By operator: the Python function, and the names of the LLVM instructions for floats and for integers.
 ARITHMETIC: dict[type, tuple[Callable[..., Any], str, str]] = {
     ast.Add: (operator.add, "fadd", "add"),
     ast.Sub: (operator.sub, "fsub", "sub"),
@@ -42,40 +42,40 @@ COMPARISONS: dict[type, tuple[Callable[..., Any], str]] = {
 
 @dataclass(frozen=True)
 class Block:
-    """An array without gaps: where its first number is, and its shape. The last index runs fastest."""
+    """A contiguous array: pointer to its first number, and its shape. The last index varies fastest (C order)."""
 
     pointer: Any
     shape: tuple[Any, ...]
 
 
 def known(value: Any) -> bool:
-    """Whether a number is known at compile time."""
+    """Return whether a number is known at compile time."""
     return isinstance(value, int | float)
 
 
 def kind_of(value: Any) -> Any:
-    """Type of a number."""
+    """Return the type of a number."""
     if known(value):
         return FLOAT if isinstance(value, float) else BOOL if isinstance(value, bool) else INT
     return value.type
 
 
 class Machine:
-    """What can be done with numbers and arrays, at the place where a builder stands."""
+    """Emits LLVM code for operations on numbers and arrays, at the current position of a builder."""
 
     def __init__(self, context: Any, builder: Any) -> None:
         self.context, self.builder = context, builder
         self._tables: dict[tuple[Any, ...], Block] = {}
 
     def received(self, kind: Any, value: Any) -> Any:
-        """A number or an array that numba hands over."""
+        """Return a number or an array that numba passes as an argument."""
         if not isinstance(kind, types.Array):
             return value
         array = self.context.make_array(kind)(self.context, self.builder, value)
         return Block(array.data, tuple(cgutils.unpack_tuple(self.builder, array.shape)))
 
     def as_kind(self, kind: Any, value: Any) -> Any:
-        """A number as an LLVM value of this type."""
+        """Convert a number to an LLVM value of this type."""
         own = kind_of(value)
         if own not in {FLOAT: (FLOAT, INT, BOOL), INT: (INT, BOOL), BOOL: (BOOL,)}[kind]:
             raise TypeError(f"a number of type {own} is used as {kind}")
@@ -88,18 +88,18 @@ class Machine:
         return self.builder.uitofp(value, FLOAT) if own == BOOL else self.builder.sitofp(value, FLOAT)
 
     def variable(self, kind: Any) -> Any:
-        """Space for a number."""
+        """Allocate memory for a number and return its address."""
         with self.builder.goto_entry_block():
             return self.builder.alloca(kind)
 
     def store(self, value: Any, place: Any) -> None:
-        """Keep a number, of the type that belongs there."""
+        """Store a number, converted to the type of its memory."""
         self.builder.store(self.as_kind(place.type.pointee, value), place)
 
     # --- arithmetic
 
     def operation(self, kind: type, a: Any, b: Any) -> Any:
-        """A Python operator between two numbers."""
+        """Apply a Python operator to two numbers."""
         python, of_floats, of_ints = ARITHMETIC[kind]
         if known(a) and known(b):
             return python(a, b)
@@ -111,7 +111,7 @@ class Machine:
         return getattr(self.builder, of_ints)(self.as_kind(INT, a), self.as_kind(INT, b), flags=flags)
 
     def _power(self, a: Any, exponent: int) -> Any:
-        """A whole power, by squaring."""
+        """Return an integer power, by repeated squaring."""
         result: Any = 1.0
         left = abs(exponent)
         while left:
@@ -122,13 +122,13 @@ class Machine:
         return self.operation(ast.Div, 1.0, result) if exponent < 0 else result
 
     def negative(self, value: Any) -> Any:
-        """-value"""
+        """Return -value."""
         if known(value):
             return -value
         return self.builder.fneg(value) if value.type == FLOAT else self.builder.neg(value)
 
     def comparison(self, kind: type, a: Any, b: Any) -> Any:
-        """A Python comparison of two numbers."""
+        """Apply a Python comparison to two numbers."""
         python, sign = COMPARISONS[kind]
         if known(a) and known(b):
             return python(a, b)
@@ -138,7 +138,7 @@ class Machine:
         return self.builder.icmp_signed(sign, self.as_kind(INT, a), self.as_kind(INT, b))
 
     def extreme(self, kind: type, values: Sequence[Any]) -> Any:
-        """The one that compares so to the others: the smallest or the largest."""
+        """Return the smallest number (`kind` ast.Lt) or the largest number (ast.Gt)."""
         found, *others = values
         common = FLOAT if FLOAT in map(kind_of, values) else INT
         for value in others:
@@ -147,7 +147,7 @@ class Machine:
         return found
 
     def function(self, function: Any, arguments: Sequence[Any]) -> Any:
-        """A function of `math`, as numba has it."""
+        """Call a function of `math` in numba's implementation."""
         signature = types.float64(*[types.float64] * len(arguments))
         values = [self.as_kind(FLOAT, a) for a in arguments]
         return self.context.get_function(function, signature)(self.builder, values)
@@ -155,7 +155,7 @@ class Machine:
     # --- arrays
 
     def array(self, shape: Sequence[Any], kind: Any) -> Block:
-        """A new one on the stack, whose numbers may be anything. Outside of loops its shape need not be constant."""
+        """Allocate an uninitialised array on the stack. Outside of loops its shape need not be constant."""
         size: Any = 1
         for number in shape:
             size = self.operation(ast.Mult, size, number)
@@ -169,7 +169,7 @@ class Machine:
             return Block(self.builder.bitcast(space, kind.as_pointer()), tuple(shape))
 
     def table(self, numbers: tuple[Any, ...]) -> Block:
-        """A tuple of floats, or of such tuples, in memory."""
+        """Return a constant array with the numbers of a tuple of floats, or of nested tuples."""
         if numbers not in self._tables:
             values = np.array(numbers, dtype=float)
             constant = ir.Constant(ir.ArrayType(FLOAT, values.size), values.ravel().tolist())
@@ -179,7 +179,7 @@ class Machine:
         return self._tables[numbers]
 
     def element(self, array: Block, index: Sequence[Any]) -> Any:
-        """Where a number is kept, or, if there are fewer indices than dimensions, the part of the array there."""
+        """Return the address of a number; with fewer indices than dimensions, return that part of the array."""
         place: Any = 0
         for number, size in zip(index, array.shape, strict=False):
             place = self.operation(ast.Add, self.operation(ast.Mult, place, size), number)

@@ -1,4 +1,4 @@
-"""A model's derivative and Jacobians -> the Python text of its cell, for `cell.kernel` to compile."""
+"""Write the Python source of a model's cell from its derivative and Jacobians; `cell.kernel` compiles it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Cell = Literal["rk4", "implicit"]
 
 
 class _Hoist:
-    """Moves whatever depends on parameters alone out of the time loop, into constants c_k."""
+    """Moves expressions that depend only on parameters out of the time loop, into constants c_k."""
 
     def __init__(self, p: tuple[sp.Symbol, ...]) -> None:
         self.p = set(p)
@@ -38,7 +38,7 @@ class _Hoist:
 
 
 class _Printer(PythonCodePrinter):
-    """Python text in which small powers are products, as a compiler wants them."""
+    """Prints Python source in which small powers are products, which compile to faster code."""
 
     def _print_Pow(self, expr: Any, rational: bool = False) -> str:
         base, exponent = expr.as_base_exp()
@@ -50,13 +50,14 @@ class _Printer(PythonCodePrinter):
         return super()._print_Pow(expr, rational=rational)
 
 
-# Columns of the sensitivity work space W: derivatives of the state by the parameters, then (full) by the state itself
-# at the start of the sample and by the inputs. Rows of D and Q, its time derivative and their sum, follow in the same
-# array, whose sizes are constants: only so can a compiler prove that nothing overlaps and use vector instructions.
+# Columns of the sensitivities W in the work space V: derivatives of the state by the parameters, then (full) by the
+# state at the start of the sample and by the inputs. The rows of D (its time derivative) and of Q (the weighted sum of
+# these) follow in the same array. The sizes are constants, so that the compiler can prove that nothing overlaps and
+# uses vector instructions.
 
 
 class _Text:
-    """The printed expressions of one model: f, A, B, G and what they share."""
+    """Source text for one model: the expressions of f, A, B, G and their common subexpressions."""
 
     def __init__(self, model: Model, d: Derivative) -> None:
         self.model, self.d = model, d
@@ -78,7 +79,7 @@ class _Text:
         )
 
     def constants_function(self) -> list[str]:
-        """`constants(p, c)`."""
+        """Return the lines of `constants(p, c)`."""
         lines = ["def constants(p, c):", '    """Fill c with what depends on the parameters alone."""']
         lines += [f"    {s} = p[{i}]" for i, s in enumerate(self.d.p)]
         return lines + ([f"    c[{k}] = {self.show(e)}" for k, e in enumerate(self.constants)] or ["    pass"])
@@ -97,9 +98,10 @@ class _Text:
         return [f"{s} = 1.0 * ({show(w)} > 0.0) - 1.0 * ({show(w)} < 0.0)" for s, w in self.d.signs.items()]
 
     def step(self, name: str, columns: str | None, full: bool) -> list[str]:
-        """`name(x, V, u0, u1, c, h, substeps)`: one sample in RK4 steps, with the columns of V if there are any.
+        """Return the lines of `name(x, V, u0, u1, c, h, substeps)`, which advances one sample in RK4 steps.
 
-        `columns` names the constant that holds their number; `full` adds those by state and input.
+        `columns` is the name of the constant with the number of sensitivity columns in V, None without sensitivities.
+        With `full` V also has the derivatives by state and input.
         """
         nx, show = self.nx, self.show
         lines = [f"def {name}(x, V, u0, u1, c, h, substeps):"]
@@ -139,9 +141,9 @@ class _Text:
         return w, d, q
 
     def _sensitivities(self, columns: str, full: bool, stage: int, at: str, weight: str | None) -> list[str]:
-        """D = A (W + at hs D) + B for all columns, with Q the weighted sum of earlier stages.
+        """Return the lines of D = A (W + at hs D) + B for all columns, with Q the weighted sum of earlier stages.
 
-        The sparse product is written out entry by entry, so zeros and ones of A cost nothing.
+        The sparse product is written entry by entry, so zeros and ones of A take no time.
         """
         nx, show, lines = self.nx, self.show, list[str]()
         out = lines.append
@@ -173,19 +175,19 @@ class _Text:
         return lines
 
     def _at(self, temps: list[Any], inputs: list[str] | None = None) -> list[str]:
-        """Lines that unpack c, x and u and compute the shared expressions."""
+        """Return the lines that unpack c, x and u and compute the common subexpressions."""
         lines = [f"    c_{k} = c[{k}]" for k in range(len(self.constants))]
         lines += [f"    x_{i} = x[{i}]" for i in range(self.nx)]
         lines += [f"    u_{i} = {source}[{i}]" for i, source in enumerate(inputs or ["u"] * self.nu)]
         return [*lines, *(f"    {s}" for s in self._signs()), *(f"    {t} = {self.show(e)}" for t, e in temps)]
 
     def jacobian(self) -> list[str]:
-        """`jacobian(x, u, c, A)`."""
+        """Return the lines of `jacobian(x, u, c, A)`."""
         lines = ["def jacobian(x, u, c, A):", '    """Fill A with df/dx."""', *self._at(self.temps)]
         return lines + [f"    A[{i}, {k}] = {self.show(e)}" for i, row in enumerate(self.A) for k, e in enumerate(row)]
 
     def observe(self) -> list[str]:
-        """`observe(x, u0, u1, c, y, C, D)`: what the sensors of all states show, and its derivatives."""
+        """Return the lines of `observe(x, u0, u1, c, y, C, D)`: sensor readings of all states and their derivatives."""
         nx, n = self.nx, self.n_par
         lines = [
             "def observe(x, u0, u1, c, y, C, D):",
@@ -200,7 +202,7 @@ class _Text:
         return lines + [f"    D[{k // n}, {k % n}] = {self.show(e)}" for k, e in enumerate(flat[nx + nx * nx :])]
 
     def point(self) -> list[str]:
-        """`inputs`, `slope` and `linearise`: what a cell needs that is not written out stage by stage."""
+        """Return the lines of `inputs`, `slope` and `linearise`, for a cell whose stages are not written out."""
         lines = [
             "def inputs(u0, u1, at, u):",
             '    """Fill u with the inputs a share `at` of the sample after its start."""',
@@ -232,7 +234,7 @@ _IMPLICIT_STEPS = [
 
 
 def cell_text(model: Model, d: Derivative, cell: Cell) -> str:
-    """Source of the functions of one model that the loops call."""
+    """Return the source of the functions of one model that the loops call."""
     text = _Text(model, d)
     sizes = {
         "NX": text.nx,

@@ -1,4 +1,4 @@
-"""The RK4 cell over a record: simulation, with exact sensitivities where wanted."""
+"""Simulation of a record with the compiled cell (RK4 or implicit), with or without exact sensitivities."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _arrays(
 
 
 def rollout(kernel: Kernel, x0: Array, time: Array, u: Array, p: Array, substeps: int | Steps = 1) -> Array:
-    """Simulate a model with `substeps` RK4 steps a sample.
+    """Simulate a model with `substeps` integrator steps per sample.
 
     Args:
         kernel: from `cell.kernel.compile_model`.
@@ -37,7 +37,7 @@ def rollout(kernel: Kernel, x0: Array, time: Array, u: Array, p: Array, substeps
         time: instants in s, shape (T,).
         u: inputs at these instants, shape (T, inputs).
         p: values of all parameters in the model's order, shape (parameters,).
-        substeps: RK4 steps from each sample to the next, one number or shape (T,).
+        substeps: integrator steps from each sample to the next, one number or shape (T,).
 
     Returns:
         States, shape (T, n).
@@ -48,9 +48,9 @@ def rollout(kernel: Kernel, x0: Array, time: Array, u: Array, p: Array, substeps
 def restarted(
     kernel: Kernel, starts: Array, block: int, time: Array, u: Array, p: Array, substeps: int | Steps = 1
 ) -> Array:
-    """As `rollout`, begun anew every `block` samples from the next row of `starts`, shape (B, n).
+    """Simulate as `rollout`, but restart every `block` samples from the next row of `starts`, shape (B, n).
 
-    Where a run begins anew the state returned is the last one of the run before.
+    At a sample where the simulation restarts, the returned state is the last one of the previous run.
     """
     x0, time, u, p, steps = _arrays(kernel, starts[0], time, u, p, substeps)
     X = np.empty((len(time), len(x0)))

@@ -14,7 +14,7 @@ Smoothing = Literal["tanh", "sign"]
 
 
 class _SymPyOps:
-    """`models.Ops` on SymPy. With "sign" the direction is a symbol whose derivative is zero, as autograd has it."""
+    """`models.Ops` for SymPy. With "sign" the direction is a symbol whose derivative is zero, as in autograd."""
 
     sin = staticmethod(sp.sin)
     cos = staticmethod(sp.cos)
@@ -39,8 +39,8 @@ class _SymPyOps:
 class Derivative:
     """f(x, u, p) with its Jacobians. Symbols are x_i, u_i and p_<name>; `signs` maps sign symbols to velocities.
 
-    h is what sensors show of the states, delayed as the model says, with its Jacobians C = dh/dx and D = dh/dp; None
-    where no sensor is late.
+    h are the sensor readings of the states, with the delays of the model, and C = dh/dx and D = dh/dp their Jacobians.
+    All three are None if no sensor has a delay.
     """
 
     x: tuple[sp.Symbol, ...]
@@ -57,7 +57,7 @@ class Derivative:
 
 
 def derive(model: Model, friction: Smoothing, sensitive: tuple[str, ...]) -> Derivative:
-    """Trace the model's derivative with SymPy; A = df/dx, B = df/dp for `sensitive`, G = df/du."""
+    """Evaluate the model's derivative with SymPy symbols; A = df/dx, B = df/dp for `sensitive`, G = df/du."""
     x = tuple(sp.symbols(f"x_:{len(model.states)}", real=True))
     u = tuple(sp.symbols(f"u_:{len(model.inputs)}", real=True))
     p = tuple(sp.Symbol(f"p_{name}", real=True) for name in model.parameter_names)
@@ -68,8 +68,8 @@ def derive(model: Model, friction: Smoothing, sensitive: tuple[str, ...]) -> Der
     known = Derivative(x, u, p, f, f.jacobian(x), f.jacobian(wanted), f.jacobian(u), ops.signs)
     if not model.label_delays:
         return known
-    # x(t - s) by Taylor; the third order as far as the motion is linear. The direction of friction is held over the
-    # delay: its slope at standstill is far too steep for a series.
+    # Taylor series of x(t - s); the third-order term assumes linear motion. The direction of friction is held constant
+    # over the delay: its slope at standstill is far too steep for a series.
     held = _SymPyOps("sign")
     f = sp.Matrix(model.derivative(x, u, named, held))
     A = f.jacobian(x)

@@ -1,19 +1,21 @@
-"""Machine code from plain Python functions that use a small part of the language.
+"""Compile plain Python functions that use a small part of the language to machine code.
 
-The loops of `cell.loops` and the functions that `cell.rk4_source` writes are read as syntax trees and handed to LLVM
-through numba, without numba's own analysis of Python, which takes three times as long as all the rest. Functions that
-are called are put in place, and a branch that constants decide against leaves no code.
+The loops of `cell.loops` and the functions that `cell.rk4_source` writes are read as syntax trees and passed to LLVM
+through numba. This skips numba's own analysis of Python, which takes three times as long as all the rest. Functions
+that are called are inlined. A branch whose condition is a constant false produces no code.
 
-What may be used: numbers, arrays of them, tuples of constants, arithmetic, comparisons, `and`, `or`, `not`, conditional
+Supported: numbers, arrays of numbers, tuples of constants, arithmetic, comparisons, `and`, `or`, `not`, conditional
 expressions, `if`, `for ... in range(...)`, `break`, `continue`, `return`, `len`, `abs`, `min`, `max`, `np.empty`,
-`np.zeros`, the functions of `math`, and calls of other such functions. What differs from Python: indices and what `//`
-and `%` divide are never negative, a variable is of one type, the name of an array stands for that array alone, and the
-variable of a loop ends with it.
+`np.zeros`, the functions of `math`, and calls of other such functions.
 
-Arrays made by `np.empty` and `np.zeros` live on the stack until the compiled function returns. One on the heap begins
-at another place of its memory page in every process, and the stack does too. Where both begin at the same place, loads
-from one wait for stores to the other ("4 KB aliasing" in Intel's and AMD's optimisation manuals): so a function took
-1.0 or 1.4 of its time as long as the process lived. On the stack everything keeps its distance.
+Differences from Python: indices and the operands of `//` and `%` must not be negative, a variable keeps its type, the
+name of an array cannot be assigned again, and the variable of a loop does not exist after the loop.
+
+Arrays from `np.empty` and `np.zeros` are on the stack until the compiled function returns. The reason is "4 KB
+aliasing" (see Intel's and AMD's optimisation manuals): if two arrays have the same offset in their memory pages, loads
+from one wait for stores to the other. The offsets of heap and stack differ from process to process. So with arrays on
+the heap a function took 1.0 or 1.4 times its usual time, during the whole life of a process. On the stack the distances
+between arrays are fixed.
 """
 
 from __future__ import annotations
@@ -40,8 +42,8 @@ from joint_id_core.errors import JointIdError
 
 
 def compiled(signature: str) -> Callable[..., Any]:
-    """Decorator of a function that Python calls with arguments of these types; its machine code is kept on disk."""
-    # No "nnan": it would let the compiler drop the NaN test that marks a missing label.
+    """Return a decorator that compiles a function for arguments of these types; the machine code is cached on disk."""
+    # Without "nnan": it would allow the compiler to remove the NaN test for a missing label.
     fast = {"reassoc", "contract", "arcp", "nsz"}
     decorator: Callable[..., Any] = njit(
         signature, cache=True, fastmath=fast, nogil=True, error_model="numpy", no_cfunc_wrapper=True
@@ -50,11 +52,11 @@ def compiled(signature: str) -> Callable[..., Any]:
 
 
 def translated(function: Callable[..., Any], names: Mapping[str, Any]) -> Any:
-    """A function for `compiled` ones to call, made from a Python one that returns a float or nothing.
+    """Translate a Python function that returns a float or None to one that `compiled` functions can call.
 
     Args:
         function: a function of a module.
-        names: what it and those that it calls do not find in their own modules: sizes and other functions.
+        names: names that are missing in the modules of this function and of those that it calls: sizes and functions.
     """
 
     @intrinsic
@@ -75,22 +77,22 @@ def translated(function: Callable[..., Any], names: Mapping[str, Any]) -> Any:
 
 @lru_cache(maxsize=64)
 def _functions(module: str) -> dict[str, ast.FunctionDef]:
-    """The syntax trees of a module's functions."""
+    """Return the syntax trees of a module's functions by name."""
     tree = ast.parse(inspect.getsource(sys.modules[module]))
     return {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
 
 
 @dataclass
 class _Frame:
-    """A function that is being put in place.
+    """A function that is being inlined.
 
     Attributes:
-        function: which.
-        stores: how often each name is assigned to.
-        bound: names that stay what they are: arrays, constants, arguments.
-        variables: where the other names are kept.
-        end: where `return` goes.
-        result: where what it returns is kept.
+        function: the function.
+        stores: number of assignments to each name.
+        bound: names that are never assigned again: arrays, constants, arguments.
+        end: block to which `return` branches.
+        variables: addresses of the other names.
+        result: address of the returned value.
     """
 
     function: FunctionType
@@ -102,17 +104,17 @@ class _Frame:
 
 
 class _Translation(Expressions):
-    """Puts Python functions into the LLVM function that a machine writes."""
+    """Inlines Python functions into the LLVM function that a machine writes."""
 
     frame: _Frame | None = None
 
     def __init__(self, machine: Machine, names: Mapping[str, Any]) -> None:
         super().__init__(machine)
         self.names = names
-        self.loops: list[tuple[Any, Any]] = []  # that are open: where `continue` and `break` go
+        self.loops: list[tuple[Any, Any]] = []  # open loops: blocks to which `continue` and `break` branch
 
     def call(self, function: Any, arguments: Sequence[Any]) -> Any:
-        """Put a function in place; what it returns."""
+        """Inline the call of a function and return its result."""
         node = _functions(function.__module__)[function.__name__]
         stores: dict[str, int] = {}
         for part in ast.walk(node):
@@ -158,7 +160,7 @@ class _Translation(Expressions):
     # --- statements
 
     def _body(self, body: Sequence[ast.stmt], then: Any) -> None:
-        """Statements one after the other, then on to another block."""
+        """Write statements one after the other, then a branch to the block `then`."""
         for statement in body:
             if self.builder.block.is_terminated:
                 return
@@ -241,7 +243,7 @@ class _Translation(Expressions):
 
     @contextmanager
     def loop(self, first: Any, last: Any, step: int) -> Iterator[tuple[Any, Any]]:
-        """A loop around what is written inside, with its count and the block where that has to end."""
+        """Write a loop around the code inside; gives its counter and the block to which the body must branch."""
         builder = self.builder
         counter = self.machine.variable(INT)
         self.machine.store(first, counter)

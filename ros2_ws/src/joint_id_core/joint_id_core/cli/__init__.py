@@ -1,7 +1,7 @@
-"""The command line `joint-id`: a thin layer that turns options into calls of the library.
+"""The command line `joint-id`: a thin layer that converts options to calls of the library.
 
-Only light modules are imported here, so that `joint-id --help` answers at once. Other packages add commands through
-the entry-point group `joint_id.commands` (joint_id_ros: record); what is not installed is not shown.
+Only light modules are imported here, so that `joint-id --help` is fast. Other packages add commands through the
+entry-point group `joint_id.commands` (joint_id_ros: record). Commands that are not installed are not shown.
 """
 
 from __future__ import annotations
@@ -44,6 +44,6 @@ def _add_commands_of_other_packages() -> None:
 
 
 def main() -> None:
-    """Entry point of the console script. Exit code 0: done, 1: the fit is not good, 2: bad input."""
+    """Run the console script `joint-id`. Exit code 0: success, 1: the fit is not good, 2: bad input."""
     _add_commands_of_other_packages()
     app(prog_name="joint-id")

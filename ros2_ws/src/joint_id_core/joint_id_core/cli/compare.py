@@ -87,7 +87,7 @@ def compare(
 
 
 def _fit_arguments(trial: Trial, set_: Texts, fix: Texts, free: Texts) -> list[str]:
-    """Arguments of `joint-id fit` that fit this candidate as it was fitted here."""
+    """Return the arguments of `joint-id fit` that repeat the fit of this candidate."""
     model = trial.candidate.model
     words = list(trial.candidate.arguments)
     for option, texts in (("--set", set_), ("--fix", fix), ("--free", free)):

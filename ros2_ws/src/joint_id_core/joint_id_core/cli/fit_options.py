@@ -1,4 +1,4 @@
-"""Options of the commands that fit: which data, and what is said of the parameters."""
+"""Options of the commands that fit: data and parameter settings."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ JsonOption = Annotated[bool, typer.Option("--json", help="machine-readable resul
 
 
 def parameter_settings(set_: Texts, fix: Texts, free: Texts, prior: Texts = None) -> ParameterSettings:
-    """What --set, --fix, --free and --prior say together.
+    """Return the parameter settings of --set, --fix, --free and --prior.
 
     Raises:
         JointIdError: a text that is not NAME=VALUE, a name given twice, a prior that is not above zero.
@@ -44,10 +44,10 @@ def parameter_settings(set_: Texts, fix: Texts, free: Texts, prior: Texts = None
 
 
 def window(recording: Recording, start: float | None, end: float | None) -> Recording:
-    """The part of a recording between two instants given in s after its first sample.
+    """Return the part of a recording between two instants, given in s after its first sample.
 
     Raises:
-        JointIdError: no sample lies in it.
+        JointIdError: this part has no sample.
     """
     if start is None and end is None:
         return recording

@@ -1,4 +1,4 @@
-"""Bad input ends a command with exit code 2 and one line on stderr, without a traceback."""
+"""Error handling of commands: bad input gives exit code 2 and one line on stderr, without a traceback."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typer.core import TyperGroup
 
 from joint_id_core.errors import JointIdError
 
-# Typer comes with click or with a click of its own; either way this is the base of all usage errors.
+# Some versions of typer contain their own copy of click. In both cases this is the base class of all usage errors.
 UsageError: type[Exception] = typer.BadParameter.__mro__[1]
 
 BAD_INPUT = 2

@@ -1,4 +1,4 @@
-"""`joint-id info`: what a recording holds."""
+"""`joint-id info`: show the contents of a recording."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def info(
 
 
 def _describe(recording: Recording) -> dict[str, Any]:
-    """Facts about one joint; times in s, rate in Hz, values in SI units."""
+    """Return a description of one joint; times in s, rate in Hz, values in SI units."""
     import numpy as np
 
     from joint_id_core.data.signals import CHANNELS

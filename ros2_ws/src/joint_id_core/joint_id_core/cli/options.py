@@ -1,4 +1,4 @@
-"""Command-line options made from options dataclasses, so that no default and no help text is typed twice."""
+"""Generate command-line options from options dataclasses, so that defaults and help texts exist only once."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from joint_id_core.options import names
 def with_options(
     argument: str, kinds: Sequence[type], only: Collection[str] = (), required: Collection[str] = ()
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command one option for every field of these dataclasses, or for those in `only`.
+    """Return a decorator that adds one option for every field of these dataclasses, or only for the fields in `only`.
 
-    The command gets those that the user gave as one dictionary, its parameter `argument`. A field that several
-    dataclasses have becomes one option.
+    The command receives the options that the user gave as a dictionary, in its parameter `argument`. A field that
+    several dataclasses have becomes one option.
     """
     chosen: dict[str, list[tuple[type, Field[Any]]]] = {}
     for kind in kinds:
@@ -45,7 +45,7 @@ def with_options(
 
 
 def _parameter(name: str, group: list[tuple[type, Field[Any]]], required: bool, tell_kind: bool) -> inspect.Parameter:
-    """The command's parameter for one field."""
+    """Return the command's parameter for one field."""
     said = []
     for kind, f in group:
         text = f.metadata["description"]

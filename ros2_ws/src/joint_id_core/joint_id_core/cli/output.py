@@ -1,4 +1,4 @@
-"""What several commands have in common: results on stdout, progress on stderr."""
+"""Output of the commands: results on stdout, progress on stderr."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 def print_json(result: Any) -> None:
-    """Write one JSON document to stdout; what is not a number becomes null, as JSON has no NaN."""
+    """Write one JSON document to stdout, with null for NaN and infinity, which JSON does not have."""
     print(json.dumps(_plain(result), indent=2, allow_nan=False))
 
 
@@ -24,14 +24,14 @@ def _plain(value: Any) -> Any:
 
 
 class Progress:
-    """One line on stderr that is written over, and only when a person watches."""
+    """One line on stderr that is overwritten; it is shown only if stderr is a terminal."""
 
     def __enter__(self) -> Progress:
         self._live = sys.stderr.isatty()
         return self
 
     def __call__(self, text: str) -> None:
-        """Show what is being done now."""
+        """Show the present step."""
         if self._live:
             print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
 

@@ -1,4 +1,4 @@
-"""`joint-id robot-emulator`: a robot controller to try things out on, and to test clients against."""
+"""`joint-id robot-emulator`: an emulated robot controller to try things out and to test clients."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ def robot_emulator(
     amplitude: Annotated[float, typer.Option(help="peak of the motion in rad")] = 0.3,
     truth: Annotated[Optional[Path], typer.Option(help="YAML file to write the true parameters to")] = None,
 ) -> None:
-    """Be a robot controller on the network: RTDE at 500 Hz, six simulated joints, faults on demand.
+    """Emulate a robot controller on the network: RTDE at 500 Hz, six simulated joints, faults on demand.
 
-    Prints `ready on HOST:PORT` when it listens. As on a rig with encoders of its own, output_double_register_24..29
-    hold the motor positions in rad and 30..35 the motor velocities in rad/s, both at the motor shaft. The joints and
-    their parameters are made up.
+    Prints `ready on HOST:PORT` when it listens. As on a test rig with additional motor encoders,
+    output_double_register_24..29 hold the motor positions in rad and 30..35 the motor velocities in rad/s, both at the
+    motor shaft. The joints and their parameters are fictitious.
     """
     numbers = _version(version)
     which = _joints(moving)
@@ -63,7 +63,7 @@ def robot_emulator(
 
 
 def _version(text: str) -> tuple[int, ...]:
-    """Major, minor, bugfix and build."""
+    """Parse a version to (major, minor, bugfix, build)."""
     parts = text.split(".")
     if not 2 <= len(parts) <= 4 or not all(p.isdecimal() and len(p) < 10 for p in parts):
         raise JointIdError(f"--version {text}: write it as 5.13.0")
@@ -71,7 +71,7 @@ def _version(text: str) -> tuple[int, ...]:
 
 
 def _joints(text: str) -> frozenset[int]:
-    """Indices of the joints that move."""
+    """Parse the indices of the joints that move."""
     if text in ("all", "none"):
         return frozenset(range(JOINTS if text == "all" else 0))
     parts = text.split(",")

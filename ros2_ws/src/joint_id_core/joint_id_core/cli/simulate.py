@@ -1,4 +1,4 @@
-"""`joint-id simulate`: make a recording of a model with known parameters."""
+"""`joint-id simulate`: simulate a recording of a model with known parameters."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ def simulate(
     joint: Annotated[str, typer.Option(help="name of the joint in the bag")] = "joint",
     json: JsonOption = False,
 ) -> None:
-    """Simulate a joint with known parameters and write what its sensors show.
+    """Simulate a joint with known parameters and write the readings of its sensors.
 
-    Models with a voltage get steps of it; the others follow a multisine of the link position.
+    Models with a voltage input get voltage steps; the others follow a multisine of the link position.
     """
     if out.exists():
         raise JointIdError(f"{out} exists already: remove it or choose another name")

@@ -28,7 +28,8 @@ MIN_VALIDATION_S = (BLOCKS + 1) * HORIZON_S
 STILL = 0.02
 # Fractions of the model's smoothing velocity of Coulomb friction that a fit tries as well.
 SHARPER = (0.1, 0.01)
-# Fall of the deviance from which one is better: where the joint never turns all of them are alike but for rounding.
+# Decrease of the deviance from which a sharper step is better. If the joint never reverses, all steps give the same
+# deviance except for rounding.
 LEAST_GAIN = 0.01
 
 

@@ -1,4 +1,4 @@
-"""Models to compare, named by short texts: `harmonic_drive:stribeck+gravity`."""
+"""Parse short texts that name models to compare, such as `harmonic_drive:stribeck+gravity`."""
 
 from __future__ import annotations
 

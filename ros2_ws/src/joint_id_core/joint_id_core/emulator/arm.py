@@ -14,22 +14,21 @@ from joint_id_core.simulation.position_control import PositionController
 from joint_id_core.simulation.simulator import JointSimulator
 
 TICK_S = 0.002  # of the control loop
-START_S, STOP_S = 0.5, 0.2  # s, from rest to the full speed of the reference, and back
-_DETOUR_S = 0.1  # s, time constant with which joints that were held elsewhere return to their course
+START_S, STOP_S = 0.5, 0.2  # s, from rest to the full speed of the reference, and back to rest
+_DETOUR_S = 0.1  # s, time constant with which joints return to the reference path after they were held elsewhere
 
 Six = list[float]
 
 
 class Reference:
-    """Positions that the joints follow, along one path that is run through faster or slower.
+    """Reference positions of the joints along a fixed path with variable speed.
 
-    `pace` is the speed along the path, 1 in normal motion; it goes up and down smoothly, so the joints start from
-    rest and stop without a jump. Attributes `q`, `qd`, `qdd` hold the present reference (rad, rad/s, rad/s^2) of six
-    joints.
+    `pace` is the speed along the path, 1 in normal motion. It changes smoothly, so the joints start from rest and stop
+    without a jump. The attributes `q`, `qd`, `qdd` hold the present reference of six joints (rad, rad/s, rad/s^2).
 
     Args:
-        home: middle of the motion in rad, by joint.
-        moving: the joints that move.
+        home: centre of the motion in rad, by joint.
+        moving: indices of the joints that move.
         amplitude: peak of the motion in rad.
     """
 
@@ -40,9 +39,9 @@ class Reference:
         self._phasors = np.array([w.amplitudes for w in waves]) * np.exp(1j * np.array([w.phases for w in waves]))
         self._derivatives = np.stack([np.ones_like(omega), 1j * omega, -(omega**2)], axis=1)
         self._home = np.array(home)
-        self._detour = np.zeros((3, len(home)))  # position and its derivatives along the path, dies away
+        self._detour = np.zeros((3, len(home)))  # decaying offset from the path, and its derivatives along the path
         self._path = 0.0  # s along the path
-        self._ramp = 0.0  # 0: stands still, 1: full speed
+        self._ramp = 0.0  # 0: at rest, 1: full speed
         self.q: Six
         self.qd: Six
         self.qdd: Six
@@ -50,11 +49,11 @@ class Reference:
 
     @property
     def pace(self) -> float:
-        """Speed along the path: 0 stands still, 1 full speed."""
+        """Speed along the path: 0 at rest, 1 at full speed."""
         return self._ramp * self._ramp * (3.0 - 2.0 * self._ramp)
 
     def tick(self, go: bool) -> None:
-        """One tick on: towards full speed, or else towards a stop."""
+        """Advance by one tick: with `go` towards full speed, else towards rest."""
         before = self.pace
         self._ramp = min(1.0, self._ramp + TICK_S / START_S) if go else max(0.0, self._ramp - TICK_S / STOP_S)
         forward = 0.5 * (before + self.pace) * TICK_S
@@ -63,7 +62,7 @@ class Reference:
         self._evaluate((self.pace - before) / TICK_S)
 
     def begin_at(self, q: Sequence[float]) -> None:
-        """Stand still at positions `q` in rad; from there the joints return to their course."""
+        """Rest at positions `q` in rad; from there the joints later return to the path."""
         self._ramp = 0.0
         course = (self._phasors @ np.exp(self._turn * self._path)).real + self._home
         away = np.array(q) - course
@@ -80,11 +79,11 @@ class Reference:
 
 
 class Arm:
-    """Six joints that do not act on each other, in still air without gravity.
+    """Six joints without coupling and without gravity.
 
-    A tick is `decide` (the controllers look at the joints and set their currents) and then `advance`; between the two
-    the attributes are what holds at this instant: `motor_position`, `motor_velocity` (at the shaft),
-    `link_position`, `link_velocity` in SI units, and `current` in A, which lasts until the next tick.
+    A tick consists of `decide` (the controllers read the joints and set their currents) and `advance`. Between the two
+    the attributes hold the values of this instant: `motor_position` and `motor_velocity` at the shaft,
+    `link_position`, `link_velocity` in SI units, and `current` in A, which is held until the next tick.
 
     Raises:
         JointIdError: an amplitude that is not finite.
@@ -110,7 +109,7 @@ class Arm:
         self.link_velocity: Six = [0.0] * len(self.joints)
 
     def _at_rest(self) -> list[JointSimulator]:
-        """Simulators of the joints where they are now, not moving."""
+        """Return simulators of the joints at their present positions, at rest."""
         places = zip(self.joints, self.motor_position, self.link_position, strict=True)
         return [
             JointSimulator(self._model, j.values, {"motor_position": theta, "link_position": q})
@@ -118,14 +117,14 @@ class Arm:
         ]
 
     def brake(self) -> None:
-        """Brakes on, motors off: the joints stand still where they are."""
+        """Brakes on, motors off: the joints stop at once at their present positions."""
         self.braked = True
         self.reference.begin_at(self.link_position)
         self._rest()
         self.current = [0.0] * len(self.joints)
 
     def release(self) -> None:
-        """Brakes off, motors on: the joints are held where they are and return to their course."""
+        """Brakes off, motors on: the joints start at their present positions and return to the path."""
         self.braked = False
         self._simulators = self._at_rest()
 
@@ -141,7 +140,7 @@ class Arm:
             self.current[i] = torque / self._k_t[i]
 
     def advance(self, go: bool) -> None:
-        """Move on by one tick under the currents that are set; `go` lets the reference run, else it stops and holds.
+        """Advance by one tick with the present currents; with `go` the reference moves, else it stops.
 
         Raises:
             JointIdError: the simulation cannot go on.

@@ -1,4 +1,4 @@
-"""One client of the emulator: its requests, its recipes, and the bytes that wait for it."""
+"""One client of the emulator: its requests, its recipes, and the bytes that still have to be sent."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from joint_id_core.rtde import packets
 from joint_id_core.rtde.errors import ProtocolError
 from joint_id_core.rtde.packets import Packet, PacketReader, Recipe, Value, encode
 
-READ_TIMEOUT_S = 10.0  # a client that takes nothing for so long is cut off
-_SEND_BUFFER = 65536  # bytes in the kernel: a second or so of samples, as little as a small controller has
-_MOST_WAITING = 65536  # bytes here, beyond those
+READ_TIMEOUT_S = 10.0  # a client that reads nothing for this time is disconnected
+_SEND_BUFFER = 65536  # bytes in the kernel: about a second of samples, as in a small controller
+_MOST_WAITING = 65536  # most bytes in this process, in addition to those
 _MOST_RECIPES = 255
-_FAREWELL_S = 1.0  # in which a client that was refused can read why
-_ERROR_LEVEL = 1  # of text messages
+_FAREWELL_S = 1.0  # time in which a refused client can read the reason
+_ERROR_LEVEL = 1  # level of text messages
 
 
 class Controller(Protocol):
-    """What a connection asks the controller."""
+    """Interface of the controller that a connection uses."""
 
     version: tuple[int, ...]
     values: dict[str, Value | Sequence[float]]
@@ -34,7 +34,7 @@ class Controller(Protocol):
 
 
 class Connection:
-    """One client. Requests that make no sense end the connection with a text message, and only that.
+    """One client. An invalid request ends its connection with a text message, and has no other effect.
 
     `held` maps input registers to the connection that writes them; all connections share it.
     """
@@ -47,7 +47,7 @@ class Connection:
         self._controller, self._held = controller, held
         self._inputs: dict[int, Recipe] = {}
         self._agreed = False
-        self._refused = False  # a recipe was refused: START will be too
+        self._refused = False  # a recipe was refused: START will be refused, too
         self._reader = PacketReader()
         self._waiting = bytearray()
         self._blocked_since: float | None = None
@@ -56,7 +56,7 @@ class Connection:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
 
     def receive(self, now: float) -> None:
-        """Take what the client has sent and answer it; `now` in s of the caller's clock."""
+        """Read what the client has sent and answer it; `now` is the time in s of the caller's clock."""
         try:
             data = self.sock.recv(65536)
         except BlockingIOError:
@@ -73,7 +73,7 @@ class Connection:
                 self._end(str(error), now)
 
     def publish(self, tick: int) -> None:
-        """Queue the sample of this tick; a client that is behind loses it whole."""
+        """Queue the sample of this tick; a client that reads too slowly loses the whole sample."""
         if not self.streaming or self._ends_at is not None:
             return
         if self._blocked_since is not None or len(self._waiting) > _MOST_WAITING:
@@ -83,12 +83,12 @@ class Connection:
                 self._waiting += output.packet(self._controller.values)
 
     def insert(self, data: bytes) -> None:
-        """Queue bytes that are no packet."""
+        """Queue bytes that are not a packet."""
         if self.streaming:
             self._waiting += data
 
     def flush(self, now: float, pieces: random.Random | None = None) -> None:
-        """Send what waits, or with `pieces` a random part of it. Call it every tick: it also ends what is over."""
+        """Send the queued bytes, or with `pieces` a random part. Call it every tick: it also ends connections."""
         if self._ends_at is not None and now > self._ends_at:
             self.close()
         if not self._waiting or self.closed:
@@ -121,7 +121,7 @@ class Connection:
         """Answer a request.
 
         Raises:
-            ProtocolError: a request that makes no sense.
+            ProtocolError: an invalid request.
         """
         kind, payload = packet
         if kind == packets.REQUEST_VERSION:
@@ -194,7 +194,7 @@ class Connection:
         self._waiting += encode(kind, payload)
 
     def _end(self, why: str, now: float) -> None:
-        """Tell the client why, and end the connection once it has had time to read that."""
+        """Send the reason to the client, and end the connection after `_FAREWELL_S`."""
         _tell(f"{self.peer} is cut off: {why}")
         message, source = why.encode()[:255], b"robot-emulator"
         payload = bytes([len(message)]) + message + bytes([len(source)]) + source + bytes([_ERROR_LEVEL])
@@ -211,7 +211,7 @@ class Connection:
 
 
 def _names(payload: bytes) -> list[str]:
-    """Names of a comma-separated list; one comma at the end is let pass, as ur_rtde writes it."""
+    """Return the names of a comma-separated list; one comma at the end is allowed, because ur_rtde sends it."""
     try:
         names = payload.decode("ascii").removesuffix(",").split(",")
     except UnicodeDecodeError:
@@ -231,7 +231,7 @@ def _unpack(layout: str, payload: bytes, what: str) -> tuple[int, ...]:
 
 
 def _text_of(payload: bytes) -> str:
-    """The message of a text packet."""
+    """Return the message of a text packet."""
     length = payload[0] if payload else 0
     if not 0 < length < len(payload):
         raise ProtocolError(f"text message of {length} characters in a packet of {len(payload)} bytes")

@@ -1,4 +1,4 @@
-"""What the controller of the emulated robot knows and reports: its clock, modes, sensors and registers."""
+"""The controller of the emulated robot: clock, modes, sensors and registers."""
 
 from __future__ import annotations
 
@@ -14,31 +14,31 @@ from joint_id_core.rtde.packets import Value
 from joint_id_core.simulation.sensors import ur_robot_sensors
 
 REGISTERS = 48
-MOTOR_POSITION_REGISTER, MOTOR_VELOCITY_REGISTER = 24, 30  # the first of six output_double_register_..
+MOTOR_POSITION_REGISTER, MOTOR_VELOCITY_REGISTER = 24, 30  # number of the first of six output_double_register_..
 
 # Bits of the status fields. Source: Universal Robots, RTDE guide.
 POWER_ON, PROGRAM_RUNNING = 1 << 0, 1 << 1
 NORMAL_MODE, PROTECTIVE_STOPPED, STOPPED_DUE_TO_SAFETY = 1 << 0, 1 << 2, 1 << 10
 
-# Made up: a joint of the size of Table V has these; others lose heat and store it in proportion to their size.
+# Fictitious values of a joint of the size of Table V; heat capacity and cooling of others are proportional to the size.
 _AMBIENT, _WARMEST_START = 25.0, 30.0  # deg C
 _HEAT_CAPACITY, _COOLING = 800.0, 0.4  # J/K, W/K: time constant 33 minutes
 _RESISTANCE = 0.5  # ohm
 _RAIL, _RAIL_DROP, _RAIL_NOISE = 48.0, 0.05, 0.05  # V, ohm, V
 
-_NOISE_BLOCK = 512  # ticks for which noise is drawn at once
+_NOISE_BLOCK = 512  # number of ticks for which noise is generated at once
 
 
 class Controller:
     """A controller from power-up on. `values` holds every field and register as reported at this tick.
 
     Args:
-        joints: of the robot.
+        joints: joints of the robot.
         moving: indices of the joints that move.
         amplitude: peak of their motion in rad.
-        version: of the controller, (major, minor, ...).
-        without: fields that it lacks although its version has them.
-        seed: of the noise.
+        version: version of the controller, (major, minor, ...).
+        without: fields that it does not have although its version has them.
+        seed: seed of the noise.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Controller:
                 self.values.update({f"{direction}_{kind}_register_{k}": 0 for k in range(REGISTERS)})
 
     def type_of(self, name: str) -> str | None:
-        """Type of an output field; None where this controller does not have it."""
+        """Return the type of an output field; None if this controller does not have it."""
         if name in self._without:
             return None
         if name in FIELDS:
@@ -87,11 +87,11 @@ class Controller:
 
     @staticmethod
     def input_type_of(name: str) -> str | None:
-        """Type of an input field; None where there is none of this name."""
+        """Return the type of an input field; None if there is no such field."""
         return register_type(name) if name.startswith("input_") else None
 
     def power(self, on: bool) -> bool:
-        """Switch the arm on or off; False where it was so already."""
+        """Switch the arm on or off; return False if it was in this state before."""
         if on is not self.arm.braked:
             return False
         if on:
@@ -101,16 +101,16 @@ class Controller:
         return True
 
     def protective_stop(self, stop: bool) -> bool:
-        """Stop the joints, or let them go on; False where it was so already."""
+        """Stop the joints, or let them continue; return False if they were in this state before."""
         changed, self.stopped = self.stopped is not stop, stop
         return changed
 
     def tick(self) -> None:
-        """Set the currents of this tick; `values` still holds what was reported before, see `report`."""
+        """Set the currents of this tick; `values` is updated only by `report`."""
         self.arm.decide()
 
     def advance(self) -> None:
-        """Move on to the next tick.
+        """Advance to the next tick.
 
         Raises:
             JointIdError: the simulation cannot go on.
@@ -120,7 +120,7 @@ class Controller:
         self.ticks += 1
 
     def _warm_up(self) -> None:
-        """Copper loss and friction heat a joint, the air cools it."""
+        """Update the temperatures: copper loss and friction heat a joint, the air cools it."""
         arm = self.arm
         heat = 0.0
         if not arm.braked:
@@ -132,7 +132,7 @@ class Controller:
         self._temperature += (heat - cooling) * (TICK_S / _HEAT_CAPACITY) / self._size
 
     def report(self) -> None:
-        """Read the sensors and put everything into `values`; between `tick` and `advance`."""
+        """Read the sensors and update `values`; call it between `tick` and `advance`."""
         arm, values = self.arm, self.values
         values["timestamp"] = self.ticks * TICK_S + self.clock_offset
         values["target_q"], values["target_qd"], values["target_qdd"] = (
@@ -150,7 +150,7 @@ class Controller:
         noise, self._noise = self._noise[0], self._noise[1:]
         shown = np.array((arm.link_position, arm.motor_position, arm.motor_velocity, arm.current))
         rail = _RAIL - _RAIL_DROP * abs(shown[3]) + _RAIL_NOISE * noise[4]
-        if arm.braked:  # the joints' electronics are off: the last positions stand
+        if arm.braked:  # the electronics of the joints are off: the last positions remain
             noise, rail = np.zeros_like(noise), np.zeros(JOINTS)
         shown += noise[:4] * self._std
         shown[:2] = np.round(shown[:2] / self._step) * self._step

@@ -1,4 +1,4 @@
-"""The emulator as a process: the clock that drives it, and the faults that are asked for on standard input."""
+"""The emulator as a process: its clock, and the fault commands on standard input."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ from joint_id_core.emulator.robots import Joint
 from joint_id_core.emulator.server import Server
 from joint_id_core.errors import JointIdError
 
-_BEHIND_S = 1.0  # a clock that lags more than this is not caught up with
-_LONGEST_WAIT_S = 0.1  # a signal does not end a wait
-_BURST = 50  # late ticks in one go, so that clients are served meanwhile
+_BEHIND_S = 1.0  # a longer delay is not caught up
+_LONGEST_WAIT_S = 0.1  # short, because a signal does not end a wait
+_BURST = 50  # most late ticks at once, so that clients are served in between
 
 
 class Emulator:
-    """A robot in real time: tick k is due at its start plus k times 2 ms, however late ticks before it were.
+    """A robot in real time: tick k is due k times 2 ms after the start, even if earlier ticks were late.
 
-    Late ticks are caught up in a burst, each with its own timestamp. When the machine is more than 1 s behind, the
-    schedule is moved: the robot's clock then goes on without a jump but lags behind the true time.
+    Late ticks are caught up in a burst, each with its own timestamp. If the machine is more than 1 s behind, the
+    schedule is shifted: the robot's clock then continues without a jump, but behind the true time.
 
     Args:
-        joints: of the robot.
-        moving: indices of those that move.
+        joints: joints of the robot.
+        moving: indices of the joints that move.
         amplitude: peak of their motion in rad.
-        version: of the controller.
-        without: fields that it lacks.
-        seed: of all that is random.
+        version: version of the controller.
+        without: fields that it does not have.
+        seed: seed of all random numbers.
         host: address to listen at.
-        port: TCP port; 0 takes any that is free.
-        slow_start: s after each start in which connections are taken but nothing is answered.
+        port: TCP port; 0 takes any free port.
+        slow_start: time in s after each start in which connections are accepted, but requests are not answered.
 
     Raises:
-        JointIdError: bad values, cannot listen there.
+        JointIdError: bad values, or cannot listen at this address and port.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class Emulator:
             joints, moving, amplitude, version, without, seed
         )
         self._slow_start = slow_start
-        self._selector = SelectSelector()  # the one whose waiting is finer than 1 ms, and that takes any input file
+        self._selector = SelectSelector()  # it waits with a resolution below 1 ms, and it accepts any input file
         self._controller = self._new_controller()
         self._server = Server(host, port, self._controller, self._selector, seed)
         self._random = random.Random(seed)
@@ -71,7 +71,7 @@ class Emulator:
         self._ended = False
 
     def run(self) -> None:
-        """Serve until told to end, by the command `quit`, SIGINT or SIGTERM.
+        """Serve until the command `quit`, SIGINT or SIGTERM.
 
         Raises:
             JointIdError: the simulation cannot go on, or another program took the port during a power cycle.
@@ -136,7 +136,7 @@ class Emulator:
         data = os.read(sys.stdin.fileno(), 65536)
         if not data:
             self._selector.unregister(sys.stdin.fileno())
-            data = b"\n"  # a last line may lack its end
+            data = b"\n"  # the last line may have no line end
         *lines, self._commands = (self._commands + data).split(b"\n")
         for line in lines:
             if line.strip() and not self._ended:
@@ -148,7 +148,7 @@ class Emulator:
                     self._carry_out(name, value, now)
 
     def _carry_out(self, name: str, value: float, now: float) -> None:
-        """Do what a command says, and say so in one line that begins with the command."""
+        """Run a command, and report the result in one line that begins with the command."""
         if self._off_until is not None and name != "quit":
             _complain(f"command {name}: the controller is off, for another {self._off_until - now:.1f} s")
             return
@@ -215,11 +215,11 @@ class Emulator:
 
 
 def _say(text: str) -> None:
-    """One line on standard output; whoever read it may be gone."""
+    """Print one line on standard output; a closed pipe is no error."""
     try:
         print(text, flush=True)
     except BrokenPipeError:
-        # Python would complain again when it flushes at its end.
+        # Without this, Python would report the error again when it flushes at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

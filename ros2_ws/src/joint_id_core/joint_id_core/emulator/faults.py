@@ -1,4 +1,4 @@
-"""The commands that the emulator takes while it runs: what can go wrong with a robot, on demand."""
+"""Commands that cause faults while the emulator runs."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from joint_id_core.errors import JointIdError
 
 @dataclass(frozen=True)
 class Command:
-    """A command: its name, its argument as written in the help, the argument's default, what it does.
+    """A command: name, meaning, kind of argument, default of the argument.
 
-    `argument` is "" (none), "N" (a count), "S" (seconds, not negative), "+-S" (seconds) or "on|off". NaN as default:
-    the argument must be given.
+    `argument` is "" (none), "N" (a count), "S" (seconds, not negative), "+-S" (seconds) or "on|off". With the default
+    NaN the argument must be given.
     """
 
     name: str
@@ -45,10 +45,10 @@ _LARGEST_COUNT, _LONGEST_S = 1_000_000, 1e6
 
 
 def parse(line: str) -> tuple[str, float]:
-    """Name and argument of a command line; the argument is NaN where the command has none, 1 or 0 for on and off.
+    """Return name and argument of a command line; the argument is NaN if the command has none, 1 for on, 0 for off.
 
     Raises:
-        JointIdError: unknown command, an argument that is missing, too much or out of range.
+        JointIdError: unknown command, missing argument, too many arguments, or an argument out of range.
     """
     name, *arguments = line.split()
     if name not in COMMANDS:
@@ -64,7 +64,7 @@ def parse(line: str) -> tuple[str, float]:
 
 
 def usage(command: Command) -> str:
-    """How a command is written, e.g. `drop [N=1]`."""
+    """Return the syntax of a command, e.g. `drop [N=1]`."""
     if not command.argument:
         return command.name
     given = command.argument if math.isnan(command.default) else f"[{command.argument}={command.default:g}]"

@@ -1,4 +1,4 @@
-"""What one client asked to be sent, how often, and how it is spoilt."""
+"""Output of one client: its recipe, its rate, and faults in the next samples."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MOST_HZ, MOST_HZ_CB3 = 500.0, 125.0  # controllers before version 5 send at most
 
 @dataclass
 class Output:
-    """A recipe of outputs with its rate, and how many of the next samples are yet to be spoilt."""
+    """A recipe of outputs, its rate, and for each fault the number of next samples that will have it."""
 
     recipe: Recipe
     every: int  # ticks
@@ -23,7 +23,7 @@ class Output:
     nan: int = 0
 
     def packet(self, values: Mapping[str, Value | Sequence[float]]) -> bytes:
-        """The next data packet; b"" for one that is dropped."""
+        """Return the next data packet; b"" if it is dropped."""
         payload = self.recipe.pack(values)
         if self.zero:
             self.zero -= 1
@@ -38,6 +38,6 @@ class Output:
 
 
 def ticks_between(asked: float, version: tuple[int, ...]) -> int:
-    """Ticks from one sample to the next for a frequency in Hz: the largest one sent, divided by a whole number."""
+    """Return the ticks between samples for a requested rate in Hz: the largest rate divided by a whole number."""
     largest = MOST_HZ if version[0] >= 5 else MOST_HZ_CB3
     return round(MOST_HZ / largest) * max(1, math.floor(largest / asked + 1e-9))

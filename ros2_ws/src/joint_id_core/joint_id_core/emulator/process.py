@@ -1,4 +1,4 @@
-"""The emulated robot as a process of its own: for tests, benchmarks and demonstrations of programs that read robots."""
+"""The emulated robot as a separate process: for tests, benchmarks and demonstrations of programs that read robots."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from joint_id_core.errors import JointIdError
 
 COMMAND = (sys.executable, "-c", "from joint_id_core.cli import main; main()", "robot-emulator")
 PATIENCE_S = 180.0  # a limit for a process that hangs, not a measure of speed
-STOP_S = 10.0  # to end after SIGINT
+STOP_S = 10.0  # time to end after SIGINT
 
 
 class EmulatorProcess:
-    """`joint-id robot-emulator` with its options as arguments, at a free port unless `--port` is among them.
+    """A process `joint-id robot-emulator` with its options as arguments, at a free port unless `--port` is given.
 
     Attributes:
         process: the process; its standard output and error are read by threads.
-        lines: what it has printed, without line ends.
-        complaints: what it has printed on standard error.
-        ready: its first line.
-        host, port: where it listens.
+        lines: lines of its standard output, without line ends.
+        complaints: lines of its standard error.
+        ready: the line that says that it is ready.
+        host, port: address and port at which it listens.
 
     Raises:
-        JointIdError: it ended instead of getting ready; holds its exit code and what it said.
+        JointIdError: the process ended before it was ready; the message has its exit code and its errors.
     """
 
     def __init__(self, *arguments: str, before: Sequence[str] = (), new_session: bool = False) -> None:
-        """Start it and wait until it listens.
+        """Start the process and wait until it listens.
 
-        `before` stands before the command, as `setpriv` does; with `new_session` a Ctrl-C does not reach it.
+        `before` is put before the command (e.g. `setpriv`). With `new_session`, Ctrl-C does not reach the process.
         """
         port = () if "--port" in arguments else ("--port", "0")
         self.process = subprocess.Popen(
@@ -67,13 +67,13 @@ class EmulatorProcess:
         self.process.stdin.flush()
 
     def tell(self, command: str) -> str:
-        """Give a command and wait until it is carried out; the line that says so."""
+        """Give a command, wait until it is done, and return the line that confirms it."""
         since = len(self.lines)
         self.give(command)
         return self.wait_for(f"{command.split()[0]}:", since)
 
     def wait_for(self, beginning: str, since: int = 0) -> str:
-        """The first line from number `since` on that begins so."""
+        """Wait for a line that starts with `beginning`, from line number `since` on, and return it."""
         end = time.monotonic() + PATIENCE_S
         while time.monotonic() < end:
             ended = self.process.poll() is not None
@@ -90,11 +90,11 @@ class EmulatorProcess:
 
     @property
     def errors(self) -> str:
-        """What it has printed on standard error."""
+        """Text that the process has printed on standard error."""
         return "\n".join(self.complaints)
 
     def wait_for_error(self, text: str) -> None:
-        """Wait until it has printed this on standard error."""
+        """Wait until the process has printed `text` on standard error."""
         end = time.monotonic() + PATIENCE_S
         while text not in self.errors:
             if time.monotonic() > end:
@@ -102,7 +102,7 @@ class EmulatorProcess:
             time.sleep(0.005)
 
     def stop(self) -> None:
-        """End it, however it feels; any number of times."""
+        """End the process, if needed by force; can be called more than once."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
             try:

@@ -1,8 +1,9 @@
-"""The robots that are emulated: their names, sizes and true parameters. All of it is made up.
+"""The emulated robots: names, sizes and true parameters. All values are fictitious.
 
-A joint is Model 2 of the paper driven by a current. Its torque-like parameters are those of Table V times a size, and
-then changed by up to 15 %, so that no two joints are alike and the nominal values are wrong for all of them. The sizes
-only say that wrists are smaller and a UR10e is larger than a UR3e: no real UR joint has these values.
+A joint is Model 2 of the paper driven by a current. Its inertia, stiffness, damping and friction are those of Table V
+times a size, and changed by up to 15 % at random. So no two joints are equal, and the nominal values are wrong for all
+of them. The sizes only reflect that wrists are smaller and a UR10e is larger than a UR3e: no real UR joint has these
+values.
 """
 
 from __future__ import annotations
@@ -16,13 +17,13 @@ from joint_id_core.models import HarmonicDrive
 from joint_id_core.rtde.fields import JOINT_NAMES
 
 HOME = (0.0, -1.57, 1.57, -1.57, -1.57, 0.0)  # rad, around which the joints move
-# Base to wrist 3. Smaller ones than these would need a current that drowns in the sensor's noise.
+# Base to wrist 3. Smaller joints would need currents below the noise of the sensor.
 _SIZES: dict[str, tuple[float, ...]] = {
     "ur3e": (1.0, 1.0, 0.8, 0.6, 0.6, 0.6),
     "ur5e": (1.4, 1.4, 1.4, 0.8, 0.8, 0.8),
     "ur10e": (1.8, 1.8, 1.4, 1.0, 1.0, 1.0),
 }
-_K_T = (0.1, 0.1, 0.1, 0.08, 0.08, 0.08)  # Nm/A, rounded from the maker's calibration of a UR5e
+_K_T = (0.1, 0.1, 0.1, 0.08, 0.08, 0.08)  # Nm/A, rounded from the manufacturer's calibration of a UR5e
 _SCALED = ("J_m", "c_m", "tau_fm", "c_1", "k_1", "k_2", "J_q", "c_q", "tau_fq")
 _SPREAD = 0.15
 
@@ -31,7 +32,7 @@ ROBOTS = tuple(_SIZES)
 
 @dataclass(frozen=True)
 class Joint:
-    """One joint: its name, its size as a share of the joint of Table V, its home position, its true parameters."""
+    """One joint: name, size relative to the joint of Table V, home position in rad, true parameters in SI units."""
 
     name: str
     size: float
@@ -40,7 +41,7 @@ class Joint:
 
 
 def build_joints(robot: str) -> tuple[Joint, ...]:
-    """The six joints of a robot, the same at every call.
+    """Return the six joints of a robot; every call returns the same values.
 
     Raises:
         JointIdError: unknown robot.

@@ -1,4 +1,4 @@
-"""The listening socket of the emulator and its clients, without a thread of their own."""
+"""The listening socket of the emulator and its clients, without threads."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from joint_id_core.emulator.connection import Connection
 from joint_id_core.emulator.controller import Controller
 from joint_id_core.errors import JointIdError
 
-_MOST_CLIENTS = 100  # select() takes no more than 1024 files
+_MOST_CLIENTS = 100  # select() handles at most 1024 files
 
 
 class Server:
-    """Listens, takes requests and sends samples. The data of a selector key is what to call when it can be read.
+    """Listens, handles requests and sends samples.
 
     Args:
         host: address to listen at.
-        port: TCP port; 0 takes any that is free.
-        controller: what is asked and reported; may be replaced while there is no connection.
-        selector: where sockets are registered.
-        seed: of the pieces into which packets are cut.
+        port: TCP port; 0 takes any free port.
+        controller: answers requests and reports values; it may be replaced while there is no connection.
+        selector: sockets are registered here; the data of a key is the function to call when its socket is readable.
+        seed: seed of the random pieces into which packets are split.
 
     Raises:
-        JointIdError: cannot listen there.
+        JointIdError: cannot listen at this address and port.
     """
 
     def __init__(self, host: str, port: int, controller: Controller, selector: BaseSelector, seed: int) -> None:
@@ -38,10 +38,10 @@ class Server:
         self.address: tuple[str, int] = self._listener.getsockname()[:2]
 
     def listen(self) -> None:
-        """Begin to take connections.
+        """Begin to accept connections.
 
         Raises:
-            JointIdError: another program has begun to listen there.
+            JointIdError: another program listens at this address and port.
         """
         try:
             self._listener.listen()
@@ -53,7 +53,7 @@ class Server:
     def _accept(self, now: float) -> None:
         try:
             sock, peer = self._listener.accept()
-        except OSError:  # gone again before it was taken
+        except OSError:  # the client disconnected before it was accepted
             return
         if len(self.connections) >= _MOST_CLIENTS:
             sock.close()
@@ -69,16 +69,16 @@ class Server:
 
     @property
     def streaming(self) -> bool:
-        """Whether anyone takes samples."""
+        """Whether any client receives samples."""
         return any(c.streaming for c in self.connections)
 
     def publish(self, tick: int) -> None:
-        """Send the sample of a tick to all who take it."""
+        """Queue the sample of a tick for all clients that receive samples."""
         for connection in self.connections:
             connection.publish(tick)
 
     def flush(self, now: float) -> None:
-        """Send what waits."""
+        """Send the queued bytes."""
         for connection in self.connections:
             connection.flush(now, self._pieces if self.fragment else None)
         self._forget_closed()
@@ -97,7 +97,7 @@ class Server:
         return count
 
     def stop_listening(self) -> None:
-        """Take no more connections until `listen`; the port stays ours."""
+        """Accept no more connections until `listen`; the port stays reserved."""
         self._selector.unregister(self._listener)
         self._listener.close()
         self._listener = _bound(*self.address)
@@ -110,7 +110,7 @@ class Server:
 
 def _bound(host: str, port: int) -> socket.socket:
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    # A port whose former connections are not yet forgotten can be taken again.
+    # SO_REUSEADDR: the port can be bound again while its old connections are still in TIME_WAIT.
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((host, port))

@@ -69,7 +69,7 @@ class StreamingFilter:
     def latency(self) -> float:
         """Time from the instant that a sample describes to its output, in s; NaN until the period is known.
 
-        Jitter, holes and the first sample after a start may cost a period more.
+        Jitter, gaps and the first sample after a start may add one period.
         """
         return (self._design.ahead + 4) * self.period + self._design.delay if self._design else float("nan")
 

@@ -1,4 +1,4 @@
-"""What every joint model is: states, inputs, parameters and one `derivative`."""
+"""Base class of all joint models: states, inputs, parameters and one `derivative`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from joint_id_core.errors import JointIdError
 
 
 class Ops(Protocol):
-    """The few functions that a derivative may call, so that one text runs on floats, torch and SymPy."""
+    """The functions that a derivative may call. So the same code works with floats, torch tensors and SymPy."""
 
     def sin(self, x: Any) -> Any: ...
     def cos(self, x: Any) -> Any: ...
@@ -21,10 +21,10 @@ class Ops(Protocol):
     def asinh(self, x: Any) -> Any: ...
 
     def direction(self, velocity: str, w: Any, w_s: Any) -> Any:
-        """Direction of sliding, in [-1, 1], of the state called `velocity` whose value is `w`.
+        """Return the direction of sliding, in [-1, 1], of the state called `velocity` whose value is `w`.
 
-        An estimator returns tanh(w / w_s), the paper's network sign(w), the simulator the mode (+1, -1)
-        that its stick-slip logic holds.
+        Estimators use tanh(w / w_s), the paper's network sign(w), and the simulator the mode (+1, -1) of its
+        stick-slip logic.
         """
 
 
@@ -34,7 +34,7 @@ class Model:
 
     name: ClassVar[str]
     summary: ClassVar[str]
-    # Smoothing velocity of Coulomb friction as a share of the record's peak speed; 0 leaves the table's value.
+    # Smoothing velocity of Coulomb friction as a fraction of the record's peak speed; 0 keeps the table's value.
     smoothing_share: ClassVar[float] = 0.0
 
     @property
@@ -49,29 +49,29 @@ class Model:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Parameter table: the only place of names, units, bounds and start values."""
+        """Parameter table, the only source of names, units, bounds and start values."""
         raise NotImplementedError
 
     def derivative(self, x: Sequence[Any], u: Sequence[Any], p: Any, ops: Ops) -> tuple[Any, ...]:
-        """Time derivative of the states, in SI units.
+        """Return the time derivative of the states, in SI units.
 
-        `x`, `u` are scalars in the order of `states` and `inputs`; `p` has one attribute a parameter.
+        `x` and `u` hold scalars in the order of `states` and `inputs`; `p` has one attribute per parameter.
         """
         raise NotImplementedError
 
     @property
     def label_delays(self) -> dict[str, tuple[str, ...]]:
-        """By state, the parameters whose sum in s is how late its sensor is; states not named are shown at once."""
+        """By state, the parameters whose sum is the delay of its sensor in s; other sensors have no delay."""
         return {}
 
     @cached_property
     def drive(self) -> str | None:
-        """The input that drives the joint: torque, current or voltage; None if there is none of them."""
+        """The input that drives the joint: torque, current or voltage; None if the model has none of them."""
         return next((name for name in ("torque", "current", "voltage") if name in self.input_names), None)
 
     @property
     def torque_drive(self) -> str | None:
-        """The drive if it is a torque or the current that makes one; None if it is a voltage, or nothing."""
+        """The drive if it is a torque or a current; None if it is a voltage or there is no drive."""
         return self.drive if self.drive != "voltage" else None
 
     @property
@@ -80,16 +80,16 @@ class Model:
         return "external_torque" if "external_torque" in self.input_names else None
 
     def torque_constant(self, values: Mapping[str, float]) -> float:
-        """Motor torque in Nm for one unit of the `torque_drive`."""
+        """Return the motor torque in Nm per unit of the `torque_drive`."""
         return values["k_t"] if self.torque_drive == "current" else 1.0
 
     def gear_ratio(self, values: Mapping[str, float]) -> float:
-        """Turns of the motor for one of the link, 1 without a gear."""
+        """Return the turns of the motor per turn of the link, 1 without a gear."""
         return values.get("N", 1.0)
 
     @property
     def has_gravity(self) -> bool:
-        """Whether the model has a load that goes with the angle of the link."""
+        """Whether the model has a load that depends on the angle of the link."""
         return "a_g" in self.parameter_names
 
     @property
@@ -103,15 +103,15 @@ class Model:
         return "k_2" if "k_2" in self.parameter_names else None
 
     def twist_under(self, drive: float, velocity: float, acceleration: float, p: Any) -> float:
-        """Twist of the gear in rad, seen at the link, that balances the `torque_drive`; 0 for a rigid one.
+        """Return the twist of the gear in rad, at the link, that balances the `torque_drive`; 0 for a rigid gear.
 
-        `velocity` in rad/s and `acceleration` in rad/s^2 are those of the motor; `p` has one attribute a parameter.
+        `velocity` in rad/s and `acceleration` in rad/s^2 are those of the motor; `p` has one attribute per parameter.
         """
         return 0.0
 
     @property
     def optional_inputs(self) -> frozenset[str]:
-        """Inputs that are zero when the recording does not have them."""
+        """Inputs that are taken as zero if the recording does not have them."""
         return frozenset({"external_torque"})
 
     @cached_property
@@ -131,9 +131,9 @@ class Model:
 
     @cached_property
     def smoothing(self) -> dict[str, str]:
-        """Velocity states on which Coulomb friction acts, with the parameter that smooths it.
+        """Velocity states with Coulomb friction, each with the name of its smoothing velocity.
 
-        Found by asking the derivative itself, so a model has nothing to declare twice.
+        They are found by a call of the derivative, so that a model need not declare them separately.
         """
         seen: dict[str, str] = {}
 
@@ -158,7 +158,7 @@ class Model:
 
     @property
     def friction_states(self) -> tuple[str, ...]:
-        """Velocity states on which Coulomb friction acts."""
+        """Velocity states with Coulomb friction."""
         return tuple(self.smoothing)
 
     def parameter(self, name: str) -> Parameter:
@@ -173,10 +173,10 @@ class Model:
         raise JointIdError(f"model {self.name} has no parameter {name!r}: it has {', '.join(self.parameter_names)}")
 
     def values(self, changes: Mapping[str, float] | None = None) -> dict[str, float]:
-        """Nominal values of all parameters, with `changes` put in after a check of name and bounds.
+        """Return the nominal values of all parameters with `changes`, after a check of names and bounds.
 
         Raises:
-            JointIdError: unknown name, value out of bounds, or a parameter that must be given is not.
+            JointIdError: unknown name, value out of bounds, or a parameter without default is not given.
         """
         changes = dict(changes or {})
         values = {p.name: p.nominal for p in self.parameters}

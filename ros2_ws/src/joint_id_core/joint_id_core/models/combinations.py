@@ -1,12 +1,12 @@
-"""Parameters that enter a model only in combination: what no record can tell apart, found exactly.
+"""Find parameters that enter a model only in combination, so that no record can separate them.
 
-A direction v in the space of parameters along which the derivative f of the state does not change, (df/dp) v = 0
-for all states and inputs, changes nothing that could ever be measured (Walter & Pronzato, Identification of Parametric
-Models, 1997, ch. 2). df/dp is taken by complex steps, exact to rounding, at many random states, so a direction that is
-found is one of the model and not of the motion.
+This is a test of structural identifiability (Walter & Pronzato, Identification of Parametric Models, 1997, ch. 2). Let
+f be the derivative of the state. A direction v in the space of parameters with (df/dp) v = 0 for all states and inputs
+changes nothing that can be measured. df/dp is computed by complex steps, exact to rounding, at many random states. So
+the directions that are found are a property of the model and not of the motion.
 
 These directions form a subspace. A decomposition may return any basis of it, another one on another processor. So the
-code works with the projector onto the subspace, which does not depend on the basis. The projector has blocks: one for
+code works with the projector onto the subspace, which does not depend on the basis. The projector has one block for
 each group of parameters that enter only in combination.
 """
 
@@ -25,11 +25,10 @@ from joint_id_core.data.recording import Array
 from joint_id_core.models import Model
 from joint_id_core.models.operations import ComplexOps
 
-POINTS = 40  # random states, from a thousandth of their scale up: every part of a friction law shows somewhere
-EXACT = (
-    1e-9  # singular value, relative to the largest, that stands for zero: rounding is near 1e-15, the rest above 1e-5
-)
-BELONGS = 1e-6  # share of a direction from which a parameter has a part in it: rounding is near 1e-11
+POINTS = 40  # random states, from 0.001 of their scale up, so that every part of a friction law has an effect
+# Singular values below this, relative to the largest, count as zero: rounding is near 1e-15, the others are above 1e-5.
+EXACT = 1e-9
+BELONGS = 1e-6  # least component of a parameter that belongs to a direction: rounding is near 1e-11
 STEP = 1e-30
 
 Kind = Literal["sum", "product", "scale", "other"]
@@ -37,11 +36,13 @@ Kind = Literal["sum", "product", "scale", "other"]
 
 @dataclass(frozen=True)
 class Combination:
-    """Parameters of which only combinations can be known, whatever is measured.
+    """Parameters of which only combinations can be identified, whatever is measured.
 
-    `kind` is "sum" (only the sum of weights times values can be known), "product" (only the product of values to the
-    power of weights), "scale" (all but a factor common to all of them) or "other" (none of these). `names` are in the
-    order of the model's table. `weights` of a sum or a product begin with 1; the other kinds have none.
+    Attributes:
+        names: the parameters, in the order of the model's table.
+        kind: "sum": only the sum of weights times values can be identified; "product": only the product of values to
+            the power of weights; "scale": everything except a common factor of all values; "other": none of these.
+        weights: for a sum or a product, the first one is 1; () for the other kinds.
     """
 
     names: tuple[str, ...]
@@ -50,7 +51,7 @@ class Combination:
 
     @property
     def text(self) -> str:
-        """The combination as a formula, or the names where there is none that is short."""
+        """The combination as a formula; the names if there is no short formula."""
         if not self.weights:
             return ", ".join(self.names)
         text = self.names[0]
@@ -63,7 +64,7 @@ class Combination:
         return text
 
     def value(self, values: dict[str, float], free: tuple[str, ...], covariance: Array) -> tuple[float, float] | None:
-        """Value and standard deviation of the combination, SI units; None where it has no weights or is not finite."""
+        """Return value and standard deviation of the combination, SI units; None without weights or if not finite."""
         if not self.weights:
             return None
         p, w = np.array([values[n] for n in self.names]), np.array(self.weights)
@@ -71,7 +72,7 @@ class Combination:
         if self.kind == "sum":
             known, slope = float(w @ p), w
         else:
-            with np.errstate(divide="ignore", invalid="ignore"):  # zero, or a root of what is negative
+            with np.errstate(divide="ignore", invalid="ignore"):  # division by zero, or root of a negative value
                 powers = p**w
                 others = [np.prod(np.delete(powers, k)) for k in range(len(p))]
                 known, slope = float(np.prod(powers)), w * p ** (w - 1.0) * np.array(others)
@@ -81,12 +82,13 @@ class Combination:
 
 @lru_cache(maxsize=64)
 def combinations(model: Model, free: tuple[str, ...], zero: frozenset[str] = frozenset()) -> tuple[Combination, ...]:
-    """Groups among the parameters `free` that enter the model only in combination; empty for most models as they stand.
+    """Return the groups of parameters among `free` that enter the model only in combination.
 
-    `zero` names the inputs and the held parameters that are zero: a load torque that is not there sets no scale. The
-    groups are in the order of the model's table. A single name is a parameter that does not enter at all.
+    The result is empty for most models with their default parameters. The groups are in the order of the model's table.
+    A group of one name is a parameter without any effect. `zero` names the inputs and the fixed parameters that are
+    zero: for example, a load torque of zero does not determine a scale.
     """
-    late = {name for names in model.label_delays.values() for name in names}  # seen in what sensors show, not in f
+    late = {name for names in model.label_delays.values() for name in names}  # they act on the sensors, not on f
     free = tuple(name for name in model.parameter_names if name in free and name not in late)
     if not free:
         return ()
@@ -103,13 +105,14 @@ def combinations(model: Model, free: tuple[str, ...], zero: frozenset[str] = fro
 
 
 def _groups(names: tuple[str, ...], scale: Array, J: Array, others: Array, other_J: Array) -> list[Combination]:
-    """Groups that enter only in combination.
+    """Return the groups of parameters that enter only in combination.
 
-    A change of the values that leaves f as it is, the same change at any values, makes a sum. The same for a change of
-    the logarithms makes a product or a scale. Directions are in coordinates in which the columns of J have length one.
+    If a change of the values does not change f, and this holds for any values, the group is a sum. If the same holds
+    for a change of the logarithms, the group is a product or a scale. Directions are in coordinates in which the
+    columns of J have length one.
 
     Args:
-        names: of the free parameters.
+        names: names of the free parameters.
         scale, J: one set of values, shape (free,), and df/dp there at many states, shape (rows, free).
         others, other_J: another set of values in each row, and df/dp there, both of shape (rows, free).
     """
@@ -135,13 +138,13 @@ def _picked(names: tuple[str, ...], group: NDArray[np.intp]) -> tuple[str, ...]:
 
 
 def _is_scale(projector: Array, group: NDArray[np.intp], lengths: Array) -> bool:
-    """Whether the only direction of a group of logarithms changes all of them alike."""
+    """Return whether a group has only one direction, and this changes all logarithms by the same amount."""
     direction = lengths[group] / np.linalg.norm(lengths[group])
     return bool(np.allclose(projector[np.ix_(group, group)], np.outer(direction, direction), rtol=0.0, atol=BELONGS))
 
 
 def _weights(projector: Array, group: NDArray[np.intp], lengths: Array) -> tuple[float, ...]:
-    """Weights of the one combination that is the same along all directions of a group; none where there are several."""
+    """Return the weights of the only combination that all directions of a group leave constant; () if not only one."""
     known = np.eye(len(group)) - projector[np.ix_(group, group)]
     if round(float(np.trace(known))) != 1:
         return ()
@@ -150,7 +153,7 @@ def _weights(projector: Array, group: NDArray[np.intp], lengths: Array) -> tuple
 
 
 def _blocks(projector: Array) -> list[NDArray[np.intp]]:
-    """Indices of the coordinates that have to do with each other in a subspace: a projector is zero between blocks."""
+    """Return the blocks of a projector, as arrays of indices: it is zero between coordinates of different blocks."""
     part = np.sqrt(np.maximum(np.diag(projector), 0.0))  # length of each axis' projection
     linked = np.abs(projector) > BELONGS * np.maximum(part[:, None], part)
     count, block = connected_components(linked, directed=False)
@@ -159,21 +162,21 @@ def _blocks(projector: Array) -> list[NDArray[np.intp]]:
 
 
 def _unseen(J: Array) -> Array:
-    """Projector onto the directions that J does not see, shape (free, free)."""
+    """Return the projector onto the null space of J, shape (free, free)."""
     _, s, vt = np.linalg.svd(J, full_matrices=True)
     rows = vt[int(np.sum(s > EXACT * s[0])) :]
     return np.asarray(rows.T @ rows)
 
 
 def _span(columns: Array) -> Array:
-    """Projector onto what some columns, of length one or shorter, span."""
+    """Return the projector onto the span of columns whose length is at most one."""
     u, s, _ = np.linalg.svd(columns, full_matrices=False)
     basis = u[:, s > BELONGS]
     return np.asarray(basis @ basis.T)
 
 
 def _typical(nominal: float, spread: float, positive: bool) -> float:
-    """A value to look from, not zero; a parameter without a nominal value is 1."""
+    """Return a value that is not zero, near which to evaluate the model; 1 without a nominal value."""
     if np.isfinite(nominal) and nominal != 0.0:
         return nominal
     return 1.0 if positive or not np.isfinite(nominal) else 0.1 * spread
@@ -182,9 +185,9 @@ def _typical(nominal: float, spread: float, positive: bool) -> float:
 def _sensitivity(
     model: Model, free: tuple[str, ...], zero: frozenset[str], rng: np.random.Generator, redraw: bool
 ) -> tuple[Array, Array]:
-    """Values of the free parameters and df/dp at random states and inputs, both of shape (n * POINTS, free).
+    """Return values of the free parameters and df/dp at random states and inputs, both of shape (n * POINTS, free).
 
-    All parameters keep one set of random values, or with `redraw` get another at every state. Each state equation is
+    The parameters have one set of random values, or with `redraw` a new set at every state. Each state equation is
     scaled to its own size.
     """
     names, count = model.state_names, len(model.states) + len(model.inputs)

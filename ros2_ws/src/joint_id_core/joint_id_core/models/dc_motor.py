@@ -11,14 +11,14 @@ from joint_id_core.data.signals import Parameter, Signal, channel, positive
 from joint_id_core.models.base import Model, Ops
 from joint_id_core.models.friction import Friction
 
-# The paper prints neither L nor J_r. L gives an electrical time constant L/R of about 1 ms, usual for a
-# motor of this size; J_r is the rotor inertia that Table V states for the UR3e.
+# The paper gives neither L nor J_r. This L gives an electrical time constant L/R of about 1 ms, which is usual for a
+# motor of this size. J_r is the rotor inertia that Table V states for the UR3e.
 INDUCTANCE = 5e-4
 ROTOR_INERTIA = 6e-5
 
 
 def electrical_parameters(fixed_inductance: bool = True) -> tuple[Parameter, ...]:
-    """R, L and k_b (paper Eq 4, values of Table I). L is known from the data sheet in the paper's study."""
+    """Return R, L and k_b (paper Eq 4, values of Table I). In the paper L is known from the data sheet."""
     return (
         positive("R", "Ohm", "armature resistance", 4.932e-1),
         Parameter("L", "H", "armature inductance", INDUCTANCE, lower=0.0, fixed=fixed_inductance),

@@ -1,4 +1,4 @@
-"""Model 3 of the paper: Models 1 and 2 joined (Eq 12)."""
+"""Model 3 of the paper: Models 1 and 2 combined (Eq 12)."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from joint_id_core.models.transmission import (
 class Electromechanical(Model):
     """Model 3: states current, positions and velocities; inputs voltage and external torque.
 
-    Nominal values are the truth column of Table III. Our choice for what the paper does not print:
-    J_m and J_q from Table V, N = 101, no Coulomb friction at the link. c_b and c_m act on the same
-    velocity: only their sum can be known, so c_b is fixed at its bearing value unless it is freed.
+    Nominal values are the truth column of Table III. The paper does not give some values, which are our choice: J_m and
+    J_q from Table V, N = 101, no Coulomb friction at the link. c_b and c_m act on the same velocity, so only their sum
+    can be identified; c_b is fixed at its bearing value unless it is freed.
     """
 
     name = "electromechanical"

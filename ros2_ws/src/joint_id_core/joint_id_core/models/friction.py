@@ -1,8 +1,8 @@
 """Friction laws that a model can be built with.
 
-Every law is Coulomb friction times the direction of sliding plus a viscous part. The direction comes
-from `Ops.direction`: tanh(w / w_s) with a fixed, reported w_s in estimation, exact stick and slip in
-simulation (Armstrong-Helouvry, Dupont, Canudas de Wit 1994 for the laws and their names).
+Every law is Coulomb friction times the direction of sliding plus a viscous part. The direction comes from
+`Ops.direction`: in estimation tanh(w / w_s) with a fixed, reported w_s, in simulation exact stick and slip. For the
+laws and their names see Armstrong-Helouvry, Dupont, Canudas de Wit (1994).
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Friction:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Viscous and Coulomb levels, those of the law, and the smoothing velocity (fixed)."""
+        """Viscous and Coulomb friction, the further parameters of the law, and the smoothing velocity (fixed)."""
         s, w = self.side, self.w_typical
         extra: tuple[Parameter, ...] = ()
         if self.law == "stribeck":
@@ -62,7 +62,7 @@ class Friction:
         return (self.viscous, self.coulomb, *extra, smoothing)
 
     def torque(self, w: Any, p: Any, ops: Ops) -> Any:
-        """Friction torque in Nm at velocity `w` in rad/s, positive against positive motion."""
+        """Return the friction torque in Nm at velocity `w` in rad/s, positive against positive motion."""
         s = self.side
         c, tau_f = getattr(p, self.viscous.name), getattr(p, self.coulomb.name)
         direction = ops.direction(self.velocity, w, getattr(p, f"w_s{s}"))

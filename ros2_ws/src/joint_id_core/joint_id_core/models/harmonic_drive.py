@@ -28,15 +28,16 @@ from joint_id_core.models.transmission import (
     transmission_ratio,
 )
 
-# Against exact stick and slip, 1 rad/s at the motor leaves the residuals of a position-controlled joint coloured
-# (lag-one autocorrelation 0.6) and moves k_1 by 2 %. 0.1 rad/s, and 0.001 rad/s at the link, leave them white and bias
-# c_1 by 0.9 of its standard deviation (torque noise 0.003 Nm, two seconds); a third of that biases it by 0.6.
+# Smoothing velocities, tested on a position-controlled joint with exact stick and slip (torque noise 0.003 Nm, two
+# seconds). 1 rad/s at the motor leaves autocorrelated residuals (0.6 at lag one) and shifts k_1 by 2 %. With 0.1 rad/s,
+# and 0.001 rad/s at the link, residuals are white and the bias of c_1 is 0.9 of its standard deviation. With a third of
+# these velocities the bias is 0.6 of it.
 MOTOR_SMOOTHING = 0.03  # rad/s at the motor shaft
 LINK_SMOOTHING = 3e-4  # rad/s
 
 
 def motor_friction(law: str, c_m: float, tau_fm: float, w_s: float = MOTOR_SMOOTHING) -> Friction:
-    """Friction on the motor side (paper Eq 9)."""
+    """Return the friction on the motor side (paper Eq 9)."""
     return Friction(
         "motor_velocity",
         positive("c_m", "Nm s/rad", "viscous friction at the motor", c_m),
@@ -46,7 +47,7 @@ def motor_friction(law: str, c_m: float, tau_fm: float, w_s: float = MOTOR_SMOOT
 
 
 def link_friction(law: str, c_q: float, tau_fq: Parameter) -> Friction:
-    """Friction on the link side (paper Eq 10)."""
+    """Return the friction on the link side (paper Eq 10)."""
     return Friction(
         "link_velocity",
         positive("c_q", "Nm s/rad", "viscous friction at the link", c_q),
@@ -59,7 +60,7 @@ def link_friction(law: str, c_q: float, tau_fq: Parameter) -> Friction:
 class HarmonicDrive(Model):
     """Model 2: states motor and link position and velocity, inputs motor and external torque.
 
-    Holds while only this joint moves. Nominal values are the H-PINN column of Table V.
+    Valid while only this joint moves. Nominal values are the H-PINN column of Table V.
     """
 
     name = "harmonic_drive"

@@ -27,12 +27,12 @@ from joint_id_core.models.transmission import (
     transmission_ratio,
 )
 
-# Joints that are held still are the ones this model is for: what they show near standstill is presliding, not a step.
+# This model is mainly for joints that are held still. Near standstill their friction shows presliding and not a step.
 SMOOTHING = 0.1  # rad/s at the motor shaft
 
 
 def linear_spring_parameters() -> tuple[Parameter, ...]:
-    """The spring of Model 2 with its cubic part fixed at zero."""
+    """Return the spring of Model 2 with its cubic stiffness fixed at zero."""
     rows = spring_parameters(k_1=5.164e3, k_2=0.0, c_1=18.938)
     return tuple(replace(r, fixed=True) if r.name == "k_2" else r for r in rows)
 
@@ -41,11 +41,11 @@ def linear_spring_parameters() -> tuple[Parameter, ...]:
 class MotorSide(Model):
     """Paper Eq 9 alone: states motor position and velocity, inputs drive, link position and velocity.
 
-    What the rest of the arm does reaches the motor only through the measured link motion, so this holds
-    while every joint moves. tau_0 is a torque offset and dtheta_0 the twist at which the two encoders
-    agree; the twist offset is fixed at zero unless it is freed, because an unmeasured motor position
-    carries it in its start value. So is the cubic stiffness: around one working point it cannot be told from
-    the torque offset, and k_1 then is the stiffness at that point.
+    The rest of the arm acts on the motor only through the measured link motion. So the model is valid while all joints
+    move. tau_0 is a torque offset, and dtheta_0 is the twist at which the two encoders agree. Two parameters are fixed
+    at zero unless they are freed: dtheta_0, because the start value of an unmeasured motor position contains it, and
+    the cubic stiffness, because near one working point it cannot be separated from the torque offset. k_1 is then the
+    stiffness at that working point.
     """
 
     name = "motor_side"
@@ -95,7 +95,7 @@ class MotorSide(Model):
         theta_m, w_m = x
         drive, q, w_q, *rest = u
         if self.delays:
-            # what the link's encoder will show when its signal of now arrives
+            # The link encoder is late: extrapolate its signal by this delay to the present link motion.
             late, (a_q,) = p.delta_p + p.delta_q, rest
             q, w_q = q + late * (w_q + 0.5 * late * a_q), w_q + late * a_q
         tau_spring = spring_torque(theta_m / p.N - q - p.dtheta_0, w_m / p.N - w_q, p)

@@ -1,4 +1,4 @@
-"""The functions a derivative may call (`models.Ops`), on floats, complex numbers and arrays."""
+"""The functions that a derivative may call (`models.Ops`), for floats, complex numbers and arrays."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class SmoothOps:
 
     @staticmethod
     def direction(velocity: str, w: float, w_s: float) -> float:
-        """Smoothed direction of sliding."""
+        """Return the smoothed direction of sliding."""
         return math.tanh(w / w_s)
 
 
@@ -28,7 +28,7 @@ class SignOps(SmoothOps):
 
     @staticmethod
     def direction(velocity: str, w: float, w_s: float) -> float:
-        """Sign of the velocity."""
+        """Return the sign of the velocity."""
         return (w > 0) - (w < 0)
 
 
@@ -42,9 +42,9 @@ class ComplexOps:
 
     @staticmethod
     def direction(velocity: str, w: complex, w_s: complex) -> complex:
-        """Smoothed direction of sliding."""
+        """Return the smoothed direction of sliding."""
         x = w / w_s
-        return cmath.tanh(x) if abs(x.real) < 300.0 else complex(math.copysign(1.0, x.real))  # it overflows there
+        return cmath.tanh(x) if abs(x.real) < 300.0 else complex(math.copysign(1.0, x.real))  # tanh overflows there
 
 
 class ArrayOps:
@@ -57,5 +57,5 @@ class ArrayOps:
 
     @staticmethod
     def direction(velocity: str, w: Any, w_s: Any) -> Any:
-        """Smoothed direction of sliding."""
+        """Return the smoothed direction of sliding."""
         return np.tanh(w / w_s)

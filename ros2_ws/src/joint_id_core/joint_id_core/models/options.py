@@ -1,4 +1,4 @@
-"""Options that choose and build a model: the one source for the command line, ROS parameters and launch arguments."""
+"""Options of a model: the only source for the command line, ROS parameters and launch arguments."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ FLAGS = ("gravity", "kinematic_error", "delays", "offsets")
 
 @dataclass(frozen=True)
 class ModelOptions:
-    """Which joint model, with which options. A model that lacks an option ignores that option's default.
+    """A joint model and its options. The default of an option is ignored for a model that does not have this option.
 
     Raises:
-        JointIdError: a value outside its choices.
+        JointIdError: a value that is not one of the choices.
     """
 
     model: str = option("electromechanical", "joint model", choices=tuple(MODELS))
@@ -37,21 +37,21 @@ class ModelOptions:
 
     @property
     def drives(self) -> tuple[str, ...]:
-        """What may drive the model: the actuation that is given, or each there is."""
+        """Possible drive signals: the given actuation, or all of them if none is given."""
         return (self.actuation,) if self.actuation else DRIVES
 
     def drive_in(self, recording: Recording) -> str:
-        """What drives the joint in this recording: the actuation that is given, else torque if recorded, else current.
+        """Return the drive signal for this recording: the given actuation, else torque if recorded, else current.
 
-        Empty for models that are driven by neither.
+        Empty for models that are driven by neither torque nor current.
         """
         return self.actuation or drive_of(self.model, recording) or ""
 
     def build(self, drive: str = "") -> Model:
-        """The model, driven by `drive` if it has such an input; an option that it lacks may stay at its default.
+        """Build the model, driven by `drive` if its drive can be chosen.
 
         Raises:
-            JointIdError: an option that the model does not have.
+            JointIdError: an option that the model does not have, with a value other than the default.
         """
         own = {f.name for f in fields(MODELS[self.model])}
         defaults = {f.name: f.default for f in fields(self)}
@@ -61,7 +61,7 @@ class ModelOptions:
 
 
 def drive_of(model: str, recording: Recording) -> str | None:
-    """The recorded drive signal, for a model that can be driven by torque or by current; None for the others."""
+    """Return the recorded drive signal of a model that can be driven by torque or current; None for other models."""
     if "actuation" not in {f.name for f in fields(MODELS[model])}:
         return None
     return "torque" if recording.measured("torque") or not recording.measured("current") else "current"

@@ -1,4 +1,4 @@
-"""Texts that say something of a model's parameter, for all joints ("k_t=0.1") or for one ("elbow_joint.k_t=0.08")."""
+"""Parse settings of a model's parameter for all joints ("k_t=0.1") or for one joint ("elbow_joint.k_t=0.08")."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from dataclasses import dataclass
 
 from joint_id_core.errors import JointIdError
 
-# The name of a joint may itself hold dots; that of a model's parameter does not.
+# The name of a joint may contain dots; the name of a model's parameter does not.
 _TEXT = re.compile(r"\s*(?:(?P<joint>[^=]*[^=.\s])\.)?(?P<name>[^=.\s]+)\s*(?:=(?P<value>.*))?")
 _FORMS = {"set": ("NAME=VALUE", "k_t=0.1"), "fix": ("NAME or NAME=VALUE", "tau_fq=0"), "free": ("NAME", "k_2")}
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One text of the ROS parameters `set`, `fix` and `free`, taken apart.
+    """One parsed text of the ROS parameters `set`, `fix` and `free`.
 
     Attributes:
-        joint: the joint that it is for; "" for all joints.
+        joint: the joint that the text applies to; "" for all joints.
         name: parameter of the model.
-        value: the number given, in the unit of the parameter; None where none is given.
+        value: the given number, in the unit of the parameter; None without a number.
     """
 
     joint: str
@@ -28,10 +28,10 @@ class Entry:
 
 
 def parse(text: str, parameter: str) -> Entry:
-    """Take a text of a ROS parameter ("set", "fix" or "free") apart.
+    """Parse a text of the ROS `parameter` "set", "fix" or "free".
 
     Raises:
-        JointIdError: a text of another form; names the parameter and the text.
+        JointIdError: the text has another form; the message names the parameter and the text.
     """
     found, value = _TEXT.fullmatch(text), None
     try:

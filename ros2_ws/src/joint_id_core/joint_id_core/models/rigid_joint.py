@@ -20,7 +20,7 @@ from joint_id_core.models.transmission import (
     gravity_torque,
 )
 
-SMOOTHING = 0.01  # rad/s; without the motor's inertia apart, presliding in the gear shows up here
+SMOOTHING = 0.01  # rad/s; presliding in the gear shows up here, because the model has no separate motor
 
 
 @dataclass(frozen=True)
@@ -28,12 +28,13 @@ class RigidJoint(Model):
     """J ddq + friction(dq) + tau_0 + gravity = N tau_m - tau_ext, all at the link.
 
     N is 1 unless it is set, so a recorded torque is taken as the torque (or force, for a linear axis) at
-    the link; with the motor's torque or current give the gear ratio.
+    the link. If the motor's torque or current was recorded, set the gear ratio.
     """
 
     name = "rigid_joint"
     summary = "rigid joint or linear axis with friction and offset, one encoder"
-    # An axis may move at 0.1 m/s or at 3 rad/s. On EMPS 10 % of the peak moves the viscous friction by 6 %.
+    # Axes move at 0.1 m/s or at 3 rad/s: no fixed value suits all. On EMPS 10 % of the peak speed (instead of 1 %)
+    # changes the viscous friction by 6 %.
     smoothing_share = 0.01
 
     actuation: Actuation = "torque"

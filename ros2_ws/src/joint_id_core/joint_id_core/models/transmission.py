@@ -1,4 +1,4 @@
-"""The parts that several models share: drive torque, harmonic-drive spring, gravity."""
+"""Parts that several models share: drive torque, harmonic-drive spring, gravity."""
 
 from __future__ import annotations
 
@@ -10,33 +10,33 @@ from joint_id_core.models.base import Ops
 
 Actuation = Literal["torque", "current"]
 
-GEAR_RATIO = 101.0  # UR robots; the paper does not print N, its Fig. 4 agrees with this value
+GEAR_RATIO = 101.0  # UR robots; the paper does not give N, but its Fig. 4 agrees with this value
 
 
 def drive_signal(actuation: Actuation) -> Signal:
-    """The input that drives the motor: its torque, or the current that makes it."""
+    """Return the input that drives the motor: its torque or its current."""
     return channel(actuation)
 
 
 def drive_parameters(actuation: Actuation) -> tuple[Parameter, ...]:
-    """The torque constant where the input is a current. It scales every other parameter: it has no default."""
+    """Return the torque constant if the input is a current. It scales all other parameters, so it has no default."""
     if actuation == "torque":
         return ()
     return (Parameter("k_t", "Nm/A", "torque constant of the motor", math.nan, lower=1e-9, upper=1e6, fixed=True),)
 
 
 def drive_torque(actuation: Actuation, u: Any, p: Any) -> Any:
-    """Motor torque at the motor shaft in Nm."""
+    """Return the torque at the motor shaft in Nm."""
     return u if actuation == "torque" else p.k_t * u
 
 
 def gear_ratio(nominal: float = GEAR_RATIO) -> Parameter:
-    """Reduction ratio N (paper Eq 7), a known constant."""
+    """Return the parameter N, the gear reduction ratio (paper Eq 7), a known constant."""
     return Parameter("N", "1", "gear reduction ratio", nominal, lower=1e-6, upper=1e5, fixed=True)
 
 
 def spring_parameters(k_1: float, k_2: float, c_1: float) -> tuple[Parameter, ...]:
-    """Linear and cubic stiffness and damping of the harmonic drive (paper Eqs 9 and 10)."""
+    """Return damping, linear and cubic stiffness of the harmonic drive (paper Eqs 9 and 10)."""
     return (
         positive("c_1", "Nm s/rad", "damping of the harmonic drive", c_1),
         positive("k_1", "Nm/rad", "linear stiffness of the harmonic drive", k_1),
@@ -45,16 +45,16 @@ def spring_parameters(k_1: float, k_2: float, c_1: float) -> tuple[Parameter, ..
 
 
 def spring_torque(twist: Any, twist_rate: Any, p: Any) -> Any:
-    """Torque in Nm that the flexspline passes to the link (paper Eq 10)."""
+    """Return the torque in Nm that the flexspline transmits to the link (paper Eq 10)."""
     return p.c_1 * twist_rate + p.k_1 * twist + p.k_2 * twist * twist * twist
 
 
 def balanced_twist(torque: float, velocity: float, acceleration: float, p: Any) -> float:
-    """Twist in rad at which the spring takes up what of a motor torque in Nm neither friction nor inertia do."""
+    """Return the twist in rad at which the spring balances a motor torque in Nm minus motor friction and inertia."""
     torque -= p.c_m * velocity + p.tau_fm * math.tanh(velocity)
     torque -= p.J_m * acceleration
     load = abs(p.N * torque)
-    # monotone, and convex for either sign: Newton's method from the larger of two bounds goes down to the root
+    # Spring torque minus load is increasing and convex: Newton's method goes down to the root from an upper bound.
     twist = load / max(p.k_1, 1e-12)
     if p.k_2 > 0.0:
         twist = min(twist, (load / p.k_2) ** (1 / 3))
@@ -64,7 +64,7 @@ def balanced_twist(torque: float, velocity: float, acceleration: float, p: Any) 
 
 
 def kinematic_error_parameters() -> tuple[Parameter, ...]:
-    """Two-per-turn kinematic error theta_ke = a_ke sin(2 theta_m + phi_ke), in rad at the link."""
+    """Return the parameters of the kinematic error a_ke sin(2 theta_m + phi_ke), in rad at the link, two per turn."""
     return (
         Parameter("a_ke", "rad", "amplitude of the kinematic error", 1e-4, -1e-2, 1e-2, spread=5e-4),
         Parameter("phi_ke", "rad", "phase of the kinematic error", 0.0, -2 * math.pi, 2 * math.pi, spread=2.0),
@@ -72,14 +72,14 @@ def kinematic_error_parameters() -> tuple[Parameter, ...]:
 
 
 def transmission_ratio(theta_m: Any, p: Any, ops: Ops, kinematic_error: bool) -> Any:
-    """i_HD = 1/N + d(theta_ke)/d(theta_m) (paper Eq 8)."""
+    """Return i_HD = 1/N + d(theta_ke)/d(theta_m) (paper Eq 8)."""
     if not kinematic_error:
         return 1.0 / p.N
     return 1.0 / p.N + 2.0 * p.a_ke * ops.cos(2.0 * theta_m + p.phi_ke)
 
 
 def delay_parameters() -> tuple[Parameter, ...]:
-    """How late sensors are; negative where early. Real dual-encoder robots show 2 to 3 ms between the encoders."""
+    """Return the delays of the sensors; they may be negative. Real robots show 2 to 3 ms between their encoders."""
     return (
         Parameter("delta_p", "s", "delay of the encoders against the drive signal", 0.0, -0.02, 0.02, spread=0.005),
         Parameter("delta_q", "s", "delay of the link encoder against the motor's", 0.0, -0.02, 0.02, spread=0.005),
@@ -95,7 +95,7 @@ LABEL_DELAYS = {
 
 
 def offset_parameters() -> tuple[Parameter, ...]:
-    """Constant offsets of the drive's torque and between the encoders."""
+    """Return the constant offsets: of the drive's torque, and of the twist between the encoders."""
     return (
         Parameter("tau_0", "Nm", "torque offset at the motor", 0.0, -10.0, 10.0, spread=0.05),
         Parameter("dtheta_0", "rad", "twist offset between the encoders", 0.0, -7.0, 7.0, spread=0.01),
@@ -103,7 +103,7 @@ def offset_parameters() -> tuple[Parameter, ...]:
 
 
 def gravity_parameters() -> tuple[Parameter, ...]:
-    """Gravity torque a_g cos(q) + b_g sin(q) on a joint whose axis is not vertical."""
+    """Return the parameters of the gravity torque a_g cos(q) + b_g sin(q), for an axis that is not vertical."""
     return (
         Parameter("a_g", "Nm", "gravity torque times cos(q)", 0.0, -1e4, 1e4, spread=50.0),
         Parameter("b_g", "Nm", "gravity torque times sin(q)", 0.0, -1e4, 1e4, spread=50.0),
@@ -111,5 +111,5 @@ def gravity_parameters() -> tuple[Parameter, ...]:
 
 
 def gravity_torque(q: Any, p: Any, ops: Ops) -> Any:
-    """Gravity torque in Nm, positive against positive motion."""
+    """Return the gravity torque in Nm, positive against positive motion."""
     return p.a_g * ops.cos(q) + p.b_g * ops.sin(q)

@@ -24,7 +24,7 @@ from joint_id_core.results.estimate import Estimate, Status
 SURPRISE = 2.0
 # Status of a fit that may be due to a wrong prior from older windows.
 UNEXPLAINED = (Status.POOR_FIT, Status.MAX_ITERATIONS, Status.DIVERGED)
-ROUNDING = 1e-6  # share of a window's length: hops that add up to the whole of it are a window, whatever their rounding
+ROUNDING = 1e-6  # relative tolerance of a window's length, for hops that add up to it except for rounding
 CHANGED = "The joint has changed: older windows are forgotten."
 WARM_UP = 100  # samples before the new ones, from which the filter learns the state of the joint
 
@@ -81,7 +81,7 @@ class OnlineIdentifier:
         self._window = SlidingWindow(self.options.window_s)
         self._next_fit = -np.inf
         self._last: Estimate | None = None
-        self._fitted = -np.inf  # end of the last window that was fitted as a whole, if it converged
+        self._fitted = -np.inf  # end of the last window with a full fit, if it converged
         self._past: deque[Estimate] = deque()
 
     def update(self, samples: Recording) -> Estimate | None:

@@ -84,7 +84,7 @@ class Checks:
         texts: one text per check; empty if the check found nothing.
         excess: addition to the covariance of the estimation coordinates (`Belief`), shape (k, k).
         nrmse: as in `Estimate`.
-        together: by parameter that enters only in combination, what is known instead and what to do, in words.
+        together: by parameter that enters only in combination with others, what is known instead and what to do.
     """
 
     texts: tuple[str, ...]

@@ -55,7 +55,7 @@ def correlations(estimate: Estimate, threshold: float = STRONG_CORRELATION) -> l
         for j in range(i)
         if abs(r[i, j]) > threshold
     ]
-    return sorted(found, key=lambda pair: -round(abs(pair[2]), 3))  # as shown: equal ones stay in the model's order
+    return sorted(found, key=lambda pair: -round(abs(pair[2]), 3))  # rounded as shown: equal ones keep their order
 
 
 def _row(p: ParameterEstimate, width: int) -> str:

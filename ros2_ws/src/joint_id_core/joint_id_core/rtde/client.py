@@ -1,4 +1,4 @@
-"""What a client of RTDE is asked for and gives; `socket_client` and `ur_rtde_client` are the two that exist."""
+"""Interface of an RTDE client; the implementations are `socket_client` and `ur_rtde_client`."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from joint_id_core.rtde.packets import Value
 
 @dataclass(frozen=True)
 class Request:
-    """What to read from which robot.
+    """Robot to read from, and the fields to read.
 
     Attributes:
         host: name or address of the controller.
         fields: output fields; `timestamp` must be among them.
-        rate: samples a second.
+        rate: samples per second.
         port: TCP port.
         timeout: longest wait in s for the connection and for each answer of the handshake.
 
@@ -35,7 +35,7 @@ class Request:
     timeout: float = 2.0
 
     def __post_init__(self) -> None:
-        """Check what does not take a robot to know."""
+        """Check all that can be checked without a robot."""
         if not self.host.strip():
             raise JointIdError("host of the robot is empty: give its name or address")
         if not 0 < self.port < 65536:
@@ -54,37 +54,37 @@ class Request:
 
 
 class Sample(NamedTuple):
-    """One data packet: value by field, and the system time in ns at which it was taken from the network."""
+    """One data packet: values by field, and the system time in ns at which it was received."""
 
     received_ns: int
     values: dict[str, Value]
 
 
 class Client(Protocol):
-    """One connection to one robot, used once: `open`, `start`, `read` again and again, `close`."""
+    """One connection to one robot, used once: `open`, `start`, repeated `read`, `close`."""
 
-    version: tuple[int, ...]  # of the controller, (major, minor, bugfix, build), once open
-    messages: deque[str]  # texts that the controller has sent, oldest first; whoever reads one takes it out
+    version: tuple[int, ...]  # version of the controller, (major, minor, bugfix, build), known after `open`
+    messages: deque[str]  # texts that the controller has sent, oldest first; the caller removes them
 
     def open(self) -> None:
-        """Connect and agree on the fields; nothing streams yet.
+        """Connect and agree on the fields; no samples are sent yet.
 
         Raises:
-            UnreachableError: no route, refused, or no answer within the request's timeout.
-            ProtocolError: what answers does not speak RTDE.
-            RefusedError: a field that the controller lacks, a rate that it cannot send at.
+            UnreachableError: no route, connection refused, or no answer within the request's timeout.
+            ProtocolError: the other side does not speak RTDE.
+            RefusedError: a field that the controller does not have, or a rate at which it cannot send.
         """
 
     def start(self) -> None:
-        """Let the stream begin. Raises as `open`."""
+        """Start the stream of samples. Raises as `open`."""
 
     def read(self, timeout: float) -> list[Sample]:
-        """All samples that have arrived, in order; waits for the first at most `timeout` in s, then returns [].
+        """Return all samples that have arrived, in order; wait at most `timeout` in s for the first, else return [].
 
         Raises:
             UnreachableError: the connection has ended.
-            ProtocolError: not RTDE.
+            ProtocolError: the received data are not RTDE.
         """
 
     def close(self) -> None:
-        """End the connection; from any thread, any number of times. A `read` under way returns or raises at once."""
+        """End the connection; from any thread, any number of times. A running `read` returns or raises at once."""

@@ -1,4 +1,4 @@
-"""The clients of RTDE by name."""
+"""The RTDE clients by name."""
 
 from __future__ import annotations
 

@@ -1,35 +1,36 @@
-"""Puts the controller's time on the system's clock, without the jitter of the network."""
+"""Convert controller time to system time without the jitter of the network."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 
-_SLEW = 200e-6  # s/s: what a crystal, and a system clock that is being corrected, may drift
-_AHEAD_NS = 100_000_000  # a sample that arrives so much too soon: the controller's clock was set
-_LATE_NS, _LATE_FOR_NS = 100_000_000, 10_000_000_000  # all samples so late for so long: the clock, not the network
-_SET_NS = 1_000_000  # least step of the system clock that counts as its being set
+_SLEW = 200e-6  # s/s: largest drift of a crystal and of a system clock that is being corrected
+_AHEAD_NS = 100_000_000  # if a sample arrives earlier than expected by this, the controller's clock was set
+_LATE_NS, _LATE_FOR_NS = 100_000_000, 10_000_000_000  # all samples late by this, for this long: it is the clock
+_SET_NS = 1_000_000  # smallest step of the system clock that counts as setting it
 
 
 def _system_ahead_ns() -> int:
-    """System clock minus the clock that nobody sets, ns. Both follow the same crystal and its corrections."""
+    """Return system clock minus monotonic clock in ns. Both follow the same crystal and its corrections."""
     return time.time_ns() - time.monotonic_ns()
 
 
 class ControllerClock:
-    """System time of the samples of one controller.
+    """Computes the system time of the samples of one controller.
 
-    A sample arrives later than it was taken, never sooner. The offset of the two clocks is therefore the smallest
-    difference of arrival and controller time seen lately: the smallest so far, let rise by 200 ppm, faster than which
-    no two good clocks drift apart. Stamps follow it by at most 200 ppm too: the steps between them are those of the
-    controller, and a second without a prompt packet moves them by 0.2 ms.
+    A sample never arrives before it was taken. So the offset of the two clocks is estimated as the smallest recent
+    difference between arrival time and controller time. This minimum may rise by 200 ppm, the largest drift between two
+    good clocks. Stamps also follow it by at most 200 ppm. So the steps between stamps are those of the controller, and
+    a second in which all packets are late moves the stamps by at most 0.2 ms.
 
-    Stamps are late by the smallest delay of the network and some 10 us where delays scatter by a fraction of a
-    millisecond. The first sample is believed: where it came late, so are the stamps, until 200 ppm have made it good.
+    Stamps are late by the smallest delay of the network, plus some 10 us if delays scatter by a fraction of a
+    millisecond. The first sample sets the offset. If it arrived late, stamps are late, too, until the offset has been
+    corrected at 200 ppm.
 
     Args:
         on_event: called with "clock set" and a text when one of the two clocks was set.
-        system_ahead_ns: system clock minus a clock that nobody sets, ns.
+        system_ahead_ns: returns system clock minus a clock that is never set, in ns.
     """
 
     def __init__(
@@ -41,24 +42,26 @@ class ControllerClock:
         self._ahead_ns = system_ahead_ns()
         self._unsure_ns = -1  # an arrival that may be from before the system clock was set
         self._anchored = False
-        self._controller_ns = 0  # of the newest sample
-        self._steady_ns = -(1 << 62)  # the same instant on the clock that nobody sets
-        # The offset, steady minus controller time: an anchor, and small differences from it, for which floats do.
+        self._controller_ns = 0  # controller time of the newest sample
+        self._steady_ns = -(1 << 62)  # the same instant on the clock that is never set
+        # Offset, steady minus controller time: an integer anchor, and small differences from it as floats.
         self._anchor_ns = 0
         self._lowest = self._slewed = 0.0
         self._late_since_ns: int | None = None  # controller time
         self._least_late = 0.0
 
     def forget(self) -> None:
-        """Take the offset anew from the next sample. For a new connection: the robot may have been restarted."""
+        """Set the offset again from the next sample. Use it for a new connection: the robot may have been restarted."""
         self._anchored = False
 
     def stamp(self, timestamp_s: float, received_ns: int) -> int:
-        """System time in ns at which a sample was taken; increases strictly, except where the system clock is set back.
+        """Return the system time in ns at which a sample was taken.
+
+        It increases strictly unless the system clock is set back.
 
         Args:
-            timestamp_s: its time on the controller's clock, s.
-            received_ns: system time at which it arrived, ns.
+            timestamp_s: time of the sample on the controller's clock in s.
+            received_ns: system time in ns at which the sample arrived.
         """
         self._watch_system_clock(received_ns)
         controller_ns = round(timestamp_s * 1e9)
@@ -75,7 +78,7 @@ class ControllerClock:
         return self._steady_ns + self._ahead_ns
 
     def _follow(self, controller_ns: int, arrived_ns: int) -> None:
-        """Let the offset follow what this arrival says of it."""
+        """Update the offset from this arrival."""
         offset = float(arrived_ns - controller_ns - self._anchor_ns)
         slew = _SLEW * (controller_ns - self._controller_ns)
         if offset < self._slewed - slew - _AHEAD_NS:
@@ -95,26 +98,26 @@ class ControllerClock:
                 self._shift(controller_ns, arrived_ns, why)
 
     def _anchor(self, controller_ns: int, arrived_ns: int) -> None:
-        """Take the offset from this sample alone."""
-        # Stamps that were ahead of the arrivals wait for these rather than go back.
+        """Set the offset from this sample alone."""
+        # Stamps must not go back: if they were ahead of the arrivals, they wait.
         self._anchor_ns = max(arrived_ns, self._steady_ns + 1) - controller_ns
         self._lowest = self._slewed = 0.0
         self._late_since_ns = None
         self._anchored = True
 
     def _shift(self, controller_ns: int, arrived_ns: int, why: str) -> None:
-        """Take the offset anew, and tell."""
+        """Set the offset again from this sample, and report it."""
         before = self._anchor_ns + self._slewed
         self._anchor(controller_ns, arrived_ns)
         change_s = (self._anchor_ns - before) * 1e-9
         self._on_event("clock set", f"{why}: its offset to the system's clock changes by {change_s:+.3f} s")
 
     def _watch_system_clock(self, received_ns: int) -> None:
-        """Notice that the system clock was set."""
+        """Detect that the system clock was set."""
         ahead_ns = self._system_ahead_ns()
         if abs(ahead_ns - self._ahead_ns) < _SET_NS:
             return
-        # The thread may have been held up between the readings of the two clocks: once, but hardly thrice.
+        # The thread may have been delayed between the two clock readings. The median of three readings avoids that.
         ahead_ns = sorted((ahead_ns, self._system_ahead_ns(), self._system_ahead_ns()))[1]
         change_ns = ahead_ns - self._ahead_ns
         if abs(change_ns) < _SET_NS:

@@ -1,4 +1,4 @@
-"""Asks a robot once whether it offers what is wanted, in a thread, so that a robot that is mute holds nothing up."""
+"""Check once, in a thread, whether a robot offers the requested fields. A robot that does not answer blocks nothing."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from joint_id_core.rtde.errors import RobotError, UnreachableError
 
 
 class ConnectionCheck:
-    """One connection that is opened, agreed on, and closed again."""
+    """One connection that is opened and, after the handshake, closed again."""
 
     def __init__(self, client: Client) -> None:
-        """Begin to connect."""
+        """Start to connect, in a thread."""
         self._client = client
         self._version: tuple[int, ...] = ()
         self._error: RobotError | None = UnreachableError("the check of the connection was given up")
@@ -21,11 +21,11 @@ class ConnectionCheck:
 
     @property
     def done(self) -> bool:
-        """Whether `version` answers at once."""
+        """Whether the check has ended, so that `version` returns at once."""
         return not self._thread.is_alive()
 
     def version(self) -> tuple[int, ...]:
-        """Version of the controller, (major, minor, bugfix, build), which offers all; waits for it.
+        """Wait for the end of the check and return the controller's version, (major, minor, bugfix, build).
 
         Raises:
             RobotError: as `Client.open`.
@@ -36,7 +36,7 @@ class ConnectionCheck:
         return self._version
 
     def cancel(self) -> None:
-        """Give up."""
+        """Cancel the check."""
         self._client.close()
 
     def _run(self) -> None:

@@ -1,4 +1,4 @@
-"""What can be wrong with a robot; which of it may pass by itself decides whether to try again."""
+"""Errors of the connection to a robot. The type decides whether it is useful to try again."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ from joint_id_core.errors import JointIdError
 
 
 class RobotError(JointIdError):
-    """Something is wrong with the robot or with the way to it."""
+    """An error of the robot or of the connection to it."""
 
 
 class UnreachableError(RobotError):
-    """No connection, or it was lost, or it fell silent: may pass by itself."""
+    """No connection, a lost connection, or a silent one: the error may disappear by itself."""
 
 
 class ProtocolError(RobotError):
-    """What arrived is not RTDE: the connection is of no more use, a new one may be."""
+    """The received data are not RTDE: this connection cannot be used any more, but a new one may work."""
 
 
 class RefusedError(RobotError):
-    """The controller does not offer what is asked for: passes only when one of the two changes."""
+    """The controller does not offer what was requested: it helps only to change the request or the controller."""

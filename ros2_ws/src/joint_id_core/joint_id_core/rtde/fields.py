@@ -1,4 +1,4 @@
-"""The output fields of RTDE that concern joints, and how their types look on the wire.
+"""The RTDE output fields that concern joints, and the binary layout of their types.
 
 Source: Universal Robots, Real-Time Data Exchange (RTDE) guide.
 """
@@ -9,7 +9,7 @@ import re
 from dataclasses import dataclass
 
 JOINTS = 6
-# From the base to the tool, as the maker's robot descriptions and ROS driver name them.
+# From the base to the tool, with the names of the manufacturer's robot descriptions and ROS driver.
 JOINT_NAMES = (
     "shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint",
 )  # fmt: skip
@@ -34,8 +34,8 @@ TYPES: dict[str, tuple[str, int]] = {
 class Field:
     """An output field.
 
-    `since` holds the first controller version (major, minor) of each line of versions that sends it; empty for
-    a field that all of them send.
+    `since` holds, by major version, the first controller version (major, minor) that sends it; empty for a field that
+    all versions send.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Field:
     since: tuple[tuple[int, int], ...] = ()
 
     def sent_by(self, version: tuple[int, ...]) -> bool:
-        """Whether a controller of this version (major, minor, ...) has the field."""
+        """Return whether a controller of this version (major, minor, ...) has the field."""
         if not self.since:
             return True
         of_line = [first for first in self.since if first[0] == version[0]]
@@ -89,6 +89,6 @@ _REGISTER_TYPES = {"int": "INT32", "double": "DOUBLE"}
 
 
 def register_type(name: str) -> str | None:
-    """Type of a general purpose register, e.g. `output_double_register_24`; None for any other name."""
+    """Return the type of a general purpose register such as `output_double_register_24`; None for other names."""
     match = _REGISTER.fullmatch(name)
     return _REGISTER_TYPES[match[1]] if match and int(match[2]) < _REGISTERS else None

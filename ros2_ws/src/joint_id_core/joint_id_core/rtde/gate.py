@@ -1,4 +1,4 @@
-"""Which samples are fit to be used: a controller also sends some that are no measurements."""
+"""Reject samples that are not measurements: a controller sends some of these, too."""
 
 from __future__ import annotations
 
@@ -14,26 +14,31 @@ ALL_ZEROS, NOT_FINITE, TOO_LARGE, REPEATED, NOT_RUNNING = (
     "all zeros", "not finite", "too large", "repeated timestamp", "robot not running"
 )  # fmt: skip
 
-_ZERO_MODE = RobotMode.DISCONNECTED  # what `robot_mode` is in a packet of zeros
+_ZERO_MODE = RobotMode.DISCONNECTED  # value of `robot_mode` in a packet of zeros
 _MEASURED = frozenset(f.name for f in FIELDS.values() if f.type == "VECTOR6D" and not f.name.startswith("target_"))
 
 
 class Gate:
-    """Looks at the samples of one robot in their order.
+    """Checks the samples of one robot, in their order.
 
-    A protective stop passes: what the sensors say then is true. So does a clock that was set back.
+    Samples during a protective stop are accepted, because the sensors are right then. So are samples after the clock
+    was set back.
     """
 
     def __init__(self) -> None:
-        self._last: Value = math.nan  # timestamp of the last sample that was none of zeros
+        self._last: Value = math.nan  # timestamp of the last sample that was not all zeros
 
     def admit(self, values: Mapping[str, Value]) -> str:
-        """ "" for a sample that is fit, else why it is not; there are few such texts, so that they can be counted.
+        """Return "" for a sample that can be used, else the reason. There are few reasons, so that they can be counted.
 
-        The first of these that holds: "not finite" (NaN or infinity in any field), "too large" (a value that no robot
-        has), "all zeros" (every six-vector that is measured is exactly zero, and the robot is not said to be off: a
-        packet that was never filled), "repeated timestamp", "robot not running: MODE" (the brakes are on and the
-        currents say nothing; only where `robot_mode` is among the fields).
+        Reasons, in the order of the checks:
+
+        - "not finite" or "too large": NaN or infinity in a field, or a value that is impossible for a robot;
+        - "all zeros": every measured six-vector is exactly zero, and the robot does not report that it is off: the
+          controller never filled this packet;
+        - "repeated timestamp";
+        - "robot not running: MODE": the brakes are on, and the currents have no meaning. Checked only if `robot_mode`
+          is among the fields.
         """
         filled = _MEASURED.isdisjoint(values)
         for name, value in values.items():

@@ -1,35 +1,35 @@
-"""Counts samples that are missing, by the time stamps of those that are there."""
+"""Count missing samples from the time stamps of the samples that arrived."""
 
 from __future__ import annotations
 
 import math
 
-_LEAK = 200e-6  # s/s; no two clocks drift apart faster
-_AHEAD_S = 0.1  # a stamp so much earlier than its arrival allows is a clock that was set, not lost samples
+_LEAK = 200e-6  # s/s; largest drift between two clocks
+_AHEAD_S = 0.1  # a sample that arrives earlier than its stamp allows by this shows a clock that was set, not a loss
 
 
 class LossCounter:
-    """Tells gaps in the controller's time from jumps of its clock; one for each connection.
+    """Distinguishes lost samples from jumps of the controller's clock; use one for each connection.
 
-    A sample cannot arrive before it was taken. The smallest difference of arrival and stamp seen lately therefore
-    bounds how late a sample can be stamped, and a step beyond that is a jump.
+    A sample cannot arrive before it was taken. So the smallest recent difference between arrival and stamp limits how
+    late a stamp can be. A stamp beyond this limit shows a jump of the clock.
 
     Args:
-        rate: samples a second that the controller sends.
+        rate: rate in Hz at which the controller sends.
     """
 
     def __init__(self, rate: float) -> None:
         self._rate = rate
         self._last: float | None = None
         self._soonest = 0.0  # smallest arrival minus stamp, s
-        self._unusable = 0  # samples without a time since the last one with
+        self._unusable = 0  # number of samples without a time since the last sample with a time
 
     def count(self, timestamp: float, arrived_s: float) -> int | None:
-        """Samples missing between this one and the one before; None where the controller's clock has jumped.
+        """Return the number of samples missing before this one; None if the controller's clock has jumped.
 
         Args:
-            timestamp: controller time in s. Not finite or zero: the sample arrived, but says nothing of its time.
-            arrived_s: time in s of a clock that nobody sets.
+            timestamp: controller time in s; not finite or zero for a sample that arrived without a valid time.
+            arrived_s: arrival time in s on a clock that is never set.
         """
         if not math.isfinite(timestamp) or timestamp == 0.0:
             self._unusable += 1

@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class RobotMode(IntEnum):
-    """What the robot as a whole is doing; only in RUNNING are the brakes released and the joints controlled."""
+    """Mode of the robot; only in RUNNING the brakes are released and the joints are controlled."""
 
     NO_CONTROLLER = -1
     DISCONNECTED = 0
@@ -21,7 +21,7 @@ class RobotMode(IntEnum):
 
 
 class SafetyMode(IntEnum):
-    """What the safety system allows."""
+    """Mode of the safety system."""
 
     NORMAL = 1
     REDUCED = 2
@@ -37,7 +37,7 @@ class SafetyMode(IntEnum):
 
 
 class JointMode(IntEnum):
-    """What one joint is doing."""
+    """Mode of one joint."""
 
     RESET = 235
     SHUTTING_DOWN = 236
@@ -58,7 +58,7 @@ class JointMode(IntEnum):
 
 
 def name_of(kind: type[IntEnum], number: float) -> str:
-    """Name of a mode, or its number where it has none."""
+    """Return the name of a mode; "unknown" with its number if it has none."""
     try:
         return kind(int(number)).name
     except ValueError:

@@ -1,6 +1,6 @@
 """Packets of RTDE protocol version 2: framing, and the fields of data packets.
 
-A packet is a big-endian uint16 with its whole size, a uint8 with its kind, and the payload.
+A packet is a big-endian uint16 with its total size, a uint8 with its kind, and the payload.
 Source: Universal Robots, Real-Time Data Exchange (RTDE) guide.
 """
 
@@ -18,7 +18,7 @@ VERSION = 2
 REQUEST_VERSION, CONTROLLER_VERSION, TEXT, DATA, OUTPUTS, INPUTS, START, PAUSE = b"VvMUOISP"
 KINDS = frozenset(b"VvMUOISP")
 
-NOT_FOUND, IN_USE = "NOT_FOUND", "IN_USE"  # in place of a type: an unknown field, an input that another client holds
+NOT_FOUND, IN_USE = "NOT_FOUND", "IN_USE"  # in place of a type: an unknown field, an input that another client uses
 
 _HEADER = struct.Struct(">HB")
 
@@ -33,22 +33,22 @@ class Packet(NamedTuple):
 
 
 def encode(kind: int, payload: bytes = b"") -> bytes:
-    """Bytes of a packet."""
+    """Return the bytes of a packet."""
     return _HEADER.pack(_HEADER.size + len(payload), kind) + payload
 
 
 class PacketReader:
-    """Cuts a stream of bytes into packets, however the network split or glued them."""
+    """Splits a stream of bytes into packets, independent of how the network split or joined them."""
 
     def __init__(self) -> None:
         self._rest = bytearray()
 
     def feed(self, data: bytes) -> Iterator[Packet]:
-        """The packets that are complete now, in order; to be read to the end.
+        """Yield the packets that are complete now, in order; the caller must read them all.
 
         Raises:
-            ProtocolError: after the packets before it, a size that no packet has, or an unknown kind. The place of
-                the next packet is then unknown for ever: the connection must be dropped.
+            ProtocolError: a packet of impossible size or unknown kind, raised after the packets before it. The start of
+                the next packet cannot be found any more, so the connection must be closed.
         """
         self._rest += data
         at = 0
@@ -72,7 +72,7 @@ class Recipe:
     """The fields of a data packet, in order.
 
     Args:
-        number: recipe id, the first byte of every data packet.
+        number: recipe id, which is the first byte of every data packet.
         types: type by field name, each a key of `fields.TYPES`.
     """
 
@@ -88,10 +88,10 @@ class Recipe:
             at += n
 
     def unpack(self, payload: bytes) -> dict[str, Value]:
-        """Value by field of a data packet; a vector is a tuple.
+        """Return the values of a data packet by field; a vector is a tuple.
 
         Raises:
-            ProtocolError: another recipe, or a size that is not that of this one.
+            ProtocolError: the packet has another recipe id or another size.
         """
         if len(payload) != self._layout.size or payload[0] != self.number:
             got = f"recipe {payload[0]}, {len(payload)} bytes" if payload else "nothing"
@@ -100,7 +100,7 @@ class Recipe:
         return {name: row[at] if n == 1 else row[at : at + n] for name, at, n in self._places}
 
     def pack(self, values: Mapping[str, float | Sequence[float]]) -> bytes:
-        """Payload of a data packet; inverse of `unpack`."""
+        """Return the payload of a data packet; inverse of `unpack`."""
         row: list[float] = []
         for name, _, n in self._places:
             value = values[name]

@@ -1,4 +1,4 @@
-"""At which rates a controller sends: its largest one, or that divided by a whole number."""
+"""Rates at which a controller sends: its largest rate divided by a whole number."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from joint_id_core.rtde.errors import RefusedError
 LARGEST_HZ, LARGEST_HZ_CB3 = 500.0, 125.0
 _E_SERIES = 5  # first major version of the controllers after CB3
 
-_CLOSE = 1e-4  # relative; 166.67 is meant as 500 / 3
+_CLOSE = 1e-4  # relative tolerance: 166.67 means 500 / 3
 
 
 def sent_rate(asked: float, version: Sequence[int]) -> float:
-    """The rate in Hz to ask a controller of this version (major, minor, ...) for so that it sends at `asked`.
+    """Return the rate in Hz to request from a controller of this version (major, minor, ...) to get the rate `asked`.
 
-    The controller sends at its largest rate over floor(largest / asked), so a third written with too few digits
-    would be sent as a half.
+    The controller sends at its largest rate over floor(largest / requested). So with a third of the largest rate,
+    rounded up, it would send at a half.
 
     Raises:
-        RefusedError: a rate that it does not send at; names those next to it.
+        RefusedError: a rate at which it does not send; the message names the nearest ones.
     """
     largest = LARGEST_HZ if version[0] >= _E_SERIES else LARGEST_HZ_CB3
     every = max(1, round(largest / asked))

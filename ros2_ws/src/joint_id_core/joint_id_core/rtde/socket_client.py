@@ -1,4 +1,4 @@
-"""Our own client of RTDE: takes every packet off the socket, so that nothing is lost on this side of the network."""
+"""joint_id's own RTDE client: it reads every packet from the socket, so that this computer loses no samples."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from joint_id_core.rtde.fields import FIELDS, TYPES
 from joint_id_core.rtde.packets import Packet, PacketReader, Recipe, encode
 from joint_id_core.rtde.rates import sent_rate
 
-_CHUNK = 65536  # bytes taken at once; a second of samples is a few times that
+_CHUNK = 65536  # bytes read at once; one second of samples has a few times as many
 _MESSAGES_KEPT = 100
 _WAKE_EVERY_S = 0.01
 
@@ -25,8 +25,8 @@ class SocketClient:
     """One connection over a plain socket; see `client.Client`.
 
     Attributes:
-        version: of the controller, (major, minor, bugfix, build), once open.
-        messages: texts that the controller has sent, oldest first; whoever reads one takes it out.
+        version: version of the controller, (major, minor, bugfix, build), known after `open`.
+        messages: texts that the controller has sent, oldest first; the caller removes them.
     """
 
     def __init__(self, request: Request) -> None:
@@ -35,14 +35,14 @@ class SocketClient:
         self._request = request
         self._robot = f"robot {request.host}:{request.port}"
         self._reader = PacketReader()
-        self._packets: deque[Packet] = deque()  # arrived, not yet looked at
-        self._received_ns = 0  # when they arrived
-        self._broken: ProtocolError | None = None  # what is wrong behind them
+        self._packets: deque[Packet] = deque()  # arrived, but not yet processed
+        self._received_ns = 0  # arrival time of these packets
+        self._broken: ProtocolError | None = None  # error in the data after these packets
         self._recipe = Recipe(0, {})
         self._sock: socket.socket | None = None
         self._closed = False
         self._state = threading.Lock()  # guards _sock and _closed
-        self._in_use = threading.RLock()  # held while the socket is waited on: only then may it not be closed
+        self._in_use = threading.RLock()  # held while a thread waits on the socket, which must not be closed meanwhile
 
     def open(self) -> None:
         """See `client.Client.open`."""
@@ -78,8 +78,8 @@ class SocketClient:
             return
         held = False
         while not held:
-            with suppress(OSError):  # not connected, or no more
-                sock.shutdown(socket.SHUT_RDWR)  # wakes a thread that waits on it, unless that is only about to connect
+            with suppress(OSError):  # not connected, or not any more
+                sock.shutdown(socket.SHUT_RDWR)  # wakes a thread that waits on it, but not one before its connect()
             held = self._in_use.acquire(timeout=_WAKE_EVERY_S)
         sock.close()
         self._in_use.release()
@@ -90,7 +90,7 @@ class SocketClient:
         deadline = time.monotonic() + timeout
         try:
             addresses = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-        except (OSError, ValueError) as error:  # ValueError: no name can look like this
+        except (OSError, ValueError) as error:  # ValueError: not a possible host name
             why = f"{getattr(error, 'strerror', None) or error}: check the robot's name or address"
             raise UnreachableError(f"host {host!r} is not known: {why}") from None
         why = ""
@@ -117,7 +117,7 @@ class SocketClient:
         raise UnreachableError(f"{self._robot}: {why}")
 
     def _agree(self) -> None:
-        """Settle protocol, rate and fields."""
+        """Agree with the controller on protocol version, rate and fields."""
         accepted = self._ask(packets.REQUEST_VERSION, struct.pack(">H", packets.VERSION), "the protocol version")
         if accepted != b"\1":
             raise RefusedError(
@@ -146,7 +146,7 @@ class SocketClient:
         self._recipe = Recipe(answer[0], offered)
 
     def _ask(self, kind: int, payload: bytes, what: str) -> bytes:
-        """Send a request and return the payload of its answer; texts that come before it are kept."""
+        """Send a request and return the payload of its answer; keep texts that arrive before the answer."""
         timeout = self._request.timeout
         deadline = time.monotonic() + timeout
         with self._in_use:
@@ -174,7 +174,7 @@ class SocketClient:
                 )
 
     def _receive(self, wait: float) -> bool:
-        """Take what has arrived; False when nothing does within `wait` in s."""
+        """Read the data that have arrived; return False if nothing arrives within `wait` in s."""
         if self._broken is not None:
             raise self._broken
         with self._in_use:
@@ -193,11 +193,11 @@ class SocketClient:
             self._packets.extend(self._reader.feed(data))
         except ProtocolError as error:
             port = "" if self._recipe.types else ": check that the port is the robot's RTDE port"
-            self._broken = ProtocolError(f"{self._robot}: {error}{port}")  # what came before is still good
+            self._broken = ProtocolError(f"{self._robot}: {error}{port}")  # the packets before it are still good
         return True
 
     def _samples(self) -> list[Sample]:
-        """Samples of the packets that have arrived. Of a bad one is told when those before it have been given."""
+        """Return the samples that have arrived. A bad packet raises an error after those before it were returned."""
         samples: list[Sample] = []
         while self._packets:
             kind, payload = self._packets[0]
@@ -227,12 +227,12 @@ class SocketClient:
         return UnreachableError(f"{self._robot}: the connection is closed on this side")
 
     def _said(self) -> str:
-        """The last text from the controller, which may say why."""
+        """Return the last text from the controller, which may name the reason."""
         return f" (it says: {self.messages[-1]})" if self.messages else ""
 
 
 def _reason(error: OSError, timeout: float) -> str:
-    """What an error of the network means, and what to do."""
+    """Return the meaning of a network error, and what to do."""
     if isinstance(error, ConnectionRefusedError):
         return "refuses the connection: check that the robot's controller is up and that the port is its RTDE port"
     if isinstance(error, TimeoutError):
@@ -241,7 +241,7 @@ def _reason(error: OSError, timeout: float) -> str:
 
 
 def _with_history(name: str) -> str:
-    """A field's name with the versions that first have it."""
+    """Return a field's name with the first versions that have it."""
     if name not in FIELDS:
         return name
     since = " and ".join(f"{major}.{minor}" for major, minor in FIELDS[name].since)
@@ -249,6 +249,6 @@ def _with_history(name: str) -> str:
 
 
 def _text(payload: bytes) -> str:
-    """Message of a text packet (length and message, length and source, level), as one line."""
+    """Return the message of a text packet (length and message, length and source, level) as one line."""
     length = payload[0] if payload else 0
     return " ".join(payload[1 : 1 + length].decode("utf-8", "replace").split())

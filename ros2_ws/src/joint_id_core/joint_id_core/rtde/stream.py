@@ -1,4 +1,4 @@
-"""The samples of a robot without end: a thread that reads, tells of what is lost, and connects again."""
+"""Continuous stream of a robot's samples: a thread that reads, reports losses, and reconnects."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from joint_id_core.rtde.loss import LossCounter
 
 log = logging.getLogger(__name__)
 
-_LEAST_PERIODS = 5  # without a sample before the stream is taken as stalled, however slow it is
-_TELL_EVERY_S = 1.0  # events that may come with every sample
+_LEAST_PERIODS = 5  # periods without a sample before the stream counts as stalled, also at low rates
+_TELL_EVERY_S = 1.0  # shortest time between events of a kind that may come with every sample
 _JOIN_S = 2.0
 
 
 @dataclass(frozen=True)
 class StreamOptions:
-    """When a connection is given up, and how soon the next one is tried."""
+    """When to give a connection up, and how long to wait before the next try."""
 
     stall_s: float = option(0.5, "silence after which the connection is given up (at least 5 samples)", "s", 0.02, 60.0)
     backoff_s: float = option(
@@ -44,7 +44,7 @@ class StreamOptions:
 
 
 class StreamState(Enum):
-    """What the stream is doing."""
+    """State of the stream."""
 
     CONNECTING = "connecting"
     STREAMING = "streaming"
@@ -57,13 +57,12 @@ class StreamStatus:
     """The stream at one instant.
 
     Attributes:
-        state: what it is doing.
-        version: of the controller, (major, minor, bugfix, build); () until it has told.
-        received: samples since the start.
-        lost: samples that are missing by their time stamps; what was not sent while there was no connection is not
-            among them.
-        reconnects: connections after the first that brought samples.
-        age_s: s since the newest sample; inf before the first.
+        state: its state.
+        version: version of the controller, (major, minor, bugfix, build); () until it is known.
+        received: number of samples since the start.
+        lost: number of missing samples according to the time stamps, without those while there was no connection.
+        reconnects: number of connections with samples, without the first one.
+        age_s: time in s since the newest sample; inf before the first.
         error: what is wrong; "" while streaming.
     """
 
@@ -77,21 +76,21 @@ class StreamStatus:
 
 
 class RobotStream:
-    """Reads in a thread of its own and never gives up until it is stopped.
+    """Reads samples in its own thread and reconnects until it is stopped.
 
-    Every connection is a new client, so that each asks for the same fields and rate.
+    Every connection uses a new client, so that each requests the same fields and rate.
 
     Args:
-        make: makes a client.
-        rate: samples a second that the clients ask for.
+        make: builds a client.
+        rate: rate in Hz that the clients request.
         options: see `StreamOptions`.
         on_samples: called with the samples that have arrived, in order.
         on_event: called with a kind and a text when something changes: "connected", "unreachable", "refused",
             "not RTDE", "connection lost", "stalled", "samples lost", "clock jumped", "message" (a text of the
             controller), "internal error" (an exception, also one of the callbacks; the stream goes on).
-            Kinds that could come with every sample come once a second.
+            Kinds that could come with every sample are reported at most once per second.
 
-    Both are called from the stream's thread.
+    Both callbacks are called from the stream's thread.
     """
 
     def __init__(
@@ -117,7 +116,7 @@ class RobotStream:
         self._newest_at = -math.inf  # time.monotonic()
 
     def start(self) -> None:
-        """Begin; once only."""
+        """Start the thread; call it only once."""
         self._thread.start()
 
     def stop(self) -> None:
@@ -132,7 +131,7 @@ class RobotStream:
 
     @property
     def status(self) -> StreamStatus:
-        """The stream now; from any thread."""
+        """Present status of the stream; can be read from any thread."""
         with self._lock:
             return StreamStatus(
                 state=StreamState.STOPPED if self._stopping.is_set() else self._state,
@@ -149,13 +148,13 @@ class RobotStream:
         while not self._stopping.wait(wait_s):
             try:
                 self._follow_one_connection()
-                continue  # was told to stop
+                continue  # `stop` was called
             except RobotError as error:
                 kind, text = _kind(error, self._state), str(error)
                 refused = isinstance(error, RefusedError)
-            except Exception as error:  # a defect must not end the stream unseen
+            except Exception as error:  # a bug must not end the stream silently
                 kind, text, refused = "internal error", _where(error), False
-            if self._stopping.is_set():  # the error is that of a client that was closed
+            if self._stopping.is_set():  # the error comes from closing the client
                 return
             streamed = self._state is StreamState.STREAMING
             longest = self._options.backoff_max_s
@@ -171,10 +170,10 @@ class RobotStream:
                 self._tell(kind, text)
 
     def _follow_one_connection(self) -> None:
-        """Connect and pass on what comes, until told to stop.
+        """Connect and pass on the samples until `stop` is called.
 
         Raises:
-            RobotError: why the connection is over.
+            RobotError: why the connection ended.
         """
         with self._lock:
             if self._stopping.is_set():  # `stop` has closed the client before this one
@@ -229,7 +228,7 @@ class RobotStream:
             self._untold_loss = 0
 
     def _is_due(self, kind: str, now: float) -> bool:
-        """Whether an event of a kind that may come with every sample is to be told."""
+        """Return whether to report an event of a kind that may come with every sample."""
         if now < self._told_at.get(kind, -math.inf) + _TELL_EVERY_S:
             return False
         self._told_at[kind] = now
@@ -239,12 +238,12 @@ class RobotStream:
         self._call(self._on_event, kind, text)
 
     def _call(self, callback: Callable[..., None], *args: object) -> None:
-        """Call back unless told to stop; what the callback raises ends nothing."""
+        """Call a callback unless `stop` was called; an exception of the callback does not end the stream."""
         if self._stopping.is_set():
             return
         try:
             callback(*args)
-        except Exception as error:  # nor one of whoever is called back
+        except Exception as error:  # a bug in a callback must not end the stream
             if callback == self._on_event:
                 log.exception("event %s", args)
             elif self._is_due("internal error", time.monotonic()):
@@ -266,7 +265,7 @@ def _kind(error: RobotError, state: StreamState) -> str:
 
 
 def _where(error: Exception) -> str:
-    """An exception with the place that raised it, in one line."""
+    """Return an exception and the place that raised it, in one line."""
     frame = traceback.extract_tb(error.__traceback__)[-1]
     place = f"{frame.name} ({Path(frame.filename).name}:{frame.lineno})"
     return f"{type(error).__name__} in {place}: {' '.join(str(error).split())}"

@@ -1,10 +1,12 @@
-"""A client of RTDE over the library ur_rtde (PyPI: ur-rtde), for comparison and for those who trust it more.
+"""An RTDE client that uses the library ur_rtde (PyPI: ur-rtde), for comparison or for users who prefer this library.
 
-It keeps the newest sample only, so some are lost on this side of the network: by its own reader where two packets come
-at once, and between two looks at it. Other traps of version 1.6.5, and how they are met here: a field that it does not
-know shifts all later ones (only known fields are let through); its constructor waits without limit, and nothing else
-runs in this process meanwhile (the robot is made to send a sample to `SocketClient` first); `reconnect` forgets the
-rate (never called).
+The library keeps only the newest sample. So samples are lost on this computer: in its own reader when two packets
+arrive together, and between two polls. Version 1.6.5 has more problems, which this module avoids:
+
+- An unknown field shifts all later ones: only known fields are requested.
+- The constructor waits without limit, and nothing else runs in this process meanwhile: before, `SocketClient` checks
+  that the robot sends a sample.
+- `reconnect` loses the rate: it is never called.
 """
 
 from __future__ import annotations
@@ -43,13 +45,13 @@ GETTERS = {
     "speed_scaling": "getSpeedScaling",
 }
 
-# After a sample, nothing is to be had for most of a period. Looking more often than this loses no fewer.
+# After a sample no new one comes for most of a period. Faster polling than this does not reduce the losses.
 _REST = 0.6  # of a period
 _LOOK_EVERY_S = 1e-4
 
 
 class UrRtdeClient:
-    """One connection through ur_rtde; see `client.Client`. `messages` stays empty: ur_rtde keeps them to itself."""
+    """One connection through ur_rtde; see `client.Client`. `messages` stays empty: ur_rtde does not return them."""
 
     def __init__(self, request: Request) -> None:
         self.version: tuple[int, ...] = ()
@@ -63,7 +65,7 @@ class UrRtdeClient:
         self._state = threading.Lock()  # guards _interface and _closed
 
     def open(self) -> None:
-        """See `client.Client.open`; the robot is also made to send one sample, without which ur_rtde would hang."""
+        """See `client.Client.open`; also check that the robot sends a sample, because ur_rtde would wait forever."""
         if self._request.port != PORT:
             raise RefusedError(f"{self._robot}: ur_rtde only knows port {PORT}: use the client socket for other ports")
         without = [name for name in self._request.fields if name not in GETTERS]
@@ -115,7 +117,7 @@ class UrRtdeClient:
             time.sleep(_LOOK_EVERY_S)
 
     def close(self) -> None:
-        """See `client.Client.close`; ur_rtde ends its connection some seconds later at most."""
+        """See `client.Client.close`; ur_rtde may take some seconds to end its connection."""
         self._check.close()
         with self._state:
             self._closed = True
@@ -124,7 +126,7 @@ class UrRtdeClient:
             _let_go(interface)
 
     def _newest(self, interface: Any) -> Sample | None:
-        """The newest sample; None where it is known already."""
+        """Return the newest sample; None if it was returned before."""
         timestamp = interface.getTimestamp()
         while timestamp != self._last:
             received_ns = time.time_ns()
@@ -132,7 +134,7 @@ class UrRtdeClient:
             for name in self._request.fields:
                 value = getattr(interface, GETTERS[name])()
                 values[name] = tuple(value) if isinstance(value, list) else value
-            # Every getter gives what is newest at its own instant: all the same sample only if none came meanwhile.
+            # Every getter returns the newest value. The values are of one sample only if no other arrived meanwhile.
             before, timestamp = timestamp, interface.getTimestamp()
             if before == timestamp:
                 self._last = timestamp
@@ -144,10 +146,10 @@ class UrRtdeClient:
 
 
 def _library() -> Any:
-    """The class of ur_rtde; it is loaded when it is first wanted.
+    """Import and return the class of ur_rtde.
 
     Raises:
-        RefusedError: it is not installed.
+        RefusedError: the library is not installed.
     """
     try:
         from rtde_receive import RTDEReceiveInterface
@@ -159,6 +161,6 @@ def _library() -> Any:
 def _let_go(interface: Any) -> None:
     """End a connection of ur_rtde, which takes a second or more.
 
-    Not a daemon thread: to end the process in the middle of the library would abort it.
+    This is not a daemon thread: if the process ended inside the library, it would abort.
     """
     threading.Thread(target=interface.disconnect, name="ur_rtde closing").start()

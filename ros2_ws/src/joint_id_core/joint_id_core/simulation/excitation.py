@@ -79,7 +79,7 @@ def build_multisine(
     Phases are random with a `seed`, else Schroeder's (1970), which keep the peak low.
 
     Raises:
-        JointIdError: no frequency, one that is not positive or comes twice, an amplitude that is not finite.
+        JointIdError: no frequency, one that is not positive or occurs twice, an amplitude that is not finite.
     """
     f = np.asarray(frequencies, dtype=float)
     if f.ndim != 1 or not f.size or not np.all(np.isfinite(f) & (f > 0.0)) or len(np.unique(f)) < f.size:

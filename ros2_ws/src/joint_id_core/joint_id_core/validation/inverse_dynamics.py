@@ -16,7 +16,7 @@ from joint_id_core.models.operations import ArrayOps
 # drive are compared below this frequency, with the same filter for both, as in inverse dynamic identification (Gautier
 # 1997). On a public UR3e log, 50 Hz would explain 95.4 % of the shoulder's current, 10 Hz 99.8 %.
 DRIVE_BAND_HZ = 10.0
-ROUNDING = 1e-6  # of a length in time: samples that stand at it count as no longer
+ROUNDING = 1e-6  # relative tolerance of a duration: equal durations except for rounding are not longer
 
 
 def drive(model: Model, values: dict[str, float], recording: Recording) -> Array | None:
@@ -40,7 +40,7 @@ def drive(model: Model, values: dict[str, float], recording: Recording) -> Array
     p = SimpleNamespace(**values)
     zero, one = (model.derivative(x, [np.full(len(recording), d), *rest], p, ArrayOps()) for d in (0.0, 1.0))
     for name, f_0, f_1 in zip(model.state_names, zero, one, strict=True):
-        rate = derivative_of(name)  # the drive acts on accelerations alone, so these are the only rates that it moves
+        rate = derivative_of(name)  # the drive changes only accelerations, so only these rates depend on it
         if rate is not None and rate in recording and np.any(f_1 != f_0):
             return np.asarray((recording[rate] - f_0) / (f_1 - f_0))
     return None

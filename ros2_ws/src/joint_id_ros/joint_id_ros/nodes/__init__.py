@@ -1,1 +1,1 @@
-"""The nodes, one a file: each reads its parameters, hands messages to the library, and publishes what comes back."""
+"""The nodes, one per file. Each reads its parameters, passes messages to the library, and publishes the results."""

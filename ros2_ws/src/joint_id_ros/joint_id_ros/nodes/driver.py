@@ -1,4 +1,4 @@
-"""Node `driver`: what the joints of a UR robot measure. It only reads: nothing here can move a robot."""
+"""Node `driver`: publishes the measurements of a UR robot. It only reads: nothing here can move a robot."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from joint_id_ros.qos import STREAM_OUT
 from joint_id_ros.robot_health import RobotHealth
 from joint_id_ros.robot_signals import TYPES, JointMessages
 
-NEWS = ("connected", "message", "mode")  # events that are no problem
-POLL_S = 0.1  # how often a start without a lifecycle manager looks whether the robot has answered
+NEWS = ("connected", "message", "mode")  # events that are not problems
+POLL_S = 0.1  # period of the checks, at a start without a lifecycle manager, whether the robot has answered
 
 
 class DriverNode(ManagedNode):
-    """Publishes every sample of a robot that is fit for it, from the thread that takes them off the network."""
+    """Publishes every valid sample of a robot, from the thread that reads them from the network."""
 
     def __init__(self) -> None:
         super().__init__("driver", DriverOptions, StreamOptions)
@@ -39,7 +39,7 @@ class DriverNode(ManagedNode):
         self._outputs: dict[str, Any] = {}  # publishers by topic
         self._check: ConnectionCheck | None = None
         self._stream: RobotStream | None = None
-        self._may_pass = False  # whether what keeps the node from being configured may pass by itself
+        self._may_pass = False  # whether the error that prevents the configuration may disappear by itself
         self._wait_s = self._next_try = 0.0
         self._renew()
         self._diagnostics = Diagnostics(self, self._report)
@@ -48,17 +48,17 @@ class DriverNode(ManagedNode):
             self._starter.cancel()
 
     def _renew(self) -> None:
-        """Forget the run before."""
+        """Forget the previous run."""
         self._gate, self._stamper = Gate(), Stamper(self._on_event)
         self._health = RobotHealth(self._options.joints, self._options.rate, self._on_event)
 
     def _client(self) -> Client:
-        """A client for one connection to the robot of the options."""
+        """Build a client for one connection to the robot."""
         o = self._options
         return CLIENTS[o.client](Request(o.robot_ip.strip(), self._messages.fields, o.rate, o.port, o.timeout))
 
     def _ask(self) -> ConnectionCheck:
-        """Ask the robot whether it offers what the parameters say, unless this question is on its way."""
+        """Check whether the robot offers what the parameters request; return a running check if there is one."""
         if self.get_parameter("use_sim_time").value:
             raise JointIdError("parameter use_sim_time is true, but a robot runs in real time: set it to false")
         options = read(self, DriverOptions)
@@ -76,7 +76,7 @@ class DriverNode(ManagedNode):
             self._check = None
 
     def prepare(self) -> None:
-        """Check the parameters, the last ones with the robot, whose answer is waited for."""
+        """Check the parameters; those that depend on the robot are checked with the robot, whose answer is awaited."""
         self._may_pass = False
         self._stream_options = read(self, StreamOptions)
         check = self._ask()
@@ -92,15 +92,15 @@ class DriverNode(ManagedNode):
         self.get_logger().info(f"controller {'.'.join(map(str, version))} offers {', '.join(self._messages.fields)}")
 
     def remedy(self, error: JointIdError) -> str:
-        """Whether the robot is asked again without being told to."""
+        """Return advice that says whether the node tries again by itself."""
         if not self._may_pass:
             return super().remedy(error)
         return "configure again when it is there" if self._starter.is_canceled() else "trying again until it is there"
 
     def _start_by_itself(self) -> None:
-        """Configure and activate as soon as the robot answers; to wait for it in a callback would hold up signals."""
+        """Configure and activate as soon as the robot answers; waiting for it in a callback would delay signals."""
         if self._state_machine.current_state[1] != "unconfigured":
-            self._starter.cancel()  # somebody else did it
+            self._starter.cancel()  # a lifecycle manager did it
             return
         if time.monotonic() < self._next_try:
             return
@@ -108,28 +108,28 @@ class DriverNode(ManagedNode):
             if not self._ask().done:
                 return
         except JointIdError:
-            pass  # `start` meets it again and tells
+            pass  # `start` gets the same error and reports it
         if self.start() or not self._may_pass:
             self._starter.cancel()
         self._wait_s = min(max(2.0 * self._wait_s, self._stream_options.backoff_s), self._stream_options.backoff_max_s)
         self._next_try = time.monotonic() + self._wait_s
 
     def begin(self) -> None:
-        """Let the stream run."""
+        """Start the stream."""
         self._renew()
         rate = self._options.rate
         self._stream = RobotStream(self._client, rate, self._stream_options, self._on_samples, self._on_event)
         self._stream.start()
 
     def close(self) -> None:
-        """End the stream; nothing is published from then on."""
+        """End the stream; nothing is published afterwards."""
         self._give_up()
         if self._stream is not None:
             self._stream.stop()
             self._stream = None
 
     def _on_samples(self, samples: list[Sample]) -> None:
-        """Publish; called from the stream's thread."""
+        """Publish samples; called from the stream's thread."""
         for sample in samples:
             reason = self._gate.admit(sample.values)
             stamp_ns = None if reason else self._stamper.stamp(sample, samples[-1])
@@ -142,7 +142,7 @@ class DriverNode(ManagedNode):
             self._diagnostics.received(stamp_ns)
 
     def _on_event(self, kind: str, text: str) -> None:
-        """Tell of a change; called from the stream's thread."""
+        """Report an event; called from the stream's thread."""
         if kind == "connected":
             self._stamper.new_connection()
         if kind in NEWS:

@@ -1,4 +1,4 @@
-"""Node `filter`: raw joint signals in, aligned samples with velocities and accelerations out."""
+"""Node `filter`: converts raw joint signals to aligned samples with velocities and accelerations."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from joint_id_ros.qos import STREAM_OUT
 from joint_id_ros.streams import Streams
 
 TOPICS = {t.name: t for t in RAW}
-RELEASE_S = 0.2  # how often samples are looked for that wait for a topic in vain
+RELEASE_S = 0.2  # period of the checks for samples that wait for a silent topic
 TYPES = {t.__name__: t for t in (JointState, MotorVoltages, MotorTorques)}
 
 
@@ -60,7 +60,7 @@ class FilterNode(Node):
         self._publish(aligned)
 
     def _on_timer(self) -> None:
-        """Give up waiting when no topic speaks. One silent period may only mean that this process was held up."""
+        """Release waiting samples after two silent periods; a single one may be a delay of this process."""
         self._silent_periods += 1
         if self._silent_periods >= 2:
             self._publish(self._aligner.release())

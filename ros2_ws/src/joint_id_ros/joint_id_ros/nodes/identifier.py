@@ -1,4 +1,4 @@
-"""Node `identifier`: aligned samples in, physical parameters of each joint out."""
+"""Node `identifier`: identifies the physical parameters of each joint from aligned samples."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from joint_id_ros.qos import LATEST
 from joint_id_ros.streams import Streams
 from joint_id_ros.worker import Callbacks, Worker
 
-SLOW_S = 3.0  # a fit that takes longer is worth a word
+SLOW_S = 3.0  # a fit that takes longer is reported
 
 
 class IdentifierNode(ManagedNode):
-    """Fits the model of every joint over sliding windows in a thread and publishes all joints' latest estimates."""
+    """Fits the model of every joint over sliding windows in a thread, and publishes the latest estimates."""
 
     def __init__(self) -> None:
         super().__init__("identifier", IdentifierOptions, OnlineOptions)
@@ -44,7 +44,7 @@ class IdentifierNode(ManagedNode):
             self.start()
 
     def _begin_joint(self, joint: str, samples: Recording) -> OnlineIdentifier:
-        """The identifier of a joint whose first samples are these."""
+        """Build the identifier of a joint from its first samples."""
         options = self._model_options
         return self._make(joint, options.drive_in(samples))
 
@@ -68,7 +68,7 @@ class IdentifierNode(ManagedNode):
                 raise JointIdError(f"joint {joint}: {error}" if joint else str(error)) from None
 
     def _check(self, joint: str) -> None:
-        """Build the identifier of a joint with what may drive it; one of these must do."""
+        """Check that the identifier of a joint can be built with at least one of the possible drive signals."""
         errors = {}
         for drive in self._model_options.drives:
             try:
@@ -76,11 +76,11 @@ class IdentifierNode(ManagedNode):
                 return
             except JointIdError as error:
                 errors[drive] = error
-        told = "current" if "k_t" in self._model_options.values(joint) else "torque"  # which of the two is meant
+        told = "current" if "k_t" in self._model_options.values(joint) else "torque"  # drive that the user means
         raise errors.get(told) or next(iter(errors.values()))
 
     def begin(self) -> None:
-        """Start the thread and listen; estimates of an earlier run are forgotten."""
+        """Start the thread and subscribe; estimates of an earlier run are forgotten."""
         self._order = StampOrder()
         self._latest.clear()
         self._good.clear()
@@ -116,11 +116,11 @@ class IdentifierNode(ManagedNode):
         self._worker.add(message)
 
     def _on_estimate(self, joint: str, estimate: Estimate, origin_ns: int) -> None:
-        """Publish; called from the worker's thread."""
+        """Publish an estimate; called from the worker's thread."""
         if estimate.converged:
             self._good[joint] = origin_ns, estimate
         origin, good = self._good.get(joint, (origin_ns, None))
-        if origin != origin_ns:  # of the run before: another robot perhaps
+        if origin != origin_ns:  # it belongs to the previous run, perhaps of another robot
             good = None
         self._latest[joint] = convert.to_estimate_message(joint, estimate, good, origin_ns)
         self._fits[estimate.status.value] += 1

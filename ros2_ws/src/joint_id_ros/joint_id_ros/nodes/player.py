@@ -1,4 +1,4 @@
-"""Node `player`: plays a bag with its own timing, for the same nodes as a live robot."""
+"""Node `player`: plays a bag with its recorded timing, for the same nodes as a live robot."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ from joint_id_ros.options.player import PlayerOptions
 from joint_id_ros.parameters import declare, read
 from joint_id_ros.qos import CLOCK, LATEST, REPLAY
 
-TICK_S = 0.002  # how often the player looks for messages that are due
-SLICE_S = 0.02  # longest stay in one tick, so that signals and services are served
-LINGER_S = 60.0  # longest wait at the end for readers that are behind
-CLOCK_S = 0.01  # steps of /clock, in s of wall time
+TICK_S = 0.002  # period of the checks for messages that are due
+SLICE_S = 0.02  # longest duration of one tick, so that signals and services are served
+LINGER_S = 60.0  # longest wait at the end for slow readers
+CLOCK_S = 0.01  # shortest time between two messages on /clock, in s of wall time
 
-# What our own nodes compute from the bag again, or what belongs to the run that was recorded.
+# Topics that joint_id's nodes compute again from the bag, or that belong to the recorded run.
 COMPUTED = ("joint_samples", "joint_params", "diagnostics", "clock", "rosout", "parameter_events")
 
 
 class PlayerNode(Node):
-    """Publishes the recorded bytes; topics with readers that are slow hold it up instead of losing samples."""
+    """Publishes the recorded bytes; it waits for slow readers and loses no samples."""
 
     def __init__(self) -> None:
         super().__init__("player")
@@ -62,7 +62,7 @@ class PlayerNode(Node):
         self.create_timer(TICK_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _chosen(self) -> list[Connection]:
-        """The topics to play."""
+        """Return the topics to play."""
         wanted = {name.strip("/") for name in self._options.topics}
         there = {c.topic.strip("/"): c for c in self._reader.connections}
         for name in wanted - set(there):
@@ -75,7 +75,7 @@ class PlayerNode(Node):
         return chosen
 
     def _advertise(self, connection: Connection) -> Publisher:
-        """Publisher of a recorded topic. Names become relative, so that a namespace or a remap applies."""
+        """Create the publisher of a recorded topic; its name is made relative, so that namespaces and remaps apply."""
         try:
             kind = message_class(connection.msgtype)
             return self.create_publisher(kind, connection.topic.lstrip("/"), LATEST if _latched(connection) else REPLAY)
@@ -83,7 +83,7 @@ class PlayerNode(Node):
             raise JointIdError(f"{self._options.bag}, topic {connection.topic}: {error}") from None
 
     def _bytes(self, connections: list[Connection]) -> Iterator[tuple[Publisher, int, bytes]]:
-        """Publisher, recorded instant in ns and bytes of each message, in order of time."""
+        """Yield publisher, recorded instant in ns and bytes of each message, in order of time."""
         for connection, instant_ns, data in self._reader.messages(connections):
             yield self._outputs[connection.id], instant_ns, bytes(data)
 
@@ -98,7 +98,7 @@ class PlayerNode(Node):
             self._begun = now
         try:
             done = self._play(now)
-        except Exception as error:  # whatever the decoder meets in a damaged bag
+        except Exception as error:  # the decoder raises many kinds of errors on a damaged bag
             if not isinstance(error, JointIdError):
                 what = " ".join(str(error).split()) or type(error).__name__
                 error = JointIdError(f"{self._options.bag}: damaged after {self._published} messages ({what})")
@@ -108,7 +108,7 @@ class PlayerNode(Node):
             self._end(now)
 
     def _end(self, now: float) -> None:
-        """Finish when the readers have all there is, asked at every tick so that signals are served meanwhile."""
+        """Finish when the readers have all messages; checked at every tick, so that signals are served meanwhile."""
         self._ended = self._ended or now
         acknowledged = all(p.wait_for_all_acked(Duration()) for p in self._must_match)
         if not acknowledged and now - self._ended < LINGER_S:
@@ -119,12 +119,12 @@ class PlayerNode(Node):
         self.finished.set_result(None)
 
     def _play(self, now: float) -> bool:
-        """Publish what is due; True at the end of the bag."""
+        """Publish the messages that are due; return True at the end of the bag."""
         assert self._begun is not None
         due = self._bag_start + int((now - self._begun) * self._options.rate * 1e9)
         while time.monotonic() - now < SLICE_S:
             if self._next is None and (message := next(self._messages, None)) is None:
-                self._tell_time(math.inf, self._newest_ns)  # in any case: the clock ends where the bag ends
+                self._tell_time(math.inf, self._newest_ns)  # always, so that /clock ends at the end of the bag
                 return True
             elif self._next is None:
                 self._next = message
@@ -139,7 +139,7 @@ class PlayerNode(Node):
         return False
 
     def _publish(self, publisher: Publisher, data: bytes) -> bool:
-        """Publish; False when readers that are behind left no room, so that it must be tried again."""
+        """Publish a message; return False if slow readers left no room, so that the caller must try again."""
         try:
             publisher.publish(data)
         except RuntimeError:  # rclpy's RCLError, after the middleware has waited for room
@@ -149,7 +149,7 @@ class PlayerNode(Node):
         return True
 
     def _tell_time(self, now: float, instant_ns: int) -> None:
-        """Publish the time of the bag, unless that was done less than `CLOCK_S` before `now`."""
+        """Publish the time of the bag, unless it was published less than `CLOCK_S` before `now`."""
         if self._time_output is not None and now - self._clock_told >= CLOCK_S:
             self._clock_told = now
             self._time_output.publish(ClockMessage(clock=to_stamp(instant_ns)))
@@ -167,6 +167,6 @@ class PlayerNode(Node):
 
 
 def _latched(connection: Connection) -> bool:
-    """Whether late subscribers get the last message of this topic."""
+    """Return whether late subscribers get the last message of this topic."""
     profiles = getattr(connection.ext, "offered_qos_profiles", [])
     return any(p.durability == QosDurability.TRANSIENT_LOCAL for p in profiles)

@@ -1,4 +1,4 @@
-"""Node `sim`: a simulated joint with the sensors of a UR robot, in real time, with its truth beside it."""
+"""Node `sim`: a simulated joint with the sensors of a UR robot, in real time; it also publishes the true parameters."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from joint_id_ros.options.sim import SimOptions
 from joint_id_ros.parameters import declare, read
 from joint_id_ros.qos import FLUSH, LATEST, STREAM_OUT
 
-TICK_S = 0.004  # the node wakes up for two samples at 500 Hz: waking costs more than simulating
-CATCH_UP = 50  # samples in one go after a pause, so that signals are served meanwhile
+TICK_S = 0.004  # the node wakes up once for two samples at 500 Hz: a wake-up costs more than the simulation
+CATCH_UP = 50  # most samples at once after a pause, so that signals are served in between
 
 
 class SimNode(Node):
-    """Moves the simulated joint on in step with the node's clock and publishes what its sensors show."""
+    """Advances the simulated joint with the node's clock and publishes its sensor readings."""
 
     def __init__(self) -> None:
         super().__init__("sim")
@@ -39,7 +39,7 @@ class SimNode(Node):
         self._plant = PLANTS[self._options.model](values, read(self, MotionOptions), self._options.seed)
         self._rng = np.random.default_rng(self._options.seed)
         self._sensors = ur_robot_sensors(self._plant.values["N"])
-        # The robot sends no link velocity: our choice is the motor's noise seen behind the gear.
+        # The robot sends no link velocity. We chose the noise of the motor velocity, divided by the gear ratio.
         velocity = self._sensors.noise["motor_velocity"] / self._plant.values["N"]
         self._sensors = replace(self._sensors, noise={**self._sensors.noise, "link_velocity": velocity})
         self._links = self.create_publisher(JointState, "link_states", STREAM_OUT)
@@ -61,10 +61,10 @@ class SimNode(Node):
         return self.get_parameter("model").value == Electromechanical.name
 
     def _tick(self) -> None:
-        """Publish every sample whose instant has come: stamps follow from the count alone and cannot drift."""
+        """Publish every sample that is due; stamps are computed from the sample count alone and cannot drift."""
         now = self.get_clock().now().nanoseconds
         if self._begin_ns is None:
-            # With use_sim_time the clock is zero until it is told.
+            # With use_sim_time the clock is zero until the first message on /clock.
             if now == 0 or min(p.get_subscription_count() for p in self._streams) < self._options.wait_subscribers:
                 return
             self._begin_ns = now
@@ -86,7 +86,7 @@ class SimNode(Node):
             self._count += 1
 
     def _publish(self, instant_ns: int, row: dict[str, float]) -> None:
-        """What the sensors show of the true values."""
+        """Publish the sensor readings of the true values."""
         shown = row
         if self._options.noise:
             shown = {name: float(self._sensors.reading(name, value, self._rng)) for name, value in row.items()}

@@ -1,1 +1,1 @@
-"""The ROS parameters of each node beside those that the library's own options become (`node_list`)."""
+"""ROS parameters of each node, in addition to those from the library's own options (`node_list`)."""

@@ -1,4 +1,4 @@
-"""The ROS parameters of the driver beside those of its stream."""
+"""ROS parameters of the driver, in addition to those of its stream."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ EXTRA_FIELDS = tuple(f for f in RobotSignals.get_fields_and_field_types() if f n
 
 @dataclass(frozen=True)
 class DriverOptions:
-    """Which robot is read, and what of it."""
+    """The robot to read from, and the signals to read."""
 
     robot_ip: str = option("", "name or address of the robot; must be given")
     port: int = option(PORT, "port of the robot's RTDE server", lower=1, upper=65535)

@@ -1,4 +1,4 @@
-"""The ROS parameters that say what the identifier identifies."""
+"""ROS parameters of the identifier: model, estimator and parameter settings."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from joint_id_core.options import option, same_option
 
 @dataclass(frozen=True)
 class IdentifierOptions(ModelOptions):
-    """What is identified, and how.
+    """Model, estimator and parameter settings of the identifier.
 
-    What `set`, `fix` and `free` say of one joint wins over what they say of all.
+    Settings of one joint in `set`, `fix` and `free` take precedence over settings of all joints.
 
     Raises:
-        JointIdError: a value outside its choices, a text of another form, a joint that is not among `joints`,
-            a parameter that is spoken of twice, an option that the estimator does not have.
+        JointIdError: a value that is not one of the choices, a text of another form, a joint that is not among
+            `joints`, a parameter that is set twice, an option that the estimator does not have.
     """
 
     joints: tuple[str, ...] = option((), "joints to identify; none: every joint that is seen")
@@ -68,32 +68,32 @@ class IdentifierOptions(ModelOptions):
         return build_estimator(self.estimator, **({"cell": self.cell} if self.estimator == Innovations.name else {}))
 
     def settings(self, joint: str) -> ParameterSettings:
-        """What is said of the parameters of a joint.
+        """Return the parameter settings of a joint.
 
         Raises:
-            JointIdError: priors of another form, or not above zero.
+            JointIdError: priors that are not of the form NAME=SD, or not above zero.
         """
         priors = numbers_by_name(filter(None, map(str.strip, self.priors.split(","))), "parameter priors")
         return ParameterSettings(self.values(joint), self.fixed(joint), self.freed(joint), priors)
 
     @property
     def expected(self) -> tuple[str, ...]:
-        """Joints that must be seen: those to identify, or else those that `set`, `fix` or `free` name."""
+        """Joints that must be in the samples: those to identify, or else those named in `set`, `fix` or `free`."""
         entries = (e for parameter in ("set", "fix", "free") for e in self._entries(parameter))
         return self.joints or tuple(dict.fromkeys(e.joint for e in entries if e.joint))
 
     def values(self, joint: str) -> dict[str, float]:
-        """Values given for a joint with `set` and `fix`."""
+        """Return the values given for a joint with `set` and `fix`."""
         entries = [e for parameter in ("set", "fix") for e in self._entries(parameter)]
         return {e.name: e.value for scope in ("", joint) for e in entries if e.joint == scope and e.value is not None}
 
     def fixed(self, joint: str) -> list[str]:
-        """Names given for a joint with `fix`."""
+        """Return the parameters given for a joint with `fix`."""
         freed = {e.name for e in self._entries("free") if e.joint == joint != ""}
         return [e.name for e in self._entries("fix") if e.joint == joint or (not e.joint and e.name not in freed)]
 
     def freed(self, joint: str) -> list[str]:
-        """Names given for a joint with `free`."""
+        """Return the parameters given for a joint with `free`."""
         return [e.name for e in self._entries("free") if e.joint in ("", joint)]
 
     def _entries(self, parameter: str) -> list[Entry]:

@@ -1,4 +1,4 @@
-"""The one list of nodes and of their ROS parameters: documentation, launch files and tests are made from it."""
+"""The only list of nodes and their ROS parameters; documentation, launch files and tests use it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The ROS parameters of the player."""
+"""ROS parameters of the player."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from joint_id_core.options import check, option
 
 @dataclass(frozen=True)
 class PlayerOptions:
-    """What is played and how fast."""
+    """The bag to play, and the speed."""
 
     bag: str = option("", "bag to play: a directory, or a bare .mcap or .db3 file")
     topics: tuple[str, ...] = option((), "topics to play; none: all but those that the other nodes compute again")

@@ -1,4 +1,4 @@
-"""The ROS parameters of the sim beside those of its motion."""
+"""ROS parameters of the sim, in addition to those of its motion."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from joint_id_core.simulation.plants import PLANTS
 
 @dataclass(frozen=True)
 class SimOptions:
-    """What is simulated and published."""
+    """The joint to simulate, and the signals to publish."""
 
     model: str = option(
         Electromechanical.name, "electromechanical: Model 3, voltage steps; harmonic_drive: Model 2, position control",

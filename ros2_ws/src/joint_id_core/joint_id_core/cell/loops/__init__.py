@@ -1,1 +1,1 @@
-"""The loops over time around a cell. They are templates: `cell.kernel` compiles them for each model."""
+"""Loops over time around a cell. They are templates that `cell.kernel` compiles for each model."""

@@ -1,4 +1,4 @@
-"""Types of what compiled functions take: arrays without gaps, row by row."""
+"""Argument types of compiled functions: contiguous arrays in C order."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Matrix = NDArray[np.float64]
 Cube = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# The same for numba, by the name that an annotation has.
+# The corresponding numba types, by the name of the annotation.
 NUMBA = {
     "Vector": "float64[::1]",
     "Matrix": "float64[:, ::1]",

@@ -1,14 +1,14 @@
 """The implicit cell: a singly diagonally implicit Runge-Kutta step instead of RK4, for stiff joints.
 
-ESDIRK of order 4, L-stable and stiffly accurate: the implicit half of ARK4(3)6L[2]SA (Kennedy & Carpenter,
-Applied Numerical Mathematics 44, 2003). All its coefficients are below 1, so that a turn of Coulomb friction within
-a step does little harm; those of SDIRK4 (Hairer & Wanner, Solving Ordinary Differential Equations II, table 6.5)
-reach 8. Modes that die out within a fraction of the step are damped, however fast they are, where RK4 blows up beyond
-|lambda h| = 2.78. Every stage is solved by Newton's method, and the sensitivities are the exact derivatives of the
-solved stages, by the implicit function theorem with the same matrix.
+The method is ESDIRK of order 4, L-stable and stiffly accurate: the implicit part of ARK4(3)6L[2]SA (Kennedy &
+Carpenter, Applied Numerical Mathematics 44, 2003). All its coefficients are below 1, so a reversal of Coulomb friction
+within a step causes only a small error. The coefficients of SDIRK4 (Hairer & Wanner, Solving Ordinary Differential
+Equations II, table 6.5) reach 8. Modes that decay within a fraction of the step are damped, however fast they are; RK4
+is unstable beyond |lambda h| = 2.78. Every stage is solved by Newton's method. The sensitivities are the exact
+derivatives of the solved stages: the implicit function theorem gives them with the same matrix.
 
-Compiled as `loops.simulate`. Rows of the work space V after the NX of W: the slopes D of the six stages, then the
-argument of the one that is being made.
+This is compiled like `loops.simulate`. After the NX rows of W, the work space V has the slopes D of the six stages, and
+then the argument of the present stage.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ STAGES = (
     (82889 / 524892, 0.0, 15625 / 83664, 69875 / 102672, -2260 / 8211, 1 / 4),
 )
 NODES = (0.0, 1 / 2, 83 / 250, 31 / 50, 17 / 20, 1.0)
-NEWTON = 30  # iterations at most: sharp friction may need some halved ones, a smooth stage takes three
-HALVINGS = 8
-EXACT = 1e-11  # relative change of a slope at which a stage is solved
-AS_EXACT_AS_CAN_BE = 1e-7  # change from which a step that brings nothing more is rounding, not failure
+NEWTON = 30  # most iterations: a smooth stage takes three, sharp friction may need some with halved steps
+HALVINGS = 8  # most halvings of a Newton step
+EXACT = 1e-11  # relative change of a slope below which a stage is solved
+AS_EXACT_AS_CAN_BE = 1e-7  # below this change, a step that improves nothing is due to rounding and not a failure
 
 
 def factor(M: Matrix, order: Indices) -> None:
-    """LU decomposition of M (n, n) in place, with partial pivoting: row i of the result is row order[i] of M."""
+    """Compute the LU decomposition of M (n, n) in place, with partial pivoting: row i of LU is row order[i] of M."""
     size = len(M)
     for i in range(size):
         order[i] = i
@@ -64,7 +64,7 @@ def factor(M: Matrix, order: Indices) -> None:
 
 
 def solve(M: Matrix, order: Indices, r: Vector, out: Vector) -> None:
-    """Solve with the factors of M; r and out (n) are not the same array."""
+    """Solve M out = r with the factors of M; r and out (n) must be different arrays."""
     size = len(M)
     for i in range(size):
         total = r[order[i]]
@@ -79,7 +79,7 @@ def solve(M: Matrix, order: Indices, r: Vector, out: Vector) -> None:
 
 
 def matrix(y: Vector, hg: float, u: Vector, c: Vector, M: Matrix, order: Indices) -> None:
-    """Factors of 1 - hg df/dx at y."""
+    """Compute the LU factors of 1 - hg df/dx at y."""
     jacobian(y, u, c, M)
     for i in range(len(M)):
         for j in range(len(M)):
@@ -91,9 +91,9 @@ def matrix(y: Vector, hg: float, u: Vector, c: Vector, M: Matrix, order: Indices
 def solve_stage(
     y0: Vector, k: Vector, hg: float, u: Vector, c: Vector, space: Matrix, M: Matrix, order: Indices
 ) -> None:
-    """Newton's method for k = f(y0 + hg k), from the k given. space (4, NX) is work space.
+    """Solve k = f(y0 + hg k) by Newton's method from the given k. space (4, NX) is work space.
 
-    A step that makes the residual larger is halved: across the turn of Coulomb friction whole ones may go to and fro.
+    A step that increases the residual is halved: across a reversal of Coulomb friction, full steps may oscillate.
     """
     f, residual, change, y = space[0], space[1], space[2], space[3]
     n = len(k)
@@ -140,7 +140,7 @@ def stages(
     M: Matrix,
     order: Indices,
 ) -> None:
-    """Fill the slope k[stage] and its argument y, from the slopes of the stages before."""
+    """Compute the slope k[stage] and its argument y from the slopes of the previous stages."""
     for i in range(len(x)):
         y[i] = x[i]
         for j in range(stage):
@@ -171,7 +171,7 @@ def step(x: Vector, V: Vector, u0: Vector, u1: Vector, c: Vector, h: float, subs
 def step_columns(
     columns: int, x: Vector, V: Vector, u0: Vector, u1: Vector, c: Vector, h: float, substeps: int
 ) -> None:
-    """As `step`, with the sensitivities in V, whose rows are `columns` long."""
+    """Advance as `step`, and update the sensitivities in V, whose rows have `columns` numbers."""
     k, u, y, f = np.zeros((6, NX)), np.empty(NU), np.empty(NX), np.empty(NX)
     M, space, order = np.empty((NX, NX)), np.empty((4, NX)), np.empty(NX, dtype=np.int64)
     A, B, G = np.empty((NX, NX)), np.empty((NX, max(NP, 1))), np.empty((NX, NU))

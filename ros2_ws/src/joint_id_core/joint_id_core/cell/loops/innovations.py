@@ -1,6 +1,7 @@
-"""The loop over time of the innovations form: the filter with its sensitivities.
+"""Loop over time of the innovations form: the filter with its sensitivities.
 
-Compiled as `loops.simulate`, with the same work space V, but with smooth friction only: a filter needs derivatives.
+It is compiled like `loops.simulate`, with the same work space V, but only with smooth friction: a filter needs
+derivatives.
 """
 
 from __future__ import annotations
@@ -20,25 +21,25 @@ NP: int  # parameters with sensitivities
 NC: int  # parameter-only constants
 CP: int  # columns of the work space of `step_parameters`
 CF: int  # columns of the work space of `step_full`
-SF: int  # numbers of the work space of `innovations`
-AT_P: int  # where its parts begin: see `layout`
+SF: int  # size of the work space of `innovations`
+AT_P: int  # offsets of its parts: see `layout`
 AT_M: int
 AT_s: int
 AT_g: int
 AT_H: int
-DELAYED: bool  # whether sensors show the states late
+DELAYED: bool  # whether sensors have delays
 constants: Callable[..., None]
 observe: Callable[..., None]
 step_full: Callable[..., None]
 
 
 def layout(states: int, parameters: int, columns: int, step: int) -> dict[str, int]:
-    """Where the parts of the work space of `innovations` begin, and its size SF.
+    """Return the offsets of the parts of the work space of `innovations`, and its size SF.
 
-    After the numbers of the `step` come the covariance P and M = A P; then, in rows of `columns`, the derivatives s of
-    the labels of a sample over sqrt(S), the gradient g and the matrix H.
+    The first `step` numbers are the work space of the step. Then come the covariance P and M = A P, and then, in rows
+    of `columns` numbers, the derivatives s of a sample's labels over sqrt(S), the gradient g and the matrix H.
     """
-    square = padded(states * states)  # every part begins at a cache line
+    square = padded(states * states)  # every part begins at the start of a cache line
     sizes = {"AT_M": square, "AT_s": square, "AT_g": states * columns, "AT_H": columns, "SF": parameters * columns}
     found = {"AT_P": step}
     for name, size in sizes.items():
@@ -72,19 +73,30 @@ def innovations(
     H: Matrix,
     g: Vector,
 ) -> float:
-    """Run the innovations form once over the record and return sum e^2/S + log S, NaN if the path blew up.
+    """Run the innovations form once over the record and return sum e^2/S + log S; NaN if the path diverges.
 
-    x0 (NX), P0 (NX, NX): start and its covariance. begin (T): row of X0, V0 (B, NX), the state and its variances with
-    which the record begins anew at this sample, or -1. y (T, NY): labels, NaN where missing; label (NY): their
-    state; R (NY): their noise variance. q (NU): variance of the input noise, per sample. Q_x (NX): small
-    variance added to the states per sample. gap (T): missing samples before the next one; over a gap the
-    held input is uncertain by as much as it is seen to change. substeps (T): RK4 steps to the next sample.
-    Receives X (T, NX) filtered states, e, S (T, NY) innovations and their variance (0, 1 where missing), K (T, NY, NX)
-    gains, F (T, NX, NX + NU) derivatives of the next state by state and input and, where sensors are late, C (T, NY,
-    NX) those of the predicted labels by the state, as `noise_information` needs them;
-    J (T, NY, NP) derivatives of the predicted labels by the parameters over sqrt(S), the gain held;
-    H (NP, NP) = sum s s' and g (NP) = sum s e / sqrt(S) with s the derivative of the predicted label by the parameters
-    over sqrt(S), the gain held.
+    The derivatives s of the predicted labels by the parameters, over sqrt(S), are computed with the gain held constant.
+
+    Inputs:
+        x0 (NX), P0 (NX, NX): start state and its covariance.
+        begin (T): row of X0 and V0 (B, NX), the state and its variances with which the record restarts at this sample;
+            -1 for no restart.
+        time (T), u (T, NU): instants in s and inputs.
+        y (T, NY), label (NY): labels, NaN where missing, and the index of their states.
+        gap (T): missing samples before the next one. Over a gap the held input is uncertain by its observed change.
+        R (NY), q (NU): variances of label noise and of input noise per sample.
+        Q_x (NX): small variance added to the states per sample.
+        p: all parameters.
+        substeps (T): integrator steps to the next sample.
+
+    Outputs:
+        X (T, NX): filtered states.
+        e, S (T, NY): innovations and their variances; 0 and 1 where a label is missing.
+        K (T, NY, NX): gains.
+        F (T, NX, NX + NU): derivatives of the next state by state and input, for `noise_information`.
+        C (T, NY, NX): derivatives of the predicted labels by the state, only if sensors have delays.
+        J (T, NY, NP): the derivatives s.
+        H (NP, NP), g (NP): sum s s' and sum s e / sqrt(S).
     """
     c = np.empty(NC)
     constants(p, c)
@@ -138,7 +150,7 @@ def innovations(
                     for n in range(NX):
                         seen[m] += V[AT_P + m * NX + n] * by_x[i, n]
                     variance += by_x[i, m] * seen[m]
-            if not variance > 0.0:  # the path blew up
+            if not variance > 0.0:  # the path diverged
                 return math.nan
             inverse = 1.0 / variance
             root = math.sqrt(inverse)
@@ -175,7 +187,7 @@ def innovations(
                     for n in range(NX):
                         if n != i:
                             V[AT_P + m * NX + n] -= K[t, k, m] * V[AT_P + i * NX + n]
-            # P (1 - K) with 1 - K = R / S: a difference of nearly equal numbers would lose it
+            # P (1 - K) with 1 - K = R / S: the difference 1 - K itself would lose its digits
             left = R[k] * inverse
             for n in range(NX):
                 V[AT_P + i * NX + n] *= left
@@ -232,7 +244,7 @@ def innovations(
 
 
 def observations(X: Matrix, u: Matrix, p: Vector, Y: Matrix) -> None:
-    """What the sensors of all states show, Y (T, NX), along the path X (T, NX)."""
+    """Fill Y (T, NX) with the sensor readings of all states along the path X (T, NX)."""
     c = np.empty(NC)
     constants(p, c)
     by_x, by_p = np.empty((NX, NX)), np.empty((NX, max(NP, 1)))

@@ -1,6 +1,6 @@
-"""What follows from the gains that a pass of `loops.innovations` stored: noise levels, and what a disturbance does.
+"""Functions that use the gains stored by a pass of `loops.innovations`: noise levels, and responses to disturbances.
 
-Compiled as `loops.simulate`, once for all models with as many states and inputs.
+They are compiled like `loops.simulate`, once for all models with as many states and inputs.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from joint_id_core.cell.loops.arrays import Cube, Indices, Matrix, Vector
 NX: int  # states
 NU: int  # inputs
 CL: int  # columns of the derivatives by noise levels
-CD: int  # disturbances whose responses are computed at once: DISTURBANCES
-DELAYED: bool  # whether sensors show the states late
+CD: int  # number of disturbances whose responses are computed at once: DISTURBANCES
+DELAYED: bool  # whether sensors have delays
 
 
 DISTURBANCES = 8
@@ -33,12 +33,12 @@ def noise_information(
     score: Vector,
     info: Matrix,
 ) -> None:
-    """Score and information of the noise levels (R, then q) from what `innovations` stored.
+    """Compute score and information of the noise levels (R, then q) from the arrays that `innovations` stored.
 
-    score (L) is minus half the derivative of its cost by the levels, info (L, L) the matrix
+    score (L), with L = NY + NU, is minus half the derivative of the cost by the levels. info (L, L) is the matrix
     sum dS dS' / (2 S^2) + de de' / S (Harvey, Forecasting, Structural Time Series Models and the Kalman Filter, 1989,
-    section 3.4.5), with L = NY + NU. The derivatives run forward with the filter; that of the linearisation itself
-    is left out.
+    section 3.4.5). The derivatives are propagated forward with the filter; the derivative of the linearisation is
+    neglected.
     """
     # One array, as in the steps: derivatives of P, of A P, of x, of column i of P, of S and e, then the two results.
     NY = len(label)
@@ -142,11 +142,11 @@ def bounded_step(
     ridge: float,
     step: Vector,
 ) -> float:
-    """One scoring step of the logarithms of the noise levels, `step` (L), and its squared length by `info`.
+    """Compute one scoring step of the logarithms of the noise levels, `step` (L); return its squared length by `info`.
 
-    score (L), info (L, L): of `noise_information`, by the logarithms. No level leaves its bounds `lower`, `upper` (L)
-    or changes by more than a factor `largest`: one that would is held where it is allowed to go, and the others take
-    their step beside it.
+    score (L), info (L, L): from `noise_information`, by the logarithms. No level leaves its bounds `lower`, `upper` (L)
+    or changes by more than a factor `largest`. A level that would do so is set to its limit, and the step of the others
+    is computed with this level held.
     """
     L = len(levels)
     A, change, held = np.empty((L, L)), np.zeros(L), np.zeros(L)
@@ -202,12 +202,12 @@ def disturbances(
     total: Matrix,
     score: Vector,
 ) -> None:
-    """How small disturbances of inputs would move the predicted labels, with known gains, beside parameters and errors.
+    """Compute information matrices and score of small disturbances of inputs, with the gains held constant.
 
-    disturbance (T, CD): added to the inputs `channel` (CD). With d the response of a label over sqrt(S), s its row
-    of J: cross (NP, CD) = sum s d', total (CD, CD) = sum d d', score (CD) = sum d e / sqrt(S).
+    disturbance (T, CD) is added to the inputs `channel` (CD). Let d be the response of a predicted label over sqrt(S),
+    and s its row of J. Then cross (NP, CD) = sum s d', total (CD, CD) = sum d d', score (CD) = sum d e / sqrt(S).
     """
-    # One array, as in the steps: the change of the state, the next one, what a label shows of it, and the sums.
+    # One array, as in the steps: change of the state, its next value, response of a label, and the sums.
     NP = J.shape[2]
     new, shown, score_, total_, cross_ = (
         NX * CD,

@@ -1,9 +1,9 @@
-"""The loops over time of a simulation around one compiled step.
+"""Loops over time of a simulation around one compiled step.
 
-`cell.translate` compiles them for a model, whose sizes and functions are only declared here. The work space V of the
-sensitivities is one array: rows, `columns` apart, NX of which are W, the derivatives of the state, then the step's own.
-Its columns are the derivatives by the NP parameters, in `step_full` then by the NX states at the start of the sample
-and the NU inputs.
+`cell.translate` compiles them for a model. The sizes and functions of the model are only declared here. The work space
+V of the sensitivities is one flat array of rows with CP or CF numbers. The first NX rows are W, the derivatives of the
+state; the other rows are for the step's own use. The columns are the derivatives by the NP parameters; in `step_full`
+the derivatives by the NX states at the start of the sample and by the NU inputs follow.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ NW: int  # rows of the work space V
 NP: int  # parameters with sensitivities
 NC: int  # parameter-only constants
 CP: int  # columns of the work space of `step_parameters`
-SP: int  # its numbers
+SP: int  # size of this work space
 constants: Callable[..., None]
 jacobian: Callable[..., None]
 step: Callable[..., None]
@@ -30,15 +30,15 @@ ALIGN = 8  # numbers in a cache line
 
 
 def padded(columns: int) -> int:
-    """Columns of a row that ends with a cache line."""
+    """Return the columns of a row, rounded up so that it ends with a cache line."""
     return max(ALIGN, -(-columns // ALIGN) * ALIGN)
 
 
 def rollout(X0: Matrix, block: int, time: Vector, u: Matrix, p: Vector, substeps: Indices, X: Matrix) -> None:
-    """Simulate, begun anew every `block` samples from the next row of X0 (B, NX).
+    """Simulate, with a restart every `block` samples from the next row of X0 (B, NX).
 
-    substeps (T): steps from each sample to the next. X (T, NX) receives the states; where a run begins anew, those
-    at the end of the one before.
+    substeps (T): steps from each sample to the next. X (T, NX) receives the states; at a restart, the last ones of the
+    previous run.
     """
     c = np.empty(NC)
     constants(p, c)
@@ -57,7 +57,7 @@ def rollout(X0: Matrix, block: int, time: Vector, u: Matrix, p: Vector, substeps
 def rollout_sensitivities(
     x0: Vector, time: Vector, u: Matrix, p: Vector, substeps: Indices, X: Matrix, J: Cube
 ) -> None:
-    """Simulate from x0 with the derivatives of all states by p, J (T, NX, NP)."""
+    """Simulate from x0 and fill J (T, NX, NP) with the derivatives of all states by the parameters."""
     c = np.empty(NC)
     constants(p, c)
     x, V = np.empty(NX), np.zeros(SP)
@@ -73,7 +73,7 @@ def rollout_sensitivities(
 
 
 def jacobians(X: Matrix, u: Matrix, p: Vector, A: Cube) -> None:
-    """df/dx at every row of X (T, NX), u (T, NU), into A (T, NX, NX)."""
+    """Fill A (T, NX, NX) with df/dx at every row of X (T, NX) and u (T, NU)."""
     c = np.empty(NC)
     constants(p, c)
     for t in range(len(X)):

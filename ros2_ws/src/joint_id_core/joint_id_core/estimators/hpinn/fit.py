@@ -44,7 +44,7 @@ LEVEL_EPOCHS = 10
 LEVEL_DROP = 0.05
 POOR_NRMSE = 0.5  # above this nrmse a simulation does not describe the label
 STEP_LIMIT = 1.0  # largest |lambda h| of an RK4 step: the error of the fastest mode stays near 1 %
-UNSHOWN = 1e-12  # eigenvalue of the scaled Hessian, over the largest, that stands for zero: rounding is near 1e-15
+UNSHOWN = 1e-12  # eigenvalues of the scaled Hessian below this, over the largest, count as zero; rounding: 1e-15
 MINIMUM_DISTANCE = 1.0  # distance from the minimum, in standard deviations due to noise, above which a message says so
 
 
@@ -132,7 +132,7 @@ def _minimum(
     `jacobian` (T, states, k) is the derivative of the measured states by the parameters. The loss weights labels by
     Eq 2 and not by their noise, and the torsion repeats the noise of the two angles. So the covariance is H^-1 S H^-1
     with the Gauss-Newton Hessian H and the covariance S of the score, not H^-1 alone. The step is a Gauss-Newton step.
-    Directions that no label shows keep the standard deviations of the `prior` (k,).
+    Directions on which the labels have no information keep the standard deviations of the `prior` (k,).
     """
     known = np.isfinite(labels.y)
     by_label = np.einsum("ls,tsk->tlk", labels.mix, jacobian)
@@ -153,7 +153,7 @@ def _minimum(
 
 
 def _prior(model: Model, name: str, value: float) -> float:
-    """Standard deviation before any data."""
+    """Return the prior standard deviation of a parameter."""
     p = model.parameter(name)
     return p.spread * (value if p.positive else 1.0)
 
@@ -200,7 +200,7 @@ def _estimate(
     status, notes = _judge(history, finite, fit, found, away)
     return Estimate(
         model.name, "hpinn", status, message(notes), rows, notes=notes, free=free, covariance=covariance, nrmse=fit,
-        noise=dict(zip(labels.names, noise.tolist(), strict=False)),  # the torsion has no noise of its own
+        noise=dict(zip(labels.names, noise.tolist(), strict=False)),  # the torsion has no separate noise level
         whiteness=dict(zip(labels.names, lag.tolist(), strict=True)), substeps=net.substeps, iterations=len(history),
         elapsed_s=elapsed, start=float(data.time[0]), end=float(data.time[-1]), samples=len(data.time),
         predictions=Predictions(

@@ -2,8 +2,8 @@
 
 Yang, Du, Li, Zhou, Zhang, "Physics-Informed Neural Network for Model Prediction and Dynamics Parameter
 Identification of Collaborative Robot Joints", section III. The trainable weights are the physical parameters.
-`RK4Cell` is the network in plain torch; `HPinnNetwork` unrolls it, by default through the compiled kernel, whose
-exact forward sensitivities give the same gradient some thousand times faster than a taped loop.
+`RK4Cell` is the network in plain torch. `HPinnNetwork` unrolls it, by default with the compiled kernel: its exact
+forward sensitivities give the same gradient some thousand times faster than autograd through a loop.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ class Shape:
     """A torque that the model may lack.
 
     Attributes:
-        name: what it is.
+        name: name in messages.
         advice: what the user can try.
         channel: index of the input that it acts on.
         course: its values over time, up to a factor, shape (T,).

@@ -91,7 +91,7 @@ class Search:
         minimum must also have been reached from two starts.
         """
         stages, data = self._stages, self._stages.data
-        measured = len(data.labels) == len(data.model.states)  # one minimum, as a rule
+        measured = len(data.labels) == len(data.model.states)  # usually one minimum
         tolerance = None if measured else TOLERANCE  # the costs of several minima are compared
         ends: list[Minimum] = []
         agreed = False

@@ -121,7 +121,7 @@ class Residuals:
 def explained(data: FitData, residuals: Array) -> Residuals:
     """Test normalised innovations (T, labels): mean square and lag-one autocorrelation."""
     observed = sum(len(row) for row in data.rows)
-    chi2 = float(np.vdot(residuals, residuals)) / max(1, observed)  # zero where there is no label
+    chi2 = float(np.vdot(residuals, residuals)) / max(1, observed)  # zero without any label
     whiteness = {}
     for k, (name, row) in enumerate(zip(data.labels, residuals.T.copy(), strict=True)):
         e = row if len(data.rows[k]) == len(row) else row[data.present[:, k]]

@@ -13,10 +13,10 @@ from joint_id_core.estimators.shared.fit_data import FitData
 
 
 def block_length(data: FitData, horizon_s: float) -> int:
-    """Samples of a free run of at most `horizon_s`, 1 at least.
+    """Return the number of samples of a free run of at most `horizon_s`, at least 1.
 
-    A quarter of a sample more is let pass, so that no usual rate stands at a threshold: 0.1 s are 50 samples at 500 Hz
-    and 12 at 125 Hz, whatever the last digits of the period.
+    The horizon may be exceeded by a quarter of a sample. So the last digits of the period do not change the result at
+    usual rates: 0.1 s are 50 samples at 500 Hz and 12 at 125 Hz.
     """
     return max(1, math.floor(horizon_s / data.period + 0.25))
 
