@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Mapping
 
 import numpy as np
-import scipy.signal
+import scipy  # whose parts load when used: scipy.signal takes half a second
 from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array

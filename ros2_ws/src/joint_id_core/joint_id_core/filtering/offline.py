@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.signal
+import scipy  # whose parts load when used: scipy.signal takes half a second
 from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array, Recording

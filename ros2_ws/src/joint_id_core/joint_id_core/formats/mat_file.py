@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import scipy.io
+import scipy  # whose parts load when used
 
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError

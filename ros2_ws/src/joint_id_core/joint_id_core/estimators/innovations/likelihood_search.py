@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import Bounds, minimize
+import scipy  # whose parts load when used
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.gauss_newton import Cost, Minimum, way_left
@@ -57,9 +57,9 @@ def most_likely(cost: Cost, bounds: NoiseLevels, found: Minimum, iterations: int
             best = here
         return 0.5 * here.cost
 
-    ended = minimize(
+    ended = scipy.optimize.minimize(
         half_cost, np.zeros_like(start), method="SLSQP",
-        bounds=Bounds((lower - start) / unit, (upper - start) / unit),
+        bounds=scipy.optimize.Bounds((lower - start) / unit, (upper - start) / unit),
         options={"eps": DIFFERENCE, "ftol": ENOUGH, "maxiter": min(iterations, MOST_ITERATIONS)},
     )  # fmt: skip
     return replace(

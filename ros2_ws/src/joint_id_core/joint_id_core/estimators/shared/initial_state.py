@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import numpy as np
-from scipy.signal import savgol_filter
+import scipy  # whose parts load when used
 
 from joint_id_core.data.recording import Array
 from joint_id_core.data.signals import across_gear, integral_of, side_of
@@ -120,7 +120,7 @@ def rough_states(data: FitData) -> Array:
         elif (across := across_gear(name)) in known:
             X[:, i] = (ratio if side_of(name) == "motor" else 1.0 / ratio) * known[across]
         elif (position := integral_of(name)) in known:
-            X[:, i] = savgol_filter(known[position], 9, 2, deriv=1, delta=data.period)
+            X[:, i] = scipy.signal.savgol_filter(known[position], 9, 2, deriv=1, delta=data.period)
         else:
             X[:, i] = start_state(data)[0][i]
     return X
