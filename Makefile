@@ -33,11 +33,11 @@ $(WS)/install/.built: $(VENV)/.installed $(BUILD_INPUTS) $(BUILD_TOOLS)
 	@sh setup/build.sh $(VENV)
 	@touch $@
 
-# Everything that users rely on, quick tests first. Those whose nodes stream at 500 Hz or run against a clock come last, alone.
+# Everything that users rely on, quick tests first. Those whose nodes stream at 500 Hz or run against a clock come last.
 test: setup
 	$(RUN) python -m pytest -n 2 --dist worksteal --durations=10 $(UNIT_TESTS)
 	$(RUN) python -m pytest -n 2 --dist loadfile --durations=10 -m "not long" $(NODE_TESTS) $(TIMED_TESTS:%=--ignore=%)
-	$(RUN) python -m pytest --durations=10 $(TIMED_TESTS)
+	$(RUN) python -m pytest -n 2 --dist loadfile --durations=10 $(TIMED_TESTS)
 
 # The tests marked "long": what takes minutes, and what guards only benchmarks/ and the study of the paper.
 test-long: setup $(VENV)/.paper

@@ -148,7 +148,16 @@ def runnable(page: Path) -> list[tuple[str, str]]:
     return found
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if runnable(page)], ids=named)
+# What a new user types first; the other pages take minutes together.
+QUICK = ("README.md", "docs/python.md")
+RUN = [
+    pytest.param(page, id=named(page), marks=() if named(page) in QUICK else pytest.mark.long)
+    for page in PAGES
+    if runnable(page)
+]
+
+
+@pytest.mark.parametrize("page", RUN)
 def test_commands_run_as_written(page: Path, opened: Callable[[Path], Page], robot: Callable[..., Any]) -> None:
     run, path = opened(page), named(page)
     for record in RECORDINGS.get(path, ()):
