@@ -33,7 +33,7 @@ def to_stamp(instant_ns: int) -> Time:
     return Time(sec=instant_ns // NANO, nanosec=instant_ns % NANO)
 
 
-def check(topic: Topic, message: Any) -> None:
+def check_message(topic: Topic, message: Any) -> None:
     """Check a message of one of joint_id's topics.
 
     Raises:
@@ -62,7 +62,7 @@ def check(topic: Topic, message: Any) -> None:
 
 
 def to_columns(topic: Topic, message: Any) -> Columns:
-    """Return the channels of a message of a raw topic that passed `check`; an empty array means not measured."""
+    """Return the channels of a message of a raw topic that passed `check_message`; an empty array means not measured."""
     arrays = {channel: getattr(message, field) for field, channel in topic.fields.items()}
     channels = {channel: np.array(values) for channel, values in arrays.items() if len(values)}
     return Columns(tuple(message.name), channels)
@@ -79,7 +79,7 @@ def to_samples(sample: AlignedSample) -> JointSamples:
 
 
 def to_recordings(messages: Sequence[JointSamples], origin_ns: int, source: str) -> dict[str, Recording]:
-    """Return one recording per joint, with time in s since the origin, from messages that passed `check`.
+    """Return one recording per joint, with time in s since the origin, from messages that passed `check_message`.
 
     The messages must be in the order of their stamps. A channel is derived if any of the messages says so. A channel
     without any value is left out.

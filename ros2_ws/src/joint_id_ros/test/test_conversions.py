@@ -80,7 +80,7 @@ def test_a_joint_that_is_missing_in_some_messages_has_fewer_samples():
 )
 def test_messages_that_make_no_sense_are_refused_with_topic_and_reason(fields, text):
     with pytest.raises(JointIdError, match=f"link_states: .*{text}"):
-        convert.check(LINKS, JointState(**fields))
+        convert.check_message(LINKS, JointState(**fields))
 
 
 @pytest.mark.parametrize(("sec", "nanosec"), [(-1, 0), (-(2**31), 0), (1, 10**9), (2**31 - 1, 2**32 - 1)])
@@ -88,12 +88,12 @@ def test_a_stamp_that_is_no_time_is_refused(sec, nanosec):
     message = JointState(name=["a"], position=[1.0])
     message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
     with pytest.raises(JointIdError, match=f"link_states: a stamp of {sec} s, {nanosec} ns is no time"):
-        convert.check(LINKS, message)
+        convert.check_message(LINKS, message)
 
 
 def test_empty_arrays_are_not_measured():
     message = JointState(name=["a", "b"], position=[1.0, 2.0], effort=[3.0, math.nan])
-    convert.check(LINKS, message)
+    convert.check_message(LINKS, message)
     columns = convert.to_columns(LINKS, message)
     assert columns.joints == ("a", "b")
     assert {n: v.tolist() for n, v in columns.channels.items()} == {

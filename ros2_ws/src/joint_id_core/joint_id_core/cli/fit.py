@@ -61,9 +61,9 @@ def fit(
     chosen = ModelOptions(**model_options)
     solver = estimators.build(estimator, **estimator_options)
     if plot is not None:
-        from joint_id_core.results.plot import check
+        from joint_id_core.results.plot import require_writable
 
-        check(plot)
+        require_writable(plot)
     mapping = texts_by_name(map_ or (), "--map")
     recording = window(formats.read(file, joint, mapping), start, end)
     other = formats.read(validate, joint, mapping) if validate is not None else None

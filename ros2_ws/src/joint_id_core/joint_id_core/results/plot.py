@@ -10,7 +10,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.results.estimate import Estimate
 
 
-def check(path: Path) -> None:
+def require_writable(path: Path) -> None:
     """Check, before a long fit, that its plot can be saved.
 
     Raises:
@@ -35,9 +35,9 @@ def save(path: Path, estimate: Estimate) -> None:
     """Plot every label with its prediction, and their difference below.
 
     Raises:
-        JointIdError: as `check`; the estimate has no predictions.
+        JointIdError: as `require_writable`; the estimate has no predictions.
     """
-    check(path)
+    require_writable(path)
     shown = estimate.predictions
     if shown is None or not shown.predicted:
         raise JointIdError(f"the estimate of {estimate.model} holds no predictions, there is nothing to plot")

@@ -52,7 +52,7 @@ class FilterNode(Node):
         if name == LINK_STATES:
             self._diagnostics.received(stamp)
         try:
-            convert.check(topic, message)
+            convert.check_message(topic, message)
             aligned = self._aligner.add(name, stamp, convert.to_columns(topic, message))
         except JointIdError as error:
             self._diagnostics.problem("message left out", str(error))

@@ -105,7 +105,7 @@ class IdentifierNode(ManagedNode):
         stamp = convert.nanoseconds(message.header.stamp)
         self._diagnostics.received(stamp)
         try:
-            convert.check(SAMPLES, message)
+            convert.check_message(SAMPLES, message)
             restart = self._order.restarts(SAMPLES.name, stamp)
         except JointIdError as error:
             self._diagnostics.problem("message left out", str(error))

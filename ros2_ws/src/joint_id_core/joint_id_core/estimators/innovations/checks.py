@@ -18,7 +18,7 @@ from joint_id_core.models.combinations import Combination, combinations
 from joint_id_core.results.estimate import Checks
 
 
-def check(stages: Stages, found: Minimum, alone: str) -> tuple[Checks, dict[str, Array]]:
+def run_checks(stages: Stages, found: Minimum, alone: str) -> tuple[Checks, dict[str, Array]]:
     """Check a minimum.
 
     Args:

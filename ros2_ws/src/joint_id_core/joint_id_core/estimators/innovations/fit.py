@@ -13,7 +13,7 @@ import numpy as np
 from joint_id_core.cell.kernel import compile_model
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators.innovations.belief import Belief
-from joint_id_core.estimators.innovations.checks import check
+from joint_id_core.estimators.innovations.checks import run_checks
 from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.innovations.search import Outcome, Search
 from joint_id_core.estimators.innovations.verdicts import judge, table, verdicts
@@ -70,7 +70,7 @@ def _estimate(outcome: Outcome, begun: float) -> Estimate:
     stages, found = outcome.stages, outcome.minimum
     coordinates, data = stages.coordinates, stages.data
     model, p = data.model, stages.cost.values(found.z)
-    checks, predictions = check(stages, found, outcome.alone)
+    checks, predictions = run_checks(stages, found, outcome.alone)
     covariance_z = found.covariance + checks.excess
     slope = coordinates.slope(found.z)
     covariance = covariance_z * np.outer(slope, slope)
