@@ -62,7 +62,7 @@ def check_message(topic: Topic, message: Any) -> None:
 
 
 def to_columns(topic: Topic, message: Any) -> Columns:
-    """Return the channels of a message of a raw topic that passed `check_message`; an empty array means not measured."""
+    """Return the channels of a raw message that passed `check_message`; an empty array means not measured."""
     arrays = {channel: getattr(message, field) for field, channel in topic.fields.items()}
     channels = {channel: np.array(values) for channel, values in arrays.items() if len(values)}
     return Columns(tuple(message.name), channels)
