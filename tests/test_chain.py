@@ -88,9 +88,9 @@ def test_a_bag_gives_the_same_as_the_live_joint_at_any_speed(start, probe, tmp_p
     start("filter", use_sim_time=True)
     probe.until(lambda: probe.count_subscribers("joint_samples") == 1, "the identifier")
     player = start("player", bag=tmp_path / "bag", rate=0.0)
-    probe.until(lambda: converged(found), "an estimate")
+    # The bag ends at 53 s. A quick computer also publishes the window that ends at 52 s.
+    probe.until(lambda: [m for m in converged(found) if m.header.stamp.sec == 52], "an estimate in the time of the bag")
     assert_near(converged(found)[-1].joints[0], model.values(), CLEAR)
-    assert 52 <= found[-1].header.stamp.sec <= 53
     assert player.wait() == 0
 
 

@@ -102,7 +102,8 @@ def test_a_late_subscriber_gets_the_last_estimate(identifying, probe, sample):
     probe.spin(1.0)
     late = probe.collect(JointParams, "joint_params", LATEST)
     probe.until(lambda: late, "the last estimate")
-    assert repr(late[0]) == repr(found[-1])  # NaN, as of fixed parameters, equals nothing
+    # By their text, as NaN equals nothing. A busy computer may publish one more meanwhile.
+    assert repr(late[0]) in map(repr, found[-2:])
 
 
 def standing(message):
