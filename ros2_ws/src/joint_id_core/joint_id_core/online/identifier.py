@@ -1,32 +1,39 @@
-"""Identification while the robot moves: sliding windows, warm starts, and priors from older windows."""
+"""Identification while the robot moves: a recursion over all samples, a memory that is tested, checks beside it."""
 
 from __future__ import annotations
 
-from collections import deque
+import time
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from joint_id_core.data.recording import Recording
+from joint_id_core.cell.kernel import compile_model
+from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators import DEFAULT, Estimator
 from joint_id_core.estimators.innovations.belief import Belief, Coordinates
 from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.innovations.fit import fit_innovations
-from joint_id_core.estimators.shared.sentences import message
+from joint_id_core.estimators.shared.fit_data import FitData, UnusableError, prepare, unusable
+from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
-from joint_id_core.online.extension import extend
+from joint_id_core.online.memory import Change, Memory
+from joint_id_core.online.published import changed_text, published, with_note
+from joint_id_core.online.rest import REST_S, resting
+from joint_id_core.online.tracker import Piece, Tracker
 from joint_id_core.online.window import SlidingWindow
 from joint_id_core.options import check, option
-from joint_id_core.results.estimate import Estimate, Status
+from joint_id_core.results.estimate import Estimate, ParameterChange, Status
 
-# Growth of the drive's noise from one window to the next from which the prior from older windows may be wrong.
-SURPRISE = 2.0
-# Status of a fit that may be due to a wrong prior from older windows.
-UNEXPLAINED = (Status.POOR_FIT, Status.MAX_ITERATIONS, Status.DIVERGED)
-ROUNDING = 1e-6  # relative tolerance of a window's length, for hops that add up to it except for rounding
-CHANGED = "The joint has changed: older windows are forgotten."
-WARM_UP = 100  # samples before the new ones, from which the filter learns the state of the joint
+BLOCK_S = 0.5  # length of the stretches that are added to the memory and tested
+LINEAR = 0.1  # change of a coordinate up to which the recursion's linear step is enough
+NOISIER = 1.5  # mean squared innovation of a label from which its noise is no longer that of the memory
+QUIETER = 0.6  # the same, below which
+CHECK_AFTER, CHECK_EVERY = (1, 2, 4), 8  # window lengths after which the newest window is fitted as a whole
+AGAIN_S = 1.0  # time between two fits of windows that the model does not describe
+OWN_SHARE = 0.25  # weight of the noise levels of the newest window
+MOVING = "The joint rests: the estimate stays as it is, move the joint to continue."
 
 
 @dataclass(frozen=True)
@@ -34,10 +41,11 @@ class OnlineOptions:
     """Options of the online identifier."""
 
     window_s: float = option(2.0, "length of the window that is fitted", "s", lower=0.1, upper=600.0)
-    hop_s: float = option(0.5, "time between two fits", "s", lower=0.01, upper=600.0)
+    hop_s: float = option(0.5, "time between two estimates", "s", lower=0.01, upper=600.0)
     memory_s: float = option(
-        60.0, "time over which older windows are forgotten; 0 fits every window by itself", "s", lower=0.0, upper=1e6
-    )
+        60.0, "time of motion after which what was seen is forgotten; 0 fits every window by itself", "s",
+        lower=0.0, upper=1e6,
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         check(self)
@@ -46,22 +54,23 @@ class OnlineOptions:
 class OnlineIdentifier:
     """Identifies one joint repeatedly while samples arrive.
 
-    Each fit of a window starts from the last estimate (warm start). The prior is the estimate whose window ended where
-    this one starts, with a covariance that grows with time (forgetting, time constant `memory_s`). So no sample counts
-    twice, and the information of older windows is kept (arrival cost). Windows without motion do not change the prior.
+    The first window in motion is fitted as a whole. From then on every sample passes once through a filter with
+    sensitivities, which adds its information to a memory (recursive prediction-error method, Ljung, System
+    Identification, 2nd ed., ch. 11). What was seen is forgotten with the time constant `memory_s` of motion.
 
-    If a window needs far more noise than the last one, or is not explained, it is also fitted without a prior. If that
-    fit explains the window, the joint has changed (it picked up a load, for example), and the older estimates are
-    dropped.
+    Every half second, stretches of the newest samples are tested against the memory, with the noise levels that it
+    knows. If parameters changed, those are forgotten and the others kept. If that does not explain the samples, the
+    newest window is fitted by itself.
 
-    A full fit, with noise levels and all checks, is made once per window length. Between full fits, the last estimate
-    is extended by the new samples, unless they disagree with it.
+    From time to time the newest window is fitted as a whole, without the memory: for noise levels, tests of the
+    residuals, and predictions. While the joint rests nothing is fitted, and the estimate stays.
 
     Args:
         model: model of the joint.
         settings: as in `estimators.fit`.
         options: window, hop, forgetting.
-        estimator: `Innovations`; another estimator fits every window by itself, without a prior.
+        estimator: `Innovations`; another estimator fits every window by itself, without a memory.
+        background: runs the checks of whole windows; None runs them within `update`.
 
     Raises:
         JointIdError: unknown parameter names, wrong values or priors.
@@ -73,93 +82,308 @@ class OnlineIdentifier:
         settings: ParameterSettings | None = None,
         options: OnlineOptions | None = None,
         estimator: Estimator = DEFAULT,
+        background: Executor | None = None,
     ) -> None:
         self.settings = settings or ParameterSettings()
         _, free = self.settings.applied_to(model)
         self.model, self.options, self.estimator = model, options or OnlineOptions(), estimator
         self._coordinates = Coordinates(model, free, self.settings.priors)
+        self._background = background
         self._window = SlidingWindow(self.options.window_s)
-        self._next_fit = -np.inf
-        self._last: Estimate | None = None
-        self._fitted = -np.inf  # end of the last window with a full fit, if it converged
-        self._past: deque[Estimate] = deque()
+        self._next = -np.inf  # end of the next hop
+        self._fit_next = -np.inf  # earliest end of the next fit of a whole window
+        self._last: Estimate | None = None  # newest fit of a whole window that converged
+        self._memory: Memory | None = None
+        self._tracker: Tracker | None = None
+        self._block: Piece | None = None
+        self._white: list[Array] = []
+        self._moved_since = -np.inf
+        self._suspended: Estimate | None = None  # fit that shows why the memory does not describe the newest samples
+        self._changes: tuple[ParameterChange, ...] = ()
+        self._checks = 0
+        self._check_next = np.inf
+        self._checking: Future[Estimate] | None = None
+
+    @property
+    def moving(self) -> bool:
+        """Whether the newest samples show motion."""
+        return bool(self._moved_since < np.inf)
 
     def update(self, samples: Recording) -> Estimate | None:
-        """Add samples; when a hop has passed, fit and return the estimate, else None.
+        """Add samples; when a hop has passed, return the estimate, else None.
 
         Data that cannot be fitted give an estimate whose status says why.
 
         Raises:
             JointIdError: the samples are not later than those before; they are left out.
         """
+        begun = time.perf_counter()
         first = self._window.end == -np.inf
         self._window.append(samples)
         if not len(samples):
             return None
         if first:
-            self._next_fit = self._window.start + self.options.window_s
+            self._next = self._window.start + self.options.window_s
         # Half a sample of slack: a window of 1000 samples ends one period before its length.
-        if self._window.end < self._next_fit - 1.5 * samples.duration / max(1, len(samples) - 1):
+        due = self._window.end >= self._next - 1.5 * samples.duration / max(1, len(samples) - 1)
+        if due:
+            self._next = self._window.end + self.options.hop_s
+        if not isinstance(self.estimator, Innovations) or not self.options.memory_s:
+            return self._alone() if due else None
+        found = self._follow(samples)
+        if not due:
             return None
-        self._next_fit = self._window.end + self.options.hop_s
-        return self._extended() or self._fit(self._window.recording())
+        estimate = found or self._estimate()
+        return replace(estimate, elapsed_s=time.perf_counter() - begun)
 
-    def _extended(self) -> Estimate | None:
-        """Return the last estimate extended by the new samples; None if the window needs a full fit.
+    # --- samples
 
-        A full fit is needed once per window length, and when the new samples disagree with the last estimate.
-        """
-        last, options = self._last, self.options
-        if not isinstance(self.estimator, Innovations) or last is None or not options.memory_s:
+    def _follow(self, samples: Recording) -> Estimate | None:
+        """Pass new samples to the filter and the memory; return an estimate only if it is not that of the memory."""
+        if self._rests(samples):
+            self._settle()
+            self._tracker = None
+            self._moved_since = np.inf
             return None
-        if not self._window.end - (1.0 - ROUNDING) * options.window_s < self._fitted:
+        if self._moved_since == np.inf:
+            self._moved_since = float(samples.time[0])
+        if self._memory is None:
             return None
-        recording = self._window.recording(last.end - WARM_UP * (last.end - last.start) / last.samples)
-        inflation = float(np.exp((self._window.end - last.end) / options.memory_s))
-        estimate = extend(self.model, last, recording, self.settings, self.estimator, inflation)
-        if estimate is not None:
-            self._last = estimate
-            self._past.append(estimate)
-        return estimate
+        if self._tracker is None:
+            self._begin_tracking()
+            return None
+        read = self._tracker.read(samples)
+        if read is None:
+            return None
+        piece = self._tracker.run(*read)
+        if piece is None:
+            self._tracker = self._block = None
+            return None
+        self._block = piece if self._block is None else self._block + piece
+        if self._block.duration > BLOCK_S - 1.5 * self._tracker.data.period:
+            self._settle()
+            self._examine()
+        return None
 
-    def _fit(self, recording: Recording) -> Estimate:
-        self._fitted = -np.inf
+    def _settle(self) -> None:
+        """Add the present block to the memory."""
+        if self._block is not None and self._memory is not None and self._suspended is None:
+            self._memory.add(self._block, self.options.memory_s)
+            self._white.append(self._block.white)
+            del self._white[: -round(self.options.window_s / BLOCK_S) or None]
+        self._block = None
+
+    def _rests(self, samples: Recording) -> bool:
+        recent = self._window.recording(self._window.end - REST_S)
+        labels = tuple(n for n in self.model.state_names if recent.measured(n))
+        if not labels or recent.duration < 0.5 * REST_S:
+            return False
+        noise = np.array([self._last.noise.get(n, 0.0) if self._last else 0.0 for n in labels])
+        return resting(labels, np.array([recent[n] for n in labels]).T, noise, REST_S)
+
+    def _begin_tracking(self) -> None:
+        """Start the filter at the end of the window, at the estimate of the memory."""
+        assert self._last is not None and self._memory is not None
+        data = self._data(self._window.recording(self._moved_since))
+        if data is None or set(data.noise_names) != set(self._last.noise):
+            return
+        kernel = compile_model(self.model, "tanh", data.freed, self._cell)
+        levels = np.square([self._last.noise[n] for n in data.noise_names])
+        z = self._coordinates.clip(self._memory.mean)
+        held = frozenset(self.settings.values)
+        self._tracker = Tracker(data, kernel, self._coordinates, z, levels, self._last.substeps, held)
+
+    def _data(self, recording: Recording) -> FitData | None:
+        try:
+            return prepare(self.model, recording, self.settings)
+        except UnusableError:
+            return None
+
+    @property
+    def _cell(self) -> str:
+        assert isinstance(self.estimator, Innovations)
+        return self.estimator.cell
+
+    # --- tests
+
+    def _examine(self) -> None:
+        """Test the newest block against the memory; move the reference, or act on a change."""
+        memory, tracker = self._memory, self._tracker
+        assert memory is not None and tracker is not None
+        if self._suspended is not None:
+            return
+        change = memory.test()
+        if change is not None:
+            self._change(change)
+        elif self._noise_changed():
+            self._suspend()
+        else:
+            tracker.move(self._coordinates.clip(memory.mean))
+
+    def _noise_changed(self) -> bool:
+        """Return whether the innovations of the last window are far from what the noise levels allow."""
+        white = np.concatenate(self._white)
+        for row in white.T:
+            known = row[np.isfinite(row)]
+            if len(known) > 100:
+                square = float(np.mean(known**2))
+                if square > NOISIER or square < QUIETER:
+                    return True
+        return False
+
+    def _change(self, change: Change) -> None:
+        """Act on a change of parameters: forget those, keep the others."""
+        memory, tracker, coordinates = self._memory, self._tracker, self._coordinates
+        assert memory is not None and tracker is not None and self._last is not None
+        mean, precision = memory.forget(change, coordinates.spread)
+        matrix = precision + change.stretch.matrix
+        z = np.linalg.solve(matrix, precision @ mean + change.stretch.vector)
+        since = self._window.end - change.stretch.duration
+        if np.max(np.abs(z - mean) / coordinates.unit) < LINEAR:
+            covariance = np.linalg.inv(matrix)
+            if change.blocks < 4 and not self._explained(z, since):
+                self._suspend()
+                return
+        else:
+            stretch = self._window.recording(max(since, self._moved_since))
+            belief = Belief(self._last.free, mean, precision)
+            found = fit_innovations(self.model, stretch, self.settings, self._options, belief, self._last)
+            if not found.converged:
+                self._suspend()
+                return
+            after = Belief.after(found, coordinates)
+            z, covariance = after.mean, np.linalg.inv(after.precision)
+        self._remember(z, np.asarray(covariance))
+        self._say(change, z, np.asarray(covariance), since)
+
+    def _explained(self, z: Array, since: float) -> bool:
+        return True
+
+    def _remember(self, z: Array, covariance: Array) -> None:
+        self._memory = Memory(z, covariance, self._coordinates.spread)
+        self._white.clear()
+        self._suspended = None
+        if self._tracker is not None:
+            self._tracker.move(self._coordinates.clip(z))
+
+    def _say(self, change: Change, z: Array, covariance: Array, since: float) -> None:
+        """Keep what changed, for the message."""
+        assert self._last is not None
+        self._changes = changed_text(self._last.free, self._coordinates, change, z, covariance, since)
+
+    # --- fits of whole windows
+
+    @property
+    def _options(self) -> Innovations:
+        assert isinstance(self.estimator, Innovations)
+        return self.estimator
+
+    def _alone(self) -> Estimate:
+        """Fit the window without a memory."""
+        recording = self._window.recording()
         if not isinstance(self.estimator, Innovations):
             return self.estimator.fit(self.model, recording, self.settings)
-        estimate = fit_innovations(
-            self.model, recording, self.settings, self.estimator,
-            belief=self._belief(float(recording.time[0])), previous=self._last,
-        )  # fmt: skip
-        noisy = self._last is not None and self._drive_noise(estimate) > SURPRISE * self._drive_noise(self._last)
-        if self._last is not None and (noisy or estimate.status in UNEXPLAINED):
-            alone = fit_innovations(self.model, recording, self.settings, self.estimator)
-            better = not estimate.converged or SURPRISE * self._drive_noise(alone) < self._drive_noise(estimate)
-            if alone.converged and better:
-                self._past.clear()
-                notes = (alone.notes[0], CHANGED, *alone.notes[1:])
-                estimate = replace(alone, message=message(notes), notes=notes)
+        estimate = fit_innovations(self.model, recording, self.settings, self._options, previous=self._last)
         if estimate.converged:
-            self._last, self._fitted = estimate, estimate.end
-            self._past.append(estimate)
+            self._last = estimate
         return estimate
 
-    def _drive_noise(self, estimate: Estimate) -> float:
-        """Return the estimated noise of the drive, inf after a failed fit; a wrong prior makes it grow."""
-        drive = self.model.inputs[0]
-        return max(estimate.noise.get(f"input {drive.name}", np.inf), 1e-3 * drive.scale)
+    def _suspend(self) -> None:
+        """Fit the newest window by itself: the memory does not describe it."""
+        self._fit_next = -np.inf
+        self._suspended = self._last
 
-    def _belief(self, start: float) -> Belief | None:
-        """Return the newest estimate that ended before `start` as a prior; None if there is none.
+    def _estimate(self) -> Estimate:
+        """Return the estimate at a hop."""
+        end = self._window.end
+        if not self.moving:
+            return self._at_rest()
+        if self._memory is None or self._suspended is not None:
+            if self._suspended is not None and end < self._fit_next:
+                return with_note(self._suspended, self._window)
+            self._fit_next = end + AGAIN_S
+            return self._started()
+        self._check()
+        assert self._last is not None
+        white = np.concatenate([*self._white, self._block.white if self._block is not None else np.empty((0, len(self._last.nrmse) or 1))]) if self._white else None
+        return published(self.model, self._last, self._coordinates, self._now(), self._window, white, self._changes)
 
-        Its covariance grows with the time since then plus the length of the window (forgetting).
-        """
-        if self.options.memory_s == 0.0:
-            return None
-        known: Estimate | None = None
-        while self._past and self._past[0].end <= start:
-            known = self._past.popleft()
-        if known is None:
-            return None
-        self._past.appendleft(known)
-        age = start - known.end + self.options.window_s
-        return Belief.after(known, self._coordinates, inflation=float(np.exp(age / self.options.memory_s)))
+    def _now(self) -> tuple[Array, Array]:
+        """Return estimate and covariance with the samples of the present block."""
+        memory, block = self._memory, self._block
+        assert memory is not None
+        if block is None:
+            return memory.mean, memory.covariance
+        matrix = memory.matrix + block.matrix
+        wider = memory.wider
+        covariance = np.linalg.inv(matrix)
+        return covariance @ (memory.vector + block.vector), covariance * np.outer(wider, wider)
+
+    def _started(self) -> Estimate:
+        """Fit the window as a whole and begin a memory with it."""
+        recording = self._window.recording(self._moved_since)
+        known = self._suspended is not None
+        estimate = fit_innovations(self.model, recording, self.settings, self._options, previous=self._last)
+        if not estimate.converged:
+            if known:
+                self._suspended = estimate
+            return estimate
+        before = self._memory
+        self._last = estimate
+        after = Belief.after(estimate, self._coordinates)
+        if known and before is not None:
+            self._changes = ()
+        self._memory = None
+        self._tracker = None
+        self._block = None
+        self._remember(after.mean, np.asarray(np.linalg.inv(after.precision)))
+        self._begin_tracking()
+        self._check_next = self._window.end + CHECK_AFTER[0] * self.options.window_s
+        self._checks = 0
+        if known:
+            notes = (estimate.notes[0], "The joint has changed: what was known is forgotten.", *estimate.notes[1:])
+            return replace(estimate, message=message(notes), notes=notes)
+        return estimate
+
+    def _check(self) -> None:
+        """Fit the newest window by itself beside the recursion, for its noise levels and tests."""
+        if self._checking is not None and self._checking.done():
+            self._checked(self._checking.result())
+            self._checking = None
+        window_s = self.options.window_s
+        if self._checking is not None or self._window.end < self._check_next:
+            return
+        if self._moved_since > self._window.end - (1.0 - 1e-6) * window_s:
+            return
+        self._checks += 1
+        length = CHECK_AFTER[self._checks] if self._checks < len(CHECK_AFTER) else CHECK_EVERY
+        self._check_next = self._window.end + length * window_s
+        job = fit_innovations, self.model, self._window.recording(), self.settings, self._options, None, self._last
+        if self._background is None:
+            self._checked(job[0](*job[1:]))
+        else:
+            self._checking = self._background.submit(*job)
+
+    def _checked(self, estimate: Estimate) -> None:
+        """Take noise levels and findings of a window that was fitted by itself."""
+        last = self._last
+        assert last is not None
+        if not estimate.converged or estimate.free != last.free or set(estimate.noise) != set(last.noise):
+            return
+        noise = {
+            n: float(np.exp((1.0 - OWN_SHARE) * np.log(last.noise[n]) + OWN_SHARE * np.log(estimate.noise[n])))
+            for n in last.noise
+        }
+        self._last = replace(estimate, noise=noise)
+        if self._tracker is not None:
+            self._tracker.levels = np.square([noise[n] for n in self._tracker.data.noise_names])
+
+    def _at_rest(self) -> Estimate:
+        recording = self._window.recording()
+        if self._last is None or self._memory is None:
+            text = f"{recording.source}: {sentence('the joint rests in this window: move the joint')}"
+            return unusable(self.model, "innovations", UnusableError(Status.NO_MOTION, text), recording)
+        mean, covariance = self._now()
+        found = published(self.model, self._last, self._coordinates, (mean, covariance), self._window, None, ())
+        notes = (MOVING,)
+        return replace(found, status=Status.NO_MOTION, message=message(notes), notes=notes)

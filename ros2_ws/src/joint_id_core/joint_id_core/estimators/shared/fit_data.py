@@ -152,7 +152,7 @@ def prepare(model: Model, recording: Recording, settings: ParameterSettings | No
             f"{recording.source} measures none of the states of model {model.name} "
             f"({', '.join(model.state_names)}): record at least one, or rename a column to it (--map)",
         )
-    y, time = _without_frozen([recording[n] for n in labels]).T.copy(), np.ascontiguousarray(recording.time)
+    y, time = without_frozen(np.array([recording[n] for n in labels])).T.copy(), np.ascontiguousarray(recording.time)
     if not usable.all():
         rows = usable.all(axis=1)
         u, y, time = u[rows], y[rows], time[rows]
@@ -216,13 +216,12 @@ def _peak(recording: Recording, velocity: str) -> float:
     return float(np.max(np.abs((values[8:] - values[:-8]) / (time[8:] - time[:-8]))))
 
 
-def _without_frozen(signals: list[Array]) -> Array:
-    """Return the signals as rows, with NaN for repeated zeros of a sensor that has a much finer resolution.
+def without_frozen(rows: Array) -> Array:
+    """Return the signals (signals, T) with NaN for repeated zeros of a sensor that has a much finer resolution.
 
     Robots report a velocity of exactly zero below a threshold. These zeros are not measurements: used as labels, they
     would drive the estimated noise of the sensor to zero. Signals of a quantised sensor are not changed.
     """
-    rows = np.array(signals)
     changes = np.count_nonzero(rows[:, 1:] != rows[:, :-1], axis=1)
     for k in np.flatnonzero(changes <= 0.98 * rows.shape[1] - 1.0):
         row = rows[k]

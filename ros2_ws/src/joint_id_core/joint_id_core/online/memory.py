@@ -1,0 +1,194 @@
+"""What the samples so far say about the parameters, and the test of new samples against it.
+
+Information adds up: each stretch of samples contributes an information matrix H and a vector h in estimation
+coordinates, and the estimate solves (sum H) z = sum h. Older information is forgotten exponentially.
+
+New samples are tested against what the memory predicts, with the noise levels that it knows. Let (L, l) be the memory
+before a stretch and (H, h) the stretch. Under "nothing changed" the score v = L (L + H)^-1 (h - H L^-1 l) is normal with
+the covariance M = L (L + H)^-1 H: v' M^-1 v is chi-squared, and v_j / sqrt(M_jj) is standard normal. This is the score
+test of a change of the parameters (Rao 1948), for several lengths of the stretch at once, as in the generalised
+likelihood ratio test (Basseville & Nikiforov, Detection of Abrupt Changes, 1993, ch. 7).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtri
+
+from joint_id_core.data.recording import Array
+from joint_id_core.online.tracker import Piece
+
+LENGTHS = (1, 2, 4, 8, 16, 32)  # blocks of the stretches that are tested
+RARE = 1e-7  # probability of one test to find a change where there is none
+LEFT = 1e-3  # probability from which what is left after the changes of some parameters counts as noise
+RANK = 1e-10  # smallest eigenvalue of M, scaled to a unit diagonal, that counts as information
+WINDOW_BLOCKS = 4  # blocks of a stretch for the scatter
+FIRM = 8.0  # stretches without scatter that are assumed before the first one
+REMEMBERED = 60.0  # stretches after which the scatter of an older one is forgotten
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change of parameters that the samples show.
+
+    Attributes:
+        names: parameters that changed, the most significant first, as indices of the free parameters.
+        blocks: number of blocks since the change.
+        mean, covariance: what was known before, shapes (k,) and (k, k), in estimation coordinates.
+        size: of the most significant one, in standard deviations.
+        stretch: the samples since the change.
+    """
+
+    names: tuple[int, ...]
+    blocks: int
+    mean: Array
+    covariance: Array
+    size: float
+    stretch: Piece
+
+
+class Memory:
+    """Information on the free parameters of one joint."""
+
+    def __init__(self, z: Array, covariance: Array, spread: Array) -> None:
+        """Begin with an estimate.
+
+        Args:
+            z, covariance: estimate and its covariance, shapes (k,) and (k, k), in estimation coordinates.
+            spread: prior standard deviations (k,); forgetting never widens beyond them.
+        """
+        self.matrix = np.asarray(np.linalg.inv(covariance), dtype=float)
+        self.vector = self.matrix @ z
+        self._least = np.diag(np.power(spread, -2.0))
+        self._blocks: deque[tuple[Array, Array, Piece]] = deque(maxlen=LENGTHS[-1])  # memory before, and the block
+        self._scatter = np.zeros(len(z) + 1)  # sums of squares of normal numbers: of each parameter, and of all
+        self._stretches = 0.0
+        self._since = 0
+
+    @property
+    def mean(self) -> Array:
+        """Present estimate, shape (k,)."""
+        return _solve(self.matrix, self.vector)
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the estimate, shape (k, k), widened by the scatter of stretches that share no sample."""
+        wider = self.wider
+        return _inverse(self.matrix) * np.outer(wider, wider)
+
+    @property
+    def wider(self) -> Array:
+        """Factor on the standard deviation of each parameter that its scatter asks for, at least 1, shape (k,)."""
+        return np.sqrt(self._excess()[:-1])
+
+    def _excess(self) -> Array:
+        return np.maximum(1.0, (FIRM + self._scatter) / (FIRM + self._stretches))
+
+    def add(self, piece: Piece, memory_s: float) -> None:
+        """Add a block of samples, after forgetting a part of what is known."""
+        self._blocks.append((self.matrix, self.vector, piece))
+        kept = float(np.exp(-piece.duration / memory_s))
+        widened = (1.0 - kept) * self._least
+        mean = self.mean
+        self.matrix = kept * self.matrix + widened + piece.matrix
+        self.vector = kept * self.vector + widened @ mean + piece.vector
+
+    def test(self) -> Change | None:
+        """Test the newest blocks against the memory before them."""
+        excess = self._excess()
+        best: tuple[float, Change] | None = None
+        recent: Piece | None = None
+        window: tuple[Array, Array] | None = None
+        for count, (matrix, vector, block) in enumerate(reversed(self._blocks), start=1):
+            recent = block if recent is None else block + recent
+            if count not in LENGTHS:
+                continue
+            score, information, mean = _score(matrix, vector, recent)
+            if count == WINDOW_BLOCKS:
+                window = score, information
+            found = _changed(score, information, excess)
+            if found is not None and (best is None or found[1] > best[0]):
+                names, likelihood, size = found
+                covariance = _inverse(matrix) * np.outer(np.sqrt(excess[:-1]), np.sqrt(excess[:-1]))
+                best = likelihood, Change(names, count, mean, covariance, size, recent)
+        if best is not None:
+            return best[1]
+        if window is not None:
+            self._scatter_of(*window)
+        return None
+
+    def _scatter_of(self, score: Array, information: Array) -> None:
+        """Take the scatter of one stretch of `WINDOW_BLOCKS` blocks in `WINDOW_BLOCKS`."""
+        self._since += 1
+        if self._since < WINDOW_BLOCKS:
+            return
+        self._since = 0
+        single = score**2 / np.maximum(np.diag(information), 1e-300)
+        total, rank = _chi2(score, information)
+        kept = np.exp(-1.0 / REMEMBERED)
+        self._scatter = kept * self._scatter + np.append(single, total / max(rank, 1))
+        self._stretches = kept * self._stretches + 1.0
+
+    def forget(self, change: Change, spread: Array) -> tuple[Array, Array]:
+        """Return mean (k,) and precision (k, k) of what is still known after a change: the changed ones are open."""
+        wide = np.zeros(len(spread))
+        wide[list(change.names)] = spread[list(change.names)]
+        return change.mean, _inverse(change.covariance + np.diag(wide**2))
+
+
+def _solve(matrix: Array, right: Array) -> Array:
+    """Solve a symmetric positive definite system after scaling it to a unit diagonal."""
+    scale = 1.0 / np.sqrt(np.diag(matrix))
+    solved = np.linalg.solve(matrix * np.outer(scale, scale), (right.T * scale).T)
+    return np.asarray((solved.T * scale).T)
+
+
+def _inverse(matrix: Array) -> Array:
+    scale = 1.0 / np.sqrt(np.diag(matrix))
+    return np.asarray(np.linalg.inv(matrix * np.outer(scale, scale)) * np.outer(scale, scale))
+
+
+def _score(matrix: Array, vector: Array, stretch: Piece) -> tuple[Array, Array, Array]:
+    """Return score (k,) and information (k, k) of a change at the begin of a stretch, and the mean before it."""
+    mean = _solve(matrix, vector)
+    r = stretch.vector - stretch.matrix @ mean
+    solved = _solve(matrix + stretch.matrix, np.column_stack([r, stretch.matrix]))
+    found = matrix @ solved
+    information = found[:, 1:]
+    return found[:, 0], 0.5 * (information + information.T), mean
+
+
+def _chi2(score: Array, information: Array) -> tuple[float, int]:
+    """Return v' M^-1 v and the rank of M."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    size, axes = np.linalg.eigh(information * np.outer(scale, scale))
+    seen = size > RANK * len(size)
+    return float(np.sum((axes[:, seen].T @ (scale * score)) ** 2 / size[seen])), int(np.count_nonzero(seen))
+
+
+def _changed(score: Array, information: Array, excess: Array) -> tuple[tuple[int, ...], float, float] | None:
+    """Return the parameters that changed, the likelihood ratio and the size of the change; None if there is none.
+
+    Parameters are added until what is left looks like noise (forward selection).
+    """
+    total, rank = _chi2(score, information)
+    if not rank:
+        return None
+    total /= excess[-1]
+    single = score**2 / np.maximum(np.diag(information), 1e-300) / excess[:-1]
+    if total < chdtri(rank, RARE) and float(single.max()) < chdtri(1, RARE / len(score)):
+        return None
+    names: list[int] = []
+    explained = 0.0
+    while len(names) < rank:
+        rest = [j for j in range(len(score)) if j not in names]
+        each = [_chi2(score[names + [j]], information[np.ix_(names + [j], names + [j])])[0] for j in rest]
+        best = int(np.argmax(each))
+        names.append(rest[best])
+        explained = each[best] / excess[-1]
+        if total - explained < chdtri(max(1, rank - len(names)), LEFT):
+            break
+    return tuple(names), total - rank, float(np.sqrt(single[names[0]]))

@@ -1,0 +1,71 @@
+"""The estimate that is published between fits of whole windows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from joint_id_core.data.recording import Array
+from joint_id_core.estimators.innovations.belief import Coordinates
+from joint_id_core.estimators.innovations.verdicts import findings, table, verdicts
+from joint_id_core.estimators.shared.sentences import message, sentence
+from joint_id_core.models import Model
+from joint_id_core.online.memory import Change
+from joint_id_core.online.window import SlidingWindow
+from joint_id_core.results.estimate import Estimate, ParameterChange, Status
+
+
+def published(
+    model: Model,
+    last: Estimate,
+    coordinates: Coordinates,
+    now: tuple[Array, Array],
+    window: SlidingWindow,
+    white: Array | None,
+    changes: tuple[ParameterChange, ...],
+) -> Estimate:
+    """Return the estimate of the memory, with the findings of the last fit of a whole window.
+
+    `now` are the coordinates (k,) and their covariance (k, k).
+    """
+    assert last.checks is not None
+    z, covariance = coordinates.clip(now[0]), now[1] + last.checks.excess
+    rows = verdicts(model, last.free, covariance, coordinates, z, last.checks.together)
+    slope = coordinates.slope(z)
+    physical = covariance * np.outer(slope, slope)
+    p = np.array(list(last.values.values()))
+    index = [model.parameter_names.index(n) for n in last.free]
+    p[index] = coordinates.values(z)
+    initial = np.array([q.initial for q in last.parameters])
+    said = [sentence(Status.CONVERGED.advice), *(c.text for c in changes)]
+    notes = (*said, *findings(rows, last.checks.texts, 0))
+    chi2 = last.chi2 if white is None else float(np.nanmean(white**2))
+    return replace(
+        last, status=Status.CONVERGED, message=message(notes), notes=notes,
+        parameters=table(model, last.free, p, physical, rows, initial), covariance=physical, chi2=chi2,
+        deviance=float("nan"), iterations=0, start=window.start, end=window.end, predictions=None, changes=changes,
+    )  # fmt: skip
+
+
+def changed_text(
+    free: tuple[str, ...], coordinates: Coordinates, change: Change, z: Array, covariance: Array, since: float
+) -> tuple[ParameterChange, ...]:
+    """Return the changes of parameters, the most significant first."""
+    before, after = coordinates.values(change.mean), coordinates.values(z)
+    sigma = [
+        coordinates.slope(at) * np.sqrt(np.diag(c)) for at, c in ((change.mean, change.covariance), (z, covariance))
+    ]
+    return tuple(
+        ParameterChange(free[j], float(before[j]), float(sigma[0][j]), float(after[j]), float(sigma[1][j]), since)
+        for j in change.names
+    )
+
+
+def with_note(estimate: Estimate, window: SlidingWindow) -> Estimate:
+    """Return the estimate of an earlier window as that of the present one, which the memory does not describe."""
+    text = "The newest samples disagree with what was known: the window is fitted by itself."
+    notes = (text, *estimate.notes)
+    return replace(
+        estimate, status=Status.POOR_FIT, message=message(notes), notes=notes, end=window.end, predictions=None
+    )
