@@ -19,7 +19,8 @@ from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.online.memory import Change, Memory
-from joint_id_core.online.published import changed_text, published, with_note
+from joint_id_core.online.published import changes_of, published, with_note
+from joint_id_core.online.relearn import relearn
 from joint_id_core.online.rest import REST_S, resting
 from joint_id_core.online.tracker import Piece, Tracker
 from joint_id_core.online.window import SlidingWindow
@@ -27,11 +28,11 @@ from joint_id_core.options import check, option
 from joint_id_core.results.estimate import Estimate, ParameterChange, Status
 
 BLOCK_S = 0.5  # length of the stretches that are added to the memory and tested
-LINEAR = 0.1  # change of a coordinate up to which the recursion's linear step is enough
 NOISIER = 1.5  # mean squared innovation of a label from which its noise is no longer that of the memory
 QUIETER = 0.6  # the same, below which
 CHECK_AFTER, CHECK_EVERY = (1, 2, 4), 8  # window lengths after which the newest window is fitted as a whole
 AGAIN_S = 1.0  # time between two fits of windows that the model does not describe
+ENOUGH = 100  # samples for a mean square
 OWN_SHARE = 0.25  # weight of the noise levels of the newest window
 MOVING = "The joint rests: the estimate stays as it is, move the joint to continue."
 
@@ -98,6 +99,9 @@ class OnlineIdentifier:
         self._block: Piece | None = None
         self._white: list[Array] = []
         self._moved_since = -np.inf
+        self._change: Change | None = None  # a change of which the new values are not known yet
+        self._since: list[Piece] = []  # blocks since that change, the first one with the change in it
+        self._unexplained = 0  # fits of these blocks that failed
         self._suspended: Estimate | None = None  # fit that shows why the memory does not describe the newest samples
         self._changes: tuple[ParameterChange, ...] = ()
         self._checks = 0
@@ -130,48 +134,37 @@ class OnlineIdentifier:
             self._next = self._window.end + self.options.hop_s
         if not isinstance(self.estimator, Innovations) or not self.options.memory_s:
             return self._alone() if due else None
-        found = self._follow(samples)
+        self._follow(samples)
         if not due:
             return None
-        estimate = found or self._estimate()
-        return replace(estimate, elapsed_s=time.perf_counter() - begun)
+        return replace(self._estimate(), elapsed_s=time.perf_counter() - begun)
 
     # --- samples
 
-    def _follow(self, samples: Recording) -> Estimate | None:
-        """Pass new samples to the filter and the memory; return an estimate only if it is not that of the memory."""
+    def _follow(self, samples: Recording) -> None:
+        """Pass new samples to the filter, and blocks of them to the memory."""
         if self._rests(samples):
-            self._settle()
-            self._tracker = None
+            self._add_block()
+            self._stop_tracking()
             self._moved_since = np.inf
-            return None
+            return
         if self._moved_since == np.inf:
             self._moved_since = float(samples.time[0])
         if self._memory is None:
-            return None
+            return
         if self._tracker is None:
             self._begin_tracking()
-            return None
+            return
         read = self._tracker.read(samples)
         if read is None:
-            return None
-        piece = self._tracker.run(*read)
+            return
+        piece = self._tracker.run(read)
         if piece is None:
-            self._tracker = self._block = None
-            return None
+            self._stop_tracking()
+            return
         self._block = piece if self._block is None else self._block + piece
         if self._block.duration > BLOCK_S - 1.5 * self._tracker.data.period:
-            self._settle()
-            self._examine()
-        return None
-
-    def _settle(self) -> None:
-        """Add the present block to the memory."""
-        if self._block is not None and self._memory is not None and self._suspended is None:
-            self._memory.add(self._block, self.options.memory_s)
-            self._white.append(self._block.white)
-            del self._white[: -round(self.options.window_s / BLOCK_S) or None]
-        self._block = None
+            self._add_block()
 
     def _rests(self, samples: Recording) -> bool:
         recent = self._window.recording(self._window.end - REST_S)
@@ -187,11 +180,16 @@ class OnlineIdentifier:
         data = self._data(self._window.recording(self._moved_since))
         if data is None or set(data.noise_names) != set(self._last.noise):
             return
-        kernel = compile_model(self.model, "tanh", data.freed, self._cell)
+        kernel = compile_model(self.model, "tanh", data.freed, self._options.cell)
         levels = np.square([self._last.noise[n] for n in data.noise_names])
         z = self._coordinates.clip(self._memory.mean)
         held = frozenset(self.settings.values)
         self._tracker = Tracker(data, kernel, self._coordinates, z, levels, self._last.substeps, held)
+
+    def _stop_tracking(self) -> None:
+        """Stop the filter: the samples that follow are not those after the last one."""
+        self._tracker = self._block = None
+        self._since.clear()
 
     def _data(self, recording: Recording) -> FitData | None:
         try:
@@ -199,77 +197,72 @@ class OnlineIdentifier:
         except UnusableError:
             return None
 
-    @property
-    def _cell(self) -> str:
-        assert isinstance(self.estimator, Innovations)
-        return self.estimator.cell
-
     # --- tests
 
-    def _examine(self) -> None:
-        """Test the newest block against the memory; move the reference, or act on a change."""
+    def _add_block(self) -> None:
+        """Add the present block to the memory and test it, or use it to learn what changed."""
+        block, self._block = self._block, None
         memory, tracker = self._memory, self._tracker
-        assert memory is not None and tracker is not None
-        if self._suspended is not None:
+        if block is None or memory is None or tracker is None or self._suspended is not None:
             return
-        change = memory.test()
-        if change is not None:
-            self._change(change)
+        if self._change is not None:
+            self._since.append(block)
+            self._learn(self._change)
+            return
+        memory.add(block, self.options.memory_s)
+        self._white.append(block.white)
+        del self._white[: -max(1, round(self.options.window_s / BLOCK_S))]
+        self._change = memory.test()
+        if self._change is not None:
+            self._since = list(self._change.blocks)
+            memory.drop(len(self._since))
         elif self._noise_changed():
             self._suspend()
-        else:
-            tracker.move(self._coordinates.clip(memory.mean))
+        tracker.move(self._coordinates.clip(memory.mean))
 
     def _noise_changed(self) -> bool:
         """Return whether the innovations of the last window are far from what the noise levels allow."""
-        white = np.concatenate(self._white)
-        for row in white.T:
+        for row in np.concatenate(self._white).T:
             known = row[np.isfinite(row)]
-            if len(known) > 100:
-                square = float(np.mean(known**2))
-                if square > NOISIER or square < QUIETER:
-                    return True
+            if len(known) > ENOUGH and not QUIETER < float(known @ known) / len(known) < NOISIER:
+                return True
         return False
 
-    def _change(self, change: Change) -> None:
-        """Act on a change of parameters: forget those, keep the others."""
+    def _learn(self, change: Change) -> None:
+        """Fit the changed parameters to the blocks after the one in which the change happened; keep the others."""
         memory, tracker, coordinates = self._memory, self._tracker, self._coordinates
         assert memory is not None and tracker is not None and self._last is not None
-        mean, precision = memory.forget(change, coordinates.spread)
-        matrix = precision + change.stretch.matrix
-        z = np.linalg.solve(matrix, precision @ mean + change.stretch.vector)
-        since = self._window.end - change.stretch.duration
-        if np.max(np.abs(z - mean) / coordinates.unit) < LINEAR:
-            covariance = np.linalg.inv(matrix)
-            if change.blocks < 4 and not self._explained(z, since):
+        mean, precision = change.still_known(coordinates.spread)
+        stretch = self._since[-1]
+        for block in reversed(self._since[1:-1]):
+            if block.samples.time[-1] < stretch.begin.time:  # the joint rested in between
+                break
+            stretch = block + stretch
+        found = relearn(tracker, stretch, mean, precision)
+        if found is None:
+            self._unexplained += 1
+            if self._unexplained * BLOCK_S > self.options.window_s:
                 self._suspend()
-                return
-        else:
-            stretch = self._window.recording(max(since, self._moved_since))
-            belief = Belief(self._last.free, mean, precision)
-            found = fit_innovations(self.model, stretch, self.settings, self._options, belief, self._last)
-            if not found.converged:
-                self._suspend()
-                return
-            after = Belief.after(found, coordinates)
-            z, covariance = after.mean, np.linalg.inv(after.precision)
-        self._remember(z, np.asarray(covariance))
-        self._say(change, z, np.asarray(covariance), since)
-
-    def _explained(self, z: Array, since: float) -> bool:
-        return True
+            return
+        z, covariance = found
+        self._changes = changes_of(self._last.free, coordinates, change, z, covariance, stretch.begin.time)
+        self._remember(z, covariance)
 
     def _remember(self, z: Array, covariance: Array) -> None:
+        """Begin a new memory."""
         self._memory = Memory(z, covariance, self._coordinates.spread)
         self._white.clear()
-        self._suspended = None
-        if self._tracker is not None:
-            self._tracker.move(self._coordinates.clip(z))
+        self._since.clear()
+        self._suspended = self._change = None
+        self._unexplained = 0
 
-    def _say(self, change: Change, z: Array, covariance: Array, since: float) -> None:
-        """Keep what changed, for the message."""
-        assert self._last is not None
-        self._changes = changed_text(self._last.free, self._coordinates, change, z, covariance, since)
+    def _suspend(self) -> None:
+        """Fit the newest windows by themselves: no change of parameters explains the newest samples."""
+        self._fit_next = -np.inf
+        self._suspended = self._last
+        self._change = None
+        self._since.clear()
+        self._unexplained = 0
 
     # --- fits of whole windows
 
@@ -288,11 +281,6 @@ class OnlineIdentifier:
             self._last = estimate
         return estimate
 
-    def _suspend(self) -> None:
-        """Fit the newest window by itself: the memory does not describe it."""
-        self._fit_next = -np.inf
-        self._suspended = self._last
-
     def _estimate(self) -> Estimate:
         """Return the estimate at a hop."""
         end = self._window.end
@@ -303,8 +291,9 @@ class OnlineIdentifier:
                 return with_note(self._suspended, self._window)
             self._fit_next = end + AGAIN_S
             return self._started()
+        if self._change is not None:
+            return with_note(self._last, self._window)
         self._check()
-        assert self._last is not None
         white = np.concatenate([*self._white, self._block.white if self._block is not None else np.empty((0, len(self._last.nrmse) or 1))]) if self._white else None
         return published(self.model, self._last, self._coordinates, self._now(), self._window, white, self._changes)
 
@@ -314,10 +303,8 @@ class OnlineIdentifier:
         assert memory is not None
         if block is None:
             return memory.mean, memory.covariance
-        matrix = memory.matrix + block.matrix
-        wider = memory.wider
-        covariance = np.linalg.inv(matrix)
-        return covariance @ (memory.vector + block.vector), covariance * np.outer(wider, wider)
+        mean = np.linalg.solve(memory.matrix + block.matrix, memory.vector + block.vector)
+        return mean, memory.covariance_with(block.matrix)
 
     def _started(self) -> Estimate:
         """Fit the window as a whole and begin a memory with it."""
@@ -328,14 +315,10 @@ class OnlineIdentifier:
             if known:
                 self._suspended = estimate
             return estimate
-        before = self._memory
         self._last = estimate
         after = Belief.after(estimate, self._coordinates)
-        if known and before is not None:
-            self._changes = ()
-        self._memory = None
-        self._tracker = None
-        self._block = None
+        self._changes = ()
+        self._stop_tracking()
         self._remember(after.mean, np.asarray(np.linalg.inv(after.precision)))
         self._begin_tracking()
         self._check_next = self._window.end + CHECK_AFTER[0] * self.options.window_s

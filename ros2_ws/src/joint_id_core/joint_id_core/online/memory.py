@@ -23,7 +23,8 @@ from joint_id_core.online.tracker import Piece
 
 LENGTHS = (1, 2, 4, 8, 16, 32)  # blocks of the stretches that are tested
 RARE = 1e-7  # probability of one test to find a change where there is none
-LEFT = 1e-3  # probability from which what is left after the changes of some parameters counts as noise
+LEFT = 0.05  # probability from which what is left after the changes of some parameters counts as noise
+ALIKE = 25.0  # difference of the likelihood ratio up to which two explanations are both possible
 RANK = 1e-10  # smallest eigenvalue of M, scaled to a unit diagonal, that counts as information
 WINDOW_BLOCKS = 4  # blocks of a stretch for the scatter
 FIRM = 8.0  # stretches without scatter that are assumed before the first one
@@ -36,18 +37,37 @@ class Change:
 
     Attributes:
         names: parameters that changed, the most significant first, as indices of the free parameters.
-        blocks: number of blocks since the change.
+        likely: further parameters that may have changed.
+        blocks: the newest blocks; the change happened in the first of them.
         mean, covariance: what was known before, shapes (k,) and (k, k), in estimation coordinates.
         size: of the most significant one, in standard deviations.
-        stretch: the samples since the change.
     """
 
     names: tuple[int, ...]
-    blocks: int
+    likely: tuple[int, ...]
+    blocks: tuple[Piece, ...]
     mean: Array
     covariance: Array
     size: float
-    stretch: Piece
+
+    def still_known(self, spread: Array) -> tuple[Array, Array]:
+        """Return mean (k,) and precision (k, k) of what is still known: changed parameters get their `spread` (k,)."""
+        wide = np.zeros(len(spread))
+        changed = [*self.names, *self.likely]
+        wide[changed] = spread[changed]
+        return self.mean, _inverse(self.covariance + np.diag(wide**2))
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A block of samples with the memory before it: precision (k, k) and precision times mean (k,)."""
+
+    matrix: Array
+    vector: Array
+    noise: Array
+    precision: Array
+    weighted: Array
+    block: Piece
 
 
 class Memory:
@@ -62,8 +82,9 @@ class Memory:
         """
         self.matrix = np.asarray(np.linalg.inv(covariance), dtype=float)
         self.vector = self.matrix @ z
+        self._noise = self.matrix  # covariance of the vector: forgotten twice as fast
         self._least = np.diag(np.power(spread, -2.0))
-        self._blocks: deque[tuple[Array, Array, Piece]] = deque(maxlen=LENGTHS[-1])  # memory before, and the block
+        self._blocks: deque[_Step] = deque(maxlen=LENGTHS[-1])
         self._scatter = np.zeros(len(z) + 1)  # sums of squares of normal numbers: of each parameter, and of all
         self._stretches = 0.0
         self._since = 0
@@ -76,8 +97,12 @@ class Memory:
     @property
     def covariance(self) -> Array:
         """Covariance of the estimate, shape (k, k), widened by the scatter of stretches that share no sample."""
-        wider = self.wider
-        return _inverse(self.matrix) * np.outer(wider, wider)
+        return self.covariance_with(np.zeros_like(self.matrix))
+
+    def covariance_with(self, more: Array) -> Array:
+        """Return the covariance with the information matrix `more` of samples that are not yet added."""
+        inverse, wider = _inverse(self.matrix + more), self.wider
+        return np.asarray(inverse @ (self._noise + more) @ inverse * np.outer(wider, wider))
 
     @property
     def wider(self) -> Array:
@@ -89,10 +114,12 @@ class Memory:
 
     def add(self, piece: Piece, memory_s: float) -> None:
         """Add a block of samples, after forgetting a part of what is known."""
-        self._blocks.append((self.matrix, self.vector, piece))
+        precision = self.matrix @ _solve(self._noise, self.matrix)
+        self._blocks.append(_Step(self.matrix, self.vector, self._noise, precision, precision @ self.mean, piece))
         kept = float(np.exp(-piece.duration / memory_s))
         widened = (1.0 - kept) * self._least
         mean = self.mean
+        self._noise = kept * kept * self._noise + (1.0 - kept * kept) * self._least + piece.matrix
         self.matrix = kept * self.matrix + widened + piece.matrix
         self.vector = kept * self.vector + widened @ mean + piece.vector
 
@@ -102,18 +129,19 @@ class Memory:
         best: tuple[float, Change] | None = None
         recent: Piece | None = None
         window: tuple[Array, Array] | None = None
-        for count, (matrix, vector, block) in enumerate(reversed(self._blocks), start=1):
-            recent = block if recent is None else block + recent
+        for count, step in enumerate(reversed(self._blocks), start=1):
+            recent = step.block if recent is None else step.block + recent
             if count not in LENGTHS:
                 continue
-            score, information, mean = _score(matrix, vector, recent)
+            score, information, mean = _score(step.precision, step.weighted, recent)
             if count == WINDOW_BLOCKS:
                 window = score, information
             found = _changed(score, information, excess)
-            if found is not None and (best is None or found[1] > best[0]):
-                names, likelihood, size = found
-                covariance = _inverse(matrix) * np.outer(np.sqrt(excess[:-1]), np.sqrt(excess[:-1]))
-                best = likelihood, Change(names, count, mean, covariance, size, recent)
+            if found is not None and (best is None or found[2] > best[0]):
+                names, likely, likelihood, size = found
+                newest = tuple(s.block for s in list(self._blocks)[-count:])
+                covariance = _inverse(step.precision) * np.outer(np.sqrt(excess[:-1]), np.sqrt(excess[:-1]))
+                best = likelihood, Change(names, likely, newest, mean, covariance, size)
         if best is not None:
             return best[1]
         if window is not None:
@@ -132,11 +160,11 @@ class Memory:
         self._scatter = kept * self._scatter + np.append(single, total / max(rank, 1))
         self._stretches = kept * self._stretches + 1.0
 
-    def forget(self, change: Change, spread: Array) -> tuple[Array, Array]:
-        """Return mean (k,) and precision (k, k) of what is still known after a change: the changed ones are open."""
-        wide = np.zeros(len(spread))
-        wide[list(change.names)] = spread[list(change.names)]
-        return change.mean, _inverse(change.covariance + np.diag(wide**2))
+    def drop(self, count: int) -> None:
+        """Take back the newest blocks: the joint changed within them."""
+        for _ in range(count):
+            step = self._blocks.pop()
+        self.matrix, self.vector, self._noise = step.matrix, step.vector, step.noise
 
 
 def _solve(matrix: Array, right: Array) -> Array:
@@ -169,8 +197,10 @@ def _chi2(score: Array, information: Array) -> tuple[float, int]:
     return float(np.sum((axes[:, seen].T @ (scale * score)) ** 2 / size[seen])), int(np.count_nonzero(seen))
 
 
-def _changed(score: Array, information: Array, excess: Array) -> tuple[tuple[int, ...], float, float] | None:
-    """Return the parameters that changed, the likelihood ratio and the size of the change; None if there is none.
+def _changed(score: Array, information: Array, excess: Array) -> (
+    tuple[tuple[int, ...], tuple[int, ...], float, float] | None
+):
+    """Return the parameters that changed, those that may have, the likelihood ratio and the size of the change; None if there is none.
 
     Parameters are added until what is left looks like noise (forward selection).
     """
@@ -183,7 +213,7 @@ def _changed(score: Array, information: Array, excess: Array) -> tuple[tuple[int
         return None
     names: list[int] = []
     explained = 0.0
-    while len(names) < rank:
+    while len(names) < rank:  # at most as many as the samples can tell apart
         rest = [j for j in range(len(score)) if j not in names]
         each = [_chi2(score[names + [j]], information[np.ix_(names + [j], names + [j])])[0] for j in rest]
         best = int(np.argmax(each))
@@ -191,4 +221,17 @@ def _changed(score: Array, information: Array, excess: Array) -> tuple[tuple[int
         explained = each[best] / excess[-1]
         if total - explained < chdtri(max(1, rank - len(names)), LEFT):
             break
-    return tuple(names), total - rank, float(np.sqrt(single[names[0]]))
+    likely = _alternatives(score, information, names, explained * excess[-1])
+    return tuple(names), tuple(likely), total - rank, float(np.sqrt(single[names[0]]))
+
+
+def _alternatives(score: Array, information: Array, names: list[int], explained: float) -> list[int]:
+    """Return further parameters whose change explains nearly as much in place of one of `names`."""
+    found = []
+    for j in set(range(len(score))).difference(names):
+        for i in range(len(names)):
+            others = [*names[:i], *names[i + 1 :], j]
+            if _chi2(score[others], information[np.ix_(others, others)])[0] > explained - ALIKE:
+                found.append(j)
+                break
+    return found

@@ -15,6 +15,8 @@ from joint_id_core.online.memory import Change
 from joint_id_core.online.window import SlidingWindow
 from joint_id_core.results.estimate import Estimate, ParameterChange, Status
 
+SHOWN = 3.0  # standard deviations by which a parameter must have changed to be named
+
 
 def published(
     model: Model,
@@ -48,7 +50,7 @@ def published(
     )  # fmt: skip
 
 
-def changed_text(
+def changes_of(
     free: tuple[str, ...], coordinates: Coordinates, change: Change, z: Array, covariance: Array, since: float
 ) -> tuple[ParameterChange, ...]:
     """Return the changes of parameters, the most significant first."""
@@ -58,13 +60,14 @@ def changed_text(
     ]
     return tuple(
         ParameterChange(free[j], float(before[j]), float(sigma[0][j]), float(after[j]), float(sigma[1][j]), since)
-        for j in change.names
+        for j in (*change.names, *change.likely)
+        if j in change.names or abs(z[j] - change.mean[j]) > SHOWN * np.sqrt(covariance[j, j] + change.covariance[j, j])
     )
 
 
 def with_note(estimate: Estimate, window: SlidingWindow) -> Estimate:
     """Return the estimate of an earlier window as that of the present one, which the memory does not describe."""
-    text = "The newest samples disagree with what was known: the window is fitted by itself."
+    text = "The newest samples disagree with what was known: the joint changes, or the model does not describe it."
     notes = (text, *estimate.notes)
     return replace(
         estimate, status=Status.POOR_FIT, message=message(notes), notes=notes, end=window.end, predictions=None

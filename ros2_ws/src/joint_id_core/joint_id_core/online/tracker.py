@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
@@ -15,9 +15,31 @@ from joint_id_core.estimators.shared.initial_state import rough_states, start_st
 from joint_id_core.estimators.shared.substeps import KINK, steps_to_stand
 
 WARM_UP = 100  # samples from which the filter learns the state of the joint
+UNSURE = 100.0  # factor on the covariance of the state where parameters changed
 # Over minutes, the creep of a sticking joint under smoothed friction would bias the estimates by several standard
 # deviations. The filter follows a path that it knows well, so it can have sharper friction than a fit from afar.
 SHARPER = 0.1
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Samples of one joint: instants (T,) in s, inputs (T, inputs), labels (T, labels), NaN where missing."""
+
+    time: Array
+    u: Array
+    y: Array
+
+    def __add__(self, other: Samples) -> Samples:
+        return Samples(*(np.concatenate(pair) for pair in zip(astuple(self), astuple(other), strict=True)))
+
+
+@dataclass(frozen=True)
+class State:
+    """State of the filter: see `loops.tracking`; `time` and `u` (inputs,) are those of the last sample."""
+
+    kept: Array
+    time: float
+    u: Array
 
 
 @dataclass(frozen=True)
@@ -27,20 +49,28 @@ class Piece:
     Attributes:
         matrix, vector: information matrix H (k, k) and vector h (k,): the stretch alone says H z = h.
         white: innovations over their standard deviations, shape (T, labels), NaN where a label is missing.
-        duration: length of the stretch in s.
+        begin: state of the filter before the stretch.
+        samples: the samples.
     """
 
     matrix: Array
     vector: Array
     white: Array
-    duration: float
+    begin: State
+    samples: Samples
+
+    @property
+    def duration(self) -> float:
+        """Length in s."""
+        return float(self.samples.time[-1] - self.begin.time) if len(self.samples.time) else 0.0
 
     def __add__(self, other: Piece) -> Piece:
         return Piece(
             self.matrix + other.matrix,
             self.vector + other.vector,
             np.concatenate([self.white, other.white]),
-            self.duration + other.duration,
+            self.begin,
+            self.samples + other.samples,
         )
 
 
@@ -79,33 +109,36 @@ class Tracker:
                 self._p[i] *= SHARPER
             self._stiff[model.state_names.index(velocity)] = KINK * self._p[i]
         self._n, self._k = len(model.states), len(kernel.sensitive)
-        self._kept = np.zeros((self._n, 1 + self._n + self._k))
-        self.move(z)
+        self._take(z)
         self._many = steps_to_stand(data, kernel, self._p, rough_states(data), substeps)
         self._start()
 
     def move(self, z: Array) -> None:
         """Take other reference parameters; the state follows along its derivatives."""
         before = self._p[self._index]
-        self.z, after = z, self.coordinates.values(z)
-        self._p[self._index] = after
-        self._slope = self.coordinates.slope(z)
-        self._kept[:, 0] += self._kept[:, 1 + self._n + self._columns] @ (after - before)
+        self._take(z)
+        kept = self._state.kept.copy()
+        kept[:, 0] += kept[:, 1 + self._n + self._columns] @ (self._p[self._index] - before)
+        self._state = replace(self._state, kept=kept)
+
+    def _take(self, z: Array) -> None:
+        self.z, self._slope = z, self.coordinates.slope(z)
+        self._p[self._index] = self.coordinates.values(z)
 
     def _start(self) -> None:
         """Learn the state from the end of the window."""
         data = self.data
         first = max(0, len(data.time) - WARM_UP)
         mean, spread = start_state(data, first, self._p)
-        self._kept[:] = 0.0
-        self._kept[:, 0] = mean
-        self._kept[:, 1 : 1 + self._n] = np.diag(spread**2)
+        kept = np.zeros((self._n, 1 + self._n + self._k))
+        kept[:, 0] = mean
+        kept[:, 1 : 1 + self._n] = np.diag(spread**2)
         self._noise = STATE_NOISE * spread**2
-        self._last = (data.time[first], data.u[first])
-        self._run(data.time[first + 1 :], data.u[first + 1 :], data.y[first + 1 :])
+        self._state = State(kept, float(data.time[first]), data.u[first])
+        self.run(Samples(data.time[first + 1 :], data.u[first + 1 :], data.y[first + 1 :]))
 
-    def read(self, samples: Recording) -> tuple[Array, Array, Array] | None:
-        """Return time (T,), inputs (T, inputs) and labels (T, labels); None if the signals are others than before."""
+    def read(self, samples: Recording) -> Samples | None:
+        """Return the signals of a recording that the filter needs; None if it holds others than before."""
         model, labels = self.data.model, self.data.labels
         count, columns = len(samples), []
         for name in model.input_names:
@@ -122,35 +155,52 @@ class Tracker:
         y = np.array([samples.channels[n] if n in seen else np.full(count, np.nan) for n in labels])
         y, time = without_frozen(y).T.copy(), samples.time
         usable = np.isfinite(u).all(axis=1)
-        return (time, u, y) if usable.all() else (time[usable].copy(), u[usable], y[usable])
+        return Samples(time, u, y) if usable.all() else Samples(time[usable], u[usable], y[usable])
 
-    def run(self, time: Array, u: Array, y: Array) -> Piece | None:
+    def run(self, samples: Samples) -> Piece | None:
         """Run over new samples; None if the path diverges or a gap is too long: then start a new tracker."""
-        before = self._last[0]
-        steps = np.diff(time, prepend=before)
-        if len(time) and steps.max() > (1.5 + LONGEST_GAP) * self.data.period:
+        begin = self._state
+        if len(samples.time) and np.diff(samples.time, prepend=begin.time).max() > (1.5 + LONGEST_GAP) * self.data.period:
             return None
-        found = self._run(time, u, y)
+        found = self._run(begin, samples)
         if found is None:
             return None
-        H, g, white = found
-        H = H[self._columns[:, None], self._columns] * np.outer(self._slope, self._slope)
-        g = g[self._columns] * self._slope
-        return Piece(H, g + H @ self.z, white, float(self._last[0] - before))
+        self._state, cost, piece = found
+        return piece
 
-    def _run(self, time: Array, u: Array, y: Array) -> tuple[Array, Array, Array] | None:
-        if not len(time):
-            return np.zeros((self._k, self._k)), np.zeros(self._k), np.empty((0, y.shape[1]))
-        m = len(self.data.labels)
-        time = np.concatenate([[self._last[0]], time])
-        u = np.concatenate([self._last[1][None], u])
-        y = np.concatenate([np.full((1, m), np.nan), y])
+    def again(self, piece: Piece, z: Array) -> tuple[float, Piece] | None:
+        """Run over a stretch again at the reference z, which holds from its begin on; return its cost and result.
+
+        None if the path diverges. The filter then stands at the end of the stretch.
+        """
+        kept = piece.begin.kept.copy()
+        kept[:, 1 + self._n :] = 0.0  # before the stretch other parameters held
+        kept[:, 1 : 1 + self._n] *= UNSURE  # the change may be a little later
+        self._take(z)
+        begin = replace(piece.begin, kept=kept)
+        found = self._run(begin, piece.samples)
+        if found is None:
+            return None
+        self._state, cost, done = found
+        return cost, done
+
+    def _run(self, begin: State, samples: Samples) -> tuple[State, float, Piece] | None:
+        m, k = len(self.data.labels), self._k
+        time = np.concatenate([[begin.time], samples.time])
+        u = np.concatenate([begin.u[None], samples.u])
+        y = np.concatenate([np.full((1, m), np.nan), samples.y])
         gap = np.zeros(len(time))
-        gap[:-1] = np.maximum(np.rint(np.diff(time) / self.data.period) - 1.0, 0.0)
-        H, g, white = np.empty((self._k, self._k)), np.empty(self._k), np.empty((len(time), m))
+        steps = time[1:] - time[:-1]
+        if len(steps) and steps.max() > 1.25 * self.data.period:
+            gap[:-1] = np.maximum(np.rint(steps / self.data.period) - 1.0, 0.0)
+        kept, H, g, white = begin.kept.copy(), np.empty((k, k)), np.empty(k), np.empty((len(time), m))
         cost = self.kernel.tracking.track(
-            self._kept, time, u, y, self.data.label_states, gap, self.levels[:m], self.levels[m:], self._noise,
+            kept, time, u, y, self.data.label_states, gap, self.levels[:m], self.levels[m:], self._noise,
             self._p, self.substeps, self._stiff, self._many, white, H, g,
         )  # fmt: skip
-        self._last = (float(time[-1]), u[-1])
-        return (H, g, white[1:]) if np.isfinite(cost) else None
+        if not np.isfinite(cost):
+            return None
+        H = H[self._columns[:, None], self._columns] * (self._slope[:, None] * self._slope)
+        g = g[self._columns] * self._slope
+        state = State(kept, float(time[-1]), u[-1])
+        return state, cost, Piece(H, g + H @ self.z, white[1:], begin, samples)
