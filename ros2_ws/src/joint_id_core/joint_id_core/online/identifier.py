@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 
@@ -14,20 +15,23 @@ from joint_id_core.estimators import DEFAULT, Estimator
 from joint_id_core.estimators.innovations.belief import Belief, Coordinates
 from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.innovations.fit import fit_innovations
-from joint_id_core.estimators.shared.fit_data import FitData, UnusableError, prepare, unusable
+from joint_id_core.estimators.shared.fit_data import UnusableError, prepare, unusable
 from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
+from joint_id_core.estimators.shared.stillness import STILL_S, resting
 from joint_id_core.models import Model
 from joint_id_core.online.memory import Change, Memory
 from joint_id_core.online.published import changes_of, published, with_note
 from joint_id_core.online.relearn import relearn
-from joint_id_core.online.rest import REST_S, resting
 from joint_id_core.online.tracker import Piece, Tracker
 from joint_id_core.online.window import SlidingWindow
 from joint_id_core.options import check, option
 from joint_id_core.results.estimate import Estimate, ParameterChange, Status
 
+CHUNK_S = 0.05  # longest stretch of samples that is filtered at once: rest is looked for between them
 BLOCK_S = 0.5  # length of the stretches that are added to the memory and tested
+LINEAR = 0.02  # change of a coordinate up to which the result of a block is kept,
+NEAR = 0.3  # or in standard deviations
 NOISIER = 1.5  # mean squared innovation of a label from which its noise is no longer that of the memory
 QUIETER = 0.6  # the same, below which
 CHECK_AFTER, CHECK_EVERY = (1, 2, 4), 8  # window lengths after which the newest window is fitted as a whole
@@ -98,7 +102,7 @@ class OnlineIdentifier:
         self._tracker: Tracker | None = None
         self._block: Piece | None = None
         self._white: list[Array] = []
-        self._moved_since = -np.inf
+        self._moved_since = self._moved_until = -np.inf
         self._change: Change | None = None  # a change of which the new values are not known yet
         self._since: list[Piece] = []  # blocks since that change, the first one with the change in it
         self._unexplained = 0  # fits of these blocks that failed
@@ -110,8 +114,8 @@ class OnlineIdentifier:
 
     @property
     def moving(self) -> bool:
-        """Whether the newest samples show motion."""
-        return bool(self._moved_since < np.inf)
+        """Whether the joint moved in the last half second."""
+        return self._last is None or self._window.end - self._moved_until < BLOCK_S
 
     def update(self, samples: Recording) -> Estimate | None:
         """Add samples; when a hop has passed, return the estimate, else None.
@@ -134,7 +138,9 @@ class OnlineIdentifier:
             self._next = self._window.end + self.options.hop_s
         if not isinstance(self.estimator, Innovations) or not self.options.memory_s:
             return self._alone() if due else None
-        self._follow(samples)
+        count = max(1, round(CHUNK_S * len(samples) / max(samples.duration, CHUNK_S)))
+        for first in range(0, len(samples), count):
+            self._follow(samples.slice(first, first + count))
         if not due:
             return None
         return replace(self._estimate(), elapsed_s=time.perf_counter() - begun)
@@ -150,6 +156,7 @@ class OnlineIdentifier:
             return
         if self._moved_since == np.inf:
             self._moved_since = float(samples.time[0])
+        self._moved_until = self._window.end
         if self._memory is None:
             return
         if self._tracker is None:
@@ -167,35 +174,40 @@ class OnlineIdentifier:
             self._add_block()
 
     def _rests(self, samples: Recording) -> bool:
-        recent = self._window.recording(self._window.end - REST_S)
-        labels = tuple(n for n in self.model.state_names if recent.measured(n))
-        if not labels or recent.duration < 0.5 * REST_S:
+        """Return whether the joint stands still, by the noise levels of its sensors; False if they are not known."""
+        if self._last is None:
             return False
-        noise = np.array([self._last.noise.get(n, 0.0) if self._last else 0.0 for n in labels])
-        return resting(labels, np.array([recent[n] for n in labels]).T, noise, REST_S)
+        recent = self._window.recording(float(samples.time[0]) - STILL_S)
+        labels = tuple(n for n in self.model.state_names if n in recent and n not in recent.derived)
+        noise = np.array([self._last.noise.get(n, 0.0) for n in labels])
+        return resting(labels, np.array([recent.channels[n] for n in labels]).T, noise)
 
     def _begin_tracking(self) -> None:
-        """Start the filter at the end of the window, at the estimate of the memory."""
-        assert self._last is not None and self._memory is not None
-        data = self._data(self._window.recording(self._moved_since))
-        if data is None or set(data.noise_names) != set(self._last.noise):
-            return
+        """Start the filter at the estimate of the memory, with the samples since the joint moves."""
+        assert self._memory is not None
+        tracker = self._tracker_of(self._window.recording(self._moved_since), self._coordinates.clip(self._memory.mean))
+        pieces = None if tracker is None else tracker.start()
+        if pieces:
+            self._tracker, self._block = tracker, pieces[-1]
+
+    def _tracker_of(self, recording: Recording, z: Array) -> Tracker | None:
+        """Return a filter for a recording, at the reference z; None if it cannot be used or has other signals."""
+        assert self._last is not None
+        try:
+            data = prepare(self.model, recording, self.settings)
+        except UnusableError:
+            return None
+        if set(data.noise_names) != set(self._last.noise):
+            return None
         kernel = compile_model(self.model, "tanh", data.freed, self._options.cell)
         levels = np.square([self._last.noise[n] for n in data.noise_names])
-        z = self._coordinates.clip(self._memory.mean)
         held = frozenset(self.settings.values)
-        self._tracker = Tracker(data, kernel, self._coordinates, z, levels, self._last.substeps, held)
+        return Tracker(data, kernel, self._coordinates, z, levels, self._last.substeps, held)
 
     def _stop_tracking(self) -> None:
         """Stop the filter: the samples that follow are not those after the last one."""
         self._tracker = self._block = None
         self._since.clear()
-
-    def _data(self, recording: Recording) -> FitData | None:
-        try:
-            return prepare(self.model, recording, self.settings)
-        except UnusableError:
-            return None
 
     # --- tests
 
@@ -218,7 +230,24 @@ class OnlineIdentifier:
             memory.drop(len(self._since))
         elif self._noise_changed():
             self._suspend()
-        tracker.move(self._coordinates.clip(memory.mean))
+        self._refine()
+
+    def _refine(self) -> None:
+        """Move the reference to the estimate; if it moved far, pass the newest blocks through the filter again."""
+        memory, tracker = self._memory, self._tracker
+        assert memory is not None and tracker is not None
+        mean = self._coordinates.clip(memory.mean)
+        sigma = np.sqrt(np.diag(memory.covariance))
+        far = any(
+            np.max(np.minimum(np.abs(block.z - mean) / (LINEAR * self._coordinates.unit), np.abs(block.z - mean) / (NEAR * sigma))) > 1.0
+            for block in memory.blocks
+        )
+        if far and self._change is None:
+            learned = relearn(tracker, memory.blocks, *memory.before())
+            if learned is not None:
+                memory.replace(learned.pieces, self.options.memory_s)
+                return
+        tracker.move(mean)
 
     def _noise_changed(self) -> bool:
         """Return whether the innovations of the last window are far from what the noise levels allow."""
@@ -238,19 +267,21 @@ class OnlineIdentifier:
             if block.samples.time[-1] < stretch.begin.time:  # the joint rested in between
                 break
             stretch = block + stretch
-        found = relearn(tracker, stretch, mean, precision)
-        if found is None:
+        learned = relearn(tracker, [stretch], mean, precision, changed=True)
+        if learned is None or not learned.explained:
             self._unexplained += 1
             if self._unexplained * BLOCK_S > self.options.window_s:
                 self._suspend()
             return
-        z, covariance = found
+        self._remember(mean, np.asarray(np.linalg.inv(precision)), learned.pieces)
+        z, covariance = self._memory.mean, self._memory.covariance
         self._changes = changes_of(self._last.free, coordinates, change, z, covariance, stretch.begin.time)
-        self._remember(z, covariance)
 
-    def _remember(self, z: Array, covariance: Array) -> None:
-        """Begin a new memory."""
+    def _remember(self, z: Array, covariance: Array, pieces: Sequence[Piece]) -> None:
+        """Begin a new memory with what was known before these pieces, and the pieces."""
         self._memory = Memory(z, covariance, self._coordinates.spread)
+        for piece in pieces:
+            self._memory.add(piece, self.options.memory_s)
         self._white.clear()
         self._since.clear()
         self._suspended = self._change = None
@@ -308,7 +339,7 @@ class OnlineIdentifier:
 
     def _started(self) -> Estimate:
         """Fit the window as a whole and begin a memory with it."""
-        recording = self._window.recording(self._moved_since)
+        recording = self._window.recording()
         known = self._suspended is not None
         estimate = fit_innovations(self.model, recording, self.settings, self._options, previous=self._last)
         if not estimate.converged:
@@ -316,11 +347,19 @@ class OnlineIdentifier:
                 self._suspended = estimate
             return estimate
         self._last = estimate
-        after = Belief.after(estimate, self._coordinates)
         self._changes = ()
         self._stop_tracking()
-        self._remember(after.mean, np.asarray(np.linalg.inv(after.precision)))
-        self._begin_tracking()
+        after = Belief.after(estimate, self._coordinates)
+        tracker = self._tracker_of(recording, after.mean)
+        pieces = None if tracker is None else tracker.start()
+        if tracker is not None and pieces:
+            before = Belief.before_data(tracker.data, self._coordinates)
+            self._remember(before.mean, np.asarray(np.linalg.inv(before.precision)), pieces)
+            if not tracker.data.rest[-1]:
+                self._tracker = tracker
+            self._refine() if self._tracker is not None else None
+        else:
+            self._remember(after.mean, np.asarray(np.linalg.inv(after.precision)), [])
         self._check_next = self._window.end + CHECK_AFTER[0] * self.options.window_s
         self._checks = 0
         if known:
@@ -336,7 +375,7 @@ class OnlineIdentifier:
         window_s = self.options.window_s
         if self._checking is not None or self._window.end < self._check_next:
             return
-        if self._moved_since > self._window.end - (1.0 - 1e-6) * window_s:
+        if not self.moving:
             return
         self._checks += 1
         length = CHECK_AFTER[self._checks] if self._checks < len(CHECK_AFTER) else CHECK_EVERY

@@ -13,6 +13,7 @@ likelihood ratio test (Basseville & Nikiforov, Detection of Abrupt Changes, 1993
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -159,6 +160,22 @@ class Memory:
         kept = np.exp(-1.0 / REMEMBERED)
         self._scatter = kept * self._scatter + np.append(single, total / max(rank, 1))
         self._stretches = kept * self._stretches + 1.0
+
+    @property
+    def blocks(self) -> list[Piece]:
+        """The newest blocks, which can be passed through the filter again."""
+        return [step.block for step in self._blocks]
+
+    def before(self) -> tuple[Array, Array]:
+        """Return mean (k,) and precision (k, k) of what was known before these blocks."""
+        first = self._blocks[0]
+        return _solve(first.matrix, first.vector), first.matrix
+
+    def replace(self, blocks: Sequence[Piece], memory_s: float) -> None:
+        """Take other results of the newest blocks, from another pass of the filter."""
+        self.drop(len(self._blocks))
+        for block in blocks:
+            self.add(block, memory_s)
 
     def drop(self, count: int) -> None:
         """Take back the newest blocks: the joint changed within them."""

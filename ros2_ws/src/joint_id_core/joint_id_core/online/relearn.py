@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from joint_id_core.data.recording import Array
@@ -13,52 +16,68 @@ SETTLED = 0.01  # squared length of the last step in standard deviations
 LONGEST = 1.0  # longest step of a coordinate: a factor e in a positive parameter
 
 
-def relearn(tracker: Tracker, stretch: Piece, mean: Array, precision: Array) -> tuple[Array, Array] | None:
-    """Fit the parameters to a stretch that begins where they changed.
+@dataclass(frozen=True)
+class Learned:
+    """Values of the parameters, shape (k,), and what the stretches say at these values."""
 
-    Gauss-Newton iterations with Levenberg damping, with the noise levels of the tracker. The state at the begin of the
-    stretch is that of the filter, which does not depend on the new values.
+    z: Array
+    pieces: list[Piece]
+
+    @property
+    def explained(self) -> bool:
+        """Whether the innovations look like noise: mean square and lag-one autocorrelation."""
+        return _explained(np.concatenate([piece.white for piece in self.pieces]))
+
+
+def relearn(
+    tracker: Tracker, stretches: Sequence[Piece], mean: Array, precision: Array, changed: bool = False
+) -> Learned | None:
+    """Fit the parameters to stretches of samples, with the noise levels of the tracker.
+
+    Gauss-Newton iterations with Levenberg damping.
 
     Args:
-        tracker: it ends at the end of the stretch, at the new values.
-        stretch: samples since the change.
-        mean, precision: what is still known of the parameters, shapes (k,) and (k, k), in estimation coordinates.
+        tracker: it ends at the end of the stretches, at the new values.
+        stretches: the samples.
+        mean, precision: what is known of the parameters without them, shapes (k,) and (k, k), in estimation
+            coordinates.
+        changed: whether the parameters changed where the stretches begin; the iteration then starts at the mean.
 
     Returns:
-        The new estimate (k,) and its covariance (k, k); None if no values explain the stretch.
+        The minimum; None if the path diverges at the start.
     """
     coordinates = tracker.coordinates
-    z, damping = coordinates.clip(mean), 1e-3
-    here = tracker.again(stretch, z)
+    z, damping = coordinates.clip(mean if changed else tracker.z), 1e-3
+    here = tracker.again(stretches, z, changed)
     if here is None:
         return None
-    cost, piece = here
+    cost, pieces = here
     cost += (z - mean) @ precision @ (z - mean)
     for _ in range(ITERATIONS):
-        matrix = precision + piece.matrix
-        gradient = piece.vector - piece.matrix @ z - precision @ (z - mean)
+        information = np.sum([piece.matrix for piece in pieces], axis=0)
+        matrix = precision + information
+        gradient = np.sum([piece.vector for piece in pieces], axis=0) - information @ z - precision @ (z - mean)
         damped = matrix + damping * np.diag(np.diag(matrix))
         step = np.linalg.solve(damped, gradient)
         longest = float(np.max(np.abs(step) / coordinates.unit))
         if longest > LONGEST:
             step *= LONGEST / longest
-        there = tracker.again(stretch, coordinates.clip(z + step))
         moved = coordinates.clip(z + step)
+        there = tracker.again(stretches, moved, changed)
         worth = np.inf if there is None else there[0] + (moved - mean) @ precision @ (moved - mean)
         small = step @ matrix @ step
         if worth < cost or (small < SETTLED and worth < cost + 1.0):
             assert there is not None
-            z, cost, piece, damping = moved, worth, there[1], max(0.1 * damping, 1e-9)
+            z, cost, pieces, damping = moved, worth, there[1], max(0.1 * damping, 1e-9)
             if small < SETTLED:
                 break
         else:
             damping *= 10.0
             if damping > 1e6:
                 break
-    tracker.again(stretch, z)
-    if not _explained(piece.white):
-        return None
-    return z, np.asarray(np.linalg.inv(precision + piece.matrix))
+    if tracker.z is not z:
+        tracker.again(stretches, z, changed)
+    return Learned(z, pieces)
 
 
 def _explained(white: Array) -> bool:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -15,6 +17,7 @@ from joint_id_core.estimators.shared.initial_state import rough_states, start_st
 from joint_id_core.estimators.shared.substeps import KINK, steps_to_stand
 
 WARM_UP = 100  # samples from which the filter learns the state of the joint
+LEAST = 10  # samples of the shortest motion that is used
 UNSURE = 100.0  # factor on the covariance of the state where parameters changed
 # Over minutes, the creep of a sticking joint under smoothed friction would bias the estimates by several standard
 # deviations. The filter follows a path that it knows well, so it can have sharper friction than a fit from afar.
@@ -51,6 +54,7 @@ class Piece:
         white: innovations over their standard deviations, shape (T, labels), NaN where a label is missing.
         begin: state of the filter before the stretch.
         samples: the samples.
+        z: parameters at which the filter ran, shape (k,).
     """
 
     matrix: Array
@@ -58,6 +62,7 @@ class Piece:
     white: Array
     begin: State
     samples: Samples
+    z: Array
 
     @property
     def duration(self) -> float:
@@ -71,6 +76,7 @@ class Piece:
             np.concatenate([self.white, other.white]),
             self.begin,
             self.samples + other.samples,
+            self.z,
         )
 
 
@@ -87,7 +93,7 @@ class Tracker:
         substeps: int,
         held: frozenset[str] = frozenset(),
     ) -> None:
-        """Start at the end of a window.
+        """Prepare; `start` begins.
 
         Args:
             data: the window.
@@ -111,7 +117,6 @@ class Tracker:
         self._n, self._k = len(model.states), len(kernel.sensitive)
         self._take(z)
         self._many = steps_to_stand(data, kernel, self._p, rough_states(data), substeps)
-        self._start()
 
     def move(self, z: Array) -> None:
         """Take other reference parameters; the state follows along its derivatives."""
@@ -125,17 +130,31 @@ class Tracker:
         self.z, self._slope = z, self.coordinates.slope(z)
         self._p[self._index] = self.coordinates.values(z)
 
-    def _start(self) -> None:
-        """Learn the state from the end of the window."""
-        data = self.data
-        first = max(0, len(data.time) - WARM_UP)
-        mean, spread = start_state(data, first, self._p)
-        kept = np.zeros((self._n, 1 + self._n + self._k))
-        kept[:, 0] = mean
-        kept[:, 1 : 1 + self._n] = np.diag(spread**2)
-        self._noise = STATE_NOISE * spread**2
-        self._state = State(kept, float(data.time[first]), data.u[first])
-        self.run(Samples(data.time[first + 1 :], data.u[first + 1 :], data.y[first + 1 :]))
+    def start(self, first: int = 0) -> list[Piece] | None:
+        """Start in the window, where motion begins, and return what its samples from index `first` on say.
+
+        Every motion after a rest is a piece. None if a path diverges.
+        """
+        data, found = self.data, list[Piece]()
+        edges = np.unique([first, *data.starts[data.starts > first], len(data.time)])
+        for begin, end in pairwise(edges.tolist()):
+            rest = np.flatnonzero(data.rest[begin:end])
+            if len(rest):
+                end = begin + int(rest[0])
+            if end - begin < LEAST:
+                continue
+            mean, spread = start_state(data, begin, self._p)
+            kept = np.zeros((self._n, 1 + self._n + self._k))
+            kept[:, 0] = mean
+            kept[:, 1 : 1 + self._n] = np.diag(spread**2)
+            self._noise = STATE_NOISE * spread**2
+            self._state = State(kept, float(data.time[begin]), data.u[begin])
+            rows = slice(begin + 1, end)
+            piece = self.run(Samples(data.time[rows], data.u[rows], data.y[rows]))
+            if piece is None:
+                return None
+            found.append(piece)
+        return found
 
     def read(self, samples: Recording) -> Samples | None:
         """Return the signals of a recording that the filter needs; None if it holds others than before."""
@@ -168,21 +187,30 @@ class Tracker:
         self._state, cost, piece = found
         return piece
 
-    def again(self, piece: Piece, z: Array) -> tuple[float, Piece] | None:
-        """Run over a stretch again at the reference z, which holds from its begin on; return its cost and result.
+    def again(self, pieces: Sequence[Piece], z: Array, changed: bool = False) -> tuple[float, list[Piece]] | None:
+        """Run over stretches again at another reference; return their cost and what they say now.
 
-        None if the path diverges. The filter then stands at the end of the stretch.
+        With `changed` parameters the derivatives of the state at the begin are zero. None if the path diverges. The
+        filter then stands at the end of the last stretch.
         """
-        kept = piece.begin.kept.copy()
-        kept[:, 1 + self._n :] = 0.0  # before the stretch other parameters held
-        kept[:, 1 : 1 + self._n] *= UNSURE  # the change may be a little later
         self._take(z)
-        begin = replace(piece.begin, kept=kept)
-        found = self._run(begin, piece.samples)
-        if found is None:
-            return None
-        self._state, cost, done = found
-        return cost, done
+        total, found = 0.0, list[Piece]()
+        for k, piece in enumerate(pieces):
+            begin = piece.begin
+            if k and begin.time == pieces[k - 1].samples.time[-1]:
+                begin = self._state
+            elif changed:
+                kept = begin.kept.copy()
+                kept[:, 1 + self._n :] = 0.0
+                kept[:, 1 : 1 + self._n] *= UNSURE
+                begin = replace(begin, kept=kept)
+            done = self._run(begin, piece.samples)
+            if done is None:
+                return None
+            self._state, cost, new = done
+            total += cost
+            found.append(replace(new, begin=piece.begin))
+        return total, found
 
     def _run(self, begin: State, samples: Samples) -> tuple[State, float, Piece] | None:
         m, k = len(self.data.labels), self._k
@@ -203,4 +231,4 @@ class Tracker:
         H = H[self._columns[:, None], self._columns] * (self._slope[:, None] * self._slope)
         g = g[self._columns] * self._slope
         state = State(kept, float(time[-1]), u[-1])
-        return state, cost, Piece(H, g + H @ self.z, white[1:], begin, samples)
+        return state, cost, Piece(H, g + H @ self.z, white[1:], begin, samples, self.z)

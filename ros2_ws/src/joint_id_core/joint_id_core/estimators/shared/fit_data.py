@@ -15,6 +15,7 @@ from joint_id_core.data.recording import Array, Recording, any_finite
 from joint_id_core.data.signals import integral_of
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.shared.settings import ParameterSettings
+from joint_id_core.estimators.shared.stillness import still
 from joint_id_core.filtering.offline import complete
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions, Status, Verdict
@@ -45,6 +46,7 @@ class FitData:
         priors: prior standard deviations by parameter, as in `ParameterSettings`.
         period: typical time step in s: the mean step, or the median step if there are gaps.
         gap: number of missing samples between each sample and the next one, shape (T,).
+        rest: True for samples at rest, which have no labels, shape (T,).
         dropped: number of samples left out because an input was missing.
         recording: the recording with derived channels.
     """
@@ -60,6 +62,7 @@ class FitData:
     priors: Mapping[str, float]
     period: float
     gap: Array
+    rest: NDArray[np.bool_]
     dropped: int
     recording: Recording
 
@@ -78,6 +81,11 @@ class FitData:
     def present(self) -> NDArray[np.bool_]:
         """True where a label was measured, shape (T, labels)."""
         return np.isfinite(self.y)
+
+    @cached_property
+    def starts(self) -> NDArray[np.int64]:
+        """Samples at which motion begins after a rest."""
+        return np.flatnonzero(self.rest[:-1] & ~self.rest[1:]) + 1
 
     @cached_property
     def table(self) -> Array | None:
@@ -104,7 +112,7 @@ class FitData:
 
     def part(self, first: int, last: int) -> FitData:
         """Return the data of the samples from `first` to before `last`."""
-        rows = {name: getattr(self, name)[first:last] for name in ("time", "u", "y", "gap")}
+        rows = {name: getattr(self, name)[first:last] for name in ("time", "u", "y", "gap", "rest")}
         return replace(self, **rows)
 
 
@@ -156,6 +164,15 @@ def prepare(model: Model, recording: Recording, settings: ParameterSettings | No
     if not usable.all():
         rows = usable.all(axis=1)
         u, y, time = u[rows], y[rows], time[rows]
+    steps = time[1:] - time[:-1]
+    period, gap = (float(time[-1] - time[0]) / len(steps) if len(steps) else 1.0), np.zeros(len(time))
+    if len(steps) and steps.max() > 1.25 * period:  # there are gaps, or jitter of that size
+        period = float(np.median(steps))
+        np.maximum(np.rint(steps / period) - 1.0, 0.0, out=gap[:-1])
+    at_rest = still(labels, y, period)
+    y[at_rest] = np.nan
+    if at_rest.any() and len(time) - np.count_nonzero(at_rest) < MIN_SAMPLES:
+        raise UnusableError(Status.NO_MOTION, _resting(recording, labels))
     present = np.isfinite(y)
     seen = len(y) if present.all() else int(np.count_nonzero(present.any(axis=1)))
     if seen < MIN_SAMPLES:
@@ -165,21 +182,17 @@ def prepare(model: Model, recording: Recording, settings: ParameterSettings | No
             f"{seen} of these a label ({', '.join(labels)}), a fit needs {MIN_SAMPLES}: look for missing values with "
             "`joint-id info`",
         )
-    steps = time[1:] - time[:-1]
-    period, gap = float(time[-1] - time[0]) / len(steps), np.zeros(len(time))
-    if steps.max() > 1.25 * period:  # there are gaps, or jitter of that size
-        period = float(np.median(steps))
-        np.maximum(np.rint(steps / period) - 1.0, 0.0, out=gap[:-1])
     index = np.array([model.state_names.index(n) for n in labels], dtype=np.int64)
     dropped = len(recording) - len(time)
-    data = FitData(model, time, u, y, labels, index, p, free, settings.priors, period, gap, dropped, recording)
+    data = FitData(model, time, u, y, labels, index, p, free, settings.priors, period, gap, at_rest, dropped, recording)
     if not (data.span > 0.0).any():
-        raise UnusableError(
-            Status.NO_MOTION,
-            f"{recording.source}: {', '.join(labels)} did not change in this window: "
-            "move the joint, or check the sensor",
-        )
+        raise UnusableError(Status.NO_MOTION, _resting(recording, labels))
     return data
+
+
+def _resting(recording: Recording, labels: tuple[str, ...]) -> str:
+    what = f"{recording.source}: {', '.join(labels)} did not change in this window"
+    return f"{what}: move the joint, or check the sensor"
 
 
 def _smoothing(model: Model, recording: Recording) -> dict[str, float]:
