@@ -6,8 +6,10 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from joint_id_core.cell.kernel import compile_model
 from joint_id_core.data.recording import Array, Recording
@@ -18,9 +20,9 @@ from joint_id_core.estimators.innovations.fit import fit_innovations
 from joint_id_core.estimators.shared.fit_data import UnusableError, prepare, unusable
 from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
-from joint_id_core.estimators.shared.stillness import STILL_S, resting
+from joint_id_core.estimators.shared.stillness import STILL_S, still
 from joint_id_core.models import Model
-from joint_id_core.online.memory import Change, Memory
+from joint_id_core.online.memory import Change, Memory, agree
 from joint_id_core.online.published import changes_of, published, with_note
 from joint_id_core.online.relearn import relearn
 from joint_id_core.online.tracker import Piece, Tracker
@@ -28,7 +30,6 @@ from joint_id_core.online.window import SlidingWindow
 from joint_id_core.options import check, option
 from joint_id_core.results.estimate import Estimate, ParameterChange, Status
 
-CHUNK_S = 0.05  # longest stretch of samples that is filtered at once: rest is looked for between them
 BLOCK_S = 0.5  # length of the stretches that are added to the memory and tested
 LINEAR = 0.02  # change of a coordinate up to which the result of a block is kept,
 NEAR = 0.3  # or in standard deviations
@@ -36,6 +37,7 @@ NOISIER = 1.5  # mean squared innovation of a label from which its noise is no l
 QUIETER = 0.6  # the same, below which
 CHECK_AFTER, CHECK_EVERY = (1, 2, 4), 8  # window lengths after which the newest window is fitted as a whole
 AGAIN_S = 1.0  # time between two fits of windows that the model does not describe
+YOUNG = 3.0  # window lengths of motion before which a disagreement is not taken for a change of the joint
 ENOUGH = 100  # samples for a mean square
 OWN_SHARE = 0.25  # weight of the noise levels of the newest window
 MOVING = "The joint rests: the estimate stays as it is, move the joint to continue."
@@ -94,7 +96,9 @@ class OnlineIdentifier:
         self.model, self.options, self.estimator = model, options or OnlineOptions(), estimator
         self._coordinates = Coordinates(model, free, self.settings.priors)
         self._background = background
-        self._window = SlidingWindow(self.options.window_s)
+        self._recent = SlidingWindow(max(self.options.window_s, 8.0 * STILL_S))
+        self._window = SlidingWindow(self.options.window_s)  # samples in motion
+        self._followed = -np.inf  # newest sample that went through the filter
         self._next = -np.inf  # end of the next hop
         self._fit_next = -np.inf  # earliest end of the next fit of a whole window
         self._last: Estimate | None = None  # newest fit of a whole window that converged
@@ -106,6 +110,8 @@ class OnlineIdentifier:
         self._change: Change | None = None  # a change of which the new values are not known yet
         self._since: list[Piece] = []  # blocks since that change, the first one with the change in it
         self._unexplained = 0  # fits of these blocks that failed
+        self._doubt = False  # whether the noise levels of the memory are wrong for the newest samples
+        self._age = 0.0  # time of motion in the memory in s
         self._suspended: Estimate | None = None  # fit that shows why the memory does not describe the newest samples
         self._changes: tuple[ParameterChange, ...] = ()
         self._checks = 0
@@ -115,7 +121,7 @@ class OnlineIdentifier:
     @property
     def moving(self) -> bool:
         """Whether the joint moved in the last half second."""
-        return self._last is None or self._window.end - self._moved_until < BLOCK_S
+        return self._recent.end - self._moved_until < BLOCK_S
 
     def update(self, samples: Recording) -> Estimate | None:
         """Add samples; when a hop has passed, return the estimate, else None.
@@ -126,61 +132,74 @@ class OnlineIdentifier:
             JointIdError: the samples are not later than those before; they are left out.
         """
         begun = time.perf_counter()
-        first = self._window.end == -np.inf
-        self._window.append(samples)
+        first = self._recent.end == -np.inf
+        self._recent.append(samples)
         if not len(samples):
             return None
         if first:
-            self._next = self._window.start + self.options.window_s
+            self._next = self._recent.start + self.options.window_s
         # Half a sample of slack: a window of 1000 samples ends one period before its length.
-        due = self._window.end >= self._next - 1.5 * samples.duration / max(1, len(samples) - 1)
+        due = self._recent.end >= self._next - 1.5 * samples.duration / max(1, len(samples) - 1)
         if due:
-            self._next = self._window.end + self.options.hop_s
+            self._next = self._recent.end + self.options.hop_s
         if not isinstance(self.estimator, Innovations) or not self.options.memory_s:
             return self._alone() if due else None
-        count = max(1, round(CHUNK_S * len(samples) / max(samples.duration, CHUNK_S)))
-        for first in range(0, len(samples), count):
-            self._follow(samples.slice(first, first + count))
+        self._follow()
         if not due:
             return None
         return replace(self._estimate(), elapsed_s=time.perf_counter() - begun)
 
     # --- samples
 
-    def _follow(self, samples: Recording) -> None:
-        """Pass new samples to the filter, and blocks of them to the memory."""
-        if self._rests(samples):
-            self._add_block()
-            self._stop_tracking()
-            self._moved_since = np.inf
+    def _follow(self) -> None:
+        """Pass new samples to the filter, and blocks of them to the memory.
+
+        The newest ones wait: whether they belong to a rest shows a little later.
+        """
+        until = self._recent.end - STILL_S
+        recent = self._recent.recording(self._followed - 2.0 * STILL_S)
+        first, last = np.searchsorted(recent.time, [self._followed, until], "right").tolist()
+        if first == last:
             return
+        self._followed = float(recent.time[last - 1])
+        at_rest = self._at_rest(recent)[first:last]
+        edges = np.flatnonzero(np.diff(at_rest)) + 1
+        for begin, end in pairwise([0, *edges.tolist(), last - first]):
+            if at_rest[begin]:
+                self._add_block()
+                self._stop_tracking()
+                self._moved_since = np.inf
+            else:
+                self._move(recent.slice(first + begin, first + end))
+
+    def _at_rest(self, recent: Recording) -> NDArray[np.bool_]:
+        """Return True for samples at rest, shape (T,)."""
+        labels = tuple(n for n in self.model.state_names if n in recent and n not in recent.derived)
+        if not labels or len(recent) < 2:
+            return np.zeros(len(recent), dtype=bool)
+        y = np.array([recent.channels[n] for n in labels]).T
+        noise = None if self._last is None else self._last.noise
+        return still(labels, y, recent.duration / (len(recent) - 1), noise)
+
+    def _move(self, samples: Recording) -> None:
+        """Follow samples in motion."""
         if self._moved_since == np.inf:
             self._moved_since = float(samples.time[0])
-        self._moved_until = self._window.end
+        self._moved_until = float(samples.time[-1])
+        self._window.append(samples)
         if self._memory is None:
             return
         if self._tracker is None:
             self._begin_tracking()
             return
         read = self._tracker.read(samples)
-        if read is None:
-            return
-        piece = self._tracker.run(read)
+        piece = None if read is None else self._tracker.run(read)
         if piece is None:
             self._stop_tracking()
             return
         self._block = piece if self._block is None else self._block + piece
         if self._block.duration > BLOCK_S - 1.5 * self._tracker.data.period:
             self._add_block()
-
-    def _rests(self, samples: Recording) -> bool:
-        """Return whether the joint stands still, by the noise levels of its sensors; False if they are not known."""
-        if self._last is None:
-            return False
-        recent = self._window.recording(float(samples.time[0]) - STILL_S)
-        labels = tuple(n for n in self.model.state_names if n in recent and n not in recent.derived)
-        noise = np.array([self._last.noise.get(n, 0.0) for n in labels])
-        return resting(labels, np.array([recent.channels[n] for n in labels]).T, noise)
 
     def _begin_tracking(self) -> None:
         """Start the filter at the estimate of the memory, with the samples since the joint moves."""
@@ -202,7 +221,10 @@ class OnlineIdentifier:
         kernel = compile_model(self.model, "tanh", data.freed, self._options.cell)
         levels = np.square([self._last.noise[n] for n in data.noise_names])
         held = frozenset(self.settings.values)
-        return Tracker(data, kernel, self._coordinates, z, levels, self._last.substeps, held)
+        tracker = Tracker(data, kernel, self._coordinates, z, levels, self._last.substeps, held)
+        if self._memory is not None:
+            tracker.sharpen(float(np.max(np.sqrt(np.diag(self._memory.covariance)) / self._coordinates.unit)))
+        return tracker
 
     def _stop_tracking(self) -> None:
         """Stop the filter: the samples that follow are not those after the last one."""
@@ -224,13 +246,41 @@ class OnlineIdentifier:
         memory.add(block, self.options.memory_s)
         self._white.append(block.white)
         del self._white[: -max(1, round(self.options.window_s / BLOCK_S))]
-        self._change = memory.test()
+        self._age += block.duration
+        self._change = self._tested()
+        memory = self._memory
+        if self._change is not None and self._age < YOUNG * self.options.window_s:
+            self._begin_anew()
+            return
         if self._change is not None:
             self._since = list(self._change.blocks)
             memory.drop(len(self._since))
         elif self._noise_changed():
-            self._suspend()
+            self._check_next = -np.inf
+            self._doubt = True
         self._refine()
+
+    def _tested(self) -> Change | None:
+        """Test the newest blocks against the memory; return the change that they show.
+
+        The test is linear. Where little is known yet, the blocks may disagree only because of this, and one set of
+        parameters describes them all.
+        """
+        memory, tracker = self._memory, self._tracker
+        assert memory is not None and tracker is not None
+        change = memory.test()
+        if change is None:
+            return None
+        z = tracker.z
+        learned = relearn(tracker, memory.blocks, *memory.before(), weights=memory.weights(self.options.memory_s))
+        if learned is not None:
+            other = memory.copy()
+            other.replace(learned.pieces, self.options.memory_s)
+            if other.test() is None:
+                self._memory = other
+                return None
+        tracker.again(memory.blocks[-1:], z)
+        return change
 
     def _refine(self) -> None:
         """Move the reference to the estimate; if it moved far, pass the newest blocks through the filter again."""
@@ -238,12 +288,13 @@ class OnlineIdentifier:
         assert memory is not None and tracker is not None
         mean = self._coordinates.clip(memory.mean)
         sigma = np.sqrt(np.diag(memory.covariance))
+        tracker.sharpen(float(np.max(sigma / self._coordinates.unit)))
         far = any(
             np.max(np.minimum(np.abs(block.z - mean) / (LINEAR * self._coordinates.unit), np.abs(block.z - mean) / (NEAR * sigma))) > 1.0
             for block in memory.blocks
         )
         if far and self._change is None:
-            learned = relearn(tracker, memory.blocks, *memory.before())
+            learned = relearn(tracker, memory.blocks, *memory.before(), weights=memory.weights(self.options.memory_s))
             if learned is not None:
                 memory.replace(learned.pieces, self.options.memory_s)
                 return
@@ -273,19 +324,27 @@ class OnlineIdentifier:
             if self._unexplained * BLOCK_S > self.options.window_s:
                 self._suspend()
             return
+        age = self._age
         self._remember(mean, np.asarray(np.linalg.inv(precision)), learned.pieces)
+        self._age = age
         z, covariance = self._memory.mean, self._memory.covariance
         self._changes = changes_of(self._last.free, coordinates, change, z, covariance, stretch.begin.time)
 
     def _remember(self, z: Array, covariance: Array, pieces: Sequence[Piece]) -> None:
         """Begin a new memory with what was known before these pieces, and the pieces."""
-        self._memory = Memory(z, covariance, self._coordinates.spread)
+        self._memory, self._age = Memory(z, covariance, self._coordinates.spread), 0.0
         for piece in pieces:
             self._memory.add(piece, self.options.memory_s)
         self._white.clear()
         self._since.clear()
         self._suspended = self._change = None
         self._unexplained = 0
+
+    def _begin_anew(self) -> None:
+        """Forget all: the first windows disagree with each other, so the first fit found a wrong minimum."""
+        self._memory = self._last = self._suspended = self._change = None
+        self._stop_tracking()
+        self._fit_next = -np.inf
 
     def _suspend(self) -> None:
         """Fit the newest windows by themselves: no change of parameters explains the newest samples."""
@@ -304,7 +363,7 @@ class OnlineIdentifier:
 
     def _alone(self) -> Estimate:
         """Fit the window without a memory."""
-        recording = self._window.recording()
+        recording = self._recent.recording()
         if not isinstance(self.estimator, Innovations):
             return self.estimator.fit(self.model, recording, self.settings)
         estimate = fit_innovations(self.model, recording, self.settings, self._options, previous=self._last)
@@ -314,19 +373,30 @@ class OnlineIdentifier:
 
     def _estimate(self) -> Estimate:
         """Return the estimate at a hop."""
-        end = self._window.end
+        end = self._recent.end
         if not self.moving:
-            return self._at_rest()
+            return self._resting()
         if self._memory is None or self._suspended is not None:
+            if not self._window.full and self._suspended is None:
+                return self._too_short()
             if self._suspended is not None and end < self._fit_next:
                 return with_note(self._suspended, self._window)
             self._fit_next = end + AGAIN_S
             return self._started()
+        assert self._last is not None
         if self._change is not None:
             return with_note(self._last, self._window)
         self._check()
-        white = np.concatenate([*self._white, self._block.white if self._block is not None else np.empty((0, len(self._last.nrmse) or 1))]) if self._white else None
+        white = np.concatenate(self._white) if self._white else None
         return published(self.model, self._last, self._coordinates, self._now(), self._window, white, self._changes)
+
+    def _too_short(self) -> Estimate:
+        recording = self._window.recording()
+        text = (
+            f"{recording.source}: the joint has moved for {self._window.duration:.2g} s, "
+            f"a first estimate needs {self.options.window_s:g} s of motion: move the joint"
+        )
+        return unusable(self.model, "innovations", UnusableError(Status.TOO_SHORT, text), recording)
 
     def _now(self) -> tuple[Array, Array]:
         """Return estimate and covariance with the samples of the present block."""
@@ -335,7 +405,11 @@ class OnlineIdentifier:
         if block is None:
             return memory.mean, memory.covariance
         mean = np.linalg.solve(memory.matrix + block.matrix, memory.vector + block.vector)
-        return mean, memory.covariance_with(block.matrix)
+        covariance = memory.covariance_with(block.matrix)
+        away = np.abs(mean - block.z)
+        if np.any((away > LINEAR * self._coordinates.unit) & (away > np.sqrt(np.diag(covariance)))):
+            return memory.mean, memory.covariance  # too far for one linear step: wait for the end of the block
+        return mean, covariance
 
     def _started(self) -> Estimate:
         """Fit the window as a whole and begin a memory with it."""
@@ -388,20 +462,27 @@ class OnlineIdentifier:
 
     def _checked(self, estimate: Estimate) -> None:
         """Take noise levels and findings of a window that was fitted by itself."""
-        last = self._last
+        last, memory, doubt = self._last, self._memory, self._doubt
+        self._doubt = False
         assert last is not None
+        if memory is None or self._suspended is not None or self._change is not None:
+            return
+        if doubt and not (estimate.converged and agree(estimate, memory, self._coordinates)):
+            self._suspend()
+            return
+        own = 1.0 if doubt else OWN_SHARE
         if not estimate.converged or estimate.free != last.free or set(estimate.noise) != set(last.noise):
             return
         noise = {
-            n: float(np.exp((1.0 - OWN_SHARE) * np.log(last.noise[n]) + OWN_SHARE * np.log(estimate.noise[n])))
+            n: float(np.exp((1.0 - own) * np.log(last.noise[n]) + own * np.log(estimate.noise[n])))
             for n in last.noise
         }
         self._last = replace(estimate, noise=noise)
         if self._tracker is not None:
             self._tracker.levels = np.square([noise[n] for n in self._tracker.data.noise_names])
 
-    def _at_rest(self) -> Estimate:
-        recording = self._window.recording()
+    def _resting(self) -> Estimate:
+        recording = self._recent.recording()
         if self._last is None or self._memory is None:
             text = f"{recording.source}: {sentence('the joint rests in this window: move the joint')}"
             return unusable(self.model, "innovations", UnusableError(Status.NO_MOTION, text), recording)

@@ -14,15 +14,19 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import chdtri
 
 from joint_id_core.data.recording import Array
+from joint_id_core.estimators.innovations.belief import Belief, Coordinates
 from joint_id_core.online.tracker import Piece
+from joint_id_core.results.estimate import Estimate
 
 LENGTHS = (1, 2, 4, 8, 16, 32)  # blocks of the stretches that are tested
+HISTORY = 128  # blocks that can be passed through the filter again, where little is known yet
 RARE = 1e-7  # probability of one test to find a change where there is none
 LEFT = 0.05  # probability from which what is left after the changes of some parameters counts as noise
 ALIKE = 25.0  # difference of the likelihood ratio up to which two explanations are both possible
@@ -85,7 +89,7 @@ class Memory:
         self.vector = self.matrix @ z
         self._noise = self.matrix  # covariance of the vector: forgotten twice as fast
         self._least = np.diag(np.power(spread, -2.0))
-        self._blocks: deque[_Step] = deque(maxlen=LENGTHS[-1])
+        self._blocks: deque[_Step] = deque(maxlen=HISTORY)
         self._scatter = np.zeros(len(z) + 1)  # sums of squares of normal numbers: of each parameter, and of all
         self._stretches = 0.0
         self._since = 0
@@ -131,6 +135,8 @@ class Memory:
         recent: Piece | None = None
         window: tuple[Array, Array] | None = None
         for count, step in enumerate(reversed(self._blocks), start=1):
+            if count > LENGTHS[-1]:
+                break
             recent = step.block if recent is None else step.block + recent
             if count not in LENGTHS:
                 continue
@@ -166,10 +172,15 @@ class Memory:
         """The newest blocks, which can be passed through the filter again."""
         return [step.block for step in self._blocks]
 
+    def weights(self, memory_s: float) -> list[float]:
+        """Return for each of these blocks how much of it is not forgotten yet."""
+        durations = np.array([step.block.duration for step in self._blocks])
+        return np.exp(-(durations.sum() - durations.cumsum()) / memory_s).tolist()
+
     def before(self) -> tuple[Array, Array]:
         """Return mean (k,) and precision (k, k) of what was known before these blocks."""
         first = self._blocks[0]
-        return _solve(first.matrix, first.vector), first.matrix
+        return _solve(first.matrix, first.vector), first.precision
 
     def replace(self, blocks: Sequence[Piece], memory_s: float) -> None:
         """Take other results of the newest blocks, from another pass of the filter."""
@@ -177,11 +188,27 @@ class Memory:
         for block in blocks:
             self.add(block, memory_s)
 
+    def copy(self) -> Memory:
+        """Return a copy that can be changed without changing this one."""
+        other = copy(self)
+        other._blocks = self._blocks.copy()
+        return other
+
     def drop(self, count: int) -> None:
         """Take back the newest blocks: the joint changed within them."""
         for _ in range(count):
             step = self._blocks.pop()
         self.matrix, self.vector, self._noise = step.matrix, step.vector, step.noise
+
+
+def agree(estimate: Estimate, memory: Memory, coordinates: Coordinates) -> bool:
+    """Return whether an estimate from a window by itself agrees with the memory (Wald test)."""
+    alone = Belief.after(estimate, coordinates)
+    away = alone.mean - memory.mean
+    covariance = _inverse(alone.precision) + memory.covariance
+    scale = 1.0 / np.sqrt(np.diag(covariance))
+    solved = np.linalg.solve(covariance * np.outer(scale, scale), away * scale)
+    return float(away * scale @ solved) < float(chdtri(len(away), RARE))
 
 
 def _solve(matrix: Array, right: Array) -> Array:

@@ -30,7 +30,8 @@ class Learned:
 
 
 def relearn(
-    tracker: Tracker, stretches: Sequence[Piece], mean: Array, precision: Array, changed: bool = False
+    tracker: Tracker, stretches: Sequence[Piece], mean: Array, precision: Array, changed: bool = False,
+    weights: Sequence[float] | None = None,
 ) -> Learned | None:
     """Fit the parameters to stretches of samples, with the noise levels of the tracker.
 
@@ -41,6 +42,7 @@ def relearn(
         stretches: the samples.
         mean, precision: what is known of the parameters without them, shapes (k,) and (k, k), in estimation
             coordinates.
+        weights: of the stretches; 1 if not given.
         changed: whether the parameters changed where the stretches begin; the iteration then starts at the mean.
 
     Returns:
@@ -51,12 +53,14 @@ def relearn(
     here = tracker.again(stretches, z, changed)
     if here is None:
         return None
-    cost, pieces = here
+    share = np.ones(len(stretches)) if weights is None else np.array(weights)
+    pieces = here[1]
+    cost = float(here[0] @ share)
     cost += (z - mean) @ precision @ (z - mean)
     for _ in range(ITERATIONS):
-        information = np.sum([piece.matrix for piece in pieces], axis=0)
+        information = np.tensordot(share, [piece.matrix for piece in pieces], 1)
         matrix = precision + information
-        gradient = np.sum([piece.vector for piece in pieces], axis=0) - information @ z - precision @ (z - mean)
+        gradient = share @ np.array([piece.vector for piece in pieces]) - information @ z - precision @ (z - mean)
         damped = matrix + damping * np.diag(np.diag(matrix))
         step = np.linalg.solve(damped, gradient)
         longest = float(np.max(np.abs(step) / coordinates.unit))
@@ -64,7 +68,7 @@ def relearn(
             step *= LONGEST / longest
         moved = coordinates.clip(z + step)
         there = tracker.again(stretches, moved, changed)
-        worth = np.inf if there is None else there[0] + (moved - mean) @ precision @ (moved - mean)
+        worth = np.inf if there is None else there[0] @ share + (moved - mean) @ precision @ (moved - mean)
         small = step @ matrix @ step
         if worth < cost or (small < SETTLED and worth < cost + 1.0):
             assert there is not None

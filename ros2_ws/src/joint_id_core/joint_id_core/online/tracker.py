@@ -11,8 +11,8 @@ import numpy as np
 from joint_id_core.cell.kernel import Kernel
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.innovations.belief import Coordinates
-from joint_id_core.estimators.innovations.recursion import LONGEST_GAP, STATE_NOISE
-from joint_id_core.estimators.shared.fit_data import FitData, without_frozen
+from joint_id_core.estimators.innovations.recursion import STATE_NOISE
+from joint_id_core.estimators.shared.fit_data import LONGEST_GAP, FitData, without_frozen
 from joint_id_core.estimators.shared.initial_state import rough_states, start_state
 from joint_id_core.estimators.shared.substeps import KINK, steps_to_stand
 
@@ -21,7 +21,8 @@ LEAST = 10  # samples of the shortest motion that is used
 UNSURE = 100.0  # factor on the covariance of the state where parameters changed
 # Over minutes, the creep of a sticking joint under smoothed friction would bias the estimates by several standard
 # deviations. The filter follows a path that it knows well, so it can have sharper friction than a fit from afar.
-SHARPER = 0.1
+SHARPEST = 0.1
+KNOWN = 0.5  # largest standard deviation of a coordinate at which friction is as smooth as in a fit
 
 
 @dataclass(frozen=True)
@@ -109,14 +110,24 @@ class Tracker:
         self._columns = np.array([kernel.sensitive.index(name) for name in data.free])
         self._p = data.p.copy()
         self._stiff = np.full(len(model.states), -1.0)
+        self._sharpened: list[int] = []
         for velocity, name in model.smoothing.items():
             i = model.parameter_names.index(name)
             if name not in held and name not in data.free and not model.smoothing_share:
-                self._p[i] *= SHARPER
-            self._stiff[model.state_names.index(velocity)] = KINK * self._p[i]
+                self._sharpened.append(i)
         self._n, self._k = len(model.states), len(kernel.sensitive)
         self._take(z)
-        self._many = steps_to_stand(data, kernel, self._p, rough_states(data), substeps)
+        self._states = rough_states(data)
+        self.sharpen(KNOWN)
+
+    def sharpen(self, sigma: float) -> None:
+        """Take friction as sharp as suits the largest standard deviation `sigma` of a coordinate."""
+        model, data = self.data.model, self.data
+        self._p[self._sharpened] = data.p[self._sharpened] * np.clip(sigma / KNOWN, SHARPEST, 1.0)
+        for velocity, name in model.smoothing.items():
+            i = model.parameter_names.index(name)
+            self._stiff[model.state_names.index(velocity)] = KINK * self._p[i]
+        self._many = steps_to_stand(data, self.kernel, self._p, self._states, self.substeps)
 
     def move(self, z: Array) -> None:
         """Take other reference parameters; the state follows along its derivatives."""
@@ -187,14 +198,14 @@ class Tracker:
         self._state, cost, piece = found
         return piece
 
-    def again(self, pieces: Sequence[Piece], z: Array, changed: bool = False) -> tuple[float, list[Piece]] | None:
-        """Run over stretches again at another reference; return their cost and what they say now.
+    def again(self, pieces: Sequence[Piece], z: Array, changed: bool = False) -> tuple[Array, list[Piece]] | None:
+        """Run over stretches again at another reference; return the cost of each and what it says now.
 
         With `changed` parameters the derivatives of the state at the begin are zero. None if the path diverges. The
         filter then stands at the end of the last stretch.
         """
         self._take(z)
-        total, found = 0.0, list[Piece]()
+        costs, found = list[float](), list[Piece]()
         for k, piece in enumerate(pieces):
             begin = piece.begin
             if k and begin.time == pieces[k - 1].samples.time[-1]:
@@ -208,9 +219,9 @@ class Tracker:
             if done is None:
                 return None
             self._state, cost, new = done
-            total += cost
+            costs.append(cost)
             found.append(replace(new, begin=piece.begin))
-        return total, found
+        return np.array(costs), found
 
     def _run(self, begin: State, samples: Samples) -> tuple[State, float, Piece] | None:
         m, k = len(self.data.labels), self._k

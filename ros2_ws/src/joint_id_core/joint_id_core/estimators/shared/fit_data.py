@@ -20,6 +20,9 @@ from joint_id_core.filtering.offline import complete
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions, Status, Verdict
 
+# Longest gap, in samples, over which the state is predicted. The input is unknown in a gap. After a longer one (a lost
+# connection) the state starts again from its prior, with the same parameters.
+LONGEST_GAP = 5
 MIN_SAMPLES = 50  # fewer samples do not determine several parameters and their covariance
 
 
@@ -84,8 +87,8 @@ class FitData:
 
     @cached_property
     def starts(self) -> NDArray[np.int64]:
-        """Samples at which motion begins after a rest."""
-        return np.flatnonzero(self.rest[:-1] & ~self.rest[1:]) + 1
+        """Samples at which the state starts again: where motion begins after a rest, and after a long gap."""
+        return np.flatnonzero((self.rest[:-1] & ~self.rest[1:]) | (self.gap[:-1] > LONGEST_GAP)) + 1
 
     @cached_property
     def table(self) -> Array | None:

@@ -7,6 +7,7 @@ filter starts again where motion begins.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -22,13 +23,16 @@ NOISY = 8.0  # range of a resting signal over the standard deviation of its nois
 SLOW = 1e-3  # speed of a resting joint over the typical one: creep under load
 
 
-def still(labels: tuple[str, ...], y: Array, period: float) -> NDArray[np.bool_]:
+def still(
+    labels: tuple[str, ...], y: Array, period: float, noise: Mapping[str, float] | None = None
+) -> NDArray[np.bool_]:
     """Return True for samples that belong to a rest, shape (T,).
 
     Args:
         labels: names of the labels.
         y: their values, shape (T, labels), NaN where missing.
         period: of the samples in s.
+        noise: standard deviations by label; None takes them from the samples.
     """
     count = max(LEAST, round(STILL_S / period) + 1)
     quiet: NDArray[np.bool_] | None = None
@@ -42,7 +46,7 @@ def still(labels: tuple[str, ...], y: Array, period: float) -> NDArray[np.bool_]
         row = values[known]
         if len(row) < count:
             continue
-        sigma = max(np.sqrt(rough_noise(row)), _resolution(row))
+        sigma = noise[name] if noise and name in noise else max(np.sqrt(rough_noise(row)), _resolution(row))
         filled = np.interp(np.arange(len(values)), np.flatnonzero(known), row)
         views = np.lib.stride_tricks.sliding_window_view(filled, count)
         calm = _calm(name, sigma, views.max(axis=1) - views.min(axis=1), views.mean(axis=1), count)
@@ -51,26 +55,6 @@ def still(labels: tuple[str, ...], y: Array, period: float) -> NDArray[np.bool_]
         return np.zeros(len(y), dtype=bool)
     # a sample is at rest if any quiet stretch of `count` samples holds it
     return np.convolve(quiet, np.ones(count, dtype=int))[: len(y)] > 0
-
-
-def resting(labels: tuple[str, ...], y: Array, noise: Array) -> bool:
-    """Return whether a joint stood still during a short stretch of samples.
-
-    Args:
-        labels: names of the labels.
-        y: their values over `STILL_S` or a little more, shape (T, labels), NaN where missing.
-        noise: standard deviations of their noise, shape (labels,).
-    """
-    seen = False
-    for name, values, sigma in zip(labels, y.T, noise, strict=True):
-        row = values[np.isfinite(values)]
-        kind = name.rpartition("_")[2]
-        if len(row) < 2 or kind not in ("position", "velocity"):
-            continue
-        if not _calm(name, float(sigma), np.ptp(row), np.mean(row), len(row)):
-            return False
-        seen = True
-    return seen
 
 
 def _calm(name: str, sigma: float, size: Any, mean: Any, count: int) -> Any:
