@@ -9,7 +9,7 @@ the time at which it was recorded.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -26,7 +26,7 @@ from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.bag_mapping import Source, example, plan
 from joint_id_core.formats.definitions import typestore
-from joint_id_core.formats.topics import MEASURED_BITS, RAW, SAMPLES, Topic
+from joint_id_core.formats.topics import CONDITIONS, MEASURED_BITS, RAW, SAMPLES, Topic
 from joint_id_core.formats.unclosed_bag import UnclosedReader, is_unclosed
 
 log = logging.getLogger(__name__)
@@ -183,6 +183,8 @@ def _known(path: Path, reader: Bag) -> list[tuple[Topic, Connection]]:
     if not filled:
         raise JointIdError(f"{path}: no message on {', '.join(c.topic for _, c in matched)}: record it again")
     chosen = [(topic, c) for topic, c in filled if topic is not SAMPLES] or filled
+    if chosen[0][0] is not SAMPLES:
+        chosen += [(CONDITIONS, c) for c in reader.connections if _are_conditions(c, _spaces(chosen))]
     if len({c.topic for _, c in chosen}) > len({topic.name for topic, _ in chosen}) or len(_spaces(chosen)) > 1:
         raise JointIdError(
             f"{path}: several namespaces hold known topics ({', '.join(_spaces(chosen))}): keep one robot a bag "
@@ -193,6 +195,13 @@ def _known(path: Path, reader: Bag) -> list[tuple[Topic, Connection]]:
 
 def _spaces(chosen: list[tuple[Topic, Connection]]) -> list[str]:
     return sorted({c.topic.rpartition("/")[0] or "/" for _, c in chosen})
+
+
+def _are_conditions(connection: Connection, spaces: Sequence[str]) -> bool:
+    """Return whether a topic holds conditions of the robot whose raw topics are in the namespaces."""
+    space, _, name = connection.topic.rpartition("/")
+    right = (name, connection.msgtype) == (CONDITIONS.name, CONDITIONS.type)
+    return right and bool(connection.msgcount) and (space or "/") in spaces
 
 
 def _store(connection: Connection) -> Typestore:
@@ -241,7 +250,7 @@ def _read_topic(path: Path, reader: Bag, source: Source, joint: str | None, seen
         stamp = message.header.stamp
         stamps.append(stamp.sec * NANO + stamp.nanosec)
         for k, (field, name) in enumerate(topic.fields.items()):
-            values = getattr(message, field)
+            values = getattr(message, field, ())  # an older definition may lack the field
             if len(values) not in (0, length):
                 raise JointIdError(
                     f"{where}: message {number} has {len(values)} values of {field} for {length} joints: "
