@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import Writer
+from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from joint_id_core import formats
@@ -100,11 +100,12 @@ def test_samples_recorded_before_there_were_temperatures_are_read(tmp_path):
     store.register(get_types_from_msg(text, name))
     fields = [field for field, _ in store.fielddefs[name][1] if field not in ("header", "name", "measured")]
     arrays = {field: np.array([2.5]) for field in fields}
-    with Writer(tmp_path / "bag", version=9) as writer:
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connection = writer.add_connection("/joint_samples", name, typestore=store)
         message = store.types[name](header=joint_state(store, 5, []).header, name=["a"], measured=511, **arrays)
         writer.write(connection, 1, store.serialize_cdr(message, name))
-    for target in (tmp_path / "bag", data_file(tmp_path / "bag")):
+    (tmp_path / "unclosed.mcap").write_bytes(data_file(tmp_path / "bag").read_bytes()[:-1])
+    for target in (tmp_path / "bag", data_file(tmp_path / "bag"), tmp_path / "unclosed.mcap"):
         back = formats.read(target)
         assert back["torque"].tolist() == [2.5]
         assert "temperature" not in back

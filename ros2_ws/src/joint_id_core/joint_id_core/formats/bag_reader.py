@@ -208,7 +208,7 @@ def _store(connection: Connection) -> Typestore:
     """Return joint_id's own message definitions, or those in the bag if they differ."""
     store, kind = typestore(), connection.msgdef.format
     if kind is MessageDefinitionFormat.NONE or connection.digest == store.hash_rihs01(connection.msgtype):
-        return store  # a bare file has no digest
+        return store  # bare files may have no digest
     own = get_typestore(Stores.ROS2_JAZZY)
     text = connection.msgdef.data
     is_msg = kind is MessageDefinitionFormat.MSG
