@@ -47,6 +47,7 @@ class BagFile:
         self._sync_error: OSError | None = None
         try:
             self._writer.start(profile="ros2")
+            self._file.flush()  # from here on the file can be recognised
         except OSError as error:
             self._abandon(error)
 

@@ -19,7 +19,7 @@ from joint_id_ros.bag_file import BagFile
 from joint_id_ros.message_types import message_class
 
 DISCOVERY_S = 0.1
-SAVE_S = 1.0  # at most this much, and what waits to be received, is lost if the process is killed
+SAVE_S = 0.5  # at most this much, and what waits to be received, is lost if the process is killed
 
 
 class Recorder(Node):
