@@ -102,7 +102,8 @@ class OnlineIdentifier:
         if self._window.end < self._next_fit - 1.5 * samples.duration / max(1, len(samples) - 1):
             return None
         self._next_fit = self._window.end + self.options.hop_s
-        return self._extended() or self._fit(self._window.recording())
+        estimate = self._extended() or self._fit(self._window.recording())
+        return replace(estimate, temperature=self._window.mean("temperature"))
 
     def _extended(self) -> Estimate | None:
         """Return the last estimate extended by the new samples; None if the window needs a full fit.

@@ -46,6 +46,14 @@ class SlidingWindow:
         while self._parts[0].time[-1] < start:
             self._parts.popleft()
 
+    def mean(self, name: str) -> float:
+        """Return the mean of the values of a channel in the window; NaN if there are none."""
+        start = self.end - self._length
+        parts = [part[name][np.searchsorted(part.time, start) :] for part in self._parts if name in part]
+        values = np.concatenate([np.zeros(0), *parts])
+        known = values[np.isfinite(values)]
+        return float(known.mean()) if len(known) else np.nan
+
     def recording(self, since: float = -np.inf) -> Recording:
         """Return the samples of the window from `since` (s) on as one recording, NaN where a part lacks a channel."""
         start = max(since, self.end - self._length)

@@ -129,6 +129,8 @@ class Estimate:
         start, end: first and last instant of the data in s, counted from `origin` (see `Recording`).
         samples: number of samples used.
         source, joint: where the data came from, as in `Recording`.
+        temperature: mean temperature of the joint over the data in deg C; NaN where it is not known. Friction depends
+            on it.
         predictions: measured and predicted labels; None for a failed, loaded or extended estimate.
         checks: findings of the checks of this fit, or of the fit that this estimate extends.
         notes: all findings as sentences, the most useful first; `message` holds the first ones.
@@ -156,6 +158,7 @@ class Estimate:
     origin: int = 0
     source: str = ""
     joint: str = ""
+    temperature: float = float("nan")
     model_options: Mapping[str, Any] = field(default_factory=dict)
     cell: str = "rk4"
     predictions: Predictions | None = None

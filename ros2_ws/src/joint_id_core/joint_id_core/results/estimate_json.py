@@ -62,6 +62,7 @@ def to_dict(estimate: Estimate) -> dict[str, Any]:
         "samples": estimate.samples,
         "source": estimate.source,
         "joint": estimate.joint,
+        "temperature_deg_c": _number(estimate.temperature),
         "origin_s": estimate.origin,
         "start_s": _number(estimate.start),
         "end_s": _number(estimate.end),
@@ -120,6 +121,7 @@ def from_dict(content: Mapping[str, Any]) -> Estimate:
             origin=content["origin_s"],
             source=content["source"],
             joint=content["joint"],
+            temperature=_value(content.get("temperature_deg_c")),  # files of older libraries have none
             model_options=dict(content["model_options"]),
             cell=content["cell"],
             checks=None
