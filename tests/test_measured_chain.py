@@ -101,7 +101,7 @@ def test_rounding_does_not_decide_what_is_found_of_a_joint_that_stands(log):
         estimate = fit(
             build("motor_side", actuation="current"),
             Recording(second.time, rounded),
-            ParameterSettings(VALUES, priors={"J_m": 0.5}),
+            ParameterSettings({**VALUES, "k_2": 0.0}, fixed=["k_2"], priors={"J_m": 0.5}),
         )
         assert estimate.converged, estimate.message
         found.append(next(p for p in estimate.parameters if p.name == "k_1"))
