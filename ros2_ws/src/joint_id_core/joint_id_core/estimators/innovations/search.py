@@ -101,7 +101,7 @@ class Search:
             if k:
                 stages.tell(f"start {k + 1} of {1 + EXTRA_STARTS}")
                 z = stages.coordinates.clip(z + 0.5 * stages.coordinates.spread * rng.uniform(-1.0, 1.0, len(z)))
-            end = annealed(stages, z, whole=k > 0, tolerance=tolerance)
+            end = annealed(stages, z, whole=measured and k > 0, tolerance=tolerance)
             if end is None:
                 continue
             ends.append(end)
