@@ -153,3 +153,18 @@ def test_wrong_shapes_are_named():
         rollout(kernel, x0, time, u[1:], p)
     with pytest.raises(JointIdError, match="substeps = 0: must be at least 1"):
         rollout_sensitivities(kernel, x0, time, u, p, 0)
+
+
+def test_the_spectral_radius_is_that_of_the_eigenvalues():
+    """Of stiff, oscillating and defective matrices; and infinite where a path has diverged."""
+    module, rng = compile_model(build("harmonic_drive")).module, np.random.default_rng(0)
+    for size in (1e-3, 1.0, 1e6):
+        for A in rng.standard_normal((50, 4, 4)) * 10 ** rng.uniform(-4, 4, (50, 4, 4)) * size:
+            assert module.spectral_radius(A[None].copy()) == pytest.approx(np.max(np.abs(np.linalg.eigvals(A))), rel=1e-7)
+    A = np.zeros((2, 4, 4))
+    A[0, 0, 1] = 1.0
+    assert module.spectral_radius(A) == 0.0
+    A[1] = 5.0 * np.eye(4)
+    assert module.spectral_radius(A) == pytest.approx(5.0)
+    A[0, 1, 1] = np.nan
+    assert module.spectral_radius(A) == np.inf

@@ -34,7 +34,7 @@ log = logging.getLogger(__name__)
 
 # Functions of a kernel that Python calls.
 _Functions = tuple[Callable[..., Any], ...]
-_SIMULATION: _Functions = (simulate.rollout, simulate.jacobians)
+_SIMULATION: _Functions = (simulate.rollout, simulate.jacobians, simulate.spectral_radius)
 _FILTER: _Functions = (innovations.innovations, innovations.observations)
 _SENSITIVITIES: _Functions = (simulate.rollout_sensitivities,)
 _GAINS: _Functions = (

@@ -30,14 +30,15 @@ def annealed(stages: Stages, z: Array, whole: bool = True, tolerance: float | No
         whole: False fits an excerpt of the record first, if it is long enough.
         tolerance: of the last stage; None takes `stages.tolerance`.
     """
-    data, rough, states = stages.data, stages.noise.rough, stages.rough_states
-    inputs = np.arange(len(rough)) >= len(data.labels)
+    data, states = stages.data, stages.rough_states
     measured = len(data.labels) == len(data.model.states)
     if not whole and (near := _on_excerpt(stages, z)) is not None:
         # an unmeasured velocity shows the reversals of friction, where more steps are needed, only after a pass
         first = None if measured else stages.started(near.z, near.levels, states, even=True)
         states = states if first is None else first.last.states
         return stages.parameters_and_noise(stages.started(near.z, near.levels, states), tolerance)
+    rough = stages.noise.rough
+    inputs = np.arange(len(rough)) >= len(data.labels)
     if not measured:
         tries = (stages.started(z, np.where(inputs, by * rough, rough), states, even=True) for by in FEEDBACK)
         near = stages.parameters(next((s for s in tries if s is not None), None))
