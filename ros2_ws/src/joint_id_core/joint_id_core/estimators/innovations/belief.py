@@ -52,7 +52,11 @@ class Coordinates:
 
     def slope(self, z: Array) -> Array:
         """Return d value / d z, shape (k,)."""
-        return np.where(self.positive, self.values(z), 1.0)
+        return self.slope_at(self.values(z))
+
+    def slope_at(self, values: Array) -> Array:
+        """Return the same at physical values, shape (k,)."""
+        return values if self._all_positive else np.where(self.positive, values, 1.0)
 
     def clip(self, z: Array) -> Array:
         """Return the nearest point within the bounds."""

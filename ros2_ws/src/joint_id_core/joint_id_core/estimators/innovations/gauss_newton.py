@@ -88,7 +88,7 @@ class Cost:
         """Run one pass at z with `steps` (T,) and `substeps` as in `Minimum`; return None if its cost is not finite."""
         values = self.coordinates.values(z)
         last = self.recursion.run(values, levels, steps)
-        slope, belief = np.where(self.coordinates.positive, values, 1.0), self.belief
+        slope, belief = self.coordinates.slope_at(values), self.belief
         hessian, gradient, none = np.empty_like(last.hessian), np.empty(len(z)), np.zeros(len(z))
         cost = last.cost + self.recursion.kernel.gains.with_prior(
             last.hessian, last.gradient, slope, z, belief.mean, belief.precision, hessian, gradient
