@@ -160,7 +160,9 @@ def test_the_spectral_radius_is_that_of_the_eigenvalues():
     module, rng = compile_model(build("harmonic_drive")).module, np.random.default_rng(0)
     for size in (1e-3, 1.0, 1e6):
         for A in rng.standard_normal((50, 4, 4)) * 10 ** rng.uniform(-4, 4, (50, 4, 4)) * size:
-            assert module.spectral_radius(A[None].copy()) == pytest.approx(np.max(np.abs(np.linalg.eigvals(A))), rel=1e-7)
+            assert module.spectral_radius(A[None].copy()) == pytest.approx(
+                np.max(np.abs(np.linalg.eigvals(A))), rel=1e-7
+            )
     A = np.zeros((2, 4, 4))
     A[0, 0, 1] = 1.0
     assert module.spectral_radius(A) == 0.0

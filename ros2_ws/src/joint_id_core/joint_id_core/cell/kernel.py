@@ -64,7 +64,7 @@ class Kernel:
 
     @cached_property
     def gains(self) -> ModuleType:
-        """Module with the functions of `loops.noise` and `loops.newton`, shared by all models with as many states and inputs."""
+        """Module of `loops.noise` and `loops.newton`, shared by all models with as many states and inputs."""
         return _gains(len(self.model.states), len(self.model.inputs), bool(self.model.label_delays))
 
 

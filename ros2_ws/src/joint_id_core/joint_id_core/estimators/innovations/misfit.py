@@ -162,9 +162,9 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
     bias = found.inverse @ cross[:, torques] @ np.linalg.solve(M[np.ix_(torques, torques)], a[torques])
     excess = np.outer(bias, bias)
     for k in set(taken).difference(torques):
-        channel = candidates[k].channel
-        level = float(found.levels[len(data.labels) + channel])
-        bias = found.inverse @ attenuation(recursion, coordinates, found, channel, level, last)
+        sensor = candidates[k].channel
+        level = float(found.levels[len(data.labels) + sensor])
+        bias = found.inverse @ attenuation(recursion, coordinates, found, sensor, level, last)
         excess += np.outer(bias, bias)
     return Misfit(tuple((candidates[k], size) for k, size in zip(taken, sizes, strict=True)), excess)
 
