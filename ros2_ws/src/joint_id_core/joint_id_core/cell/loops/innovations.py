@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from joint_id_core.cell.loops.arrays import Cube, Indices, Matrix, Vector
-from joint_id_core.cell.loops.simulate import padded
+from joint_id_core.cell.loops.simulate import ALIGN, padded
 
 NX: int  # states
 NW: int  # rows of the work space V
@@ -194,11 +194,12 @@ def innovations(
             for n in range(NX):
                 V[AT_P + n * NX + i] = V[AT_P + i * NX + n]
         cost += math.log(volume)
-        for k in range(len(label)):
-            for j in range(NP):
-                row = V[AT_s + k * CP + j]
-                for n in range(CP):
-                    V[AT_H + j * CP + n] += row * V[AT_s + k * CP + n]
+        for k in range(len(label)):  # the lower triangle of H, in blocks of the width of a cache line
+            for b in range(CP // ALIGN):
+                for j in range(b * ALIGN, NP):
+                    row = V[AT_s + k * CP + j]
+                    for n in range(b * ALIGN, (b + 1) * ALIGN):
+                        V[AT_H + j * CP + n] += row * V[AT_s + k * CP + n]
         for m in range(NX):
             X[t, m] = x[m]
         if t == T - 1:
@@ -238,8 +239,9 @@ def innovations(
                 V[AT_P + n * NX + m] = V[AT_P + m * NX + n]
     for j in range(NP):
         g[j] = V[AT_g + j]
-        for n in range(NP):
+        for n in range(j + 1):
             H[j, n] = V[AT_H + j * CP + n]
+            H[n, j] = H[j, n]
     return cost
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.estimator import MAX_SUBSTEPS
 from joint_id_core.estimators.innovations.gauss_newton import Minimum
+from joint_id_core.estimators.innovations.input_noise import LEFT, motion_bias
 from joint_id_core.estimators.innovations.misfit import misfit
 from joint_id_core.estimators.innovations.stages import STALLED, Stages
 from joint_id_core.estimators.innovations.whiteness import memory
@@ -18,7 +19,7 @@ from joint_id_core.models.combinations import Combination, combinations
 from joint_id_core.results.estimate import Checks
 
 
-def run_checks(stages: Stages, found: Minimum, alone: str) -> tuple[Checks, dict[str, Array]]:
+def run_checks(stages: Stages, found: Minimum, alone: str) -> tuple[Checks, dict[str, Array], Array]:
     """Check a minimum.
 
     Args:
@@ -27,17 +28,18 @@ def run_checks(stages: Stages, found: Minimum, alone: str) -> tuple[Checks, dict
         alone: warning that only one start reached this minimum; empty if another start did, too.
 
     Returns:
-        The findings, and the predicted labels by name, each of shape (T,).
+        The findings, the predicted labels by name, each of shape (T,), and the known bias of the coordinates, (k,).
     """
     data, recursion, coordinates = stages.data, stages.recursion, stages.coordinates
     last = recursion.renewed(found.last)
     missing, coloured = misfit(recursion, coordinates, found, last), memory(recursion, coordinates, found, last)
+    bias = motion_bias(recursion, coordinates, found, last)
     texts = (missing.text, _step_warning(stages, found), coloured.text, alone, _stall_warning(found))
-    excess = missing.excess + coloured.excess
+    excess = missing.excess + coloured.excess + LEFT**2 * np.outer(bias, bias)
     p, slope = stages.cost.values(found.z), coordinates.slope(found.z)
     together = _combinations(data, p, (found.covariance + excess) * np.outer(slope, slope))
     predictions = free_runs(stages.kernel, data, last.states, p, last.steps, stages.options.horizon_s)
-    return Checks(texts, excess, nrmse(data, predictions), together), predictions
+    return Checks(texts, excess, nrmse(data, predictions), together), predictions, bias
 
 
 def _combinations(data: FitData, p: Array, covariance: Array) -> dict[str, str]:
