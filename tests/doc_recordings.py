@@ -36,9 +36,9 @@ def moved(model: Model, time: Array, drive: Array, values: Mapping[str, float]) 
 
 
 def elbow(time: Array) -> Recording:
-    """A flexible joint without the stiffening of its gear, which `motor_side` leaves out by default."""
+    """A flexible joint."""
     current = multisine(time, (1.5, 0.8), (1.0, 3.7))
-    values = {"k_t": 0.0802, "J_m": 2e-4, "k_1": 6000.0, "k_2": 0.0, "c_1": 30.0}
+    values = {"k_t": 0.0802, "J_m": 2e-4, "k_1": 6000.0, "k_2": 3e8, "c_1": 30.0}
     return moved(build("harmonic_drive", actuation="current"), time, current, values)
 
 

@@ -16,7 +16,7 @@ IN_PYTHON = [p for p in PACKAGES if (p / "setup.py").exists()]
 SAME = ("name", "version", "description", "license", "author", "maintainer")
 MORE = ("maintainer_email", "install_requires")
 # Not in apt on Ubuntu 24.04, or part of every Python there.
-NOT_IN_APT = {"rosbags", "setuptools"}
+NOT_IN_APT = {"mcap", "rosbags", "setuptools"}
 
 
 def manifest(package: Path) -> ElementTree.Element:

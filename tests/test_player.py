@@ -6,7 +6,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from joint_id_core.data.recording import Recording
-from joint_id_core.formats import write_bag
+from joint_id_core.formats import read, write_bag
 from joint_id_msgs.msg import JointSamples
 from joint_id_ros.qos import CLOCK
 
@@ -51,6 +51,23 @@ def test_a_slow_reader_gets_every_message_and_the_player_waits_for_it(start, pro
     assert [m.position[0] for m in got] == list(0.3 * np.sin(2 * np.pi * (BEGIN_S + np.arange(COUNT) * 0.002)))
     assert player.wait() == 0
     assert f"played {2 * COUNT} messages" in player.text
+
+
+def test_a_bag_that_was_not_closed_is_played_to_its_last_complete_chunk(start, probe, bag):
+    file = bag / "bag.mcap"
+    data = file.read_bytes()
+    file.write_bytes(data[: len(data) * 3 // 4])
+    (bag / "metadata.yaml").unlink()
+    found = read(bag)
+    links, motions = (int(np.isfinite(found[name]).sum()) for name in ("link_position", "motor_position"))
+    assert COUNT / 3 < motions <= links < COUNT
+    got = probe.collect(JointState, "link_states")
+    motors = probe.collect(JointState, "motor_states")
+    player = start("player", bag=bag, rate=0.0)
+    probe.until(lambda: len(got) == links and len(motors) == motions, "all messages")
+    assert stamps(got) == recorded()[:links]
+    assert player.wait() == 0
+    assert f"bag: not closed: {links + motions:,} messages recovered" in player.text
 
 
 def test_the_clock_runs_through_the_time_of_the_bag(start, probe, bag):

@@ -15,6 +15,7 @@ setup(
         "numpy>=1.26",
         "scipy>=1.11",
         "sympy>=1.12",
+        "mcap>=1.5",
         "numba>=0.58",
         "pyyaml>=6",
         "rosbags>=0.10",

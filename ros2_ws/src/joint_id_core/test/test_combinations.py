@@ -50,7 +50,7 @@ def test_a_torque_constant_without_a_known_load_is_one_scale_of_everything():
 
 def test_two_offsets_of_a_linear_spring_are_one():
     model = build("motor_side")
-    free = free_of(model, "dtheta_0")
+    free = tuple(name for name in free_of(model, "dtheta_0") if name != "k_2")
     (found,) = combinations(model, free, frozenset({"k_2"}))
     assert set(found.names) == {"tau_0", "dtheta_0"}
     assert combinations(model, free) == ()  # the cubic part tells them apart

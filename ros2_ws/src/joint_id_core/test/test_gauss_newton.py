@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from joint_id_core.cell.kernel import compile_model
 from joint_id_core.estimators.innovations.belief import Belief, Coordinates
 from joint_id_core.estimators.innovations.gauss_newton import MAX_STEP, Cost, minimise
 from joint_id_core.estimators.innovations.likelihood_search import REACH, most_likely, passes_each
@@ -22,6 +23,8 @@ class Line:
 
     By the logarithm of its one noise level it is least at `quiet`. Beyond `cliff` the path blows up.
     """
+
+    kernel = compile_model(MODEL)  # for the algebra of the iteration
 
     def __init__(self, solution: float, lowest: float, quiet: float = 0.0, cliff: float = np.inf) -> None:
         self.solution, self.lowest, self.quiet, self.cliff = solution, lowest, quiet, cliff

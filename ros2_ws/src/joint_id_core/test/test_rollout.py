@@ -27,6 +27,9 @@ def uneven_record(model, samples=60, seed=1):
         names = model.state_names
         x0[names.index("motor_position")] = 101.0 * (x0[names.index("link_position")] + 2e-3)
     u = 0.1 * rng.standard_normal((samples, len(model.inputs))) * [s.scale for s in model.inputs]
+    if "link_position" in model.input_names:  # the same for a measured link
+        twist = 2e-3 * rng.standard_normal(samples)
+        u[:, model.input_names.index("link_position")] = x0[model.state_names.index("motor_position")] / 101.0 + twist
     return x0, time, u
 
 
@@ -66,7 +69,7 @@ def test_motor_without_friction_has_order_four():
 def test_measured_inputs_run_straight_and_commands_are_held():
     """Motor half of Model 2: torque is held, link position and velocity are interpolated."""
     model = build("motor_side")
-    p = model.values({"tau_fm": 0.0, "tau_0": 0.02, "dtheta_0": 1e-4})
+    p = model.values({"tau_fm": 0.0, "k_2": 0.0, "tau_0": 0.02, "dtheta_0": 1e-4})
     x0, time, u = uneven_record(model)
     N, J = p["N"], p["J_m"]
     A = np.array([[0, 1], [-p["k_1"] / (N * N * J), -(p["c_m"] + p["c_1"] / N**2) / J]])
@@ -150,3 +153,20 @@ def test_wrong_shapes_are_named():
         rollout(kernel, x0, time, u[1:], p)
     with pytest.raises(JointIdError, match="substeps = 0: must be at least 1"):
         rollout_sensitivities(kernel, x0, time, u, p, 0)
+
+
+def test_the_spectral_radius_is_that_of_the_eigenvalues():
+    """Of stiff, oscillating and defective matrices; and infinite where a path has diverged."""
+    module, rng = compile_model(build("harmonic_drive")).module, np.random.default_rng(0)
+    for size in (1e-3, 1.0, 1e6):
+        for A in rng.standard_normal((50, 4, 4)) * 10 ** rng.uniform(-4, 4, (50, 4, 4)) * size:
+            assert module.spectral_radius(A[None].copy()) == pytest.approx(
+                np.max(np.abs(np.linalg.eigvals(A))), rel=1e-7
+            )
+    A = np.zeros((2, 4, 4))
+    A[0, 0, 1] = 1.0
+    assert module.spectral_radius(A) == 0.0
+    A[1] = 5.0 * np.eye(4)
+    assert module.spectral_radius(A) == pytest.approx(5.0)
+    A[0, 1, 1] = np.nan
+    assert module.spectral_radius(A) == np.inf

@@ -79,7 +79,7 @@ def test_delay_of_the_motor_side_whose_input_is_the_late_signal():
     """The motor alone, with the link as an input: the same delay, from the velocity of the motor."""
     model = build("motor_side", delays=True)
     record = seen(link_ms=3, labels=("link_position", "link_velocity", "motor_velocity"))
-    estimate = fit(model, record, ParameterSettings({"k_2": TRUTH["k_2"]}, freed=("k_2",)))
+    estimate = fit(model, record, ParameterSettings({"k_2": TRUTH["k_2"]}))
     assert estimate.converged, estimate.message
     assert estimate["delta_q"].value == pytest.approx(3e-3, abs=1e-4)
     assert estimate["k_1"].value == pytest.approx(TRUTH["k_1"], rel=0.1)

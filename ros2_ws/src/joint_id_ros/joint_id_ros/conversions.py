@@ -132,6 +132,7 @@ def to_estimate_message(joint: str, newest: Estimate, good: Estimate | None, ori
         parameters_status=STATUS_CODES[found.status],
         parameters_start=to_stamp(instant(found.start, origin_ns)),
         parameters_end=to_stamp(found_end_ns),
+        temperature=found.temperature,
         age=seconds(end_ns, found_end_ns),
         parameters=[
             ParameterEstimate(
@@ -160,4 +161,5 @@ def to_truth_message(joint: str, model: Model, values: Mapping[str, float], sinc
         joint=joint, model=model.name, estimator="truth", message="values of the simulation",
         window_start=stamp, window_end=stamp, status=JointEstimate.CONVERGED,
         parameters_start=stamp, parameters_end=stamp, parameters_status=JointEstimate.CONVERGED, parameters=rows,
+        temperature=math.nan,
     )  # fmt: skip

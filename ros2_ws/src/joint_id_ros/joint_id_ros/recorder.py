@@ -11,16 +11,15 @@ from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from joint_id_core.errors import JointIdError
+from joint_id_ros.bag_file import BagFile
 from joint_id_ros.message_types import message_class
 
 DISCOVERY_S = 0.1
-NEVER = QosTime(2147483647, 4294967295)  # as rclcpp writes an infinite duration
+SAVE_S = 0.5  # at most this much, and what waits to be received, is lost if the process is killed
 
 
 class Recorder(Node):
@@ -38,13 +37,14 @@ class Recorder(Node):
         except (InvalidTopicNameException, ValueError) as error:
             raise JointIdError(f"topic name: {' '.join(str(error).split())}") from None
         self._output = output
-        self._writer: Writer | None = None
+        self._bag: BagFile | None = None
         self._store = get_typestore(Stores.ROS2_JAZZY)
         self._counts: dict[str, int] = {}
         self._refused: set[str] = set()
         self._discover()
-        # A steady clock: discovery must not wait for /clock.
-        self.create_timer(DISCOVERY_S, self._discover, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        clock = Clock(clock_type=ClockType.STEADY_TIME)  # these must not wait for /clock
+        self.create_timer(DISCOVERY_S, self._discover, clock=clock)
+        self.create_timer(SAVE_S, self._save, clock=clock)
 
     @property
     def summary(self) -> str:
@@ -57,10 +57,18 @@ class Recorder(Node):
         return sorted(t for t in self._wanted if not self._counts.get(t))
 
     def close(self) -> None:
-        """Finish the bag."""
-        if self._writer is not None:
-            self._writer.close()
-            self._writer = None
+        """Finish the bag.
+
+        Raises:
+            JointIdError: the disk is full or fails.
+        """
+        bag, self._bag = self._bag, None
+        if bag is not None:
+            bag.close()
+
+    def _save(self) -> None:
+        if self._bag is not None:
+            self._bag.save()
 
     def _discover(self) -> None:
         """Subscribe to new topics that are wanted and published."""
@@ -90,31 +98,22 @@ class Recorder(Node):
             reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         )
+        definition, _ = self._store.generate_msgdef(type_name, ros_version=2)
+        digest = self._store.hash_rihs01(type_name)
         self._counts[topic] = 0
-        connection: Any = None
+        number: int | None = None
 
         def write(data: bytes, info: Any) -> None:
-            nonlocal connection
-            if connection is None:
-                connection = self._open().add_connection(
-                    topic, type_name, typestore=self._store, offered_qos_profiles=[_bag_qos(reliable, latched)]
-                )
-            self._open().write(connection, info["received_timestamp"], data)
+            nonlocal number
+            if self._bag is None:  # created with the first message: a recording without messages leaves no files
+                self._bag = BagFile(self._output)
+            if number is None:
+                number = self._bag.add_topic(topic, type_name, definition, digest, reliable, latched)
+            self._bag.write(number, info["received_timestamp"], data)
             self._counts[topic] += 1
             self.count += 1
 
         self.create_subscription(message, topic, write, qos, raw=True)
-
-    def _open(self) -> Writer:
-        """Return the bag; it is created with the first message, so a recording without messages leaves no files."""
-        if self._writer is None:
-            writer = Writer(self._output, version=9, storage_plugin=StoragePlugin.MCAP)
-            try:
-                writer.open()
-            except (OSError, WriterError) as error:
-                raise JointIdError(f"{self._output}: the bag cannot be created: {error}") from None
-            self._writer = writer
-        return self._writer
 
 
 def register(store: Typestore, type_name: str) -> None:
@@ -144,18 +143,3 @@ def _names(description: Any) -> list[str]:
     if kind.name == "NAME":
         return [content]
     return _names(content[0]) if kind.name in ("ARRAY", "SEQUENCE") else []
-
-
-def _bag_qos(reliable: bool, latched: bool) -> Qos:
-    """Return the QoS of the subscription in the format of the bag."""
-    return Qos(
-        history=QosHistory.KEEP_LAST if latched else QosHistory.UNKNOWN,
-        depth=1 if latched else 0,
-        reliability=QosReliability.RELIABLE if reliable else QosReliability.BEST_EFFORT,
-        durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
-        deadline=NEVER,
-        lifespan=NEVER,
-        liveliness=QosLiveliness.AUTOMATIC,
-        liveliness_lease_duration=NEVER,
-        avoid_ros_namespace_conventions=False,
-    )

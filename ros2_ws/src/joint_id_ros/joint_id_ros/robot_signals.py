@@ -19,6 +19,8 @@ from joint_id_ros.options.driver import DriverOptions
 
 STATUS_FIELDS = ("timestamp", "robot_mode", "safety_mode", "joint_mode")  # always read
 TYPES: dict[str, Any] = {"link_states": JointState, "motor_states": JointState, "robot_signals": RobotSignals}
+SLOW = {"joint_temperatures"}
+SLOW_NS = NANO // 2  # time between messages that hold nothing but slow signals
 RANGE = re.compile(r"((?:input|output)_double_register_)(\d+)\.\.(\d+)")
 
 
@@ -94,6 +96,10 @@ class JointMessages:
             raise JointIdError(f"there is nothing to publish: give at least one of {names}")
         for name in dict.fromkeys(options.extra_fields):
             self._add(options, "robot_signals", name, (name,), ())
+        self._fast = {
+            t: m for t, m in self.by_topic.items() if t != "robot_signals" or set(options.extra_fields) - SLOW
+        }
+        self._last_slow_ns = -SLOW_NS
         self.fields = tuple(dict.fromkeys((*STATUS_FIELDS, *used, *options.extra_fields)))
 
     def _add(
@@ -112,3 +118,10 @@ class JointMessages:
         for message, field, row, factors in self._rows:
             measured = row(values)  # one field: its vector; several fields: a tuple of their values
             setattr(message, field, array("d", map(mul, measured, factors) if factors else measured))
+
+    def due(self, stamp_ns: int) -> Mapping[str, Any]:
+        """Return the messages to publish with this sample, by topic: all of them, or those that are not slow."""
+        if abs(stamp_ns - self._last_slow_ns) < SLOW_NS:
+            return self._fast
+        self._last_slow_ns = stamp_ns
+        return self.by_topic

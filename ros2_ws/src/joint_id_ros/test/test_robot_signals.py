@@ -36,7 +36,8 @@ def filled(**parameters):
 
 def test_without_further_word_link_position_current_and_motor_velocity_are_published():
     found, values = filled()
-    assert set(found) == {"link_states", "motor_states"}
+    assert set(found) == {"link_states", "motor_states", "robot_signals"}
+    assert tuple(found["robot_signals"].joint_temperatures) == values["joint_temperatures"]
     links, motors = found["link_states"], found["motor_states"]
     assert links.name == motors.name == list(JOINT_NAMES)
     assert tuple(links.position) == values["actual_q"]
@@ -77,10 +78,18 @@ def test_a_motor_position_from_a_field_is_brought_to_the_motor_shaft():
 
 
 def test_what_is_not_measured_is_not_asked_for_and_stays_empty():
-    found, values = filled(motor_velocity_source="", current_source="")
+    found, values = filled(motor_velocity_source="", current_source="", extra_fields=())
     assert set(found) == {"link_states"}
     assert not len(found["link_states"].effort)
     assert set(values) == {*STATUS_FIELDS, "actual_q"}
+
+
+def test_temperatures_alone_are_due_twice_a_second_and_with_other_fields_with_every_sample():
+    alone, both = (JointMessages(DriverOptions(extra_fields=e)) for e in (EXTRA_FIELDS[:1], EXTRA_FIELDS[:2]))
+    due = [STAMP_NS + 2_000_000 * k for k in range(1001) if "robot_signals" in alone.due(STAMP_NS + 2_000_000 * k)]
+    assert due == [STAMP_NS + 500_000_000 * k for k in range(5)]
+    assert all(set(both.due(STAMP_NS + k)) == {"link_states", "motor_states", "robot_signals"} for k in range(9))
+    assert "robot_signals" in alone.due(STAMP_NS - 3600 * 10**9)  # the clock was set back
 
 
 def test_every_extra_field_goes_where_its_name_says():

@@ -14,7 +14,9 @@ from joint_id_core.data.instants import instant, seconds
 from joint_id_core.data.recording import Array
 from joint_id_core.filtering.offline import FilterOptions
 from joint_id_core.filtering.streaming import FilteredSample, StreamingFilter
-from joint_id_core.formats.topics import RAW
+from joint_id_core.formats.topics import CONDITIONS, RAW
+
+CONDITION_S = 10.0  # a condition that was not renewed for this long is not known any more
 
 
 class Columns(NamedTuple):
@@ -54,13 +56,18 @@ class Aligner:
         self._joiner: Joiner[Columns] = Joiner([t.name for t in RAW], inputs.join_wait_s, clock)
         self._origin_ns = self._last_ns = 0  # first and last instant of this run
         self._begun = False
+        self._conditions: dict[str, tuple[int, dict[str, float]]] = {}  # by joint: stamp in ns, value by channel
 
     def add(self, topic: str, stamp_ns: int, columns: Columns) -> list[AlignedSample]:
-        """Add one message of a topic in `formats.topics.RAW`; return the samples that became complete.
+        """Add one message of `formats.topics.RAW` or `CONDITIONS`; return the samples that became complete.
 
         Raises:
             JointIdError: the stamp is missing, out of order, or too late to be joined; the message is left out.
         """
+        if topic == CONDITIONS.name:
+            for i, joint in enumerate(columns.joints):
+                self._conditions[joint] = stamp_ns, {n: float(v[i]) for n, v in columns.channels.items()}
+            return []
         return list(self._align(self._joiner.add(topic, stamp_ns, columns)))
 
     def release(self) -> list[AlignedSample]:
@@ -93,4 +100,16 @@ class Aligner:
     def _sample(self, sample: FilteredSample) -> AlignedSample:
         # A sample that waited in the filter does not have the joints that were first seen after it.
         joints = self.joints[: len(next(iter(sample.channels.values()), ()))]
-        return AlignedSample(instant(sample.time, self._origin_ns), joints, sample.channels, sample.derived)
+        instant_ns = instant(sample.time, self._origin_ns)
+        channels = {**sample.channels, **self._held(joints, instant_ns)} if self._conditions else sample.channels
+        return AlignedSample(instant_ns, joints, channels, sample.derived)
+
+    def _held(self, joints: Sequence[str], instant_ns: int) -> dict[str, Array]:
+        """Return the newest conditions of the joints, NaN where they are not known at this instant."""
+        held = {name: np.full(len(joints), np.nan) for name in CONDITIONS.fields.values()}
+        for i, joint in enumerate(joints):
+            stamp_ns, values = self._conditions.get(joint, (0, {}))
+            if abs(seconds(instant_ns, stamp_ns)) <= CONDITION_S:
+                for name, value in values.items():
+                    held[name][i] = value
+        return held

@@ -26,7 +26,7 @@ from typing import Any, TextIO
 
 from joint_id_core import models
 from joint_id_core.cell import CELLS
-from joint_id_core.cell.loops import arrays, innovations, noise, simulate, tracking
+from joint_id_core.cell.loops import arrays, innovations, newton, noise, simulate, tracking
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import Model
 
@@ -34,11 +34,13 @@ log = logging.getLogger(__name__)
 
 # Functions of a kernel that Python calls.
 _Functions = tuple[Callable[..., Any], ...]
-_SIMULATION: _Functions = (simulate.rollout, simulate.jacobians)
+_SIMULATION: _Functions = (simulate.rollout, simulate.jacobians, simulate.spectral_radius)
 _FILTER: _Functions = (innovations.innovations, innovations.observations)
 _TRACKING: _Functions = (tracking.track,)
 _SENSITIVITIES: _Functions = (simulate.rollout_sensitivities,)
-_GAINS: _Functions = (noise.noise_information, noise.bounded_step, noise.disturbances)
+_GAINS: _Functions = (
+    noise.noise_information, noise.bounded_step, noise.disturbances, newton.with_prior, newton.damped_step,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ class Kernel:
 
     @cached_property
     def gains(self) -> ModuleType:
-        """Module with the functions of `loops.noise`, shared by all models with as many states and inputs."""
+        """Module of `loops.noise` and `loops.newton`, shared by all models with as many states and inputs."""
         return _gains(len(self.model.states), len(self.model.inputs), bool(self.model.label_delays))
 
 
@@ -246,7 +248,7 @@ def _cell(
 
 @lru_cache(maxsize=64)
 def _gains(states: int, inputs: int, delayed: bool) -> ModuleType:
-    """Return the compiled `loops.noise` for these numbers of states and inputs."""
+    """Return the compiled `loops.noise` and `loops.newton` for these numbers of states and inputs."""
     columns = simulate.padded(states + inputs)
     sizes = f"NX = {states}\nNU = {inputs}\nCL = {columns}\nCD = {noise.DISTURBANCES}\nDELAYED = {delayed}\n"
     what = f"noise statistics of {states} states and {inputs} inputs"

@@ -112,6 +112,11 @@ class Recording:
         """Return whether the channel holds measurements (present, not derived, not all NaN)."""
         return name in self.channels and name not in self.derived and any_finite(self.channels[name])
 
+    def mean(self, name: str) -> float:
+        """Return the mean of the values of a channel; NaN if there are none."""
+        known = self.channels[name][np.isfinite(self.channels[name])] if name in self else np.zeros(0)
+        return float(known.mean()) if len(known) else math.nan
+
     def window(self, start: float, end: float) -> Recording:
         """Return the samples with start <= time < end, in s as in `time`."""
         i, j = np.searchsorted(self.time, [start, end])

@@ -1,7 +1,7 @@
 """Quantities that can be measured (`Signal`) and constants that can be identified (`Parameter`).
 
 Channel names are the same everywhere: CSV columns, message fields, model states and inputs. All units
-are SI; motor quantities are at the motor shaft, link quantities behind the gear.
+are SI, but for temperatures in deg C; motor quantities are at the motor shaft, link quantities behind the gear.
 """
 
 from __future__ import annotations
@@ -94,6 +94,7 @@ CHANNELS: dict[str, Signal] = {
         Signal("voltage", "V_s", "V", "voltage at the motor terminals", 10.0),
         Signal("torque", "tau_m", "Nm", "motor torque at the motor shaft", 1.0),
         Signal("external_torque", "tau_ext", "Nm", "load torque, positive against positive motion", 10.0),
+        Signal("temperature", "T", "deg C", "temperature of the joint; no model uses it, estimates tell it", 10.0),
     )
 }
 

@@ -92,11 +92,11 @@ def write_bag(path: str | Path, recordings: Mapping[str, Recording], storage: st
 
 
 def _bags() -> ModuleType:
-    """Import the bag reader. Only bags need rosbags: nodes and CSV files work without it."""
+    """Import the bag reader. Only bags need rosbags and mcap: nodes and CSV files work without them."""
     try:
         from joint_id_core.formats import bag_reader
     except ModuleNotFoundError as error:
-        raise JointIdError(f"bags need the Python package rosbags ({error}): pip install rosbags") from None
+        raise JointIdError(f"bags need the packages rosbags and mcap ({error}): pip install rosbags mcap") from None
     return bag_reader
 
 

@@ -8,9 +8,11 @@ the time at which it was recorded.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +26,11 @@ from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.bag_mapping import Source, example, plan
 from joint_id_core.formats.definitions import typestore
-from joint_id_core.formats.topics import MEASURED_BITS, RAW, SAMPLES, Topic
+from joint_id_core.formats.topics import CONDITIONS, MEASURED_BITS, RAW, SAMPLES, Topic
+from joint_id_core.formats.unclosed_bag import UnclosedReader, is_unclosed
 
+log = logging.getLogger(__name__)
+Bag = Reader | UnclosedReader
 NANO = 10**9
 DAY = 86400  # s; smaller stamps come from a simulation or a test that starts near zero, and are kept as they are
 
@@ -101,20 +106,25 @@ def topics(path: Path) -> tuple[str, ...]:
         return _topics(reader)
 
 
-def _topics(reader: Reader) -> tuple[str, ...]:
+def _topics(reader: Bag) -> tuple[str, ...]:
     return tuple(sorted({f"{c.topic} ({c.msgtype})" for c in reader.connections}))
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[Reader]:
-    """Open a bag reader; any error of the decoder on damaged bytes becomes one clear JointIdError."""
-    if path.is_dir() and not (path / "metadata.yaml").exists():
-        raise JointIdError(
-            f"{path}: not a bag, there is no metadata.yaml in it: give a bag directory or a bare .mcap or .db3 file "
-            "(`ros2 bag reindex` restores a lost metadata.yaml)"
-        )
+def opened(path: Path) -> Iterator[Bag]:
+    """Open a bag reader; any error of the decoder on damaged bytes becomes one clear JointIdError.
+
+    Of a bag that was not closed, the complete part is read, and a warning is logged.
+    """
     try:
-        with Reader(path) as reader:
+        target = _data(path)
+        if is_unclosed(target):
+            reader: Bag = UnclosedReader(target)
+            _warn(path, reader.message_count)
+        else:
+            reader = Reader(target)
+            reader.open()
+        with closing(reader):
             if not reader.message_count:
                 raise JointIdError(f"{path}: the bag holds no message: record it again while the topics are published")
             yield reader
@@ -128,14 +138,36 @@ def opened(path: Path) -> Iterator[Reader]:
         ) from error
 
 
-def _sources(path: Path, reader: Reader, mapping: Mapping[str, str]) -> list[Source]:
+def _data(path: Path) -> Path:
+    """Return what to open: the only file of a directory if that file was not closed or metadata.yaml is missing."""
+    if not path.is_dir():
+        return path
+    indexed = (path / "metadata.yaml").exists()
+    files = [file for file in sorted(path.iterdir()) if file.suffix in (".mcap", ".db3")]
+    if len(files) == 1 and (not indexed or is_unclosed(files[0])):
+        return files[0]
+    if not indexed:
+        several = f" and several files ({', '.join(file.name for file in files)})" if files else ""
+        raise JointIdError(
+            f"{path}: not a bag, there is no metadata.yaml in it{several}: give a bag directory or a bare .mcap or "
+            ".db3 file (`ros2 bag reindex` restores a lost metadata.yaml)"
+        )
+    return path
+
+
+@cache  # once for a bag, which a command may open several times
+def _warn(path: Path, count: int) -> None:
+    log.warning("%s: not closed: %s messages recovered", path, f"{count:,}")
+
+
+def _sources(path: Path, reader: Bag, mapping: Mapping[str, str]) -> list[Source]:
     """Return the topics to read."""
     if mapping:
         return plan(path, reader.connections, mapping)
     return [Source(topic, connection, {}) for topic, connection in _known(path, reader)]
 
 
-def _known(path: Path, reader: Reader) -> list[tuple[Topic, Connection]]:
+def _known(path: Path, reader: Bag) -> list[tuple[Topic, Connection]]:
     """Return the topics with joint_id's own names, all in one namespace: the raw topics, or else `joint_samples`."""
     by_name = {topic.name: topic for topic in (*RAW, SAMPLES)}
     matched = [(by_name[last], c) for c in reader.connections if (last := c.topic.rsplit("/", 1)[-1]) in by_name]
@@ -151,6 +183,8 @@ def _known(path: Path, reader: Reader) -> list[tuple[Topic, Connection]]:
     if not filled:
         raise JointIdError(f"{path}: no message on {', '.join(c.topic for _, c in matched)}: record it again")
     chosen = [(topic, c) for topic, c in filled if topic is not SAMPLES] or filled
+    if chosen[0][0] is not SAMPLES:
+        chosen += [(CONDITIONS, c) for c in reader.connections if _are_conditions(c, _spaces(chosen))]
     if len({c.topic for _, c in chosen}) > len({topic.name for topic, _ in chosen}) or len(_spaces(chosen)) > 1:
         raise JointIdError(
             f"{path}: several namespaces hold known topics ({', '.join(_spaces(chosen))}): keep one robot a bag "
@@ -163,12 +197,18 @@ def _spaces(chosen: list[tuple[Topic, Connection]]) -> list[str]:
     return sorted({c.topic.rpartition("/")[0] or "/" for _, c in chosen})
 
 
+def _are_conditions(connection: Connection, spaces: Sequence[str]) -> bool:
+    """Return whether a topic holds conditions of the robot whose raw topics are in the namespaces."""
+    space, _, name = connection.topic.rpartition("/")
+    right = (name, connection.msgtype) == (CONDITIONS.name, CONDITIONS.type)
+    return right and bool(connection.msgcount) and (space or "/") in spaces
+
+
 def _store(connection: Connection) -> Typestore:
     """Return joint_id's own message definitions, or those in the bag if they differ."""
     store, kind = typestore(), connection.msgdef.format
-    known = connection.digest in ("", store.hash_rihs01(connection.msgtype))
-    if known or kind is MessageDefinitionFormat.NONE:
-        return store
+    if kind is MessageDefinitionFormat.NONE or connection.digest == store.hash_rihs01(connection.msgtype):
+        return store  # bare files may have no digest
     own = get_typestore(Stores.ROS2_JAZZY)
     text = connection.msgdef.data
     is_msg = kind is MessageDefinitionFormat.MSG
@@ -176,7 +216,7 @@ def _store(connection: Connection) -> Typestore:
     return own
 
 
-def _messages(reader: Reader, connection: Connection) -> Iterator[Any]:
+def _messages(reader: Bag, connection: Connection) -> Iterator[Any]:
     """Yield the decoded messages of one topic.
 
     Raises:
@@ -193,7 +233,7 @@ def _messages(reader: Reader, connection: Connection) -> Iterator[Any]:
         )
 
 
-def _read_topic(path: Path, reader: Reader, source: Source, joint: str | None, seen: dict[str, None]) -> _Table:
+def _read_topic(path: Path, reader: Bag, source: Source, joint: str | None, seen: dict[str, None]) -> _Table:
     """Read the samples of one joint (None: the first one) on one topic; adds all joint names to `seen`."""
     topic, connection, factors = source
     where = f"{path}, topic {connection.topic}"
@@ -210,7 +250,7 @@ def _read_topic(path: Path, reader: Reader, source: Source, joint: str | None, s
         stamp = message.header.stamp
         stamps.append(stamp.sec * NANO + stamp.nanosec)
         for k, (field, name) in enumerate(topic.fields.items()):
-            values = getattr(message, field)
+            values = getattr(message, field, ())  # an older definition may lack the field
             if len(values) not in (0, length):
                 raise JointIdError(
                     f"{where}: message {number} has {len(values)} values of {field} for {length} joints: "

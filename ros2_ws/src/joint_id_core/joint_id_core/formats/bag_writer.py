@@ -13,9 +13,17 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.definitions import typestore
-from joint_id_core.formats.topics import JOINT_STATE, MEASURED_BITS, RAW, SAMPLES, Topic
+from joint_id_core.formats.topics import CONDITIONS, JOINT_STATE, MEASURED_BITS, RAW, SAMPLES, Topic
 
 _PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
+# Arrays of the messages that no channel of every topic fills.
+FILLED_BY_OTHERS = {
+    JOINT_STATE: ("effort",),
+    CONDITIONS.type: (
+        "target_q", "target_qd", "target_qdd", "target_current", "target_moment", "actual_current_as_torque",
+        "joint_control_output",
+    ),
+}  # fmt: skip
 _MAX_STAMP = 2**31  # s, header.stamp.sec is an int32
 
 
@@ -36,10 +44,10 @@ def write_bag(path: str | Path, recordings: Mapping[str, Recording], storage: st
         raise JointIdError(f"{path} exists already: remove it or choose another name")
     _check(path, recordings)
     store = typestore()
-    raw = {name for topic in RAW for name in topic.fields.values()}
+    raw = {name for topic in (*RAW, CONDITIONS) for name in topic.fields.values()}
     fits = all(set(r.channels) <= raw and not r.derived for r in recordings.values())
     used = {name for r in recordings.values() for name in r.channels}
-    topics = [t for t in RAW if used & set(t.fields.values())] if fits else [SAMPLES]
+    topics = [t for t in (*RAW, CONDITIONS) if used & set(t.fields.values())] if fits else [SAMPLES]
     rows = _rows(path, recordings)
     with Writer(path, version=9, storage_plugin=_PLUGINS[storage]) as writer:
         connections = {t.name: writer.add_connection(f"/{t.name}", t.type, typestore=store) for t in topics}
@@ -108,8 +116,8 @@ def _messages(topic: Topic, stamp: int, rows: list[Row]) -> Iterator[Any]:
             arrays[field] = np.array([r[name][k] if name in r else np.nan for _, r, k in group] if present else [])
         if topic is SAMPLES:
             arrays["measured"] = mask
-        elif topic.type == JOINT_STATE:
-            arrays.setdefault("effort", np.array([]))
+        for field in FILLED_BY_OTHERS.get(topic.type, ()):
+            arrays.setdefault(field, np.array([]))
         time = types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
         header = types["std_msgs/msg/Header"](stamp=time, frame_id="")
         yield types[topic.type](header=header, name=[joint for joint, _, _ in group], **arrays)

@@ -31,6 +31,7 @@ uint16 LINK_ACCELERATION=32
 uint16 CURRENT=64
 uint16 VOLTAGE=128
 uint16 TORQUE=256
+uint16 TEMPERATURE=512
 std_msgs/Header header
 string[] name
 uint16 measured
@@ -43,6 +44,19 @@ float64[] link_acceleration
 float64[] current
 float64[] voltage
 float64[] torque
+float64[] temperature
+""",
+    "joint_id_msgs/msg/RobotSignals": """
+std_msgs/Header header
+string[] name
+float64[] joint_temperatures
+float64[] target_q
+float64[] target_qd
+float64[] target_qdd
+float64[] target_current
+float64[] target_moment
+float64[] actual_current_as_torque
+float64[] joint_control_output
 """,
 }
 

@@ -28,6 +28,9 @@ RAW = (
     Topic("motor_torques", "joint_id_msgs/msg/MotorTorques", {"torque": "torque"}),
 )
 
+# Conditions that change slowly: they are not joined to the samples by stamp, the newest value holds.
+CONDITIONS = Topic("robot_signals", "joint_id_msgs/msg/RobotSignals", {"joint_temperatures": "temperature"})
+
 # Bit of each channel in JointSamples.measured.
 MEASURED_BITS = {
     "motor_position": 1,
@@ -39,6 +42,7 @@ MEASURED_BITS = {
     "current": 64,
     "voltage": 128,
     "torque": 256,
+    "temperature": 512,
 }
 
 SAMPLES = Topic("joint_samples", "joint_id_msgs/msg/JointSamples", {name: name for name in MEASURED_BITS})

@@ -201,10 +201,11 @@ def _sensitivity(
             }
         size = 10.0 ** rng.uniform(-3.0, 0.0, count) * rng.choice([-1.0, 1.0], count)
         x = [size[i] * s.scale for i, s in enumerate(model.states)]
-        if "motor_position" in names and "link_position" in names:
-            twist = 1e-3 * rng.standard_normal()
-            x[names.index("motor_position")] = p["N"] * (x[names.index("link_position")] + twist)
         u = [0.0 if s.name in zero else size[len(names) + i] * s.scale for i, s in enumerate(model.inputs)]
+        known = dict(zip((*names, *model.input_names), (*x, *u), strict=True))
+        if "motor_position" in names and "link_position" in known:  # a larger twist would hide all else
+            twist = 1e-3 * rng.standard_normal()
+            x[names.index("motor_position")] = p["N"] * (known["link_position"] + twist)
         columns = []
         for name in free:
             point = SimpleNamespace(**{n: complex(v, STEP if n == name else 0.0) for n, v in p.items()})

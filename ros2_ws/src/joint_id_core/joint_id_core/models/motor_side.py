@@ -31,21 +31,15 @@ from joint_id_core.models.transmission import (
 SMOOTHING = 0.1  # rad/s at the motor shaft
 
 
-def linear_spring_parameters() -> tuple[Parameter, ...]:
-    """Return the spring of Model 2 with its cubic stiffness fixed at zero."""
-    rows = spring_parameters(k_1=5.164e3, k_2=0.0, c_1=18.938)
-    return tuple(replace(r, fixed=True) if r.name == "k_2" else r for r in rows)
-
-
 @dataclass(frozen=True)
 class MotorSide(Model):
     """Paper Eq 9 alone: states motor position and velocity, inputs drive, link position and velocity.
 
     The rest of the arm acts on the motor only through the measured link motion. So the model is valid while all joints
-    move. tau_0 is a torque offset, and dtheta_0 is the twist at which the two encoders agree. Two parameters are fixed
-    at zero unless they are freed: dtheta_0, because the start value of an unmeasured motor position contains it, and
-    the cubic stiffness, because near one working point it cannot be separated from the torque offset. k_1 is then the
-    stiffness at that working point.
+    move. tau_0 is a torque offset, and dtheta_0 is the twist at which the two encoders agree. It is fixed at zero
+    unless it is freed, because the start value of an unmeasured motor position contains it. The cubic stiffness is
+    estimated: a gear stiffens with its load, and a moving joint loads it. With k_2 fixed at zero, k_1 is the stiffness
+    at the working point, which is enough for a joint that is held still.
     """
 
     name = "motor_side"
@@ -79,7 +73,7 @@ class MotorSide(Model):
         return (
             positive("J_m", "kg m^2", "inertia of rotor and wave generator", 6e-5),
             *self._friction.parameters,
-            *linear_spring_parameters(),
+            *spring_parameters(k_1=5.164e3, k_2=9.021e8, c_1=18.938),
             tau_0,
             replace(dtheta_0, fixed=True),
             gear_ratio(),

@@ -147,7 +147,8 @@ class OnlineIdentifier:
         self._follow()
         if not due:
             return None
-        return replace(self._estimate(), elapsed_s=time.perf_counter() - begun)
+        temperature = self._recent.mean("temperature")
+        return replace(self._estimate(), elapsed_s=time.perf_counter() - begun, temperature=temperature)
 
     # --- samples
 

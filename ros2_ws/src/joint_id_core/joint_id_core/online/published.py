@@ -32,7 +32,8 @@ def published(
     `now` are the coordinates (k,) and their covariance (k, k).
     """
     assert last.checks is not None
-    z, covariance = coordinates.clip(now[0]), now[1] + last.checks.excess
+    bias = 0.0 if last.checks.bias is None else last.checks.bias
+    z, covariance = coordinates.clip(now[0] - bias), now[1] + last.checks.excess
     rows = verdicts(model, last.free, covariance, coordinates, z, last.checks.together)
     slope = coordinates.slope(z)
     physical = covariance * np.outer(slope, slope)

@@ -72,6 +72,12 @@ class SlidingWindow:
         self._parts.clear()
         self._durations.clear()
 
+    def mean(self, name: str) -> float:
+        """Return the mean of the values of a channel in the window; NaN if there are none."""
+        values = np.concatenate([np.zeros(0), *(part[name] for part in self._parts if name in part)])
+        known = values[np.isfinite(values)]
+        return float(known.mean()) if len(known) else np.nan
+
     def recording(self, since: float = -np.inf) -> Recording:
         """Return the samples of the window from `since` (s) on as one recording, NaN where a part lacks a channel."""
         parts: list[tuple[Recording, slice]] = []

@@ -85,12 +85,14 @@ class Checks:
         excess: addition to the covariance of the estimation coordinates (`Belief`), shape (k, k).
         nrmse: as in `Estimate`.
         together: by parameter that enters only in combination with others, what is known instead and what to do.
+        bias: known bias of the estimation coordinates, which was subtracted, shape (k,); None if none is known.
     """
 
     texts: tuple[str, ...]
     excess: Array
     nrmse: Mapping[str, float]
     together: Mapping[str, str]
+    bias: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -152,6 +154,8 @@ class Estimate:
         start, end: first and last instant of the data in s, counted from `origin` (see `Recording`).
         samples: number of samples used.
         source, joint: where the data came from, as in `Recording`.
+        temperature: mean temperature of the joint over the data in deg C; NaN where it is not known. Friction depends
+            on it.
         predictions: measured and predicted labels; None for a failed, loaded or extended estimate.
         checks: findings of the checks of this fit, or of the fit that this estimate extends.
         notes: all findings as sentences, the most useful first; `message` holds the first ones.
@@ -180,6 +184,7 @@ class Estimate:
     origin: int = 0
     source: str = ""
     joint: str = ""
+    temperature: float = float("nan")
     model_options: Mapping[str, Any] = field(default_factory=dict)
     cell: str = "rk4"
     predictions: Predictions | None = None

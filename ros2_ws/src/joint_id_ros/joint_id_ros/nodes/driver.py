@@ -137,7 +137,7 @@ class DriverNode(ManagedNode):
             if stamp_ns is None:
                 continue
             self._messages.fill(stamp_ns, sample.values)
-            for topic, message in self._messages.by_topic.items():
+            for topic, message in self._messages.due(stamp_ns).items():
                 self._outputs[topic].publish(message)
             self._diagnostics.received(stamp_ns)
 

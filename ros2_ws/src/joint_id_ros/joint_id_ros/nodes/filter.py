@@ -15,17 +15,17 @@ from joint_id_core.alignment.aligner import AlignedSample, Aligner
 from joint_id_core.alignment.inputs import LINK_STATES, InputOptions
 from joint_id_core.errors import JointIdError
 from joint_id_core.filtering.offline import FilterOptions
-from joint_id_core.formats.topics import RAW
-from joint_id_msgs.msg import JointSamples, MotorTorques, MotorVoltages
+from joint_id_core.formats.topics import CONDITIONS, RAW
+from joint_id_msgs.msg import JointSamples, MotorTorques, MotorVoltages, RobotSignals
 from joint_id_ros import conversions as convert
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.parameters import declare, read
 from joint_id_ros.qos import STREAM_OUT
 from joint_id_ros.streams import Streams
 
-TOPICS = {t.name: t for t in RAW}
+TOPICS = {t.name: t for t in (*RAW, CONDITIONS)}
 RELEASE_S = 0.2  # period of the checks for samples that wait for a silent topic
-TYPES = {t.__name__: t for t in (JointState, MotorVoltages, MotorTorques)}
+TYPES = {t.__name__: t for t in (JointState, MotorVoltages, MotorTorques, RobotSignals)}
 
 
 class FilterNode(Node):
@@ -41,13 +41,16 @@ class FilterNode(Node):
         self._published = self._silent_periods = 0
         self._diagnostics = Diagnostics(self, self._health, LINK_STATES)
         self._publisher = self.create_publisher(JointSamples, "joint_samples", STREAM_OUT)
-        kinds = {topic.name: TYPES[topic.type.rsplit("/", 1)[-1]] for topic in RAW}
+        kinds = {topic.name: TYPES[topic.type.rsplit("/", 1)[-1]] for topic in TOPICS.values()}
         self.create_timer(RELEASE_S, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._streams = Streams(self, kinds, self._on_message)
 
     def _on_message(self, name: str, message: Any) -> None:
         topic = TOPICS[name]
-        self._silent_periods = 0
+        if topic is not CONDITIONS:
+            self._silent_periods = 0
+        elif not message.joint_temperatures:
+            return  # it holds other signals
         stamp = convert.nanoseconds(message.header.stamp)
         if name == LINK_STATES:
             self._diagnostics.received(stamp)

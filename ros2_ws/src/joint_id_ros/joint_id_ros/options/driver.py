@@ -38,7 +38,11 @@ class DriverOptions:
         "", "field (times the gear ratio) or six registers in rad at the motor shaft; empty: not measured"
     )
     current_source: str = option("actual_current", "field or six registers in A; empty: not measured")
-    extra_fields: tuple[str, ...] = option((), "what else to publish, on robot_signals", choices=EXTRA_FIELDS)
+    extra_fields: tuple[str, ...] = option(
+        ("joint_temperatures",),
+        "what else to publish, on robot_signals; the filter passes the temperatures on",
+        choices=EXTRA_FIELDS,
+    )
     autostart: bool = option(True, "configure and activate at start, without a lifecycle manager")
 
     def __post_init__(self) -> None:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from joint_id_core.cell.loops.arrays import Cube, Indices, Matrix, Vector
-from joint_id_core.cell.loops.simulate import padded
+from joint_id_core.cell.loops.simulate import ALIGN, padded
 
 NX: int  # states
 NW: int  # rows of the work space V
@@ -242,11 +242,12 @@ def correct(
             V[AT_P + i * NX + n] *= left
         for n in range(NX):
             V[AT_P + n * NX + i] = V[AT_P + i * NX + n]
-    for k in range(len(label)):
-        for j in range(NP):
-            row = V[AT_s + k * CP + j]
-            for n in range(CP):
-                V[AT_H + j * CP + n] += row * V[AT_s + k * CP + n]
+    for k in range(len(label)):  # the lower triangle of H, in blocks of the width of a cache line
+        for b in range(CP // ALIGN):
+            for j in range(b * ALIGN, NP):
+                row = V[AT_s + k * CP + j]
+                for n in range(b * ALIGN, (b + 1) * ALIGN):
+                    V[AT_H + j * CP + n] += row * V[AT_s + k * CP + n]
     return cost + math.log(volume)
 
 
@@ -295,8 +296,9 @@ def totals(V: Vector, H: Matrix, g: Vector) -> None:
     """Copy the sums s s' to H (NP, NP) and s e / sqrt(S) to g (NP)."""
     for j in range(NP):
         g[j] = V[AT_g + j]
-        for n in range(NP):
+        for n in range(j + 1):
             H[j, n] = V[AT_H + j * CP + n]
+            H[n, j] = H[j, n]
 
 
 def observations(X: Matrix, u: Matrix, p: Vector, Y: Matrix) -> None:

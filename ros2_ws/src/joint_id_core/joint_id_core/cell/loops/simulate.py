@@ -8,6 +8,7 @@ the derivatives by the NX states at the start of the sample and by the NU inputs
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -27,6 +28,7 @@ step_parameters: Callable[..., None]
 
 
 ALIGN = 8  # numbers in a cache line
+SQUARINGS = 32  # the 32nd square of a matrix shows its largest eigenvalue to eight digits
 
 
 def padded(columns: int) -> int:
@@ -78,3 +80,40 @@ def jacobians(X: Matrix, u: Matrix, p: Vector, A: Cube) -> None:
     constants(p, c)
     for t in range(len(X)):
         jacobian(X[t], u[t], c, A[t])
+
+
+def spectral_radius(A: Cube) -> float:
+    """Return the largest |lambda| of the matrices A (T, NX, NX); infinite if a number in them is not finite.
+
+    By Gelfand's formula, the limit of |A^k|^(1/k), with k = 2^SQUARINGS. Every square is scaled to largest entry 1.
+    """
+    B, square = np.empty((NX, NX)), np.empty((NX, NX))
+    largest = 0.0
+    for t in range(len(A)):
+        for i in range(NX):
+            for j in range(NX):
+                B[i, j] = A[t, i, j]
+        logarithm, share = 0.0, 1.0
+        for _ in range(SQUARINGS):
+            size = 0.0
+            for i in range(NX):
+                for j in range(NX):
+                    if not abs(B[i, j]) < math.inf:
+                        return math.inf
+                    size = max(size, abs(B[i, j]))
+            if size == 0.0:  # a power is zero, and so are all eigenvalues
+                logarithm = -math.inf
+                break
+            logarithm += share * math.log(size)
+            share *= 0.5
+            for i in range(NX):
+                for j in range(NX):
+                    total = 0.0
+                    for k in range(NX):
+                        total += (B[i, k] / size) * (B[k, j] / size)
+                    square[i, j] = total
+            for i in range(NX):
+                for j in range(NX):
+                    B[i, j] = square[i, j]
+        largest = max(largest, math.exp(logarithm))
+    return largest

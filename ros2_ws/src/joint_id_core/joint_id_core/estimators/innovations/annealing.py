@@ -1,7 +1,7 @@
 """Annealing: fit from start values that may be far from the truth.
 
 The fit starts with strong feedback of the labels, where the cost has few local minima (see docs/theory.md), and reduces
-the feedback until it is optimal. If every state is measured, it can start on an excerpt of the record.
+the feedback until it is optimal. It can do most of this on an excerpt of the record.
 """
 
 from __future__ import annotations
@@ -27,19 +27,24 @@ def annealed(stages: Stages, z: Array, whole: bool = True, tolerance: float | No
     Args:
         stages: the stages to fit with.
         z: start coordinates, shape (k,).
-        whole: False fits an excerpt of the record first, if every state is measured.
+        whole: False fits an excerpt of the record first, if it is long enough.
         tolerance: of the last stage; None takes `stages.tolerance`.
     """
-    data, rough, states = stages.data, stages.noise.rough, stages.rough_states
+    data, states = stages.data, stages.rough_states
+    measured = len(data.labels) == len(data.model.states)
+    if not whole and (near := _on_excerpt(stages, z)) is not None:
+        # an unmeasured velocity shows the reversals of friction, where more steps are needed, only after a pass
+        first = None if measured else stages.started(near.z, near.levels, states, even=True)
+        states = states if first is None else first.last.states
+        return stages.parameters_and_noise(stages.started(near.z, near.levels, states), tolerance)
+    rough = stages.noise.rough
     inputs = np.arange(len(rough)) >= len(data.labels)
-    if len(data.labels) < len(data.model.states):
+    if not measured:
         tries = (stages.started(z, np.where(inputs, by * rough, rough), states, even=True) for by in FEEDBACK)
         near = stages.parameters(next((s for s in tries if s is not None), None))
         if near is None:
             return None
         z, states = near.z, near.last.states
-    elif not whole and (near := _on_excerpt(stages, z)) is not None:
-        return stages.parameters_and_noise(stages.started(near.z, near.levels, states), tolerance)
     levels = stages.noise.clip(np.where(inputs, STRONG * rough, rough))
     return stages.parameters_and_noise(stages.started(z, levels, states), tolerance)
 

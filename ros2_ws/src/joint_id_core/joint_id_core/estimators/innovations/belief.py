@@ -35,8 +35,9 @@ class Coordinates:
             )
             for row in (rows[name] for name in free)
         ]
-        positive, self.lower, self.upper, self.spread = np.array(table).T
+        positive, self.lower, self.upper, self.spread = np.array(table).T.copy()
         self.positive = positive > 0.0
+        self._all_positive = bool(self.positive.all())
         self.unit = np.where(self.positive, 1.0, self.spread)  # unit of a step: a factor e, or one spread
 
     def z(self, values: Array) -> Array:
@@ -45,11 +46,17 @@ class Coordinates:
 
     def values(self, z: Array) -> Array:
         """Return the physical values of coordinates, shape (k,)."""
+        if self._all_positive:
+            return np.exp(z)
         return np.where(self.positive, np.exp(np.where(self.positive, z, 0.0)), z)
 
     def slope(self, z: Array) -> Array:
         """Return d value / d z, shape (k,)."""
-        return np.where(self.positive, self.values(z), 1.0)
+        return self.slope_at(self.values(z))
+
+    def slope_at(self, values: Array) -> Array:
+        """Return the same at physical values, shape (k,)."""
+        return values if self._all_positive else np.where(self.positive, values, 1.0)
 
     def clip(self, z: Array) -> Array:
         """Return the nearest point within the bounds."""

@@ -7,6 +7,7 @@ import numpy as np
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.estimator import MAX_SUBSTEPS
 from joint_id_core.estimators.innovations.gauss_newton import Minimum
+from joint_id_core.estimators.innovations.input_noise import LEFT, motion_bias
 from joint_id_core.estimators.innovations.misfit import misfit
 from joint_id_core.estimators.innovations.stages import STALLED, Stages
 from joint_id_core.estimators.innovations.whiteness import memory
@@ -32,12 +33,13 @@ def run_checks(stages: Stages, found: Minimum, alone: str) -> tuple[Checks, dict
     data, recursion, coordinates = stages.data, stages.recursion, stages.coordinates
     last = recursion.renewed(found.last)
     missing, coloured = misfit(recursion, coordinates, found, last), memory(recursion, coordinates, found, last)
+    bias = motion_bias(recursion, coordinates, found, last)
     texts = (missing.text, _step_warning(stages, found), coloured.text, alone, _stall_warning(found))
-    excess = missing.excess + coloured.excess
+    excess = missing.excess + coloured.excess + LEFT**2 * np.outer(bias, bias)
     p, slope = stages.cost.values(found.z), coordinates.slope(found.z)
     together = _combinations(data, p, (found.covariance + excess) * np.outer(slope, slope))
     predictions = free_runs(stages.kernel, data, last.states, p, last.steps, stages.options.horizon_s)
-    return Checks(texts, excess, nrmse(data, predictions), together), predictions
+    return Checks(texts, excess, nrmse(data, predictions), together, bias), predictions
 
 
 def _combinations(data: FitData, p: Array, covariance: Array) -> dict[str, str]:

@@ -69,12 +69,13 @@ def _estimate(outcome: Outcome, begun: float) -> Estimate:
     """Convert the minimum that was found to an `Estimate`."""
     stages, found = outcome.stages, outcome.minimum
     coordinates, data = stages.coordinates, stages.data
-    model, p = data.model, stages.cost.values(found.z)
     checks, predictions = run_checks(stages, found, outcome.alone)
+    z = coordinates.clip(found.z - checks.bias)
+    model, p = data.model, stages.cost.values(z)
     covariance_z = found.covariance + checks.excess
-    slope = coordinates.slope(found.z)
+    slope = coordinates.slope(z)
     covariance = covariance_z * np.outer(slope, slope)
-    rows = verdicts(model, data.free, covariance_z, coordinates, found.z, checks.together)
+    rows = verdicts(model, data.free, covariance_z, coordinates, z, checks.together)
     judged = judge(data, found, checks.nrmse, rows, checks.texts, outcome.doubt)
     sigma = np.sqrt(found.levels)
     return Estimate(

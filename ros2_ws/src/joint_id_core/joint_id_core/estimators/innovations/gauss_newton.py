@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -87,14 +88,25 @@ class Cost:
         """Run one pass at z with `steps` (T,) and `substeps` as in `Minimum`; return None if its cost is not finite."""
         values = self.coordinates.values(z)
         last = self.recursion.run(values, levels, steps)
-        d = z - self.belief.mean
-        pull = self.belief.precision @ d
-        cost = last.cost + float(d @ pull)
-        if not np.isfinite(cost):
+        slope, belief = self.coordinates.slope_at(values), self.belief
+        hessian, gradient, none = np.empty_like(last.hessian), np.empty(len(z)), np.zeros(len(z))
+        cost = last.cost + self.recursion.kernel.gains.with_prior(
+            last.hessian, last.gradient, slope, z, belief.mean, belief.precision, hessian, gradient
+        )
+        if not math.isfinite(cost):
             return None
-        slope, none = np.where(self.coordinates.positive, values, 1.0), np.zeros_like(z)
-        hessian = last.hessian * (slope[:, None] * slope) + self.belief.precision
-        return Minimum(z, levels, last, hessian, last.gradient * slope - pull, cost, substeps, False, 0, none, none)
+        return Minimum(z, levels, last, hessian, gradient, cost, substeps, False, 0, none, none)
+
+    def step(self, here: Minimum, damping: float) -> tuple[Array, Array, float]:
+        """Return the damped Newton step (k,), the point that it leads to (k,), and its squared length.
+
+        The length is in standard deviations. The point is within the bounds, and at most `MAX_STEP` away.
+        """
+        at, step, there = self.coordinates, np.empty_like(here.z), np.empty_like(here.z)
+        decrement = self.recursion.kernel.gains.damped_step(
+            here.hessian, here.gradient, here.z, at.lower, at.upper, at.unit, damping, MAX_STEP, step, there
+        )
+        return step, there, float(decrement)
 
 
 def minimise(
@@ -125,24 +137,17 @@ def minimise(
             push, noise_decrement = noise.step(here.last)
             # the expected information may be less than the curvature: steps that alternate in sign are too long
             share = 0.5 * share if push @ before < -0.25 * before @ before else min(1.0, 1.5 * share)
-        z, H, g = here.z, here.hessian, here.gradient
-        damped = H.copy()
-        damped.flat[:: len(z) + 1] *= 1.0 + damping
-        dz = newton_step(damped, g, coordinates.held(z, g))
-        decrement = float(dz @ H @ dz)
+        dz, z, decrement = cost.step(here, damping)
         levels = here.levels * np.exp(share * push)
         free_step = damping <= STRONG_DAMPING
         enough = tolerance if free_step else NEGLIGIBLE
         settled = decrement < max(enough, NEARLY)
         if decrement < enough and (noise_decrement < enough or share < SMALLEST_SHARE):
             if free_step and noise is not None:  # with rough noise levels this step would go back to the prior
-                here = replace(here, z=coordinates.clip(z + dz), levels=levels)
+                here = replace(here, z=coordinates.clip(here.z + dz), levels=levels)
             break
         iterations += 1
-        longest = float(np.max(np.abs(dz) / coordinates.unit))
-        if longest > MAX_STEP:
-            dz *= MAX_STEP / longest
-        there = cost.at(coordinates.clip(z + dz), levels, start.last.steps, start.substeps)
+        there = cost.at(z, levels, start.last.steps, start.substeps)
         small = decrement + noise_decrement < 1.0
         moved = there is not None and (there.cost < here.cost or (small and there.cost < here.cost + 1.0))
         if moved:

@@ -18,6 +18,7 @@ from joint_id_core.data.recording import Array
 from joint_id_core.data.signals import side_of
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.gauss_newton import Minimum
+from joint_id_core.estimators.innovations.input_noise import attenuation
 from joint_id_core.estimators.innovations.recursion import Pass, Recursion
 from joint_id_core.estimators.shared.fit_data import FitData
 
@@ -161,30 +162,11 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
     bias = found.inverse @ cross[:, torques] @ np.linalg.solve(M[np.ix_(torques, torques)], a[torques])
     excess = np.outer(bias, bias)
     for k in set(taken).difference(torques):
-        bias = found.inverse @ _attenuation(recursion, coordinates, found, candidates[k].channel, last)
+        sensor = candidates[k].channel
+        level = float(found.levels[len(data.labels) + sensor])
+        bias = found.inverse @ attenuation(recursion, coordinates, found, sensor, level, last)
         excess += np.outer(bias, bias)
     return Misfit(tuple((candidates[k], size) for k, size in zip(taken, sizes, strict=True)), excess)
-
-
-def _attenuation(recursion: Recursion, coordinates: Coordinates, found: Minimum, channel: int, last: Pass) -> Array:
-    """Return the effect of noise of an input's sensor on the score of the coordinates, shape (k,).
-
-    Method: simulation extrapolation (Cook & Stefanski, J. Am. Stat. Assoc. 89, 1994). The same amount of noise is added
-    once more, and the change of the score is measured. The noise is added with both signs and the results are averaged,
-    so that only the second-order effect, the bias, remains. Zero if a pass with added noise diverges.
-    """
-    data = recursion.data
-    level = found.levels[len(data.labels) + channel]
-    noise = np.sqrt(level) * np.random.default_rng(0).standard_normal(len(data.time))
-    scores = []
-    for more in (noise, -noise):
-        u = data.u.copy()
-        u[:, channel] += more
-        noisier = recursion.with_inputs(u).run(last.free, last.levels, last.steps)
-        if not np.isfinite(noisier.cost):
-            return np.zeros_like(found.z)
-        scores.append(noisier.gradient)
-    return np.asarray((0.5 * (scores[0] + scores[1]) - last.gradient) * coordinates.slope(found.z))
 
 
 def _most_significant(M: Array, a: Array, total: Array, possible: list[int], taken: list[int]) -> tuple[int, float]:

@@ -111,9 +111,9 @@ class Recursion:
             levels[:m], levels[m:], self.Q_x, self.values(free), steps, X, e, S, self._K, self._F, self._C, self._J,
             H, g,
         )  # fmt: skip
-        self._latest = Pass(
-            float(cost), e, S, H[self._columns[:, None], self._columns], g[self._columns], X, free, levels, steps
-        )
+        if k > len(free):  # some are held
+            H, g = H[self._columns[:, None], self._columns], g[self._columns]
+        self._latest = Pass(float(cost), e, S, H, g, X, free, levels, steps)
         return self._latest
 
     def disturbances(self, result: Pass, channel: NDArray[np.int64], course: Array) -> tuple[Array, Array, Array]:

@@ -95,13 +95,14 @@ class Search:
         tolerance = None if measured else TOLERANCE  # the costs of several minima are compared
         ends: list[Minimum] = []
         agreed = False
-        rng = np.random.default_rng(0)
+        rng: np.random.Generator | None = None  # built when needed: that takes as long as a pass over an excerpt
         for k in range(1 + EXTRA_STARTS):
             z = self._belief.mean
             if k:
+                rng = rng or np.random.default_rng(0)
                 stages.tell(f"start {k + 1} of {1 + EXTRA_STARTS}")
                 z = stages.coordinates.clip(z + 0.5 * stages.coordinates.spread * rng.uniform(-1.0, 1.0, len(z)))
-            end = annealed(stages, z, whole=k > 0, tolerance=tolerance)
+            end = annealed(stages, z, whole=measured and k > 0, tolerance=tolerance)
             if end is None:
                 continue
             ends.append(end)

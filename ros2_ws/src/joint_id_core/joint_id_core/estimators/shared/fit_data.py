@@ -254,8 +254,11 @@ def options_of(model: Model) -> dict[str, Any]:
 
 
 def origin_of(recording: Recording) -> dict[str, Any]:
-    """Return the fields of an `Estimate` that say where its data came from."""
-    return {"origin": recording.origin, "source": recording.source, "joint": recording.joint}
+    """Return the fields of an `Estimate` that say where its data came from, and how warm the joint was."""
+    return {
+        "origin": recording.origin, "source": recording.source, "joint": recording.joint,
+        "temperature": recording.mean("temperature"),
+    }  # fmt: skip
 
 
 def unusable(model: Model, estimator: str, error: UnusableError, recording: Recording) -> Estimate:

@@ -135,21 +135,29 @@ def busiest(data: FitData, length: int) -> int:
     Motion is the sum of the variances of inputs and labels, each relative to its variance in the whole record.
     """
     every = max(1, length // 32)
-    signals, length = np.column_stack([data.u, data.y])[::every], length // every
-    signals = np.where(np.isfinite(signals), signals - np.nanmean(signals, axis=0), 0.0)
-    total = np.mean(signals**2, axis=0)
-    scaled = signals[:, total > 0.0] / np.sqrt(total[total > 0.0])
-    first = range(0, len(signals) - length + 1, max(1, length // 2))
-    motion = [float(np.sum(np.var(scaled[k : k + length], axis=0))) for k in first]
-    most = max(motion) * (1.0 - ALIKE)  # if the motion repeats, take its first period
-    return every * next(k for k, size in zip(first, motion, strict=True) if size >= most)
+    signals, length = np.concatenate([data.u[::every], data.y[::every]], axis=1).T, length // every
+    known = np.isfinite(signals)
+    if known.all():
+        signals = signals - signals.mean(axis=1, keepdims=True)
+    else:
+        signals = np.where(known, signals - np.nanmean(signals, axis=1, keepdims=True), 0.0)
+    total = np.einsum("kt,kt->k", signals, signals) / signals.shape[1]
+    scaled = signals[total > 0.0] / np.sqrt(total[total > 0.0])[:, None]
+    first = np.arange(0, signals.shape[1] - length + 1, max(1, length // 2))
+    stretches = np.lib.stride_tricks.sliding_window_view(scaled, length, axis=1)[:, first]
+    motion = stretches.var(axis=2).sum(axis=0)
+    most = motion.max() * (1.0 - ALIKE)  # if the motion repeats, take its first period
+    return every * int(first[np.argmax(motion >= most)])
 
 
 def _slope(data: FitData, name: str, at: int) -> float:
     """Return the slope of a straight line through eight values of a label from sample `at` on, in its unit per s."""
     values = data.y[:, data.labels.index(name)]
     seen = np.flatnonzero(np.isfinite(values[at:]))[:8] + at
-    return float(np.polyfit(data.time[seen] - data.time[seen[0]], values[seen], 1)[0]) if len(seen) > 1 else 0.0
+    if len(seen) < 2:
+        return 0.0
+    time = data.time[seen] - data.time[seen].mean()
+    return float(time @ values[seen] / (time @ time))
 
 
 def rough_noise(values: Array) -> float:
