@@ -20,7 +20,7 @@ from joint_id_core.estimators.innovations.fit import fit_innovations
 from joint_id_core.estimators.shared.fit_data import UnusableError, prepare, unusable
 from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
-from joint_id_core.estimators.shared.stillness import STILL_S, still
+from joint_id_core.estimators.shared.stillness import STILL_S, seen_by, still
 from joint_id_core.models import Model
 from joint_id_core.online.memory import Change, Memory, agree
 from joint_id_core.online.published import changes_of, published, with_note
@@ -33,6 +33,7 @@ from joint_id_core.results.estimate import Estimate, ParameterChange, Status
 BLOCK_S = 0.5  # length of the stretches that are added to the memory and tested
 LINEAR = 0.02  # change of a coordinate up to which the result of a block is kept,
 NEAR = 0.3  # or in standard deviations
+JUMP = 300.0  # innovation, in standard deviations, from which a sensor jumped: the filter starts again
 NOISIER = 1.5  # mean squared innovation of a label from which its noise is no longer that of the memory
 QUIETER = 0.6  # the same, below which
 CHECK_AFTER, CHECK_EVERY = (1, 2, 4), 8  # window lengths after which the newest window is fitted as a whole
@@ -98,6 +99,7 @@ class OnlineIdentifier:
         self._background = background
         self._recent = SlidingWindow(max(self.options.window_s, 8.0 * STILL_S))
         self._window = SlidingWindow(self.options.window_s)  # samples in motion
+        self._shows_rest: dict[str, float] | None = None  # noise of labels that tell rest from motion
         self._followed = -np.inf  # newest sample that went through the filter
         self._next = -np.inf  # end of the next hop
         self._fit_next = -np.inf  # earliest end of the next fit of a whole window
@@ -179,8 +181,7 @@ class OnlineIdentifier:
         if not labels or len(recent) < 2:
             return np.zeros(len(recent), dtype=bool)
         y = np.array([recent.channels[n] for n in labels]).T
-        noise = None if self._last is None else self._last.noise
-        return still(labels, y, recent.duration / (len(recent) - 1), noise)
+        return still(labels, y, recent.duration / (len(recent) - 1), self._shows_rest)
 
     def _move(self, samples: Recording) -> None:
         """Follow samples in motion."""
@@ -195,8 +196,9 @@ class OnlineIdentifier:
             return
         read = self._tracker.read(samples)
         piece = None if read is None else self._tracker.run(read)
-        if piece is None:
+        if piece is None or np.any(np.abs(piece.white) > JUMP):
             self._stop_tracking()
+            self._moved_since = np.inf
             return
         self._block = piece if self._block is None else self._block + piece
         if self._block.duration > BLOCK_S - 1.5 * self._tracker.data.period:
@@ -378,7 +380,7 @@ class OnlineIdentifier:
         if not self.moving:
             return self._resting()
         if self._memory is None or self._suspended is not None:
-            if not self._window.full and self._suspended is None:
+            if self._window.duration < self.options.window_s - 2.0 * STILL_S and self._suspended is None:
                 return self._too_short()
             if self._suspended is not None and end < self._fit_next:
                 return with_note(self._suspended, self._window)
@@ -430,6 +432,7 @@ class OnlineIdentifier:
         if tracker is not None and pieces:
             before = Belief.before_data(tracker.data, self._coordinates)
             self._remember(before.mean, np.asarray(np.linalg.inv(before.precision)), pieces)
+            self._shows_rest = seen_by(tracker.data.labels, tracker.data.y, tracker.data.period, estimate.noise)
             if not tracker.data.rest[-1]:
                 self._tracker = tracker
             self._refine() if self._tracker is not None else None
@@ -490,4 +493,7 @@ class OnlineIdentifier:
         mean, covariance = self._now()
         found = published(self.model, self._last, self._coordinates, (mean, covariance), self._window, None, ())
         notes = (MOVING,)
-        return replace(found, status=Status.NO_MOTION, message=message(notes), notes=notes)
+        return replace(
+            found, status=Status.NO_MOTION, message=message(notes), notes=notes,
+            start=self._recent.start, end=self._recent.end,
+        )  # fmt: skip

@@ -33,7 +33,9 @@ def published(
     """
     assert last.checks is not None
     bias = 0.0 if last.checks.bias is None else last.checks.bias
-    z, covariance = coordinates.clip(now[0] - bias), now[1] + last.checks.excess
+    z, covariance = coordinates.clip(now[0] - bias), now[1]
+    if any(last.checks.texts):  # a bias that is likely but not significant in one window is no reason to widen
+        covariance = covariance + last.checks.excess
     rows = verdicts(model, last.free, covariance, coordinates, z, last.checks.together)
     slope = coordinates.slope(z)
     physical = covariance * np.outer(slope, slope)

@@ -32,7 +32,7 @@ class SlidingWindow:
     @property
     def start(self) -> float:
         """Instant of the oldest sample that is kept, in s; inf before the first."""
-        return float(self._parts[0].time[0]) if self._parts else np.inf
+        return float(self._parts[0].time[0]) + max(0.0, self.duration - self._length) if self._parts else np.inf
 
     def append(self, samples: Recording) -> None:
         """Add later samples.
@@ -61,16 +61,6 @@ class SlidingWindow:
     def duration(self) -> float:
         """Time in s that the samples cover."""
         return sum(self._durations)
-
-    @property
-    def full(self) -> bool:
-        """Whether the window has its length, but for a sample and a half: the first one has no step before it."""
-        return self.duration > self._length - 1.5 * self._period
-
-    def clear(self) -> None:
-        """Forget all samples."""
-        self._parts.clear()
-        self._durations.clear()
 
     def mean(self, name: str) -> float:
         """Return the mean of the values of a channel in the window; NaN if there are none."""

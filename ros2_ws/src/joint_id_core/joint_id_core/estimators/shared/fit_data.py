@@ -172,10 +172,6 @@ def prepare(model: Model, recording: Recording, settings: ParameterSettings | No
     if len(steps) and steps.max() > 1.25 * period:  # there are gaps, or jitter of that size
         period = float(np.median(steps))
         np.maximum(np.rint(steps / period) - 1.0, 0.0, out=gap[:-1])
-    at_rest = still(labels, y, period)
-    y[at_rest] = np.nan
-    if at_rest.any() and len(time) - np.count_nonzero(at_rest) < MIN_SAMPLES:
-        raise UnusableError(Status.NO_MOTION, _resting(recording, labels))
     present = np.isfinite(y)
     seen = len(y) if present.all() else int(np.count_nonzero(present.any(axis=1)))
     if seen < MIN_SAMPLES:
@@ -185,6 +181,10 @@ def prepare(model: Model, recording: Recording, settings: ParameterSettings | No
             f"{seen} of these a label ({', '.join(labels)}), a fit needs {MIN_SAMPLES}: look for missing values with "
             "`joint-id info`",
         )
+    at_rest = still(labels, y, period)
+    y[at_rest] = np.nan
+    if at_rest.any() and len(time) - np.count_nonzero(at_rest) < MIN_SAMPLES:
+        raise UnusableError(Status.NO_MOTION, _resting(recording, labels))
     index = np.array([model.state_names.index(n) for n in labels], dtype=np.int64)
     dropped = len(recording) - len(time)
     data = FitData(model, time, u, y, labels, index, p, free, settings.priors, period, gap, at_rest, dropped, recording)

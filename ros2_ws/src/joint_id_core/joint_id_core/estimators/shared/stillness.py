@@ -19,6 +19,7 @@ from joint_id_core.estimators.shared.initial_state import rough_noise
 
 STILL_S = 0.05  # shortest rest that counts: a reversal is shorter
 LEAST = 5  # samples of a rest
+BLIND = 3.0  # slack over the range in a moving stretch from which a label cannot tell motion from rest
 NOISY = 8.0  # range of a resting signal over the standard deviation of its noise; of 25 normal numbers it is 4
 SLOW = 1e-3  # speed of a resting joint over the typical one: creep under load
 
@@ -29,27 +30,31 @@ def still(
     """Return True for samples that belong to a rest, shape (T,).
 
     Args:
-        labels: names of the labels.
+        labels: names of the labels; those that are neither positions nor velocities say nothing about rest.
         y: their values, shape (T, labels), NaN where missing.
         period: of the samples in s.
-        noise: standard deviations by label; None takes them from the samples.
+        noise: standard deviations by label; None takes them from the samples. A label whose noise hides the motion of
+            this record, such as a coarse encoder's, is then left out.
     """
     count = max(LEAST, round(STILL_S / period) + 1)
     quiet: NDArray[np.bool_] | None = None
     if len(y) < count:
         return np.zeros(len(y), dtype=bool)
     for name, values in zip(labels, y.T, strict=True):
-        kind = name.rpartition("_")[2]
-        if kind not in ("position", "velocity"):
-            continue
         known = np.isfinite(values)
         row = values[known]
-        if len(row) < count:
+        if name.rpartition("_")[2] not in ("position", "velocity") or len(row) < count:
             continue
-        sigma = noise[name] if noise and name in noise else max(np.sqrt(rough_noise(row)), _resolution(row))
-        filled = np.interp(np.arange(len(values)), np.flatnonzero(known), row)
+        if noise is not None and name not in noise:
+            continue
+        slack = NOISY * noise[name] if noise is not None else NOISY * np.sqrt(rough_noise(row)) + 2.0 * _resolution(row)
+        filled = row if len(row) == len(values) else np.interp(np.arange(len(values)), np.flatnonzero(known), row)
         views = np.lib.stride_tricks.sliding_window_view(filled, count)
-        calm = _calm(name, sigma, views.max(axis=1) - views.min(axis=1), views.mean(axis=1), count)
+        size = views.max(axis=1) - views.min(axis=1)
+        calm = _calm(name, slack, size, views.mean(axis=1), count)
+        hidden = noise is None and BLIND * slack > float(np.quantile(size, 0.9))
+        if hidden and not _calm(name, slack, np.ptp(row), row.mean(), len(row)):
+            continue
         quiet = calm if quiet is None else quiet & calm
     if quiet is None:
         return np.zeros(len(y), dtype=bool)
@@ -57,12 +62,25 @@ def still(
     return np.convolve(quiet, np.ones(count, dtype=int))[: len(y)] > 0
 
 
-def _calm(name: str, sigma: float, size: Any, mean: Any, count: int) -> Any:
+def seen_by(labels: tuple[str, ...], y: Array, period: float, noise: Mapping[str, float]) -> dict[str, float]:
+    """Return those entries of `noise` whose labels show in this record of motion whether the joint rests."""
+    count = max(LEAST, round(STILL_S / period) + 1)
+    found = {}
+    for name, values in zip(labels, y.T, strict=True):
+        row = values[np.isfinite(values)]
+        if len(row) > count:
+            size = np.abs(row[count:] - row[:-count])
+            if BLIND * NOISY * noise[name] <= float(np.quantile(size, 0.9)):
+                found[name] = noise[name]
+    return found
+
+
+def _calm(name: str, slack: float, size: Any, mean: Any, count: int) -> Any:
     """Return whether stretches of `count` samples with this range and mean are those of a joint at rest."""
     speed = SLOW * CHANNELS[name].scale
     if name.endswith("_position"):
-        return size <= NOISY * sigma + speed * STILL_S
-    return (size <= NOISY * sigma + speed) & (np.abs(mean) <= 4.0 * sigma / np.sqrt(count) + speed)
+        return size <= slack + speed * STILL_S
+    return (size <= slack + speed) & (np.abs(mean) <= 0.5 * slack / np.sqrt(count) + speed)
 
 
 def _resolution(row: Array) -> float:
