@@ -25,9 +25,8 @@ PERIOD, SAMPLES = 2e-3, 1500
 @pytest.fixture(scope="module")
 def data():
     rng = np.random.default_rng(0)
-    time = np.arange(SAMPLES) * PERIOD
-    channels = {n: 100.0 * np.sin(9.0 * time) + rng.standard_normal(SAMPLES) for n in (*MODEL.state_names, "torque")}
-    recording = Recording(time, channels)
+    channels = {name: rng.standard_normal(SAMPLES) for name in (*MODEL.state_names, "torque")}
+    recording = Recording(np.arange(SAMPLES) * PERIOD, channels)
     return prepare(MODEL, recording)
 
 

@@ -6,6 +6,7 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -109,6 +110,7 @@ class OnlineIdentifier:
         self._block: Piece | None = None
         self._white: list[Array] = []
         self._moved_since = self._moved_until = -np.inf
+        self._lost_s = 0.0  # time of motion since a block was added to the memory
         self._change: Change | None = None  # a change of which the new values are not known yet
         self._since: list[Piece] = []  # blocks since that change, the first one with the change in it
         self._unexplained = 0  # fits of these blocks that failed
@@ -187,6 +189,7 @@ class OnlineIdentifier:
         """Follow samples in motion."""
         if self._moved_since == np.inf:
             self._moved_since = float(samples.time[0])
+        self._lost_s += float(samples.time[-1]) - max(self._moved_until, float(samples.time[0]))
         self._moved_until = float(samples.time[-1])
         self._window.append(samples)
         if self._memory is None:
@@ -247,11 +250,13 @@ class OnlineIdentifier:
             self._learn(self._change)
             return
         memory.add(block, self.options.memory_s)
+        self._lost_s = 0.0
         self._white.append(block.white)
         del self._white[: -max(1, round(self.options.window_s / BLOCK_S))]
         self._age += block.duration
         self._change = self._tested()
         memory = self._memory
+        assert memory is not None
         if self._change is not None and self._age < YOUNG * self.options.window_s:
             self._begin_anew()
             return
@@ -293,7 +298,12 @@ class OnlineIdentifier:
         sigma = np.sqrt(np.diag(memory.covariance))
         tracker.sharpen(float(np.max(sigma / self._coordinates.unit)))
         far = any(
-            np.max(np.minimum(np.abs(block.z - mean) / (LINEAR * self._coordinates.unit), np.abs(block.z - mean) / (NEAR * sigma))) > 1.0
+            np.max(
+                np.minimum(
+                    np.abs(block.z - mean) / (LINEAR * self._coordinates.unit), np.abs(block.z - mean) / (NEAR * sigma)
+                )
+            )
+            > 1.0
             for block in memory.blocks
         )
         if far and self._change is None:
@@ -330,8 +340,12 @@ class OnlineIdentifier:
         age = self._age
         self._remember(mean, np.asarray(np.linalg.inv(precision)), learned.pieces)
         self._age = age
-        z, covariance = self._memory.mean, self._memory.covariance
-        self._changes = changes_of(self._last.free, coordinates, change, z, covariance, stretch.begin.time)
+        after = self._memory
+        assert after is not None
+        z, covariance = after.mean, after.covariance
+        since = stretch.begin.time
+        recent = {c.name: c for c in self._changes if since - c.since < self.options.window_s}
+        self._changes = changes_of(self._last.free, coordinates, change, z, covariance, since, recent)
 
     def _remember(self, z: Array, covariance: Array, pieces: Sequence[Piece]) -> None:
         """Begin a new memory with what was known before these pieces, and the pieces."""
@@ -387,7 +401,7 @@ class OnlineIdentifier:
             self._fit_next = end + AGAIN_S
             return self._started()
         assert self._last is not None
-        if self._change is not None:
+        if self._change is not None or self._lost_s > self.options.window_s:
             return with_note(self._last, self._window)
         self._check()
         white = np.concatenate(self._white) if self._white else None
@@ -407,7 +421,7 @@ class OnlineIdentifier:
         assert memory is not None
         if block is None:
             return memory.mean, memory.covariance
-        mean = np.linalg.solve(memory.matrix + block.matrix, memory.vector + block.vector)
+        mean = np.asarray(np.linalg.solve(memory.matrix + block.matrix, memory.vector + block.vector), dtype=float)
         covariance = memory.covariance_with(block.matrix)
         away = np.abs(mean - block.z)
         if np.any((away > LINEAR * self._coordinates.unit) & (away > np.sqrt(np.diag(covariance)))):
@@ -458,11 +472,13 @@ class OnlineIdentifier:
         self._checks += 1
         length = CHECK_AFTER[self._checks] if self._checks < len(CHECK_AFTER) else CHECK_EVERY
         self._check_next = self._window.end + length * window_s
-        job = fit_innovations, self.model, self._window.recording(), self.settings, self._options, None, self._last
+        job = partial(
+            fit_innovations, self.model, self._window.recording(), self.settings, self._options, previous=self._last
+        )
         if self._background is None:
-            self._checked(job[0](*job[1:]))
+            self._checked(job())
         else:
-            self._checking = self._background.submit(*job)
+            self._checking = self._background.submit(job)
 
     def _checked(self, estimate: Estimate) -> None:
         """Take noise levels and findings of a window that was fitted by itself."""
@@ -478,8 +494,7 @@ class OnlineIdentifier:
         if not estimate.converged or estimate.free != last.free or set(estimate.noise) != set(last.noise):
             return
         noise = {
-            n: float(np.exp((1.0 - own) * np.log(last.noise[n]) + own * np.log(estimate.noise[n])))
-            for n in last.noise
+            n: float(np.exp((1.0 - own) * np.log(last.noise[n]) + own * np.log(estimate.noise[n]))) for n in last.noise
         }
         self._last = replace(estimate, noise=noise)
         if self._tracker is not None:

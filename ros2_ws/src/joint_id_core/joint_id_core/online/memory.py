@@ -4,7 +4,7 @@ Information adds up: each stretch of samples contributes an information matrix H
 coordinates, and the estimate solves (sum H) z = sum h. Older information is forgotten exponentially.
 
 New samples are tested against what the memory predicts, with the noise levels that it knows. Let (L, l) be the memory
-before a stretch and (H, h) the stretch. Under "nothing changed" the score v = L (L + H)^-1 (h - H L^-1 l) is normal with
+before a stretch and (H, h) the stretch. If nothing changed, the score v = L (L + H)^-1 (h - H L^-1 l) is normal with
 the covariance M = L (L + H)^-1 H: v' M^-1 v is chi-squared, and v_j / sqrt(M_jj) is standard normal. This is the score
 test of a change of the parameters (Rao 1948), for several lengths of the stretch at once, as in the generalised
 likelihood ratio test (Basseville & Nikiforov, Detection of Abrupt Changes, 1993, ch. 7).
@@ -132,15 +132,15 @@ class Memory:
         """Test the newest blocks against the memory before them."""
         excess = self._excess()
         best: tuple[float, Change] | None = None
-        recent: Piece | None = None
         window: tuple[Array, Array] | None = None
+        matrix, vector = np.zeros_like(self.matrix), np.zeros_like(self.vector)
         for count, step in enumerate(reversed(self._blocks), start=1):
             if count > LENGTHS[-1]:
                 break
-            recent = step.block if recent is None else step.block + recent
+            matrix, vector = matrix + step.block.matrix, vector + step.block.vector
             if count not in LENGTHS:
                 continue
-            score, information, mean = _score(step.precision, step.weighted, recent)
+            score, information, mean = _score(step.precision, step.weighted, matrix, vector)
             if count == WINDOW_BLOCKS:
                 window = score, information
             found = _changed(score, information, excess)
@@ -223,12 +223,16 @@ def _inverse(matrix: Array) -> Array:
     return np.asarray(np.linalg.inv(matrix * np.outer(scale, scale)) * np.outer(scale, scale))
 
 
-def _score(matrix: Array, vector: Array, stretch: Piece) -> tuple[Array, Array, Array]:
-    """Return score (k,) and information (k, k) of a change at the begin of a stretch, and the mean before it."""
-    mean = _solve(matrix, vector)
-    r = stretch.vector - stretch.matrix @ mean
-    solved = _solve(matrix + stretch.matrix, np.column_stack([r, stretch.matrix]))
-    found = matrix @ solved
+def _score(precision: Array, weighted: Array, matrix: Array, vector: Array) -> tuple[Array, Array, Array]:
+    """Return score (k,) and information (k, k) of a change, and the mean before it (k,).
+
+    `precision` (k, k), and `weighted` (k,), that times the mean, are the memory before a stretch; `matrix` and `vector`
+    are what the stretch says.
+    """
+    mean = _solve(precision, weighted)
+    r = vector - matrix @ mean
+    solved = _solve(precision + matrix, np.column_stack([r, matrix]))
+    found = precision @ solved
     information = found[:, 1:]
     return found[:, 0], 0.5 * (information + information.T), mean
 
@@ -241,10 +245,10 @@ def _chi2(score: Array, information: Array) -> tuple[float, int]:
     return float(np.sum((axes[:, seen].T @ (scale * score)) ** 2 / size[seen])), int(np.count_nonzero(seen))
 
 
-def _changed(score: Array, information: Array, excess: Array) -> (
-    tuple[tuple[int, ...], tuple[int, ...], float, float] | None
-):
-    """Return the parameters that changed, those that may have, the likelihood ratio and the size of the change; None if there is none.
+def _changed(
+    score: Array, information: Array, excess: Array
+) -> tuple[tuple[int, ...], tuple[int, ...], float, float] | None:
+    """Return the parameters that changed, those that may have, the likelihood ratio and the size; None if none changed.
 
     Parameters are added until what is left looks like noise (forward selection).
     """
@@ -259,7 +263,7 @@ def _changed(score: Array, information: Array, excess: Array) -> (
     explained = 0.0
     while len(names) < rank:  # at most as many as the samples can tell apart
         rest = [j for j in range(len(score)) if j not in names]
-        each = [_chi2(score[names + [j]], information[np.ix_(names + [j], names + [j])])[0] for j in rest]
+        each = [_chi2(score[[*names, j]], information[np.ix_([*names, j], [*names, j])])[0] for j in rest]
         best = int(np.argmax(each))
         names.append(rest[best])
         explained = each[best] / excess[-1]

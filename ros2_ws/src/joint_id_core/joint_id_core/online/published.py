@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -54,18 +55,33 @@ def published(
 
 
 def changes_of(
-    free: tuple[str, ...], coordinates: Coordinates, change: Change, z: Array, covariance: Array, since: float
+    free: tuple[str, ...],
+    coordinates: Coordinates,
+    change: Change,
+    z: Array,
+    covariance: Array,
+    since: float,
+    earlier: Mapping[str, ParameterChange],
 ) -> tuple[ParameterChange, ...]:
-    """Return the changes of parameters, the most significant first."""
+    """Return the changes of parameters, the most significant first.
+
+    A change that corrects an `earlier` one is told together with it.
+    """
     before, after = coordinates.values(change.mean), coordinates.values(z)
     sigma = [
         coordinates.slope(at) * np.sqrt(np.diag(c)) for at, c in ((change.mean, change.covariance), (z, covariance))
     ]
-    return tuple(
-        ParameterChange(free[j], float(before[j]), float(sigma[0][j]), float(after[j]), float(sigma[1][j]), since)
-        for j in (*change.names, *change.likely)
-        if j in change.names or abs(z[j] - change.mean[j]) > SHOWN * np.sqrt(covariance[j, j] + change.covariance[j, j])
-    )
+    found = {}
+    for j in (*change.names, *change.likely):
+        name, after_ = free[j], (float(after[j]), float(sigma[1][j]))
+        if j in change.names or abs(z[j] - change.mean[j]) > SHOWN * np.sqrt(
+            covariance[j, j] + change.covariance[j, j]
+        ):
+            found[name] = ParameterChange(name, float(before[j]), float(sigma[0][j]), *after_, since)
+    for name, old in earlier.items():
+        j = free.index(name)
+        found[name] = replace(old, after=float(after[j]), after_std_dev=float(sigma[1][j]))
+    return tuple(found.values())
 
 
 def with_note(estimate: Estimate, window: SlidingWindow) -> Estimate:

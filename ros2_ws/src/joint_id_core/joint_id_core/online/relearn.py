@@ -30,7 +30,11 @@ class Learned:
 
 
 def relearn(
-    tracker: Tracker, stretches: Sequence[Piece], mean: Array, precision: Array, changed: bool = False,
+    tracker: Tracker,
+    stretches: Sequence[Piece],
+    mean: Array,
+    precision: Array,
+    changed: bool = False,
     weights: Sequence[float] | None = None,
 ) -> Learned | None:
     """Fit the parameters to stretches of samples, with the noise levels of the tracker.

@@ -105,13 +105,19 @@ class Tracker:
             held: parameters that keep the value of the user, so that their friction is not sharpened.
         """
         model = data.model
-        self.data, self.kernel, self.coordinates, self.levels, self.substeps = data, kernel, coordinates, levels, substeps
+        self.data, self.kernel, self.coordinates, self.levels, self.substeps = (
+            data,
+            kernel,
+            coordinates,
+            levels,
+            substeps,
+        )
         self._index = np.array([model.parameter_names.index(name) for name in data.free])
         self._columns = np.array([kernel.sensitive.index(name) for name in data.free])
         self._p = data.p.copy()
         self._stiff = np.full(len(model.states), -1.0)
         self._sharpened: list[int] = []
-        for velocity, name in model.smoothing.items():
+        for name in model.smoothing.values():
             i = model.parameter_names.index(name)
             if name not in held and name not in data.free and not model.smoothing_share:
                 self._sharpened.append(i)
@@ -190,12 +196,15 @@ class Tracker:
     def run(self, samples: Samples) -> Piece | None:
         """Run over new samples; None if the path diverges or a gap is too long: then start a new tracker."""
         begin = self._state
-        if len(samples.time) and np.diff(samples.time, prepend=begin.time).max() > (1.5 + LONGEST_GAP) * self.data.period:
+        if (
+            len(samples.time)
+            and np.diff(samples.time, prepend=begin.time).max() > (1.5 + LONGEST_GAP) * self.data.period
+        ):
             return None
         found = self._run(begin, samples)
         if found is None:
             return None
-        self._state, cost, piece = found
+        self._state, _, piece = found
         return piece
 
     def again(self, pieces: Sequence[Piece], z: Array, changed: bool = False) -> tuple[Array, list[Piece]] | None:

@@ -19,6 +19,7 @@ from joint_id_core.estimators.shared.initial_state import rough_noise
 
 STILL_S = 0.05  # shortest rest that counts: a reversal is shorter
 LEAST = 5  # samples of a rest
+CREDIBLE = 0.1  # largest slack over the typical size of the signal; a noisier signal says nothing about rest
 BLIND = 3.0  # slack over the range in a moving stretch from which a label cannot tell motion from rest
 NOISY = 8.0  # range of a resting signal over the standard deviation of its noise; of 25 normal numbers it is 4
 SLOW = 1e-3  # speed of a resting joint over the typical one: creep under load
@@ -53,7 +54,8 @@ def still(
         size = views.max(axis=1) - views.min(axis=1)
         calm = _calm(name, slack, size, views.mean(axis=1), count)
         hidden = noise is None and BLIND * slack > float(np.quantile(size, 0.9))
-        if hidden and not _calm(name, slack, np.ptp(row), row.mean(), len(row)):
+        at_rest = _calm(name, slack, np.ptp(row), row.mean(), len(row))
+        if (hidden and not at_rest) or slack > CREDIBLE * CHANNELS[name].scale:
             continue
         quiet = calm if quiet is None else quiet & calm
     if quiet is None:
