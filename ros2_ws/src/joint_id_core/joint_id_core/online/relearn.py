@@ -59,8 +59,7 @@ def relearn(
         return None
     share = np.ones(len(stretches)) if weights is None else np.array(weights)
     pieces = here[1]
-    cost = float(here[0] @ share)
-    cost += (z - mean) @ precision @ (z - mean)
+    cost = float(here[0] @ share + (z - mean) @ precision @ (z - mean))
     for _ in range(ITERATIONS):
         information = np.tensordot(share, [piece.matrix for piece in pieces], 1)
         matrix = precision + information
@@ -72,7 +71,7 @@ def relearn(
             step *= LONGEST / longest
         moved = coordinates.clip(z + step)
         there = tracker.again(stretches, moved, changed)
-        worth = np.inf if there is None else there[0] @ share + (moved - mean) @ precision @ (moved - mean)
+        worth = np.inf if there is None else float(there[0] @ share + (moved - mean) @ precision @ (moved - mean))
         small = step @ matrix @ step
         if worth < cost or (small < SETTLED and worth < cost + 1.0):
             assert there is not None

@@ -122,6 +122,7 @@ class Tracker:
             if name not in held and name not in data.free and not model.smoothing_share:
                 self._sharpened.append(i)
         self._n, self._k = len(model.states), len(kernel.sensitive)
+        self._state = State(np.zeros((self._n, 1 + self._n + self._k)), -np.inf, np.zeros(len(model.inputs)))
         self._take(z)
         self._states = rough_states(data)
         self.sharpen(KNOWN)
@@ -204,8 +205,8 @@ class Tracker:
         found = self._run(begin, samples)
         if found is None:
             return None
-        self._state, _, piece = found
-        return piece
+        self._state = found[0]
+        return found[2]
 
     def again(self, pieces: Sequence[Piece], z: Array, changed: bool = False) -> tuple[Array, list[Piece]] | None:
         """Run over stretches again at another reference; return the cost of each and what it says now.
