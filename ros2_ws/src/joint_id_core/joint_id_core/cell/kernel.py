@@ -26,7 +26,7 @@ from typing import Any, TextIO
 
 from joint_id_core import models
 from joint_id_core.cell import CELLS
-from joint_id_core.cell.loops import arrays, innovations, newton, noise, simulate
+from joint_id_core.cell.loops import arrays, innovations, newton, noise, simulate, tracking
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import Model
 
@@ -36,6 +36,7 @@ log = logging.getLogger(__name__)
 _Functions = tuple[Callable[..., Any], ...]
 _SIMULATION: _Functions = (simulate.rollout, simulate.jacobians, simulate.spectral_radius)
 _FILTER: _Functions = (innovations.innovations, innovations.observations)
+_TRACKING: _Functions = (tracking.track,)
 _SENSITIVITIES: _Functions = (simulate.rollout_sensitivities,)
 _GAINS: _Functions = (
     noise.noise_information, noise.bounded_step, noise.disturbances, newton.with_prior, newton.damped_step,
@@ -61,6 +62,11 @@ class Kernel:
     def sensitivities(self) -> ModuleType:
         """Module with `rollout_sensitivities`. Only some users of a cell need it, so it is compiled at first use."""
         return _cell(self.model, self.friction, self.sensitive, self.cell, "sensitivities", _SENSITIVITIES)
+
+    @cached_property
+    def tracking(self) -> ModuleType:
+        """Module with `track`. Only online identification needs it, so it is compiled at first use."""
+        return _cell(self.model, self.friction, self.sensitive, self.cell, "tracking", _TRACKING)
 
     @cached_property
     def gains(self) -> ModuleType:

@@ -1,4 +1,4 @@
-"""Sliding window of the latest samples of a joint."""
+"""Sliding window of the newest samples of a joint."""
 
 from __future__ import annotations
 
@@ -9,13 +9,20 @@ import numpy as np
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 
+REST = 50.0  # periods of the longest step between two parts that counts as time of the window
+
 
 class SlidingWindow:
-    """Keeps the samples of one joint of the last `length_s` seconds."""
+    """Keeps the newest samples of one joint, `length_s` seconds of them.
+
+    Time between two parts that are added, a rest, does not count.
+    """
 
     def __init__(self, length_s: float) -> None:
         self._length = length_s
         self._parts: deque[Recording] = deque()
+        self._durations: deque[float] = deque()
+        self._period = 0.0
 
     @property
     def end(self) -> float:
@@ -25,7 +32,7 @@ class SlidingWindow:
     @property
     def start(self) -> float:
         """Instant of the oldest sample that is kept, in s; inf before the first."""
-        return float(self._parts[0].time[0]) if self._parts else np.inf
+        return float(self._parts[0].time[0]) + max(0.0, self.duration - self._length) if self._parts else np.inf
 
     def append(self, samples: Recording) -> None:
         """Add later samples.
@@ -41,29 +48,39 @@ class SlidingWindow:
                 f"{samples.source}: time goes backwards from {end:.6f} s to {samples.time[0]:.6f} s: "
                 "these samples were left out"
             )
+        if len(samples) > 1:
+            self._period = samples.duration / (len(samples) - 1)
+        step = float(samples.time[0]) - end
         self._parts.append(samples)
-        start = self.end - self._length
-        while self._parts[0].time[-1] < start:
+        self._durations.append(samples.duration + (step if step < REST * self._period else self._period))
+        while self.duration - self._durations[0] > self._length:
             self._parts.popleft()
+            self._durations.popleft()
+
+    @property
+    def duration(self) -> float:
+        """Time in s that the samples cover."""
+        return sum(self._durations)
 
     def mean(self, name: str) -> float:
         """Return the mean of the values of a channel in the window; NaN if there are none."""
-        start = self.end - self._length
-        parts = [part[name][np.searchsorted(part.time, start) :] for part in self._parts if name in part]
-        values = np.concatenate([np.zeros(0), *parts])
+        values = np.concatenate([np.zeros(0), *(part[name] for part in self._parts if name in part)])
         known = values[np.isfinite(values)]
         return float(known.mean()) if len(known) else np.nan
 
     def recording(self, since: float = -np.inf) -> Recording:
         """Return the samples of the window from `since` (s) on as one recording, NaN where a part lacks a channel."""
-        start = max(since, self.end - self._length)
         parts: list[tuple[Recording, slice]] = []
-        for part in reversed(self._parts):
+        surplus = self.duration - self._length
+        for k, part in enumerate(self._parts):
+            start = since
+            if k == 0 and surplus > 0.0:
+                start = max(since, float(part.time[0]) + surplus - 1e-9 * abs(surplus))
             first = int(np.searchsorted(part.time, start))
-            parts.append((part, slice(first, None)))
-            if first:
-                break
-        parts.reverse()
+            if first < len(part):
+                parts.append((part, slice(first, None)))
+        if not parts:
+            parts.append((self._parts[-1], slice(len(self._parts[-1]), None)))
         names: dict[str, None] = {}
         for part, _ in parts:
             names |= dict.fromkeys(part.channels)

@@ -85,12 +85,14 @@ class Checks:
         excess: addition to the covariance of the estimation coordinates (`Belief`), shape (k, k).
         nrmse: as in `Estimate`.
         together: by parameter that enters only in combination with others, what is known instead and what to do.
+        bias: known bias of the estimation coordinates, which was subtracted, shape (k,); None if none is known.
     """
 
     texts: tuple[str, ...]
     excess: Array
     nrmse: Mapping[str, float]
     together: Mapping[str, str]
+    bias: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,29 @@ class Predictions:
     time: Array
     measured: Mapping[str, Array]
     predicted: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class ParameterChange:
+    """A change of a parameter while the joint was watched: value and standard deviation before and after, SI units.
+
+    `since` is the instant of the change in s, on the clock of the estimate.
+    """
+
+    name: str
+    before: float
+    before_std_dev: float
+    after: float
+    after_std_dev: float
+    since: float
+
+    @property
+    def text(self) -> str:
+        """The change in words."""
+        return (
+            f"Changed: {self.name} from {self.before:.4g} ± {self.before_std_dev:.2g} "
+            f"to {self.after:.4g} ± {self.after_std_dev:.2g}."
+        )
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -134,6 +159,7 @@ class Estimate:
         predictions: measured and predicted labels; None for a failed, loaded or extended estimate.
         checks: findings of the checks of this fit, or of the fit that this estimate extends.
         notes: all findings as sentences, the most useful first; `message` holds the first ones.
+        changes: parameters that changed while the joint was watched, the most significant first.
     """
 
     model: str
@@ -164,6 +190,7 @@ class Estimate:
     predictions: Predictions | None = None
     checks: Checks | None = None
     notes: tuple[str, ...] = ()
+    changes: tuple[ParameterChange, ...] = ()
 
     @property
     def converged(self) -> bool:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from joint_id_core.errors import JointIdError
-from joint_id_core.results.estimate import Checks, Estimate, ParameterEstimate, Status, Verdict
+from joint_id_core.results.estimate import Checks, Estimate, ParameterChange, ParameterEstimate, Status, Verdict
 
 FORMAT = "joint_id estimate"
 VERSION = 1  # increased when a reader of the previous version would misread a file
@@ -34,6 +35,7 @@ def to_dict(estimate: Estimate) -> dict[str, Any]:
         "status": estimate.status.value,
         "message": estimate.message,
         "notes": list(estimate.notes),
+        "changes": [asdict(change) for change in estimate.changes],
         "parameters": [
             {
                 "name": p.name,
@@ -74,6 +76,7 @@ def to_dict(estimate: Estimate) -> dict[str, Any]:
             "excess": np.asarray(checks.excess).tolist(),
             "nrmse": {name: _number(v) for name, v in checks.nrmse.items()},
             "together": dict(checks.together),
+            "bias": None if checks.bias is None else np.asarray(checks.bias).tolist(),
         },
     }
 
@@ -97,6 +100,7 @@ def from_dict(content: Mapping[str, Any]) -> Estimate:
             status=Status(content["status"]),
             message=content["message"],
             notes=tuple(content["notes"]),
+            changes=tuple(ParameterChange(**change) for change in content.get("changes", ())),
             parameters=tuple(
                 ParameterEstimate(
                     p["name"], p["unit"], _value(p["value"]), _value(p["std_dev"]), Verdict(p["verdict"]),
@@ -131,6 +135,7 @@ def from_dict(content: Mapping[str, Any]) -> Estimate:
                 np.array(checks["excess"], dtype=float).reshape(len(free), len(free)),
                 _values(checks["nrmse"]),
                 dict(checks["together"]),
+                None if checks.get("bias") is None else np.array(checks["bias"], dtype=float),
             ),
         )  # fmt: skip
     except (KeyError, TypeError, ValueError, AttributeError) as error:

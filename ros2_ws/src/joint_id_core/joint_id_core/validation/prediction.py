@@ -11,7 +11,7 @@ from joint_id_core.cell.rollout import Steps
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.innovations.noise import NoiseLevels
-from joint_id_core.estimators.innovations.recursion import LONGEST_GAP, Recursion
+from joint_id_core.estimators.innovations.recursion import Recursion
 from joint_id_core.estimators.shared.fit_data import FitData, prepare
 from joint_id_core.estimators.shared.free_run import block_length, free_runs
 from joint_id_core.estimators.shared.initial_state import rough_states
@@ -98,7 +98,7 @@ def filtered(data: FitData, kernel: Kernel, noise: Mapping[str, float], substeps
 def _settled(data: FitData, horizon_s: float) -> np.ndarray:
     """Return True, shape (T,), for samples of free runs that began at least a horizon after the last (re)start."""
     time, block = data.time, block_length(data, horizon_s)
-    again = np.flatnonzero(data.gap > LONGEST_GAP) + 1
+    again = data.starts
     starts = time[np.concatenate([[0], again[again < len(time)]])]
     since = starts[np.searchsorted(starts, time, "right") - 1]
     index = np.arange(len(time))

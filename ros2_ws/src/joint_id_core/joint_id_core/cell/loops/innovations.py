@@ -102,104 +102,22 @@ def innovations(
     constants(p, c)
     # One array (see `layout`): the columns of the step, P, A P, rows s of this sample's labels, sum s e, sum s s'.
     V = np.zeros(SF)
-    x, shown, at, seen = np.empty(NX), np.empty(NX), np.empty(NX), np.empty(NX)
-    by_x, by_p = np.empty((NX, NX)), np.empty((NX, max(NP, 1)))
+    x = np.empty(NX)
+    restart(x, V, x0)
     for m in range(NX):
-        x[m] = x0[m]
         for n in range(NX):
             V[AT_P + m * NX + n] = P0[m, n]
     T = len(time)
     cost = 0.0
     for t in range(T):
         if begin[t] >= 0:
+            restart(x, V, X0[begin[t]])
             for m in range(NX):
-                x[m] = X0[begin[t], m]
-                for n in range(NX):
-                    V[AT_P + m * NX + n] = 0.0
                 V[AT_P + m * NX + m] = V0[begin[t], m]
-                for j in range(NP):
-                    V[m * CF + j] = 0.0
-        volume = 1.0
-        if DELAYED:
-            observe(x, u[t if t == 0 or begin[t] >= 0 else t - 1], u[t], c, shown, by_x, by_p)
-            for m in range(NX):
-                at[m] = x[m]
-        for k in range(len(label)):
-            i = label[k]
-            if DELAYED:
-                for m in range(NX):
-                    C[t, k, m] = by_x[i, m]
-            if math.isnan(y[t, k]):
-                e[t, k] = 0.0
-                S[t, k] = 1.0
-                for j in range(CP):
-                    V[AT_s + k * CP + j] = 0.0
-                for j in range(NP):
-                    J[t, k, j] = 0.0
-                for m in range(NX):
-                    K[t, k, m] = 0.0
-                continue
-            error = y[t, k] - x[i]
-            variance = V[AT_P + i * NX + i] + R[k]
-            if DELAYED:
-                error = y[t, k] - shown[i]
-                variance = R[k]
-                for m in range(NX):
-                    error -= by_x[i, m] * (x[m] - at[m])
-                    seen[m] = 0.0
-                    for n in range(NX):
-                        seen[m] += V[AT_P + m * NX + n] * by_x[i, n]
-                    variance += by_x[i, m] * seen[m]
-            if not variance > 0.0:  # the path diverged
-                return math.nan
-            inverse = 1.0 / variance
-            root = math.sqrt(inverse)
-            white = error * root
-            cost += white * white
-            volume *= variance
-            e[t, k] = error
-            S[t, k] = variance
-            for j in range(CP):
-                V[AT_s + k * CP + j] = V[i * CF + j] * root
-            if DELAYED:
-                for j in range(NP):
-                    V[AT_s + k * CP + j] = by_p[i, j] * root
-                    for m in range(NX):
-                        V[AT_s + k * CP + j] += by_x[i, m] * V[m * CF + j] * root
-            for j in range(NP):
-                J[t, k, j] = V[AT_s + k * CP + j]
-            for j in range(CP):
-                V[AT_g + j] += V[AT_s + k * CP + j] * white
-            for m in range(NX):
-                gain = (seen[m] if DELAYED else V[AT_P + m * NX + i]) * inverse
-                K[t, k, m] = gain
-                x[m] += gain * error
-                gain *= variance * root
-                for j in range(CP):
-                    V[m * CF + j] -= gain * V[AT_s + k * CP + j]
-            if DELAYED:
-                for m in range(NX):
-                    for n in range(NX):
-                        V[AT_P + m * NX + n] -= 0.5 * (K[t, k, m] * seen[n] + K[t, k, n] * seen[m])
-                continue
-            for m in range(NX):
-                if m != i:
-                    for n in range(NX):
-                        if n != i:
-                            V[AT_P + m * NX + n] -= K[t, k, m] * V[AT_P + i * NX + n]
-            # P (1 - K) with 1 - K = R / S: the difference 1 - K itself would lose its digits
-            left = R[k] * inverse
-            for n in range(NX):
-                V[AT_P + i * NX + n] *= left
-            for n in range(NX):
-                V[AT_P + n * NX + i] = V[AT_P + i * NX + n]
-        cost += math.log(volume)
-        for k in range(len(label)):  # the lower triangle of H, in blocks of the width of a cache line
-            for b in range(CP // ALIGN):
-                for j in range(b * ALIGN, NP):
-                    row = V[AT_s + k * CP + j]
-                    for n in range(b * ALIGN, (b + 1) * ALIGN):
-                        V[AT_H + j * CP + n] += row * V[AT_s + k * CP + n]
+        before = t if t == 0 or begin[t] >= 0 else t - 1
+        cost += correct(x, V, R, y[t], label, u[before], u[t], c, e[t], S[t], K[t], C[t if DELAYED else 0], J[t])
+        if not cost < math.inf:
+            return math.nan
         for m in range(NX):
             X[t, m] = x[m]
         if t == T - 1:
@@ -209,40 +127,178 @@ def innovations(
                 for n in range(NX + NU):
                     F[t, m, n] = 0.0
             continue
-        for m in range(NX):
-            for n in range(NX + NU):
-                V[m * CF + NP + n] = 0.0
-            V[m * CF + NP + m] = 1.0
-        step_full(x, V, u[t], u[t + 1], c, time[t + 1] - time[t], substeps[t])
+        predict(x, V, u[t], u[t + 1], c, time[t + 1] - time[t], substeps[t], gap[t], q, Q_x)
         for m in range(NX):
             for n in range(NX + NU):
                 F[t, m, n] = V[m * CF + NP + n]
-            for n in range(NX):
-                total = 0.0
-                for k in range(NX):
-                    total += V[m * CF + NP + k] * V[AT_P + k * NX + n]
-                V[AT_M + m * NX + n] = total
+    totals(V, H, g)
+    return cost
+
+
+def restart(x: Vector, V: Vector, start: Vector) -> None:
+    """Set the state to `start`, with P and the derivatives of the state by the parameters at zero."""
+    for m in range(NX):
+        x[m] = start[m]
+        for n in range(NX):
+            V[AT_P + m * NX + n] = 0.0
+        for j in range(NP):
+            V[m * CF + j] = 0.0
+
+
+def correct(
+    x: Vector,
+    V: Vector,
+    R: Vector,
+    y: Vector,
+    label: Indices,
+    held: Vector,
+    u: Vector,
+    c: Vector,
+    e: Vector,
+    S: Vector,
+    K: Matrix,
+    C: Matrix,
+    J: Matrix,
+) -> float:
+    """Correct the state x, P and the derivatives in V by the labels y of one sample; add to sums s e and s s' in V.
+
+    `held` are the inputs until this sample, u those from now on. For the other arguments see `innovations`: e, S, K, C
+    and J are their rows of this sample. Returns the share of the cost; inf if the path diverged.
+    """
+    shown, at, seen = np.empty(NX), np.empty(NX), np.empty(NX)
+    by_x, by_p = np.empty((NX, NX)), np.empty((NX, max(NP, 1)))
+    cost = 0.0
+    volume = 1.0
+    if DELAYED:
+        observe(x, held, u, c, shown, by_x, by_p)
+        for m in range(NX):
+            at[m] = x[m]
+    for k in range(len(label)):
+        i = label[k]
+        if DELAYED:
+            for m in range(NX):
+                C[k, m] = by_x[i, m]
+        if math.isnan(y[k]):
+            e[k] = 0.0
+            S[k] = 1.0
+            for j in range(CP):
+                V[AT_s + k * CP + j] = 0.0
+            for j in range(NP):
+                J[k, j] = 0.0
+            for m in range(NX):
+                K[k, m] = 0.0
+            continue
+        error = y[k] - x[i]
+        variance = V[AT_P + i * NX + i] + R[k]
+        if DELAYED:
+            error = y[k] - shown[i]
+            variance = R[k]
+            for m in range(NX):
+                error -= by_x[i, m] * (x[m] - at[m])
+                seen[m] = 0.0
+                for n in range(NX):
+                    seen[m] += V[AT_P + m * NX + n] * by_x[i, n]
+                variance += by_x[i, m] * seen[m]
+        if not variance > 0.0:
+            return math.inf
+        inverse = 1.0 / variance
+        root = math.sqrt(inverse)
+        white = error * root
+        cost += white * white
+        volume *= variance
+        e[k] = error
+        S[k] = variance
+        for j in range(CP):
+            V[AT_s + k * CP + j] = V[i * CF + j] * root
+        if DELAYED:
+            for j in range(NP):
+                V[AT_s + k * CP + j] = by_p[i, j] * root
+                for m in range(NX):
+                    V[AT_s + k * CP + j] += by_x[i, m] * V[m * CF + j] * root
+        for j in range(NP):
+            J[k, j] = V[AT_s + k * CP + j]
+        for j in range(CP):
+            V[AT_g + j] += V[AT_s + k * CP + j] * white
+        for m in range(NX):
+            gain = (seen[m] if DELAYED else V[AT_P + m * NX + i]) * inverse
+            K[k, m] = gain
+            x[m] += gain * error
+            gain *= variance * root
+            for j in range(CP):
+                V[m * CF + j] -= gain * V[AT_s + k * CP + j]
+        if DELAYED:
+            for m in range(NX):
+                for n in range(NX):
+                    V[AT_P + m * NX + n] -= 0.5 * (K[k, m] * seen[n] + K[k, n] * seen[m])
+            continue
+        for m in range(NX):
+            if m != i:
+                for n in range(NX):
+                    if n != i:
+                        V[AT_P + m * NX + n] -= K[k, m] * V[AT_P + i * NX + n]
+        # P (1 - K) with 1 - K = R / S: the difference 1 - K itself would lose its digits
+        left = R[k] * inverse
+        for n in range(NX):
+            V[AT_P + i * NX + n] *= left
+        for n in range(NX):
+            V[AT_P + n * NX + i] = V[AT_P + i * NX + n]
+    for k in range(len(label)):  # the lower triangle of H, in blocks of the width of a cache line
+        for b in range(CP // ALIGN):
+            for j in range(b * ALIGN, NP):
+                row = V[AT_s + k * CP + j]
+                for n in range(b * ALIGN, (b + 1) * ALIGN):
+                    V[AT_H + j * CP + n] += row * V[AT_s + k * CP + n]
+    return cost + math.log(volume)
+
+
+def predict(
+    x: Vector,
+    V: Vector,
+    u0: Vector,
+    u1: Vector,
+    c: Vector,
+    h: float,
+    substeps: int,
+    gap: float,
+    q: Vector,
+    Q_x: Vector,
+) -> None:
+    """Advance the state x, P and the derivatives in V to the next sample, a time h in s later."""
+    for m in range(NX):
+        for n in range(NX + NU):
+            V[m * CF + NP + n] = 0.0
+        V[m * CF + NP + m] = 1.0
+    step_full(x, V, u0, u1, c, h, substeps)
+    for m in range(NX):
+        for n in range(NX):
+            total = 0.0
+            for k in range(NX):
+                total += V[m * CF + NP + k] * V[AT_P + k * NX + n]
+            V[AT_M + m * NX + n] = total
+    for m in range(NX):
+        for n in range(m + 1):
+            total = 0.0
+            for k in range(NX):
+                total += V[AT_M + m * NX + k] * V[n * CF + NP + k]
+            V[AT_P + m * NX + n] = total
+    for k in range(NU):
+        variance = q[k] + gap * (u1[k] - u0[k]) ** 2
         for m in range(NX):
             for n in range(m + 1):
-                total = 0.0
-                for k in range(NX):
-                    total += V[AT_M + m * NX + k] * V[n * CF + NP + k]
-                V[AT_P + m * NX + n] = total
-        for k in range(NU):
-            variance = q[k] + gap[t] * (u[t + 1, k] - u[t, k]) ** 2
-            for m in range(NX):
-                for n in range(m + 1):
-                    V[AT_P + m * NX + n] += V[m * CF + NP + NX + k] * variance * V[n * CF + NP + NX + k]
-        for m in range(NX):
-            V[AT_P + m * NX + m] += Q_x[m]
-            for n in range(m):
-                V[AT_P + n * NX + m] = V[AT_P + m * NX + n]
+                V[AT_P + m * NX + n] += V[m * CF + NP + NX + k] * variance * V[n * CF + NP + NX + k]
+    for m in range(NX):
+        V[AT_P + m * NX + m] += Q_x[m]
+        for n in range(m):
+            V[AT_P + n * NX + m] = V[AT_P + m * NX + n]
+
+
+def totals(V: Vector, H: Matrix, g: Vector) -> None:
+    """Copy the sums s s' to H (NP, NP) and s e / sqrt(S) to g (NP)."""
     for j in range(NP):
         g[j] = V[AT_g + j]
         for n in range(j + 1):
             H[j, n] = V[AT_H + j * CP + n]
             H[n, j] = H[j, n]
-    return cost
 
 
 def observations(X: Matrix, u: Matrix, p: Vector, Y: Matrix) -> None:

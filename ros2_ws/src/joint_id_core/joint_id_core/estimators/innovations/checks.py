@@ -19,7 +19,7 @@ from joint_id_core.models.combinations import Combination, combinations
 from joint_id_core.results.estimate import Checks
 
 
-def run_checks(stages: Stages, found: Minimum, alone: str) -> tuple[Checks, dict[str, Array], Array]:
+def run_checks(stages: Stages, found: Minimum, alone: str) -> tuple[Checks, dict[str, Array]]:
     """Check a minimum.
 
     Args:
@@ -28,7 +28,7 @@ def run_checks(stages: Stages, found: Minimum, alone: str) -> tuple[Checks, dict
         alone: warning that only one start reached this minimum; empty if another start did, too.
 
     Returns:
-        The findings, the predicted labels by name, each of shape (T,), and the known bias of the coordinates, (k,).
+        The findings, and the predicted labels by name, each of shape (T,).
     """
     data, recursion, coordinates = stages.data, stages.recursion, stages.coordinates
     last = recursion.renewed(found.last)
@@ -39,7 +39,7 @@ def run_checks(stages: Stages, found: Minimum, alone: str) -> tuple[Checks, dict
     p, slope = stages.cost.values(found.z), coordinates.slope(found.z)
     together = _combinations(data, p, (found.covariance + excess) * np.outer(slope, slope))
     predictions = free_runs(stages.kernel, data, last.states, p, last.steps, stages.options.horizon_s)
-    return Checks(texts, excess, nrmse(data, predictions), together), predictions, bias
+    return Checks(texts, excess, nrmse(data, predictions), together, bias), predictions
 
 
 def _combinations(data: FitData, p: Array, covariance: Array) -> dict[str, str]:

@@ -69,8 +69,8 @@ def _estimate(outcome: Outcome, begun: float) -> Estimate:
     """Convert the minimum that was found to an `Estimate`."""
     stages, found = outcome.stages, outcome.minimum
     coordinates, data = stages.coordinates, stages.data
-    checks, predictions, bias = run_checks(stages, found, outcome.alone)
-    z = coordinates.clip(found.z - bias)
+    checks, predictions = run_checks(stages, found, outcome.alone)
+    z = found.z if checks.bias is None else coordinates.clip(found.z - checks.bias)
     model, p = data.model, stages.cost.values(z)
     covariance_z = found.covariance + checks.excess
     slope = coordinates.slope(z)

@@ -19,10 +19,6 @@ from joint_id_core.estimators.shared.initial_state import start_state
 # It only keeps the covariance positive definite when an input is exact.
 STATE_NOISE = 1e-18
 
-# Longest gap, in samples, over which the state is predicted. The input is unknown in a gap. After a longer one (a lost
-# connection) the state starts again from its prior, with the same parameters.
-LONGEST_GAP = 5
-
 
 @dataclass(frozen=True)
 class Pass:
@@ -69,9 +65,14 @@ class Recursion:
         self.data, self.kernel, self._near = data, kernel, near
         self._columns = np.array([kernel.sensitive.index(name) for name in data.free])
         self.index = np.array([data.model.parameter_names.index(name) for name in data.free])
-        self._after = np.flatnonzero(data.gap > LONGEST_GAP) + 1
+        self._after = data.starts
+        if data.rest[-1:].any():
+            self._after = np.union1d(self._after, 1 + np.flatnonzero(~data.rest)[-1:])
         self._begin = np.full(len(data.time), -1, dtype=np.int64)
         self._begin[self._after] = np.arange(len(self._after))
+        for k in np.flatnonzero(data.rest)[::-1]:  # no state is predicted while the joint rests
+            if self._begin[k] < 0:
+                self._begin[k] = self._begin[k + 1] if k + 1 < len(data.time) else len(self._after) - 1
         self.x0, spread = start_state(data, 0, near)
         self.P0, self.Q_x = np.diag(spread**2), STATE_NOISE * spread**2
         starts = [start_state(data, int(k), near) for k in self._after] or [(self.x0, spread)]

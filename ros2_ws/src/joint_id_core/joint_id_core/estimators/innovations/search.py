@@ -14,7 +14,7 @@ from joint_id_core.estimators.innovations.belief import Belief, Coordinates
 from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.innovations.gauss_newton import Cost, Minimum
 from joint_id_core.estimators.innovations.noise import NoiseLevels
-from joint_id_core.estimators.innovations.recursion import LONGEST_GAP, Recursion
+from joint_id_core.estimators.innovations.recursion import Recursion
 from joint_id_core.estimators.innovations.stages import TOLERANCE, Stages
 from joint_id_core.estimators.innovations.verdicts import explained
 from joint_id_core.estimators.shared.fit_data import FitData
@@ -143,7 +143,7 @@ class Search:
         if "motor_position" not in set(data.model.state_names) - set(data.labels):
             return False
         p, count = stages.cost.values(z), len(data.time)
-        if not np.any(data.gap > LONGEST_GAP):
+        if not len(data.starts):
             count = min(count, HEAD)
         part, costs = data.part(0, count), []
         for near in (None, p):

@@ -15,10 +15,14 @@ from joint_id_core.data.recording import Array, Recording, any_finite
 from joint_id_core.data.signals import integral_of
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.shared.settings import ParameterSettings
+from joint_id_core.estimators.shared.stillness import still
 from joint_id_core.filtering.offline import complete
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions, Status, Verdict
 
+# Longest gap, in samples, over which the state is predicted. The input is unknown in a gap. After a longer one (a lost
+# connection) the state starts again from its prior, with the same parameters.
+LONGEST_GAP = 5
 MIN_SAMPLES = 50  # fewer samples do not determine several parameters and their covariance
 
 
@@ -45,6 +49,7 @@ class FitData:
         priors: prior standard deviations by parameter, as in `ParameterSettings`.
         period: typical time step in s: the mean step, or the median step if there are gaps.
         gap: number of missing samples between each sample and the next one, shape (T,).
+        rest: True for samples at rest, which have no labels, shape (T,).
         dropped: number of samples left out because an input was missing.
         recording: the recording with derived channels.
     """
@@ -60,6 +65,7 @@ class FitData:
     priors: Mapping[str, float]
     period: float
     gap: Array
+    rest: NDArray[np.bool_]
     dropped: int
     recording: Recording
 
@@ -78,6 +84,11 @@ class FitData:
     def present(self) -> NDArray[np.bool_]:
         """True where a label was measured, shape (T, labels)."""
         return np.isfinite(self.y)
+
+    @cached_property
+    def starts(self) -> NDArray[np.int64]:
+        """Samples at which the state starts again: where motion begins after a rest, and after a long gap."""
+        return np.flatnonzero((self.rest[:-1] & ~self.rest[1:]) | (self.gap[:-1] > LONGEST_GAP)) + 1
 
     @cached_property
     def table(self) -> Array | None:
@@ -104,7 +115,7 @@ class FitData:
 
     def part(self, first: int, last: int) -> FitData:
         """Return the data of the samples from `first` to before `last`."""
-        rows = {name: getattr(self, name)[first:last] for name in ("time", "u", "y", "gap")}
+        rows = {name: getattr(self, name)[first:last] for name in ("time", "u", "y", "gap", "rest")}
         return replace(self, **rows)
 
 
@@ -152,10 +163,15 @@ def prepare(model: Model, recording: Recording, settings: ParameterSettings | No
             f"{recording.source} measures none of the states of model {model.name} "
             f"({', '.join(model.state_names)}): record at least one, or rename a column to it (--map)",
         )
-    y, time = _without_frozen([recording[n] for n in labels]).T.copy(), np.ascontiguousarray(recording.time)
+    y, time = without_frozen(np.array([recording[n] for n in labels])).T.copy(), np.ascontiguousarray(recording.time)
     if not usable.all():
         rows = usable.all(axis=1)
         u, y, time = u[rows], y[rows], time[rows]
+    steps = time[1:] - time[:-1]
+    period, gap = (float(time[-1] - time[0]) / len(steps) if len(steps) else 1.0), np.zeros(len(time))
+    if len(steps) and steps.max() > 1.25 * period:  # there are gaps, or jitter of that size
+        period = float(np.median(steps))
+        np.maximum(np.rint(steps / period) - 1.0, 0.0, out=gap[:-1])
     present = np.isfinite(y)
     seen = len(y) if present.all() else int(np.count_nonzero(present.any(axis=1)))
     if seen < MIN_SAMPLES:
@@ -165,21 +181,21 @@ def prepare(model: Model, recording: Recording, settings: ParameterSettings | No
             f"{seen} of these a label ({', '.join(labels)}), a fit needs {MIN_SAMPLES}: look for missing values with "
             "`joint-id info`",
         )
-    steps = time[1:] - time[:-1]
-    period, gap = float(time[-1] - time[0]) / len(steps), np.zeros(len(time))
-    if steps.max() > 1.25 * period:  # there are gaps, or jitter of that size
-        period = float(np.median(steps))
-        np.maximum(np.rint(steps / period) - 1.0, 0.0, out=gap[:-1])
+    at_rest = still(labels, y, period)
+    y[at_rest] = np.nan
+    if at_rest.any() and len(time) - np.count_nonzero(at_rest) < MIN_SAMPLES:
+        raise UnusableError(Status.NO_MOTION, _resting(recording, labels))
     index = np.array([model.state_names.index(n) for n in labels], dtype=np.int64)
     dropped = len(recording) - len(time)
-    data = FitData(model, time, u, y, labels, index, p, free, settings.priors, period, gap, dropped, recording)
+    data = FitData(model, time, u, y, labels, index, p, free, settings.priors, period, gap, at_rest, dropped, recording)
     if not (data.span > 0.0).any():
-        raise UnusableError(
-            Status.NO_MOTION,
-            f"{recording.source}: {', '.join(labels)} did not change in this window: "
-            "move the joint, or check the sensor",
-        )
+        raise UnusableError(Status.NO_MOTION, _resting(recording, labels))
     return data
+
+
+def _resting(recording: Recording, labels: tuple[str, ...]) -> str:
+    what = f"{recording.source}: {', '.join(labels)} did not change in this window"
+    return f"{what}: move the joint, or check the sensor"
 
 
 def _smoothing(model: Model, recording: Recording) -> dict[str, float]:
@@ -216,13 +232,12 @@ def _peak(recording: Recording, velocity: str) -> float:
     return float(np.max(np.abs((values[8:] - values[:-8]) / (time[8:] - time[:-8]))))
 
 
-def _without_frozen(signals: list[Array]) -> Array:
-    """Return the signals as rows, with NaN for repeated zeros of a sensor that has a much finer resolution.
+def without_frozen(rows: Array) -> Array:
+    """Return the signals (signals, T) with NaN for repeated zeros of a sensor that has a much finer resolution.
 
     Robots report a velocity of exactly zero below a threshold. These zeros are not measurements: used as labels, they
     would drive the estimated noise of the sensor to zero. Signals of a quantised sensor are not changed.
     """
-    rows = np.array(signals)
     changes = np.count_nonzero(rows[:, 1:] != rows[:, :-1], axis=1)
     for k in np.flatnonzero(changes <= 0.98 * rows.shape[1] - 1.0):
         row = rows[k]

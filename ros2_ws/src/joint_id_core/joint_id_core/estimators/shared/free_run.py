@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -27,10 +28,16 @@ def free_runs(
     """Predict the labels at most `horizon_s` ahead, by simulations restarted from the filtered `states` (T, n).
 
     Returns:
-        By label, the predicted values, shape (T,).
+        By label, the predicted values, shape (T,), NaN at rest.
     """
-    block = block_length(data, horizon_s)
-    X = restarted(kernel, states[::block], block, data.time, data.u, p, substeps)
+    block, X = block_length(data, horizon_s), np.full_like(states, np.nan)
+    steps = np.full(len(data.time), substeps, dtype=np.int64)
+    # No run goes across a rest or a long gap.
+    edges = np.unique([0, *data.starts, *(np.flatnonzero(data.rest[1:] & ~data.rest[:-1]) + 1), len(data.time)])
+    for begin, end in pairwise(edges.tolist()):
+        if not data.rest[begin]:
+            rows = slice(begin, end)
+            X[rows] = restarted(kernel, states[rows][::block], block, data.time[rows], data.u[rows], p, steps[rows])
     if data.model.label_delays:
         states, X = X, np.empty_like(X)
         kernel.module.observations(states, data.u, p, X)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy  # whose parts load when used
 
 from joint_id_core.data.recording import Array
 from joint_id_core.data.signals import across_gear, integral_of, side_of
-from joint_id_core.estimators.shared.fit_data import FitData
+
+if TYPE_CHECKING:
+    from joint_id_core.estimators.shared.fit_data import FitData
 
 TWIST_SPREAD = 0.02  # rad: more than any harmonic drive twists, seen at the link
 TWIST_RATE_SPREAD = 0.5  # rad/s

@@ -79,8 +79,16 @@ def steps_of(data: FitData, kernel: Kernel, p: Array, states: Array, substeps: i
     if kernel.cell == "implicit":
         more |= np.any(np.abs(np.diff(data.u, axis=0, prepend=0.0)) > JUMP * np.ptp(data.u, axis=0), axis=1)
     many = MORE_STEPS * substeps
-    if kernel.cell == "rk4" and more.any() and len(data.labels) < len(model.states):
+    if more.any() and len(data.labels) < len(model.states):
         # measured states keep an unstable path near the data; with unmeasured states it would diverge
+        many = steps_to_stand(data, kernel, p, states, substeps)
+    return np.where(more, max(substeps, min(many, MOST_STEPS)), substeps).astype(np.int64)
+
+
+def steps_to_stand(data: FitData, kernel: Kernel, p: Array, states: Array, substeps: int) -> int:
+    """Return the steps for a sample close to standstill: those for accuracy, or more if RK4 needs them there."""
+    many = MORE_STEPS * substeps
+    if kernel.cell == "rk4":
         mode = standing_mode(data, kernel, p, states)
         many = max(many, int(min(np.ceil(mode * data.period / STABLE), MOST_STEPS)))
-    return np.where(more, max(substeps, min(many, MOST_STEPS)), substeps).astype(np.int64)
+    return max(substeps, min(many, MOST_STEPS))

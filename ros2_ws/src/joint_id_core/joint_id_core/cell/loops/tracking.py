@@ -1,0 +1,89 @@
+"""The filter of `loops.innovations` for samples that arrive: state and sensitivities are kept from call to call.
+
+It is compiled like `loops.innovations`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from joint_id_core.cell.loops.arrays import Indices, Matrix, Vector
+from joint_id_core.cell.loops.innovations import correct, predict, restart, totals
+
+NX: int
+NP: int
+NC: int
+CF: int
+SF: int
+AT_P: int
+constants: Callable[..., None]
+
+
+def track(
+    kept: Matrix,
+    time: Vector,
+    u: Matrix,
+    y: Matrix,
+    label: Indices,
+    gap: Vector,
+    R: Vector,
+    q: Vector,
+    Q_x: Vector,
+    p: Vector,
+    substeps: int,
+    stiff: Vector,
+    many: int,
+    white: Matrix,
+    H: Matrix,
+    g: Vector,
+) -> float:
+    """Run the filter over new samples and return their share of the cost; NaN if the path diverges.
+
+    The first row of the samples is the last one of the call before, whose labels were used then. Where a velocity is so
+    small that smoothed friction makes the cell stiff, or may cross zero, a sample takes `many` integrator steps.
+
+    Inputs as in `innovations`, and:
+        kept (NX, 1 + NX + NP): filtered state, its covariance and its derivatives by the parameters; updated.
+        stiff (NX): speed below which friction makes the cell stiff; negative for states without friction.
+
+    Outputs:
+        white (T, NY): innovations over their standard deviations, NaN where a label is missing; row 0 is not used.
+        H (NP, NP), g (NP): information matrix and score of the new samples, as in `innovations`.
+    """
+    c = np.empty(NC)
+    constants(p, c)
+    V = np.zeros(SF)
+    x, last = np.empty(NX), np.empty(NX)
+    K, C, J, e, S = np.empty((NX, NX)), np.empty((NX, NX)), np.empty((NX, max(NP, 1))), np.empty(NX), np.empty(NX)
+    restart(x, V, Q_x)
+    for m in range(NX):
+        x[m] = kept[m, 0]
+        last[m] = x[m]
+        for n in range(NX):
+            V[AT_P + m * NX + n] = kept[m, 1 + n]
+        for j in range(NP):
+            V[m * CF + j] = kept[m, 1 + NX + j]
+    cost = 0.0
+    for t in range(len(time) - 1):
+        steps = substeps
+        for m in range(NX):
+            if stiff[m] >= 0.0 and abs(x[m]) < stiff[m] + 2.0 * abs(x[m] - last[m]):
+                steps = many
+            last[m] = x[m]
+        predict(x, V, u[t], u[t + 1], c, time[t + 1] - time[t], steps, gap[t], q, Q_x)
+        cost += correct(x, V, R, y[t + 1], label, u[t], u[t + 1], c, e, S, K, C, J)
+        if not cost < math.inf:
+            return math.nan
+        for k in range(len(label)):
+            white[t + 1, k] = math.nan if math.isnan(y[t + 1, k]) else e[k] / math.sqrt(S[k])
+    for m in range(NX):
+        kept[m, 0] = x[m]
+        for n in range(NX):
+            kept[m, 1 + n] = V[AT_P + m * NX + n]
+        for j in range(NP):
+            kept[m, 1 + NX + j] = V[m * CF + j]
+    totals(V, H, g)
+    return cost

@@ -1,0 +1,92 @@
+"""Samples at which a joint stands still, from its measured signals alone.
+
+A joint that sticks shows nothing of its parameters but a bound of its friction, and smoothed friction lets it creep.
+Over some tenths of a second this creep is larger than the noise of an encoder. So samples at rest are left out, and the
+filter starts again where motion begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from joint_id_core.data.recording import Array
+from joint_id_core.data.signals import CHANNELS
+from joint_id_core.estimators.shared.initial_state import rough_noise
+
+STILL_S = 0.05  # shortest rest that counts: a reversal is shorter
+LEAST = 5  # samples of a rest
+CREDIBLE = 0.1  # largest slack over the typical size of the signal; a noisier signal says nothing about rest
+BLIND = 3.0  # slack over the range in a moving stretch from which a label cannot tell motion from rest
+NOISY = 8.0  # range of a resting signal over the standard deviation of its noise; of 25 normal numbers it is 4
+SLOW = 1e-3  # speed of a resting joint over the typical one: creep under load
+
+
+def still(
+    labels: tuple[str, ...], y: Array, period: float, noise: Mapping[str, float] | None = None
+) -> NDArray[np.bool_]:
+    """Return True for samples that belong to a rest, shape (T,).
+
+    Args:
+        labels: names of the labels; those that are neither positions nor velocities say nothing about rest.
+        y: their values, shape (T, labels), NaN where missing.
+        period: of the samples in s.
+        noise: standard deviations by label; None takes them from the samples. A label whose noise hides the motion of
+            this record, such as a coarse encoder's, is then left out.
+    """
+    count = max(LEAST, round(STILL_S / period) + 1)
+    quiet: NDArray[np.bool_] | None = None
+    if len(y) < count:
+        return np.zeros(len(y), dtype=bool)
+    for name, values in zip(labels, y.T, strict=True):
+        known = np.isfinite(values)
+        row = values[known]
+        if name.rpartition("_")[2] not in ("position", "velocity") or len(row) < count:
+            continue
+        if noise is not None and name not in noise:
+            continue
+        slack = NOISY * noise[name] if noise is not None else NOISY * np.sqrt(rough_noise(row)) + 2.0 * _resolution(row)
+        filled = row if len(row) == len(values) else np.interp(np.arange(len(values)), np.flatnonzero(known), row)
+        views = np.lib.stride_tricks.sliding_window_view(filled, count)
+        size = views.max(axis=1) - views.min(axis=1)
+        calm = _calm(name, slack, size, views.mean(axis=1), count)
+        hidden = noise is None and BLIND * slack > float(np.quantile(size, 0.9))
+        at_rest = _calm(name, slack, np.ptp(row), row.mean(), len(row))
+        if (hidden and not at_rest) or slack > CREDIBLE * CHANNELS[name].scale:
+            continue
+        quiet = calm if quiet is None else quiet & calm
+    if quiet is None:
+        return np.zeros(len(y), dtype=bool)
+    # a sample is at rest if any quiet stretch of `count` samples holds it
+    return np.convolve(quiet, np.ones(count, dtype=int))[: len(y)] > 0
+
+
+def seen_by(labels: tuple[str, ...], y: Array, period: float, noise: Mapping[str, float]) -> dict[str, float]:
+    """Return those entries of `noise` whose labels show in this record of motion whether the joint rests."""
+    count = max(LEAST, round(STILL_S / period) + 1)
+    found = {}
+    for name, values in zip(labels, y.T, strict=True):
+        row = values[np.isfinite(values)]
+        if len(row) > count:
+            size = np.abs(row[count:] - row[:-count])
+            if BLIND * NOISY * noise[name] <= float(np.quantile(size, 0.9)):
+                found[name] = noise[name]
+    return found
+
+
+def _calm(name: str, slack: float, size: Any, mean: Any, count: int) -> Any:
+    """Return whether stretches of `count` samples with this range and mean are those of a joint at rest."""
+    speed = SLOW * CHANNELS[name].scale
+    if name.endswith("_position"):
+        return size <= slack + speed * STILL_S
+    return (size <= slack + speed) & (np.abs(mean) <= 0.5 * slack / np.sqrt(count) + speed)
+
+
+def _resolution(row: Array) -> float:
+    """Return the smallest step of a quantised signal; 0 if its values hardly ever repeat."""
+    steps = np.abs(row[1:] - row[:-1])
+    moved = steps[steps > 0.0]
+    return float(moved.min()) if 0 < len(moved) < 0.9 * len(steps) else 0.0

@@ -1,0 +1,100 @@
+"""New values of changed parameters, from the samples since the change."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from joint_id_core.data.recording import Array
+from joint_id_core.estimators.innovations.verdicts import COLOURED, MOST_CHI2
+from joint_id_core.online.tracker import Piece, Tracker
+
+ITERATIONS = 20
+SETTLED = 0.01  # squared length of the last step in standard deviations
+LONGEST = 1.0  # longest step of a coordinate: a factor e in a positive parameter
+
+
+@dataclass(frozen=True)
+class Learned:
+    """Values of the parameters, shape (k,), and what the stretches say at these values."""
+
+    z: Array
+    pieces: list[Piece]
+
+    @property
+    def explained(self) -> bool:
+        """Whether the innovations look like noise: mean square and lag-one autocorrelation."""
+        return _explained(np.concatenate([piece.white for piece in self.pieces]))
+
+
+def relearn(
+    tracker: Tracker,
+    stretches: Sequence[Piece],
+    mean: Array,
+    precision: Array,
+    changed: bool = False,
+    weights: Sequence[float] | None = None,
+) -> Learned | None:
+    """Fit the parameters to stretches of samples, with the noise levels of the tracker.
+
+    Gauss-Newton iterations with Levenberg damping.
+
+    Args:
+        tracker: it ends at the end of the stretches, at the new values.
+        stretches: the samples.
+        mean, precision: what is known of the parameters without them, shapes (k,) and (k, k), in estimation
+            coordinates.
+        weights: of the stretches; 1 if not given.
+        changed: whether the parameters changed where the stretches begin; the iteration then starts at the mean.
+
+    Returns:
+        The minimum; None if the path diverges at the start.
+    """
+    coordinates = tracker.coordinates
+    z, damping = coordinates.clip(mean if changed else tracker.z), 1e-3
+    here = tracker.again(stretches, z, changed)
+    if here is None:
+        return None
+    share = np.ones(len(stretches)) if weights is None else np.array(weights)
+    pieces = here[1]
+    cost = float(here[0] @ share + (z - mean) @ precision @ (z - mean))
+    for _ in range(ITERATIONS):
+        information = np.tensordot(share, [piece.matrix for piece in pieces], 1)
+        matrix = precision + information
+        gradient = share @ np.array([piece.vector for piece in pieces]) - information @ z - precision @ (z - mean)
+        damped = matrix + damping * np.diag(np.diag(matrix))
+        step = np.linalg.solve(damped, gradient)
+        longest = float(np.max(np.abs(step) / coordinates.unit))
+        if longest > LONGEST:
+            step *= LONGEST / longest
+        moved = coordinates.clip(z + step)
+        there = tracker.again(stretches, moved, changed)
+        worth = np.inf if there is None else float(there[0] @ share + (moved - mean) @ precision @ (moved - mean))
+        small = step @ matrix @ step
+        if worth < cost or (small < SETTLED and worth < cost + 1.0):
+            assert there is not None
+            z, cost, pieces, damping = moved, worth, there[1], max(0.1 * damping, 1e-9)
+            if small < SETTLED:
+                break
+        else:
+            damping *= 10.0
+            if damping > 1e6:
+                break
+    if tracker.z is not z:
+        tracker.again(stretches, z, changed)
+    return Learned(z, pieces)
+
+
+def _explained(white: Array) -> bool:
+    """Return whether innovations look like noise: mean square and lag-one autocorrelation."""
+    for row in white.T:
+        known = row[np.isfinite(row)]
+        if len(known) < 20:
+            continue
+        energy = float(known @ known)
+        slack = 4.0 / np.sqrt(len(known))
+        if energy / len(known) > MOST_CHI2 + slack or abs(float(known[1:] @ known[:-1])) > (COLOURED + slack) * energy:
+            return False
+    return True

@@ -1,0 +1,255 @@
+"""The filter with its sensitivities, run over the samples of a joint as they arrive."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from joint_id_core.cell.kernel import Kernel
+from joint_id_core.data.recording import Array, Recording
+from joint_id_core.estimators.innovations.belief import Coordinates
+from joint_id_core.estimators.innovations.recursion import STATE_NOISE
+from joint_id_core.estimators.shared.fit_data import LONGEST_GAP, FitData, without_frozen
+from joint_id_core.estimators.shared.initial_state import rough_states, start_state
+from joint_id_core.estimators.shared.substeps import KINK, steps_to_stand
+
+WARM_UP = 100  # samples from which the filter learns the state of the joint
+LEAST = 10  # samples of the shortest motion that is used
+UNSURE = 100.0  # factor on the covariance of the state where parameters changed
+# Over minutes, the creep of a sticking joint under smoothed friction would bias the estimates by several standard
+# deviations. The filter follows a path that it knows well, so it can have sharper friction than a fit from afar.
+SHARPEST = 0.1
+KNOWN = 0.5  # largest standard deviation of a coordinate at which friction is as smooth as in a fit
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Samples of one joint: instants (T,) in s, inputs (T, inputs), labels (T, labels), NaN where missing."""
+
+    time: Array
+    u: Array
+    y: Array
+
+    def __add__(self, other: Samples) -> Samples:
+        return Samples(*(np.concatenate(pair) for pair in zip(astuple(self), astuple(other), strict=True)))
+
+
+@dataclass(frozen=True)
+class State:
+    """State of the filter: see `loops.tracking`; `time` and `u` (inputs,) are those of the last sample."""
+
+    kept: Array
+    time: float
+    u: Array
+
+
+@dataclass(frozen=True)
+class Piece:
+    """What a stretch of samples says about the free parameters, in estimation coordinates z.
+
+    Attributes:
+        matrix, vector: information matrix H (k, k) and vector h (k,): the stretch alone says H z = h.
+        white: innovations over their standard deviations, shape (T, labels), NaN where a label is missing.
+        begin: state of the filter before the stretch.
+        samples: the samples.
+        z: parameters at which the filter ran, shape (k,).
+    """
+
+    matrix: Array
+    vector: Array
+    white: Array
+    begin: State
+    samples: Samples
+    z: Array
+
+    @property
+    def duration(self) -> float:
+        """Length in s."""
+        return float(self.samples.time[-1] - self.begin.time) if len(self.samples.time) else 0.0
+
+    def __add__(self, other: Piece) -> Piece:
+        return Piece(
+            self.matrix + other.matrix,
+            self.vector + other.vector,
+            np.concatenate([self.white, other.white]),
+            self.begin,
+            self.samples + other.samples,
+            self.z,
+        )
+
+
+class Tracker:
+    """Runs the filter at parameters that are held, the reference, and returns what new samples say about them."""
+
+    def __init__(
+        self,
+        data: FitData,
+        kernel: Kernel,
+        coordinates: Coordinates,
+        z: Array,
+        levels: Array,
+        substeps: int,
+        held: frozenset[str] = frozenset(),
+    ) -> None:
+        """Prepare; `start` begins.
+
+        Args:
+            data: the window.
+            kernel: compiled cell of its model.
+            coordinates, z: reference of the free parameters.
+            levels: noise variances of labels and inputs, shape (L,).
+            substeps: integrator steps per sample.
+            held: parameters that keep the value of the user, so that their friction is not sharpened.
+        """
+        model = data.model
+        self.data, self.kernel, self.coordinates, self.levels, self.substeps = (
+            data,
+            kernel,
+            coordinates,
+            levels,
+            substeps,
+        )
+        self._index = np.array([model.parameter_names.index(name) for name in data.free])
+        self._columns = np.array([kernel.sensitive.index(name) for name in data.free])
+        self._p = data.p.copy()
+        self._stiff = np.full(len(model.states), -1.0)
+        self._sharpened: list[int] = []
+        for name in model.smoothing.values():
+            i = model.parameter_names.index(name)
+            if name not in held and name not in data.free and not model.smoothing_share:
+                self._sharpened.append(i)
+        self._n, self._k = len(model.states), len(kernel.sensitive)
+        self._state = State(np.zeros((self._n, 1 + self._n + self._k)), -np.inf, np.zeros(len(model.inputs)))
+        self._take(z)
+        self._states = rough_states(data)
+        self.sharpen(KNOWN)
+
+    def sharpen(self, sigma: float) -> None:
+        """Take friction as sharp as suits the largest standard deviation `sigma` of a coordinate."""
+        model, data = self.data.model, self.data
+        self._p[self._sharpened] = data.p[self._sharpened] * np.clip(sigma / KNOWN, SHARPEST, 1.0)
+        for velocity, name in model.smoothing.items():
+            i = model.parameter_names.index(name)
+            self._stiff[model.state_names.index(velocity)] = KINK * self._p[i]
+        self._many = steps_to_stand(data, self.kernel, self._p, self._states, self.substeps)
+
+    def move(self, z: Array) -> None:
+        """Take other reference parameters; the state follows along its derivatives."""
+        before = self._p[self._index]
+        self._take(z)
+        kept = self._state.kept.copy()
+        kept[:, 0] += kept[:, 1 + self._n + self._columns] @ (self._p[self._index] - before)
+        self._state = replace(self._state, kept=kept)
+
+    def _take(self, z: Array) -> None:
+        self.z, self._slope = z, self.coordinates.slope(z)
+        self._p[self._index] = self.coordinates.values(z)
+
+    def start(self, first: int = 0) -> list[Piece] | None:
+        """Start in the window, where motion begins, and return what its samples from index `first` on say.
+
+        Every motion after a rest is a piece. None if a path diverges.
+        """
+        data, found = self.data, list[Piece]()
+        edges = np.unique([first, *data.starts[data.starts > first], len(data.time)])
+        for begin, end in pairwise(edges.tolist()):
+            rest = np.flatnonzero(data.rest[begin:end])
+            if len(rest):
+                end = begin + int(rest[0])
+            if end - begin < LEAST:
+                continue
+            mean, spread = start_state(data, begin, self._p)
+            kept = np.zeros((self._n, 1 + self._n + self._k))
+            kept[:, 0] = mean
+            kept[:, 1 : 1 + self._n] = np.diag(spread**2)
+            self._noise = STATE_NOISE * spread**2
+            self._state = State(kept, float(data.time[begin]), data.u[begin])
+            rows = slice(begin + 1, end)
+            piece = self.run(Samples(data.time[rows], data.u[rows], data.y[rows]))
+            if piece is None:
+                return None
+            found.append(piece)
+        return found
+
+    def read(self, samples: Recording) -> Samples | None:
+        """Return the signals of a recording that the filter needs; None if it holds others than before."""
+        model, labels = self.data.model, self.data.labels
+        count, columns = len(samples), []
+        for name in model.input_names:
+            if name in samples:
+                columns.append(samples.channels[name])
+            elif name in model.optional_inputs:
+                columns.append(np.zeros(count))
+            else:
+                return None
+        seen = [name for name in model.state_names if name in samples and name not in samples.derived]
+        if any(name not in labels for name in seen):
+            return None
+        u = np.array(columns).T.copy()
+        y = np.array([samples.channels[n] if n in seen else np.full(count, np.nan) for n in labels])
+        y, time = without_frozen(y).T.copy(), samples.time
+        usable = np.isfinite(u).all(axis=1)
+        return Samples(time, u, y) if usable.all() else Samples(time[usable], u[usable], y[usable])
+
+    def run(self, samples: Samples) -> Piece | None:
+        """Run over new samples; None if the path diverges or a gap is too long: then start a new tracker."""
+        begin = self._state
+        if (
+            len(samples.time)
+            and np.diff(samples.time, prepend=begin.time).max() > (1.5 + LONGEST_GAP) * self.data.period
+        ):
+            return None
+        found = self._run(begin, samples)
+        if found is None:
+            return None
+        self._state = found[0]
+        return found[2]
+
+    def again(self, pieces: Sequence[Piece], z: Array, changed: bool = False) -> tuple[Array, list[Piece]] | None:
+        """Run over stretches again at another reference; return the cost of each and what it says now.
+
+        With `changed` parameters the derivatives of the state at the begin are zero. None if the path diverges. The
+        filter then stands at the end of the last stretch.
+        """
+        self._take(z)
+        costs, found = list[float](), list[Piece]()
+        for k, piece in enumerate(pieces):
+            begin = piece.begin
+            if k and begin.time == pieces[k - 1].samples.time[-1]:
+                begin = self._state
+            elif changed:
+                kept = begin.kept.copy()
+                kept[:, 1 + self._n :] = 0.0
+                kept[:, 1 : 1 + self._n] *= UNSURE
+                begin = replace(begin, kept=kept)
+            done = self._run(begin, piece.samples)
+            if done is None:
+                return None
+            self._state, cost, new = done
+            costs.append(cost)
+            found.append(replace(new, begin=piece.begin))
+        return np.array(costs), found
+
+    def _run(self, begin: State, samples: Samples) -> tuple[State, float, Piece] | None:
+        m, k = len(self.data.labels), self._k
+        time = np.concatenate([[begin.time], samples.time])
+        u = np.concatenate([begin.u[None], samples.u])
+        y = np.concatenate([np.full((1, m), np.nan), samples.y])
+        gap = np.zeros(len(time))
+        steps = time[1:] - time[:-1]
+        if len(steps) and steps.max() > 1.25 * self.data.period:
+            gap[:-1] = np.maximum(np.rint(steps / self.data.period) - 1.0, 0.0)
+        kept, H, g, white = begin.kept.copy(), np.empty((k, k)), np.empty(k), np.empty((len(time), m))
+        cost = self.kernel.tracking.track(
+            kept, time, u, y, self.data.label_states, gap, self.levels[:m], self.levels[m:], self._noise,
+            self._p, self.substeps, self._stiff, self._many, white, H, g,
+        )  # fmt: skip
+        if not np.isfinite(cost):
+            return None
+        H = H[self._columns[:, None], self._columns] * (self._slope[:, None] * self._slope)
+        g = g[self._columns] * self._slope
+        state = State(kept, float(time[-1]), u[-1])
+        return state, cost, Piece(H, g + H @ self.z, white[1:], begin, samples, self.z)

@@ -1,0 +1,99 @@
+"""The memory of the online identifier on Gaussian data: sums of information, false alarms, and what a change is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from joint_id_core.online.memory import RARE, Memory
+from joint_id_core.online.tracker import Piece, Samples, State
+
+K = 4
+SPREAD = np.full(K, 10.0)
+BLOCK_S = 0.5
+
+
+def block(rng, truth, at: float) -> Piece:
+    """A block of linear observations of `truth` (K,) with unit noise."""
+    s = rng.standard_normal((50, K)) @ np.diag([3.0, 1.0, 1.0, 0.3])
+    e = s @ truth + rng.standard_normal(50)
+    begin = State(np.zeros((1, 1)), at, np.zeros(1))
+    samples = Samples(np.array([at + BLOCK_S]), np.zeros((1, 1)), np.zeros((1, 1)))
+    return Piece(s.T @ s, s.T @ e, np.zeros((1, 1)), begin, samples, np.zeros(K))
+
+
+def run(seed, blocks, change=None, at=None, memory_s=1e9):
+    rng = np.random.default_rng(seed)
+    truth = np.zeros(K)
+    memory = Memory(np.zeros(K), np.diag(SPREAD**2), SPREAD)
+    for k in range(blocks):
+        memory.add(block(rng, truth if at is None or k < at else truth + change, k * BLOCK_S), memory_s)
+        found = memory.test()
+        if found is not None:
+            return k, found, memory
+    return None, None, memory
+
+
+def test_it_is_least_squares_of_all_blocks():
+    rng = np.random.default_rng(0)
+    memory = Memory(np.zeros(K), np.diag(SPREAD**2), SPREAD)
+    blocks = [block(rng, np.arange(K), 0.5 * k) for k in range(20)]
+    for piece in blocks:
+        memory.add(piece, 1e9)
+    H = np.diag(SPREAD**-2.0) + sum(p.matrix for p in blocks)
+    np.testing.assert_allclose(memory.mean, np.linalg.solve(H, sum(p.vector for p in blocks)), rtol=1e-6)
+    np.testing.assert_allclose(memory.covariance, np.linalg.inv(H), rtol=1e-6)
+
+
+def test_forgetting_has_the_variance_of_a_weighted_mean():
+    """Weights that fall exponentially: the estimate scatters as its covariance says, not as the sum of weights."""
+    ends = []
+    for seed in range(150):
+        rng = np.random.default_rng(seed)
+        memory = Memory(np.zeros(K), np.diag(SPREAD**2), SPREAD)
+        for k in range(60):
+            memory.add(block(rng, np.zeros(K), k * BLOCK_S), 5.0)
+        ends.append(memory.mean / np.sqrt(np.diag(memory.covariance)))
+    rms = np.sqrt(np.mean(np.square(ends), axis=0))
+    np.testing.assert_allclose(rms, 1.0, atol=0.2)
+
+
+def test_false_alarms_are_as_rare_as_stated():
+    """Each test alarms with probability `RARE` or a few times that: none in 4,000 blocks."""
+    assert RARE <= 1e-6
+    for seed in range(10):
+        assert run(seed, 400)[0] is None
+
+
+@pytest.mark.parametrize("j", range(K))
+def test_a_change_is_found_and_named(j):
+    change = np.zeros(K)
+    change[j] = 12.0 / np.sqrt(50.0) / [3.0, 1.0, 1.0, 0.3][j]
+    k, found, memory = run(1, 100, change, at=60)
+    assert k in (60, 61)
+    assert found.names[0] == j
+    assert len(found.blocks) <= 2
+    memory.drop(len(found.blocks))
+    mean, precision = found.still_known(SPREAD)
+    sigma = np.sqrt(np.diag(np.linalg.inv(precision)))
+    assert sigma[j] > 5.0
+    assert all(sigma[i] < 1.0 for i in range(K) if i != j and i not in found.likely)
+    np.testing.assert_allclose(mean, memory.mean, atol=1e-6)
+
+
+def test_a_small_change_is_found_later():
+    change = np.array([0.0, 3.0 / np.sqrt(50.0), 0.0, 0.0])
+    k, found, _ = run(2, 200, change, at=60)
+    assert k is not None and 61 < k < 80
+    assert 1 in found.names
+
+
+def test_scatter_beyond_the_noise_widens():
+    rng = np.random.default_rng(3)
+    memory = Memory(np.zeros(K), np.diag(SPREAD**2), SPREAD)
+    for k in range(400):
+        piece = block(rng, 0.15 * rng.standard_normal(K) * [1.0, 0.0, 0.0, 0.0], k * BLOCK_S)
+        memory.add(piece, 1e9)
+        memory.test()
+    assert memory.wider[0] > 1.5
+    assert np.all(memory.wider[1:] < 1.4)

@@ -1,0 +1,98 @@
+"""Samples at rest: found with every sensor, and without a false one in motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from joint_id_core.data.recording import Recording
+from joint_id_core.estimators import ParameterSettings, fit
+from joint_id_core.estimators.shared.fit_data import UnusableError, prepare
+from joint_id_core.estimators.shared.stillness import STILL_S, seen_by, still
+from joint_id_core.models import build
+from joint_id_core.results.estimate import Status
+from joint_id_core.simulation.sensors import ur_robot_sensors
+
+PERIOD = 2e-3
+TIME = np.arange(2000) * PERIOD
+LABELS = ("link_position", "motor_velocity")
+
+
+def moves(rest_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position, motor velocity and rest of a joint that swings, stands for `rest_s`, and swings back."""
+    begin = 1.5
+    phase = 2.0 * np.pi * np.where(begin > TIME, TIME / begin, np.maximum(0.0, TIME - begin - rest_s) / begin)
+    resting = (begin < TIME) & (begin + rest_s > TIME)
+    q = 0.3 * np.sin(0.5 * phase) ** 2
+    return q, 101.0 * np.gradient(q, PERIOD), resting
+
+
+def measured(q, w, seed=0):
+    rng = np.random.default_rng(seed)
+    sensors = ur_robot_sensors()
+    return np.array([sensors.reading("link_position", q, rng), sensors.reading("motor_velocity", w, rng)]).T
+
+
+@given(rest_s=st.floats(0.2, 1.0), seed=st.integers(0, 50))
+def test_a_rest_is_found_and_ends_where_motion_shows(rest_s, seed):
+    q, w, resting = moves(rest_s)
+    found = still(LABELS, measured(q, w, seed), PERIOD)
+    assert found[resting].mean() > 0.9
+    away = np.convolve(resting, np.ones(201), "same") == 0  # 0.2 s: the swing begins and ends at rest
+    assert not found[away & (TIME > 0.2) & (TIME[-1] - 0.2 > TIME)].any()
+
+
+@given(seed=st.integers(0, 50))
+def test_a_fast_motion_has_no_rest_at_its_reversals(seed):
+    q = 0.3 * np.sin(2.0 * np.pi * 2.0 * TIME)
+    assert not still(LABELS, measured(q, 101.0 * np.gradient(q, PERIOD), seed), PERIOD).any()
+
+
+@pytest.mark.parametrize("creep", [0.0, 1e-4], ids=["brake", "creep under load"])
+def test_a_joint_at_rest_rests_all_the_time(creep):
+    q = 0.7 + creep * TIME
+    assert still(LABELS, measured(q, np.full(len(q), 101.0 * creep)), PERIOD).all()
+
+
+def test_a_coarse_encoder_says_nothing_about_rest():
+    q = np.round(0.3 * np.sin(3.0 * TIME) / 0.01) * 0.01
+    y = q[:, None]
+    assert not still(("link_position",), y, PERIOD).any()
+    assert not seen_by(("link_position",), y, PERIOD, {"link_position": 0.01})
+
+
+def test_noise_is_not_rest():
+    assert not still(("link_position",), np.random.default_rng(0).standard_normal((500, 1)), PERIOD).any()
+
+
+def test_missing_values_and_short_records_do_no_harm():
+    q, w, _ = moves(0.5)
+    y = measured(q, w)
+    y[::7] = np.nan
+    assert still(LABELS, y, PERIOD).any()
+    assert not still(LABELS, y[: round(STILL_S / PERIOD) // 2], PERIOD).any()
+    assert not still(LABELS, np.full((100, 2), np.nan), PERIOD).any()
+
+
+def test_samples_at_rest_have_no_labels_and_the_state_starts_again():
+    q, w, resting = moves(0.5)
+    y = measured(q, w)
+    torque = np.sin(TIME)
+    data = prepare(
+        build("harmonic_drive"),
+        Recording(TIME, {"link_position": y[:, 0], "motor_velocity": y[:, 1], "torque": torque}),
+    )
+    assert np.isnan(data.y[data.rest]).all() and np.isfinite(data.y[~data.rest]).all()
+    assert data.rest[resting].mean() > 0.9
+    assert len(data.starts) >= 1
+
+
+def test_noise_of_a_resting_encoder_is_no_motion():
+    y = measured(np.full(1000, 0.4), np.zeros(1000))
+    recording = Recording(TIME[:1000], {"link_position": y[:, 0], "motor_velocity": y[:, 1], "torque": y[:, 0]})
+    with pytest.raises(UnusableError, match="move the joint") as error:
+        prepare(build("harmonic_drive"), recording, ParameterSettings())
+    assert error.value.status is Status.NO_MOTION
+    assert fit(build("harmonic_drive"), recording).status is Status.NO_MOTION
