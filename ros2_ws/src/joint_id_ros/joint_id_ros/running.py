@@ -10,11 +10,13 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 from functools import partial
 from importlib import import_module
 from typing import Any, Protocol
 
 BAD_INPUT = 2  # exit code
+STOPPING = threading.Event()  # set by the first signal; a callback that takes long ends early then
 POLL_S = 0.1  # longest time until a signal is noticed in an idle node
 
 
@@ -37,6 +39,7 @@ def run(name: str, kind: str) -> int:
 
     def note(number: int, _: object) -> None:
         signals.append(number)
+        STOPPING.set()
         if not spinning:
             # An exception may be lost in an import, or leave an incomplete DDS participant that never ends.
             os._exit(0)
