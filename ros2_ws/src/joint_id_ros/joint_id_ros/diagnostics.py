@@ -45,7 +45,7 @@ class Diagnostics:
         self._received = self._before = 0
         self._newest_ns: int | None = None
         self._problems: Counter[str] = Counter()
-        self._recent: str = ""
+        self._recent: dict[str, str] = {}  # newest problem of each kind since the last report
         self._logged: dict[str, float] = {}
         self._unknown = unknown(node)
         for text in self._unknown:
@@ -59,7 +59,7 @@ class Diagnostics:
     def problem(self, kind: str, text: str, count: int = 1) -> None:
         """Report a problem with the data: it is counted by kind, and appears in the next report and in the log."""
         self._problems[kind] += count
-        self._recent = text
+        self._recent[kind] = text
         now = time.monotonic()
         if now - self._logged.get(kind, -LOG_EVERY_S) >= LOG_EVERY_S:
             self._logged[kind] = now
@@ -92,8 +92,10 @@ class Diagnostics:
         values |= health.values
         level, message = health.level, health.message
         if self._recent:
-            values["last problem"] = message = self._recent
-            level, self._recent = max(level, DiagnosticStatus.WARN), ""
+            recent, self._recent = self._recent, {}
+            values["last problem"] = "; ".join(recent.values())
+            message = "; ".join([*recent.values(), *([message] if level > DiagnosticStatus.OK else [])])
+            level = max(level, DiagnosticStatus.WARN)
         elif self._source and rate == 0.0 and level == DiagnosticStatus.OK:
             level, message = DiagnosticStatus.WARN, f"nothing received on {self._source} in the last second"
         if self._unknown:

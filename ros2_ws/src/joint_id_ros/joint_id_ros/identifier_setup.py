@@ -44,7 +44,7 @@ class IdentifierSetup:
 
     def _possible(self, joint: str) -> list[OnlineIdentifier]:
         """Return the identifiers of a joint with each possible drive signal, at least one."""
-        made, errors = [], {}
+        made, errors = [], dict[str, JointIdError]()
         for drive in self.model.drives:
             try:
                 made.append(self._make(joint, drive))
@@ -53,5 +53,5 @@ class IdentifierSetup:
         if made:
             return made
         told = "current" if "k_t" in self.model.values(joint) else "torque"  # drive that the user means
-        error = errors.get(told) or next(iter(errors.values()))
-        raise JointIdError(f"joint {joint}: {error}" if joint else str(error)) from None
+        wrong = errors.get(told) or next(iter(errors.values()))
+        raise JointIdError(f"joint {joint}: {wrong}" if joint else str(wrong))

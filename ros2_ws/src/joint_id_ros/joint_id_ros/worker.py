@@ -125,7 +125,6 @@ class Worker:
                 "lost by this computer",
                 f"{count} samples left out: they waited for fits, which are slower than the samples come. Identify "
                 "fewer joints, or take a longer hop_s",
-                count,
             )
 
     def _shorten(self, first_ns: int) -> int:

@@ -26,6 +26,7 @@ from joint_id_ros.message_types import message_class
 from joint_id_ros.options.player import PlayerOptions
 from joint_id_ros.parameters import declare, read
 from joint_id_ros.qos import CLOCK, LATEST, REPLAY
+from joint_id_ros.running import EndedEarlyError
 
 TICK_S = 0.002  # period of the checks for messages that are due
 SLICE_S = 0.02  # longest duration of one tick, so that signals and services are served
@@ -101,7 +102,8 @@ class PlayerNode(Node):
         except Exception as error:  # the decoder raises many kinds of errors on a damaged bag
             if not isinstance(error, JointIdError):
                 what = " ".join(str(error).split()) or type(error).__name__
-                error = JointIdError(f"{self._options.bag}: damaged after {self._published} messages ({what})")
+                kind = EndedEarlyError if self._published else JointIdError
+                error = kind(f"{self._options.bag}: damaged after {self._published} messages ({what})")
             self.finished.set_result(error)
             return
         if done:
