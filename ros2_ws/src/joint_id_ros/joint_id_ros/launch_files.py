@@ -201,7 +201,7 @@ def _demo(values: Values) -> dict[str, dict[str, object]]:
 
 # The bag begins when its readers are ready, also those that compile first, and they end when it has ended.
 REPLAY: dict[str, dict[str, object]] = {
-    "player": {"wait_s": 600.0},
+    "player": {"wait_first_s": 600.0},
     "filter": {"use_sim_time": True, "wait_subscribers": 1, "end_with": "player"},
     "identifier": {"use_sim_time": True, "end_with": "filter"},
 }
@@ -219,7 +219,7 @@ LAUNCH_FILES = {
     "replay": LaunchFile(
         "a bag through filter and identifier",
         offers={
-            "player": _all("player"),
+            "player": _all("player", "wait_first_s"),
             "identifier": _all("identifier", "reliability", "end_with"),  # its samples come from our own filter
             "filter": _all("filter", "wait_subscribers", "end_with"),
         },
