@@ -6,6 +6,8 @@ test may go on for as long as it likes.
 
 from __future__ import annotations
 
+import signal
+import time
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -17,7 +19,7 @@ from joint_id_core.models import build
 from joint_id_core.simulation.excitation import multisine
 from joint_id_core.simulation.simulator import simulate
 from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples
-from joint_id_ros.qos import LATEST, REPLAY
+from joint_id_ros.qos import LATEST, STREAM_OUT
 
 RATE = 500
 TRUTH = {"J": 2.0, "c": 8.0, "tau_f": 3.0, "tau_0": 0.7}
@@ -33,9 +35,9 @@ class Motion:
     """Position and torque of the joint at any sample."""
 
     def __init__(self) -> None:
-        time = np.arange(5 * PERIOD_S * RATE) / RATE
-        torque = multisine(time, 60.0, TONES, seed=1)
-        position = simulate(build("rigid_joint"), time, {"torque": torque}, TRUTH)["link_position"]
+        instants = np.arange(5 * PERIOD_S * RATE) / RATE
+        torque = multisine(instants, 60.0, TONES, seed=1)
+        position = simulate(build("rigid_joint"), instants, {"torque": torque}, TRUTH)["link_position"]
         self._torque, self._position = (values[-PERIOD_S * RATE :] for values in (torque, position))
         self._drift = float(position[-1] - position[-1 - PERIOD_S * RATE])
         self._rng = np.random.default_rng(2)
@@ -59,7 +61,7 @@ class Graph:
         self.samples = probe.collect(JointSamples, "joint_samples")
         self.filter = self.begin_filter()
         self.identifier = self.begin_identifier()
-        self.publisher = probe.create_publisher(JointState, "link_states", REPLAY)
+        self.publisher = probe.create_publisher(JointState, "link_states", STREAM_OUT)
         self.wait_for_readers()
 
     def begin_filter(self) -> Any:
@@ -69,6 +71,20 @@ class Graph:
     def begin_identifier(self) -> Any:
         """Start an identifier."""
         return self.start("identifier", model="rigid_joint", actuation="torque", window_s=WINDOW_S)
+
+    def replace(self, node: str) -> None:
+        """Kill a node and start another one, while the samples go on."""
+        getattr(self, node).signal(signal.SIGKILL)
+        getattr(self, node).wait()
+        begin = {"filter": self.begin_filter, "identifier": self.begin_identifier}[node]
+        setattr(self, node, begin())
+        self.send_in_real_time(1.0)
+
+    def pause(self, node: str, seconds: float) -> None:
+        """Stop a node for a while, in which the samples go on."""
+        getattr(self, node).signal(signal.SIGSTOP)
+        self.send_in_real_time(seconds)
+        getattr(self, node).signal(signal.SIGCONT)
 
     def wait_for_readers(self) -> None:
         """Wait until both nodes listen."""
@@ -106,6 +122,15 @@ class Graph:
         """Publish one message; the middleware waits for room."""
         self.publisher.publish(message)
 
+    def send_in_real_time(self, seconds: float) -> None:
+        """Publish samples of so many seconds as a robot does."""
+        begin, first = time.monotonic(), self.k
+        while self.k < first + seconds * RATE:
+            self.probe.spin(max(0.0, begin + (self.k - first) / RATE - time.monotonic()))
+            for _ in range(CHUNK):
+                self.publisher.publish(self.message())
+                self.k += self.step
+
     def told(self, node: str, text: str) -> None:
         """Wait until the diagnostics of a node say this, and that something is wrong."""
         self.probe.until(lambda: self.probe.told(node, text), f"a diagnostic of {node} with {text!r}")
@@ -117,11 +142,11 @@ class Graph:
         joints = {j.joint: j for j in self.found[-1].joints} if self.found else {}
         return joints.get(name)
 
-    def right_again(self, name: str = "joint") -> JointEstimate:
+    def right_again(self, name: str = "joint", also: Iterable[Callable[[], None]] = ()) -> JointEstimate:
         """Go on until the estimate of a window that begins now has come, and see that it is right."""
         begin_ns = self.now_ns
         for _ in range(40):
-            self.send(0.5)
+            self.send(0.5, also=also)
             newest = self.newest(name)
             if newest is not None and instant(newest.window_start) >= begin_ns:
                 break
@@ -131,9 +156,9 @@ class Graph:
         return newest
 
 
-def instant(time: Any) -> int:
+def instant(stamp_: Any) -> int:
     """A stamp in ns."""
-    return int(time.sec * NANO + time.nanosec)
+    return int(stamp_.sec * NANO + stamp_.nanosec)
 
 
 def assert_true(estimate: JointEstimate) -> None:
@@ -142,4 +167,4 @@ def assert_true(estimate: JointEstimate) -> None:
     for p in estimate.parameters:
         if p.name in TRUTH:
             assert abs(p.value - TRUTH[p.name]) < 5.0 * p.std_dev, f"{p.name} {p.value} +- {p.std_dev}"
-            assert p.std_dev < 0.2 * TRUTH[p.name]
+            assert p.std_dev < 0.4 * TRUTH[p.name]

@@ -39,6 +39,7 @@ class Sources:
         self._node, self._reliability, self._diagnostics, self._changed = node, reliability, diagnostics, changed
         self._watches = {topic: SourceWatch(topic) for topic in topics}
         self._complaints: list[str] = []
+        self._foreign: dict[str, int] = {}  # messages of other publishers until the last look, by topic
         self._beat_s = self._looked_s = time.monotonic()
         self._stalled_s, self._stall_ended_s = 0.0, -1.0
         self._timer = node.create_timer(BEAT_S, self._beat, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -114,8 +115,11 @@ class Sources:
         found, name = [], self._node.resolve_topic_name(topic)
         publishers = self._node.get_publishers_info_by_topic(name)
         readable = [p for p in publishers if self._readable(p.qos_profile.reliability)]
-        self._watches[topic].publishers = len(readable)
-        if len(readable) > 1:
+        watch = self._watches[topic]
+        disturbed = watch.foreign > self._foreign.get(topic, 0) or watch.uncounted
+        self._foreign[topic] = watch.foreign
+        watch.publishers = len(readable)
+        if len(readable) > 1 and disturbed:  # one that was killed stays in the graph for a while, but is silent
             names = ", ".join(sorted(p.node_name for p in readable))
             found.append(f"{name} has {len(readable)} publishers ({names}): one of them is read; end the others")
         if len(readable) < len(publishers):

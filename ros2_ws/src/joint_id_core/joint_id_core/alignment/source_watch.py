@@ -45,6 +45,7 @@ class SourceWatch:
         publishers: number of publishers of the topic; the owner keeps it up to date.
         lost: number of lost samples, by who lost them.
         foreign: number of messages of other publishers than the one that is followed.
+        uncounted: whether the middleware does not number messages, so that publishers cannot be told apart.
         slowest_s: longest time that a message waited until it was read, in s; the owner resets it.
         events: what happened, oldest first; the owner takes them away.
     """
@@ -54,6 +55,7 @@ class SourceWatch:
         self.publishers = 1
         self.lost: Counter[str] = Counter()
         self.foreign = 0
+        self.uncounted = False
         self.slowest_s = 0.0
         self.events: deque[SourceEvent] = deque()
         self._topic, self._clock = topic, clock
@@ -92,6 +94,7 @@ class SourceWatch:
         if stamp_ns > 0:
             self._watch_stamp(stamp_ns, elapsed_s, whole=not missing)
         self._watch_joints(joints)
+        self.uncounted = sequence is None
         self._sequence, self._heard_s, self._waited_s = sequence, now, waited_s
         self.slowest_s = max(self.slowest_s, waited_s)
         return True
