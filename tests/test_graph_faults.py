@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import signal
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -345,3 +347,14 @@ def test_a_replay_whose_identifier_cannot_begin_ends(start, probe):
     identifier = start("identifier", model="rigid_joint", set=["mass=3"], end_with="filter")
     assert identifier.wait() == 2
     assert "model rigid_joint has no parameter 'mass'" in identifier.text
+
+
+def test_every_row_of_the_page_names_a_test_that_exists():
+    page = Path(__file__).resolve().parent.parent / "docs/reliability.md"
+    section = page.read_text().split("## What the graph does when something goes wrong")[1].split("\n## ")[0]
+    named = set(re.findall(r"`(test_\w+)` \|\n", section))
+    files = (Path(__file__), Path(__file__).with_name("test_identifier_start.py"))
+    there = {name for file in files for name in re.findall(r"^def (test_\w+)", file.read_text(), re.MULTILINE)}
+    rows = [line for line in section.splitlines() if line.startswith("| ") and "---" not in line][1:]
+    assert len(rows) > 20 and all(re.search(r"`test_\w+` \|$", row) for row in rows)
+    assert named <= there
