@@ -32,7 +32,7 @@ from joint_id_ros.qos import REPLAY, STREAM_IN
 AGAIN_S = 30.0  # a service is asked again after that
 REACHED = {"configure": "inactive", "activate": "active", "deactivate": "inactive", "cleanup": "unconfigured",
            "shutdown": "finalized"}  # fmt: skip
-PATIENCE_S = 40.0  # a limit for tests that hang, not a measure of speed: the first fit of a model compiles it
+PATIENCE_S = 180.0  # a limit for tests that hang, not a measure of speed: the first fit of a model compiles it
 
 
 # Shells let their background jobs ignore SIGINT, and so would every process that these start.

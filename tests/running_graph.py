@@ -142,18 +142,19 @@ class Graph:
         joints = {j.joint: j for j in self.found[-1].joints} if self.found else {}
         return joints.get(name)
 
-    def right_again(self, name: str = "joint", also: Iterable[Callable[[], None]] = ()) -> JointEstimate:
-        """Go on until the estimate of a window that begins now has come, and see that it is right."""
+    def estimate_of_now(self, name: str = "joint", also: Iterable[Callable[[], None]] = ()) -> JointEstimate:
+        """Go on until the estimate of a window that begins now has come."""
         begin_ns = self.now_ns
         for _ in range(40):
             self.send(0.5, also=also)
             newest = self.newest(name)
-            if newest is not None and instant(newest.window_start) >= begin_ns:
-                break
-        else:
-            raise AssertionError(f"no estimate of joint {name} after {begin_ns / NANO} s: {newest}")
-        assert_true(newest)
-        return newest
+            if newest is not None and begin_ns <= instant(newest.window_start) < self.now_ns:
+                return newest
+        raise AssertionError(f"no estimate of joint {name} after {begin_ns / NANO} s: {newest}")
+
+    def right_again(self, name: str = "joint", also: Iterable[Callable[[], None]] = ()) -> None:
+        """Go on until the estimate of a window that begins now has come, and see that it is right."""
+        assert_true(self.estimate_of_now(name, also))
 
 
 def instant(stamp_: Any) -> int:

@@ -12,16 +12,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from joint_id_core.data.instants import NANO, instant
+from joint_id_core.data.instants import NANO
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.online.identifier import OnlineIdentifier
 from joint_id_core.results.estimate import Estimate
 from joint_id_msgs.msg import JointSamples
-from joint_id_ros.conversions import to_recordings
+from joint_id_ros.conversions import nanoseconds, to_recordings
 
 POLL_S = 0.02  # time between two checks for new samples: well below a hop, well above a sampling period
 
+LONGEST_STEP_NS = NANO  # a longer one between two samples is a pause or a clock that was set
 QUEUE_S = 10.0  # of samples at most wait for a running fit ...
 KEEP_S = 5.0  # ... and if they are more, the newest of them are kept
 GONE_S = 2.0  # a joint that the samples have not named for so long is not identified any more
@@ -69,13 +70,14 @@ class Worker:
         self.missed = self.left_out = 0
         self._hop_s = hop_s
         self._lock = threading.Lock()  # for the queue
-        self._newest_ns = 0
+        self._last_stamp_ns: int | None = None
+        self._newest_ns = 0  # age of the newest sample in the time that samples cover: a clock that is set adds nothing
         self._done_ns: dict[str, int] = {}  # newest sample that an identifier has taken, by joint
         self._named_ns: dict[str, int] = {}  # newest sample in which a joint was named
         self._longest_lag_s = 0.0
         self._make, self._wanted, self._expected, self._callbacks = make, tuple(joints), tuple(expected), callbacks
         self._identifiers: dict[str, OnlineIdentifier] = {}
-        self._pending: deque[tuple[int, JointSamples]] = deque()  # stamps in ns and samples
+        self._pending: deque[tuple[int, JointSamples]] = deque()  # ages, as `_newest_ns`, and samples
         self._new_run = False  # whether the next sample begins one
         self._origin_ns: int | None = None
         self._begun: dict[str, float] = {}
@@ -115,10 +117,12 @@ class Worker:
     def add(self, stamp_ns: int, message: JointSamples) -> None:
         """Add a sample that passed `conversions.check`; samples must come in the order of their stamps."""
         with self._lock:
-            self._pending.append((stamp_ns, message))
-            self._newest_ns = stamp_ns
-            many = stamp_ns - self._pending[0][0] > QUEUE_S * NANO
-            count = self._shorten(stamp_ns - int(KEEP_S * NANO)) if many else 0
+            step_ns = stamp_ns - (self._last_stamp_ns or stamp_ns)
+            self._last_stamp_ns = stamp_ns
+            self._newest_ns += min(max(step_ns, 0), LONGEST_STEP_NS)
+            self._pending.append((self._newest_ns, message))
+            many = self._newest_ns - self._pending[0][0] > QUEUE_S * NANO
+            count = self._shorten(self._newest_ns - int(KEEP_S * NANO)) if many else 0
         if count:
             self.left_out += count
             self._callbacks.problem(
@@ -128,7 +132,7 @@ class Worker:
             )
 
     def _shorten(self, first_ns: int) -> int:
-        """Leave out the waiting samples before an instant; return their number."""
+        """Leave out the waiting samples before an age; return their number."""
         count = 0
         while self._pending[0][0] < first_ns:
             self._pending.popleft()
@@ -168,7 +172,7 @@ class Worker:
 
     def _update(self, batch: list[tuple[int, JointSamples]]) -> None:
         if self._origin_ns is None:
-            self._origin_ns = batch[0][0]
+            self._origin_ns = nanoseconds(batch[0][1].header.stamp)
         recordings = to_recordings([message for _, message in batch], self._origin_ns, "joint_samples")
         self._forget_the_gone(recordings, batch[-1][0])
         for joint in self._expected:
@@ -183,10 +187,13 @@ class Worker:
             self._done_ns.setdefault(joint, batch[0][0])
         count = min(len(work), os.cpu_count() or 1)
         # daemon threads, like this one: a compilation must not delay the end of the process
-        helpers = [threading.Thread(target=self._fit_all, args=(work,), daemon=True) for _ in range(count - 1)]
+        newest_ns = batch[-1][0]
+        helpers = [
+            threading.Thread(target=self._fit_all, args=(work, newest_ns), daemon=True) for _ in range(count - 1)
+        ]
         for helper in helpers:
             helper.start()
-        self._fit_all(work)
+        self._fit_all(work, newest_ns)
         for helper in helpers:
             helper.join()
 
@@ -198,8 +205,8 @@ class Worker:
                 known.pop(joint, None)
             self._callbacks.gone(joint)
 
-    def _fit_all(self, work: deque[tuple[str, Recording]]) -> None:
-        """Fit joints until none is left; several threads run this at the same time."""
+    def _fit_all(self, work: deque[tuple[str, Recording]], newest_ns: int) -> None:
+        """Fit joints, with samples up to this age, until none is left; several threads run this at the same time."""
         origin_ns = self._origin_ns
         assert origin_ns is not None
         while not self._stop.is_set():
@@ -208,6 +215,8 @@ class Worker:
             except IndexError:
                 return
             self._fit(joint, recording, origin_ns)
+            self._done_ns[joint] = newest_ns
+            self._longest_lag_s = max(self._longest_lag_s, (self._newest_ns - newest_ns) / NANO)
 
     def _fit(self, joint: str, recording: Recording, origin_ns: int) -> None:
         try:
@@ -230,9 +239,6 @@ class Worker:
                     self.missed += max(0, round(_covered_s(recording) / self._hop_s) - 1)
         finally:
             self._begun.pop(joint, None)
-            self._done_ns[joint] = instant(float(recording.time[-1]), origin_ns)
-            lag_s = (self._newest_ns - self._done_ns[joint]) / NANO
-            self._longest_lag_s = max(self._longest_lag_s, lag_s)
 
 
 def _covered_s(recording: Recording) -> float:
