@@ -158,10 +158,11 @@ def test_a_joint_with_another_name_leaves_no_twin(graph):
     graph.names = ["renamed"]
     graph.right_again("renamed")
     graph.told("filter", "joint joint disappeared and joint renamed appeared: has it got another name?")
+    graph.send(2.0)
     graph.probe.until(lambda: graph.newest() is None, "the end of the old name")
     graph.names = ["joint"]
     graph.right_again()
-    graph.send(1.5)
+    graph.send(2.0)
     graph.probe.until(lambda: graph.newest("renamed") is None, "the end of the twin")
 
 
