@@ -148,7 +148,9 @@ class Graph:
         for _ in range(40):
             self.send(0.5, also=also)
             newest = self.newest(name)
-            if newest is not None and begin_ns <= instant(newest.window_start) < self.now_ns:
+            if newest is None or not begin_ns <= instant(newest.window_start) < self.now_ns:
+                continue
+            if instant(newest.window_end) - instant(newest.window_start) > 0.9 * WINDOW_S * NANO:  # not after a gap
                 return newest
         raise AssertionError(f"no estimate of joint {name} after {begin_ns / NANO} s: {newest}")
 
