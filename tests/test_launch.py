@@ -1,21 +1,25 @@
 """The launch files under the real `launch`, where it is installed: what they start and with which parameters."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import yaml
 from ament_index_python.packages import get_package_share_directory
 from rcl_interfaces.srv import GetParameters
 from sensor_msgs.msg import JointState
 
-from joint_id_msgs.msg import JointSamples
+from joint_id_msgs.msg import JointParams, JointSamples
 from joint_id_ros.launch_files import LAUNCH_FILES
+from joint_id_ros.qos import LATEST
 
 pytest.importorskip("launch_ros", reason="launch files need ROS's launch and launch_ros")
 
+BAG = Path(__file__).resolve().parent.parent / "bags/model_3_steps"
 SHARE = Path(get_package_share_directory("joint_id_ros"))
 RUN = """
 import sys
@@ -96,3 +100,43 @@ def test_a_robot_gets_its_installed_file_and_what_is_given_wins(launch, probe, r
     assert value(probe, "driver", "rate") == 250.0  # 500 in the file
     assert value(probe, "identifier", "window_s") == 2.0  # the default, but another in the file
     assert value(probe, "identifier", "joints") == ["1", "2"]  # texts, though they look like numbers
+
+
+def test_a_replay_ends_by_itself_after_the_last_estimate(launch, probe):
+    found = probe.collect(JointParams, "joint_params", LATEST)
+    process = launch("replay", bag=BAG, rate="3")
+    probe.until(lambda: process.poll() is not None, "the end of the replay")
+    assert process.returncode == 0
+    probe.until(lambda: found, "estimates")
+    duration = yaml.safe_load(BAG.with_suffix(".yaml").read_text())["duration_s"]
+    links = [j.window_end.sec + j.window_end.nanosec * 1e-9 for m in found for j in m.joints]
+    begin = found[0].joints[0].window_start
+    assert links[-1] - (begin.sec + begin.nanosec * 1e-9) > duration - 0.6
+
+
+def test_a_replay_of_a_bad_bag_ends_all_nodes_and_tells(launch, tmp_path):
+    (tmp_path / "bad.mcap").write_bytes(b"no bag at all")
+    process = launch("replay", bag=tmp_path / "bad.mcap", model="rigid_joint", actuation="torque")
+    assert process.wait(120.0) == 1
+    text = (tmp_path / "replay.log").read_text()
+    assert "player has ended with exit code 2" in text and "bad.mcap" in text
+
+
+def test_a_replay_with_a_wrong_option_ends_all_nodes_and_tells(launch, tmp_path):
+    process = launch("replay", bag=BAG, model="rigid_joint", set="mass=3")
+    assert process.wait(120.0) == 1
+    text = (tmp_path / "replay.log").read_text()
+    assert "model rigid_joint has no parameter 'mass'" in text and "identifier has ended with exit code 2" in text
+
+
+def test_a_node_that_was_killed_is_started_again(launch, probe, tmp_path):
+    samples = probe.collect(JointSamples, "joint_samples")
+    launch("demo", respawn="true", log_level="warn")
+    probe.until(lambda: len(samples) > 10, "samples")
+    told = (tmp_path / "demo.log").read_text()
+    number = int(re.search(r"\[filter-\d+\]: process started with pid \[(\d+)\]", told)[1])
+    os.kill(number, signal.SIGKILL)
+    count = len(samples)
+    probe.until(lambda: len(samples) > count + 1000, "samples of the second filter")
+    own = [line for line in (tmp_path / "demo.log").read_text().splitlines() if line.startswith("[identifier-1]")]
+    assert not any("[INFO]" in line for line in own)

@@ -12,8 +12,11 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
+from joint_id_ros.parameters import unknown
+
 PERIOD_S = 1.0
 FOREIGN_S = 3600.0  # stamps with a larger difference to the node's clock come from another clock
+PAUSE_S = 3.0  # time between two reports from which the process did not run as it should
 LOG_EVERY_S = 5.0  # shortest time between two log lines on the same kind of problem
 
 
@@ -42,8 +45,11 @@ class Diagnostics:
         self._received = self._before = 0
         self._newest_ns: int | None = None
         self._problems: Counter[str] = Counter()
-        self._recent: str = ""
+        self._recent: dict[str, str] = {}  # newest problem of each kind since the last report
         self._logged: dict[str, float] = {}
+        self._unknown = unknown(node)
+        for text in self._unknown:
+            node.get_logger().warning(text)
 
     def received(self, stamp_ns: int) -> None:
         """Count a message with this stamp."""
@@ -53,7 +59,7 @@ class Diagnostics:
     def problem(self, kind: str, text: str, count: int = 1) -> None:
         """Report a problem with the data: it is counted by kind, and appears in the next report and in the log."""
         self._problems[kind] += count
-        self._recent = text
+        self._recent[kind] = text
         now = time.monotonic()
         if now - self._logged.get(kind, -LOG_EVERY_S) >= LOG_EVERY_S:
             self._logged[kind] = now
@@ -64,9 +70,17 @@ class Diagnostics:
         """Number of problems by kind since the start."""
         return self._problems
 
+    def report_if_due(self) -> None:
+        """Report from within a callback that takes long, in which the timer cannot."""
+        if time.monotonic() - self._since >= PERIOD_S:
+            self._publish()
+
     def _publish(self) -> None:
-        health = self._health()
         now = time.monotonic()
+        if now - self._since > PAUSE_S:
+            text = f"this node did not run for {now - self._since:.1f} s: it was stopped, or the computer is overloaded"
+            self.problem("paused", text)
+        health = self._health()
         rate = (self._received - self._before) / (now - self._since)
         self._since, self._before = now, self._received
         clock = self._node.get_clock().now()
@@ -78,10 +92,14 @@ class Diagnostics:
         values |= health.values
         level, message = health.level, health.message
         if self._recent:
-            values["last problem"] = message = self._recent
-            level, self._recent = max(level, DiagnosticStatus.WARN), ""
+            recent, self._recent = self._recent, {}
+            values["last problem"] = "; ".join(recent.values())
+            message = "; ".join([*recent.values(), *([message] if level > DiagnosticStatus.OK else [])])
+            level = max(level, DiagnosticStatus.WARN)
         elif self._source and rate == 0.0 and level == DiagnosticStatus.OK:
             level, message = DiagnosticStatus.WARN, f"nothing received on {self._source} in the last second"
+        if self._unknown:
+            level, message = max(level, DiagnosticStatus.WARN), "; ".join((*self._unknown, message))
         status = DiagnosticStatus(level=level, name=self._node.get_fully_qualified_name(), message=message)
         status.hardware_id = "joint_id"
         status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]

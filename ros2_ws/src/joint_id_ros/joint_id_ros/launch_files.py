@@ -65,6 +65,11 @@ class NodeStart:
         return yaml.safe_dump({f"/**/{self.name}": {"ros__parameters": dict(self.given)}})
 
 
+NAMESPACE = Argument("namespace", "namespace of all nodes, one a robot")
+LOG_LEVEL = Argument("log_level", "what the nodes log", "info", ("debug", "info", "warn", "error", "fatal"))
+RESPAWN = Argument("respawn", "start a node again, after a second, when it has ended", "false", ("true", "false"))
+
+
 def _nothing(values: Values) -> dict[str, dict[str, object]]:
     return {}
 
@@ -82,6 +87,8 @@ class LaunchFile:
         offers: by node, in the order of their start, the options that are arguments.
         required: arguments that must be given.
         more: arguments that are not options of a node.
+        leader: node with whose end all others end, as soon as they have published everything; they are not started
+            again then. Without one, the argument `respawn` says whether nodes that end are started again.
         own: returns, by node, the parameters that the launch file itself sets.
         remaps: returns, by node, pairs of a topic and the topic that replaces it.
     """
@@ -90,6 +97,7 @@ class LaunchFile:
     offers: Mapping[str, tuple[str, ...]]
     required: tuple[str, ...] = ()
     more: tuple[Argument, ...] = ()
+    leader: str = ""
     own: Callable[[Values], Mapping[str, Mapping[str, object]]] = field(default=_nothing)
     remaps: Callable[[Values], Mapping[str, list[tuple[str, str]]]] = field(default=_no_topic)
 
@@ -105,8 +113,7 @@ class LaunchFile:
             "parameter file: a path, or the name of one that is installed with this package, e.g. ur3e",
             None if "params_file" in self.required else "",
         )
-        namespace = Argument("namespace", "namespace of all nodes, one a robot")
-        return (*made.values(), *self.more, params, namespace)
+        return (*made.values(), *self.more, params, NAMESPACE, LOG_LEVEL, *(() if self.leader else (RESPAWN,)))
 
     def starts(self, values: Values, given: Collection[str]) -> list[NodeStart]:
         """Return the nodes to start.
@@ -192,7 +199,12 @@ def _demo(values: Values) -> dict[str, dict[str, object]]:
     return {"sim": model | {"wait_subscribers": 1}, "identifier": model | known}
 
 
-ON_BAG_TIME: dict[str, object] = {"use_sim_time": True}
+# The bag begins when its readers are ready, also those that compile first, and they end when it has ended.
+REPLAY: dict[str, dict[str, object]] = {
+    "player": {"wait_first_s": 600.0},
+    "filter": {"use_sim_time": True, "wait_subscribers": 1, "end_with": "player"},
+    "identifier": {"use_sim_time": True, "end_with": "filter"},
+}
 
 LAUNCH_FILES = {
     "demo": LaunchFile(
@@ -200,28 +212,29 @@ LAUNCH_FILES = {
         offers={
             "filter": (),
             "sim": ("model", "rate", "duration", "seed", "noise"),
-            "identifier": ("model", "estimator", "window_s", "hop_s", "memory_s"),
+            "identifier": _all("identifier", "reliability", "end_with"),
         },
         own=_demo,
     ),
     "replay": LaunchFile(
         "a bag through filter and identifier",
         offers={
-            "player": _all("player"),
-            "identifier": _all("identifier", "autostart"),
-            "filter": _all("filter"),
+            "player": _all("player", "wait_first_s"),
+            "identifier": _all("identifier", "reliability", "end_with"),  # its samples come from our own filter
+            "filter": _all("filter", "wait_subscribers", "end_with"),
         },
         required=("bag",),
+        leader="player",
         more=(Argument(LINK_STATES, "topic of the link states, e.g. joint_states", LINK_STATES),),
-        own=lambda values: {"filter": ON_BAG_TIME, "identifier": ON_BAG_TIME},
+        own=lambda values: REPLAY,
         remaps=lambda values: {"filter": [(LINK_STATES, values[LINK_STATES])]},
     ),
     "robot": LaunchFile(
         "driver, filter and identifier of one robot",
         offers={
-            "driver": _all("driver", "joints", "gear_ratio", "autostart"),  # not those of other nodes or per robot
-            "filter": _all("filter"),
-            "identifier": _all("identifier", "autostart"),
+            "driver": _all("driver", "joints", "gear_ratio"),  # not those of other nodes or per robot
+            "filter": _all("filter", "reliability", "end_with"),  # the samples of both come from our own nodes
+            "identifier": _all("identifier", "reliability", "end_with"),
         },
         required=("robot_ip", "params_file"),
     ),

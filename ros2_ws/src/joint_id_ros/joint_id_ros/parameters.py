@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import Field, fields
@@ -72,6 +73,19 @@ def read(node: Node, cls: type[Options]) -> Options:
     for f in fields(cls):  # type: ignore[arg-type]  # any dataclass
         values[f.name] = from_ros(f, node.get_parameter(f.name).value)
     return cls(**values)
+
+
+def unknown(node: Node) -> list[str]:
+    """Return a sentence for every parameter that was given at the start and that the node does not have."""
+    known = [name for name in node._parameters if not name.startswith("qos_overrides.")]
+    sentences = []
+    for name in node._parameter_overrides:
+        if name in node._parameters or name.startswith("qos_overrides."):
+            continue
+        near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+        advice = f"did you mean {near[0]}?" if near else f"it has {', '.join(sorted(known))}"
+        sentences.append(f"parameter {name} has no effect, because node {node.get_name()} does not have it: {advice}")
+    return sentences
 
 
 def from_ros(option: Field[Any], value: Any) -> Any:

@@ -10,12 +10,21 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 from functools import partial
 from importlib import import_module
 from typing import Any, Protocol
 
+from joint_id_core.errors import JointIdError
+
 BAD_INPUT = 2  # exit code
+ENDED_EARLY = 3  # exit code
+STOPPING = threading.Event()  # set by the first signal; a callback that takes long ends early then
 POLL_S = 0.1  # longest time until a signal is noticed in an idle node
+
+
+class EndedEarlyError(JointIdError):
+    """The input ended before its end, after a part of it was used."""
 
 
 class Runnable(Protocol):
@@ -30,13 +39,15 @@ class Runnable(Protocol):
 def run(name: str, kind: str) -> int:
     """Run the node class `kind` of `nodes/<name>.py` until SIGINT, SIGTERM or its own end; return the exit code.
 
-    The exit code is 0 after a signal or a normal end, and 2 after bad input, which is reported in one line on stderr.
+    The exit code is 0 after a signal or a normal end, 2 after bad input, and 3 after input that turned bad later. Bad
+    input is reported in one line on stderr.
     """
     signals: list[int] = []
     spinning = False
 
     def note(number: int, _: object) -> None:
         signals.append(number)
+        STOPPING.set()
         if not spinning:
             # An exception may be lost in an import, or leave an incomplete DDS participant that never ends.
             os._exit(0)
@@ -48,7 +59,6 @@ def run(name: str, kind: str) -> int:
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.signals import SignalHandlerOptions
 
-    from joint_id_core.errors import JointIdError
     from joint_id_ros.parameters import PARAMETER_ERRORS
 
     make = getattr(import_module(f"joint_id_ros.nodes.{name}"), kind)
@@ -66,7 +76,7 @@ def run(name: str, kind: str) -> int:
         return 0
     except (JointIdError, *PARAMETER_ERRORS) as error:
         print(f"{name}: {error}", file=sys.stderr)
-        return BAD_INPUT
+        return ENDED_EARLY if isinstance(error, EndedEarlyError) else BAD_INPUT
     finally:
         if node is not None:
             node.close()

@@ -10,7 +10,6 @@ from __future__ import annotations
 import heapq
 import time
 from collections.abc import Callable, Mapping
-from functools import partial
 from operator import itemgetter
 from typing import Any
 
@@ -18,7 +17,9 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 
 from joint_id_ros.conversions import nanoseconds
-from joint_id_ros.qos import STREAM_IN
+from joint_id_ros.options.reading import RELIABLE
+from joint_id_ros.qos import LOSSY_IN, STREAM_IN
+from joint_id_ros.sources import Sources
 
 COALESCE_S = 0.005  # small compared with the lag of the filter (0.14 s) and the hop of the identifier
 BATCH = 500  # most messages per topic and batch, so that timers and services are served in between
@@ -31,12 +32,27 @@ class Streams:
     order of their stamps, so that no topic is ahead only because it was read first.
     """
 
-    def __init__(self, node: Node, topics: Mapping[str, Any], callback: Callable[[str, Any], None]) -> None:
-        """Subscribe; `topics` holds message classes by topic name, `callback` gets the topic's name and the message."""
-        self._node, self._callback = node, callback
+    def __init__(
+        self,
+        node: Node,
+        topics: Mapping[str, Any],
+        callback: Callable[[str, Any], None],
+        sources: Sources,
+        reliability: str,
+    ) -> None:
+        """Subscribe.
+
+        Args:
+            node: the node that subscribes.
+            topics: message classes by topic name.
+            callback: gets the topic's name and the message.
+            sources: is told of every message, and says which ones are left out.
+            reliability: as in `ReadingOptions`.
+        """
+        self._node, self._callback, self._sources = node, callback, sources
+        qos = STREAM_IN if reliability == RELIABLE else LOSSY_IN
         self._subscriptions: dict[str, Subscription] = {
-            name: node.create_subscription(kind, name, partial(self._on_message, name), STREAM_IN)
-            for name, kind in topics.items()
+            name: node.create_subscription(kind, name, self._reader(name), qos) for name, kind in topics.items()
         }
 
     def close(self) -> None:
@@ -45,19 +61,26 @@ class Streams:
             self._node.destroy_subscription(subscription)
         self._subscriptions.clear()
 
-    def _on_message(self, topic: str, message: Any) -> None:
-        time.sleep(COALESCE_S)
-        batches = [self._take(name, [message] if name == topic else []) for name in self._subscriptions]
-        for _, name, one in heapq.merge(*batches, key=itemgetter(0)):
-            self._callback(name, one)
+    def _reader(self, topic: str) -> Callable[[Any, Any], None]:
+        def on_message(message: Any, info: Any) -> None:  # rclpy gives `info` only to a function of two arguments
+            self._on_message(topic, message, info)
 
-    def _take(self, topic: str, messages: list[Any]) -> list[tuple[int, str, Any]]:
-        """Return stamp in ns, topic and message of `messages` and of all that have arrived on the topic since."""
+        return on_message
+
+    def _on_message(self, topic: str, message: Any, info: Any) -> None:
+        time.sleep(COALESCE_S)
+        batches = [self._take(name, [(message, info)] if name == topic else []) for name in self._subscriptions]
+        for stamp_ns, name, one, its_info in heapq.merge(*batches, key=itemgetter(0)):
+            if self._sources.admit(name, stamp_ns, one, its_info):
+                self._callback(name, one)
+
+    def _take(self, topic: str, messages: list[tuple[Any, Any]]) -> list[tuple[int, str, Any, Any]]:
+        """Return stamp in ns, topic, message and info of `messages` and of all that have arrived on the topic since."""
         subscription = self._subscriptions[topic]
         with subscription.handle:
             while len(messages) < BATCH:
                 taken = subscription.handle.take_message(subscription.msg_type, False)
                 if taken is None:
                     break
-                messages.append(taken[0])
-        return [(nanoseconds(m.header.stamp), topic, m) for m in messages]
+                messages.append(taken)
+        return [(nanoseconds(m.header.stamp), topic, m, info) for m, info in messages]

@@ -10,6 +10,9 @@ from collections import deque
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
+import numpy as np
+
+from joint_id_core.data.instants import NANO
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.online.identifier import OnlineIdentifier
@@ -19,6 +22,11 @@ from joint_id_ros.conversions import nanoseconds, to_recordings
 
 POLL_S = 0.02  # time between two checks for new samples: well below a hop, well above a sampling period
 
+LONGEST_STEP_NS = NANO  # a longer one between two samples is a pause or a clock that was set
+QUEUE_S = 10.0  # of samples at most wait for a running fit ...
+KEEP_S = 5.0  # ... and if they are more, the newest of them are kept
+GONE_S = 2.0  # a joint that the samples have not named for so long is not identified any more
+
 STOP_S = 2.0  # longest wait for the thread; launch and systemd kill a process that needs 5 s or more to end
 
 
@@ -27,6 +35,7 @@ class Callbacks:
     """Callbacks of a worker, called from its threads."""
 
     estimated: Callable[[str, Estimate, int], None]  # joint, estimate, origin of its times in ns
+    gone: Callable[[str], None]  # joint that is not in the samples any more
     problem: Callable[[str, str], None]  # kind, text
 
 
@@ -34,7 +43,11 @@ class Worker:
     """One `OnlineIdentifier` per joint in a background thread; with several joints, up to one thread per core.
 
     All samples that arrived during a fit go into one update. So if fits take longer than a hop, windows are skipped and
-    the results stay current.
+    the results stay current. No more than `QUEUE_S` of samples wait; beyond that the oldest are left out.
+
+    Attributes:
+        missed: number of hops without an estimate because a fit took too long.
+        left_out: number of samples left out because they waited too long.
     """
 
     def __init__(
@@ -43,6 +56,7 @@ class Worker:
         joints: Collection[str],
         expected: Collection[str],
         callbacks: Callbacks,
+        hop_s: float,
     ) -> None:
         """Start the thread.
 
@@ -51,12 +65,23 @@ class Worker:
             joints: joints to identify; empty for every joint in the samples.
             expected: joints that must be in the samples; a missing one is reported as a problem.
             callbacks: callbacks for estimates and problems.
+            hop_s: time in s after which an estimate of each joint is due.
         """
+        self.missed = self.left_out = 0
+        self._hop_s = hop_s
+        self._lock = threading.Lock()  # for the queue
+        self._last_stamp_ns: int | None = None
+        self._newest_ns = 0  # age of the newest sample in the time that samples cover: a clock that is set adds nothing
+        self._done_ns: dict[str, int] = {}  # newest sample that an identifier has taken, by joint
+        self._named_ns: dict[str, int] = {}  # newest sample in which a joint was named
+        self._longest_lag_s = 0.0
         self._make, self._wanted, self._expected, self._callbacks = make, tuple(joints), tuple(expected), callbacks
         self._identifiers: dict[str, OnlineIdentifier] = {}
-        self._pending: deque[JointSamples | None] = deque()
+        self._pending: deque[tuple[int, JointSamples]] = deque()  # ages, as `_newest_ns`, and samples
+        self._new_run = False  # whether the next sample begins one
         self._origin_ns: int | None = None
         self._begun: dict[str, float] = {}
+        self._working = False
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="identifier", daemon=True)
         self._thread.start()
@@ -72,13 +97,53 @@ class Worker:
         now = time.monotonic()
         return now - min(self._begun.copy().values(), default=now)
 
-    def add(self, message: JointSamples) -> None:
+    @property
+    def idle(self) -> bool:
+        """Whether every sample has been used."""
+        return not self._pending and not self._working
+
+    @property
+    def waiting(self) -> list[str]:
+        """Joints whose newest samples have waited for longer than a hop."""
+        late_ns = self._newest_ns - int(self._hop_s * NANO)
+        return sorted(joint for joint, done_ns in self._done_ns.copy().items() if done_ns < late_ns)
+
+    def lag_s(self) -> float:
+        """Return how far the identifiers were behind the newest sample at worst, in s, since the last call."""
+        now_s = max((self._newest_ns - done_ns for done_ns in self._done_ns.copy().values()), default=0) / NANO
+        longest, self._longest_lag_s = max(now_s, self._longest_lag_s), 0.0
+        return longest
+
+    def add(self, stamp_ns: int, message: JointSamples) -> None:
         """Add a sample that passed `conversions.check`; samples must come in the order of their stamps."""
-        self._pending.append(message)
+        with self._lock:
+            step_ns = stamp_ns - (self._last_stamp_ns or stamp_ns)
+            self._last_stamp_ns = stamp_ns
+            self._newest_ns += min(max(step_ns, 0), LONGEST_STEP_NS)
+            self._pending.append((self._newest_ns, message))
+            many = self._newest_ns - self._pending[0][0] > QUEUE_S * NANO
+            count = self._shorten(self._newest_ns - int(KEEP_S * NANO)) if many else 0
+        if count:
+            self.left_out += count
+            self._callbacks.problem(
+                "lost by this computer",
+                f"{count} samples left out: they waited for fits, which are slower than the samples come. Identify "
+                "fewer joints, or take a longer hop_s",
+            )
+
+    def _shorten(self, first_ns: int) -> int:
+        """Leave out the waiting samples before an age; return their number."""
+        count = 0
+        while self._pending[0][0] < first_ns:
+            self._pending.popleft()
+            count += 1
+        return count
 
     def restart(self) -> None:
         """Forget all earlier samples: a new run begins with the next sample."""
-        self._pending.append(None)
+        with self._lock:
+            self._pending.clear()
+            self._new_run = True
 
     def stop(self) -> None:
         """End the thread. A fit or a compilation that takes longer than `STOP_S` is abandoned."""
@@ -87,15 +152,15 @@ class Worker:
 
     def _run(self) -> None:
         while not self._stop.wait(POLL_S):
-            batch: list[JointSamples] = []
-            while self._pending:
-                message = self._pending.popleft()
-                if message is None:
-                    self._identifiers.clear()
-                    self._origin_ns = None
-                    batch = []
-                else:
-                    batch.append(message)
+            with self._lock:
+                batch, new_run, self._working = list(self._pending), self._new_run, True
+                self._pending.clear()
+                self._new_run = False
+            if new_run:
+                self._identifiers.clear()
+                self._done_ns.clear()
+                self._named_ns.clear()
+                self._origin_ns = None
             try:
                 if batch:
                     self._update(batch)
@@ -103,11 +168,13 @@ class Worker:
                 self._callbacks.problem("samples left out", str(error))
             except Exception as error:  # a bug must not end the thread silently
                 self._callbacks.problem("internal error", f"samples left out after {_where(error)}")
+            self._working = False
 
-    def _update(self, batch: list[JointSamples]) -> None:
+    def _update(self, batch: list[tuple[int, JointSamples]]) -> None:
         if self._origin_ns is None:
-            self._origin_ns = nanoseconds(batch[0].header.stamp)
-        recordings = to_recordings(batch, self._origin_ns, "joint_samples")
+            self._origin_ns = nanoseconds(batch[0][1].header.stamp)
+        recordings = to_recordings([message for _, message in batch], self._origin_ns, "joint_samples")
+        self._forget_the_gone(recordings, batch[-1][0])
         for joint in self._expected:
             if joint not in recordings:
                 have = ", ".join(recordings)
@@ -116,17 +183,30 @@ class Worker:
                     f"joint {joint} is not in joint_samples (it has {have}): check parameters joints, set, fix, free",
                 )
         work = deque((joint, r) for joint, r in recordings.items() if not self._wanted or joint in self._wanted)
+        for joint, _ in work:
+            self._done_ns.setdefault(joint, batch[0][0])
         count = min(len(work), os.cpu_count() or 1)
         # daemon threads, like this one: a compilation must not delay the end of the process
-        helpers = [threading.Thread(target=self._fit_all, args=(work,), daemon=True) for _ in range(count - 1)]
+        newest_ns = batch[-1][0]
+        helpers = [
+            threading.Thread(target=self._fit_all, args=(work, newest_ns), daemon=True) for _ in range(count - 1)
+        ]
         for helper in helpers:
             helper.start()
-        self._fit_all(work)
+        self._fit_all(work, newest_ns)
         for helper in helpers:
             helper.join()
 
-    def _fit_all(self, work: deque[tuple[str, Recording]]) -> None:
-        """Fit joints until none is left; several threads run this at the same time."""
+    def _forget_the_gone(self, joints: Collection[str], newest_ns: int) -> None:
+        """End the identification of joints that the samples do not name any more."""
+        self._named_ns |= dict.fromkeys(joints, newest_ns)
+        for joint in [j for j, named_ns in self._named_ns.items() if newest_ns - named_ns > GONE_S * NANO]:
+            for known in (self._named_ns, self._done_ns, self._identifiers):
+                known.pop(joint, None)
+            self._callbacks.gone(joint)
+
+    def _fit_all(self, work: deque[tuple[str, Recording]], newest_ns: int) -> None:
+        """Fit joints, with samples up to this age, until none is left; several threads run this at the same time."""
         origin_ns = self._origin_ns
         assert origin_ns is not None
         while not self._stop.is_set():
@@ -135,6 +215,8 @@ class Worker:
             except IndexError:
                 return
             self._fit(joint, recording, origin_ns)
+            self._done_ns[joint] = newest_ns
+            self._longest_lag_s = max(self._longest_lag_s, (self._newest_ns - newest_ns) / NANO)
 
     def _fit(self, joint: str, recording: Recording, origin_ns: int) -> None:
         try:
@@ -152,8 +234,16 @@ class Worker:
         else:
             if estimate is not None and not self._stop.is_set():
                 self._callbacks.estimated(joint, estimate, origin_ns)
+            if estimate is not None:
+                with self._lock:
+                    self.missed += max(0, round(_covered_s(recording) / self._hop_s) - 1)
         finally:
             self._begun.pop(joint, None)
+
+
+def _covered_s(recording: Recording) -> float:
+    """Return the time in s that the samples cover, without gaps."""
+    return len(recording) * float(np.median(np.diff(recording.time))) if len(recording) > 1 else 0.0
 
 
 def _where(error: Exception) -> str:

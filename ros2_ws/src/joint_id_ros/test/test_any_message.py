@@ -105,12 +105,13 @@ def test_the_filter_goes_on_after_any_messages(ros):
 
 
 def test_the_identifier_goes_on_after_any_samples(ros):
-    node = ros(IdentifierNode, model="rigid_joint", actuation="torque", window_s=0.5, hop_s=0.1)
+    node = ros(IdentifierNode, model="rigid_joint", actuation="torque", window_s=0.5, hop_s=0.1, autostart="false")
+    assert node.start()
     out = node._publisher = Published()
 
     def drained():
         end = time.monotonic() + 120.0
-        while node._worker.backlog or node._worker.busy_s:
+        while not node._worker.idle:
             assert time.monotonic() < end, "the thread takes no samples any more"
             time.sleep(0.01)
 

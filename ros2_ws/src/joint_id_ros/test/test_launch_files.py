@@ -67,13 +67,26 @@ def test_replay_takes_everything_that_says_what_is_identified():
 
 def test_texts_become_values_of_the_right_type():
     made = starts("replay", bag="123", rate="0", set="N=101, k_t=0.1", gravity="true", order="2", free="")
-    assert own(made["player"]) == {"bag": "123", "rate": 0.0}
-    assert own(made["identifier"]) == {
-        "use_sim_time": True, "set": ["N=101", "k_t=0.1"], "gravity": True, "free": [""],
-    }  # fmt: skip
-    assert own(made["filter"]) == {"use_sim_time": True, "order": 2}
+    assert made["player"].given == {"bag": "123", "rate": 0.0}
+    assert made["identifier"].given == {"set": ["N=101", "k_t=0.1"], "gravity": True, "free": [""]}
+    assert made["filter"].given == {"order": 2}
     with pytest.raises(JointIdError, match="rate:=fast: write a number"):
         starts("replay", bag="b", rate="fast")
+
+
+def test_in_a_replay_every_node_ends_with_the_one_before_it():
+    made = starts("replay", bag="b")
+    assert made["filter"].own["end_with"] == "player" and made["identifier"].own["end_with"] == "filter"
+    assert made["filter"].own["use_sim_time"] is made["identifier"].own["use_sim_time"] is True
+    assert LAUNCH_FILES["replay"].leader == "player"
+
+
+@pytest.mark.parametrize("name", LAUNCH_FILES)
+def test_every_option_of_the_identifier_is_an_argument(name):
+    names = {a.name for a in LAUNCH_FILES[name].arguments}
+    mine = {f.name for options in NODES["identifier"] for f in fields(options)}
+    assert mine - names <= {"reliability", "end_with"}  # its samples come from our own filter
+    assert "log_level" in names and ("respawn" in names) == (name != "replay")
 
 
 def test_the_link_states_may_come_from_another_topic():

@@ -233,6 +233,17 @@ def compile_model(model: Model, friction: str = "tanh", extra: tuple[str, ...] =
     return kernel
 
 
+def is_compiled(model: Model, friction: str = "tanh", extra: tuple[str, ...] = (), cell: str = "rk4") -> bool:
+    """Return whether the cache has the kernel that `compile_model` would return for the same arguments."""
+    sensitive = tuple(p.name for p in model.parameters if not p.fixed or p.name in extra)
+    return _path(model, friction, sensitive, cell, "kernel").exists()
+
+
+def _path(model: Model, friction: str, sensitive: tuple[str, ...], cell: str, part: str) -> Path:
+    """Return the file of one module of the kernel of a model."""
+    return cache_directory() / f"{model.name}-{_key(model, friction, sensitive, cell)}" / f"{part}.py"
+
+
 def _cell(
     model: Model, friction: str, sensitive: tuple[str, ...], cell: str, part: str, functions: _Functions
 ) -> ModuleType:
@@ -242,8 +253,8 @@ def _cell(
         text = _cell_source(model, friction, sensitive, cell)
         return _module_source(f"{model!r}, friction {friction}, cell {cell}", text, functions)
 
-    folder = cache_directory() / f"{model.name}-{_key(model, friction, sensitive, cell)}"
-    return _loaded(folder / f"{part}.py", f"model {model.name}", source, functions)
+    path = _path(model, friction, sensitive, cell, part)
+    return _loaded(path, f"model {model.name}", source, functions)
 
 
 @lru_cache(maxsize=64)

@@ -32,6 +32,12 @@ class Estimator(Protocol):
     ) -> Estimate:
         """Fit a model to a recording."""
 
+    def compile(self, model: Model, settings: ParameterSettings) -> None:
+        """Compile all that fits of `model` need, or load it from the cache."""
+
+    def is_compiled(self, model: Model, settings: ParameterSettings) -> bool:
+        """Return whether `compile` only has to load."""
+
 
 ESTIMATORS: dict[str, type[Innovations] | type[HPinn]] = {kind.name: kind for kind in (Innovations, HPinn)}
 DEFAULT = Innovations()

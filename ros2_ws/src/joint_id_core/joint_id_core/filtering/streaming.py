@@ -99,11 +99,17 @@ class StreamingFilter:
             return done + self._learn_period()
         return done + self._advance(time, values)
 
-    def restart(self, why: str) -> list[FilteredSample]:
-        """Restart the filter; return the waiting samples without derived values (none with `causal`)."""
+    def restart(self, why: str, new_rate: bool = False) -> list[FilteredSample]:
+        """Restart the filter; return the waiting samples without derived values (none with `causal`).
+
+        With `new_rate` the period is estimated anew.
+        """
         self._note("time", f"{why}: filter restarted")
         self._last = -np.inf
-        return self._abandon()
+        done = self._abandon()
+        if new_rate:
+            self._design, self.period = None, float("nan")
+        return done
 
     def _learn_period(self) -> list[FilteredSample]:
         """Estimate the period as soon as there are enough stamps, then filter the waiting samples."""

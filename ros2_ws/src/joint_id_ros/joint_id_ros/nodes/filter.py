@@ -13,19 +13,24 @@ from sensor_msgs.msg import JointState
 
 from joint_id_core.alignment.aligner import AlignedSample, Aligner
 from joint_id_core.alignment.inputs import LINK_STATES, InputOptions
+from joint_id_core.alignment.source_watch import RATE, SourceEvent
 from joint_id_core.errors import JointIdError
 from joint_id_core.filtering.offline import FilterOptions
 from joint_id_core.formats.topics import CONDITIONS, RAW
 from joint_id_msgs.msg import JointSamples, MotorTorques, MotorVoltages, RobotSignals
 from joint_id_ros import conversions as convert
 from joint_id_ros.diagnostics import Diagnostics, Health
+from joint_id_ros.ending import SILENT_S, Ending
+from joint_id_ros.options.reading import FilterReadingOptions
 from joint_id_ros.parameters import declare, read
-from joint_id_ros.qos import STREAM_OUT
+from joint_id_ros.qos import FLUSH, STREAM_OUT
+from joint_id_ros.sources import Sources
 from joint_id_ros.streams import Streams
 
 TOPICS = {t.name: t for t in (*RAW, CONDITIONS)}
 RELEASE_S = 0.2  # period of the checks for samples that wait for a silent topic
 TYPES = {t.__name__: t for t in (JointState, MotorVoltages, MotorTorques, RobotSignals)}
+KINDS = {topic.name: TYPES[topic.type.rsplit("/", 1)[-1]] for topic in TOPICS.values()}
 
 
 class FilterNode(Node):
@@ -36,19 +41,29 @@ class FilterNode(Node):
         self.finished = Future()
         declare(self, InputOptions)
         declare(self, FilterOptions)
+        declare(self, FilterReadingOptions)
         self._input = read(self, InputOptions).for_topic(self.resolve_topic_name(LINK_STATES))
         self._aligner = Aligner(self._input, read(self, FilterOptions))
         self._published = self._silent_periods = 0
+        self._heard = False
         self._diagnostics = Diagnostics(self, self._health, LINK_STATES)
         self._publisher = self.create_publisher(JointSamples, "joint_samples", STREAM_OUT)
-        kinds = {topic.name: TYPES[topic.type.rsplit("/", 1)[-1]] for topic in TOPICS.values()}
+        self._reading = read(self, FilterReadingOptions)
+        self._ending = Ending(self)
+        self._sources = Sources(self, [t.name for t in RAW], self._reading.reliability, self._diagnostics, self._on_source)
+        self._streams: Streams | None = None
         self.create_timer(RELEASE_S, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self._streams = Streams(self, kinds, self._on_message)
+        self._begin_when_heard()
+
+    def _begin_when_heard(self) -> None:
+        """Subscribe as soon as enough subscribers listen to what comes out."""
+        if self._streams is None and self._publisher.get_subscription_count() >= self._reading.wait_subscribers:
+            self._streams = Streams(self, KINDS, self._on_message, self._sources, self._reading.reliability)
 
     def _on_message(self, name: str, message: Any) -> None:
         topic = TOPICS[name]
         if topic is not CONDITIONS:
-            self._silent_periods = 0
+            self._silent_periods, self._heard = 0, True
         elif not message.joint_temperatures:
             return  # it holds other signals
         stamp = convert.nanoseconds(message.header.stamp)
@@ -62,11 +77,21 @@ class FilterNode(Node):
             return
         self._publish(aligned)
 
+    def _on_source(self, topic: str, event: SourceEvent) -> None:
+        if topic == LINK_STATES and event.kind == RATE:
+            self._publish(self._aligner.new_rate("another sampling rate"))
+
     def _on_timer(self) -> None:
         """Release waiting samples after two silent periods; a single one may be a delay of this process."""
+        self._begin_when_heard()
         self._silent_periods += 1
         if self._silent_periods >= 2:
             self._publish(self._aligner.release())
+        silent = self._silent_periods * RELEASE_S > max(SILENT_S, self._input.join_wait_s + RELEASE_S)
+        if self._ending.due(self._reading.end_with, self._heard) and silent and not self._sources.published:
+            self._publish(self._aligner.new_rate("the samples end"))  # those that wait for later ones
+            self._publisher.wait_for_all_acked(FLUSH)
+            self.finished.set_result(None)
 
     def _publish(self, aligned: list[AlignedSample]) -> None:
         for sample in aligned:
@@ -76,15 +101,22 @@ class FilterNode(Node):
             self._diagnostics.problem("filter", self._aligner.filter.events.popleft())
 
     def _health(self) -> Health:
-        values = {
+        values: dict[str, object] = {
             "joints": ", ".join(self._aligner.joints),
             "effort": self._input.effort_source,
             "published": self._published,
             "filter latency [s]": f"{self._aligner.filter.latency:.4f}",
         }
         values |= {f"filter: {kind}": count for kind, count in self._aligner.filter.counts.items()}
-        return Health(DiagnosticStatus.OK, "filtering", values)
+        if self._streams is None:
+            text = f"waiting until {self._reading.wait_subscribers} subscribers listen on joint_samples"
+            return Health(DiagnosticStatus.WARN, text, values)
+        level, late = self._sources.lateness
+        values |= self._sources.values()
+        bad = [*self._sources.complaints, *late]
+        return Health(max(level, DiagnosticStatus.WARN) if bad else level, "; ".join(bad) or "filtering", values)
 
     def close(self) -> None:
         """End the subscriptions."""
-        self._streams.close()
+        if self._streams is not None:
+            self._streams.close()

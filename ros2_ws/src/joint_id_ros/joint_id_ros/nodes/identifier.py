@@ -2,107 +2,123 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 
 from joint_id_core.alignment.joining import StampOrder
-from joint_id_core.data.recording import Recording
+from joint_id_core.alignment.source_watch import RATE, SourceEvent
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.topics import SAMPLES
-from joint_id_core.online.identifier import OnlineIdentifier, OnlineOptions
+from joint_id_core.online.identifier import OnlineOptions
 from joint_id_core.results.estimate import Estimate
 from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples
 from joint_id_ros import conversions as convert
 from joint_id_ros.diagnostics import Diagnostics, Health
+from joint_id_ros.ending import SILENT_S, Ending
+from joint_id_ros.identifier_health import IdentifierHealth
+from joint_id_ros.identifier_setup import IdentifierSetup
 from joint_id_ros.lifecycle import ManagedNode
 from joint_id_ros.options.identifier import IdentifierOptions
+from joint_id_ros.options.reading import ReadingOptions
 from joint_id_ros.parameters import read
-from joint_id_ros.qos import LATEST
+from joint_id_ros.preparation import Preparation
+from joint_id_ros.qos import FLUSH, LATEST
+from joint_id_ros.sources import Sources
 from joint_id_ros.streams import Streams
 from joint_id_ros.worker import Callbacks, Worker
 
-SLOW_S = 3.0  # a fit that takes longer is reported
+START_S = 0.05  # period of the checks, at a start without a lifecycle manager, whether the kernels are there
+END_S = 0.5  # period of the checks whether the node to end with has gone
 
 
 class IdentifierNode(ManagedNode):
     """Fits the model of every joint over sliding windows in a thread, and publishes the latest estimates."""
 
     def __init__(self) -> None:
-        super().__init__("identifier", IdentifierOptions, OnlineOptions)
-        self._model_options = IdentifierOptions()
-        self._online_options = OnlineOptions()
+        super().__init__("identifier", IdentifierOptions, OnlineOptions, ReadingOptions)
+        self._setup = IdentifierSetup(IdentifierOptions(), OnlineOptions())
+        self._preparation: Preparation | None = None
         self._worker: Worker | None = None
+        self._sources: Sources | None = None
         self._streams: Streams | None = None
         self._order = StampOrder()
         self._latest: dict[str, JointEstimate] = {}
         self._good: dict[str, tuple[int, Estimate]] = {}  # newest good estimate by joint, with the origin of its times
         self._fits: Counter[str] = Counter()
+        self._report = IdentifierHealth()
+        self._heard_s: float | None = None  # when the last sample came
+        self._ending = Ending(self)
         self._diagnostics = Diagnostics(self, self._health, "joint_samples")
         self._publisher = self.create_lifecycle_publisher(JointParams, "joint_params", LATEST)
-        if self.get_parameter("autostart").value:
-            self.start()
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(END_S, self._end_with_its_leader, clock=steady)
+        self._starter = self.create_timer(START_S, self._start_by_itself, clock=steady)
+        if not self.get_parameter("autostart").value:
+            self._starter.cancel()
 
-    def _begin_joint(self, joint: str, samples: Recording) -> OnlineIdentifier:
-        """Build the identifier of a joint from its first samples."""
-        options = self._model_options
-        return self._make(joint, options.drive_in(samples))
+    def _start_by_itself(self) -> None:
+        """Configure and activate as soon as the kernels are there; diagnostics and signals are served meanwhile."""
+        if self._configured or self._worker is not None:
+            self._starter.cancel()  # a lifecycle manager did it
+            return
+        try:
+            preparation = self._prepared()
+            self.not_ready = f"not configured yet: {preparation.text}"
+            if not preparation.done:
+                return
+        except JointIdError:
+            pass  # `start` gets the same error and reports it
+        self._starter.cancel()
+        if not self.start() and self.get_parameter("end_with").value:
+            self.finished.set_result(JointIdError(self.not_ready))
 
-    def _make(self, joint: str, drive: str) -> OnlineIdentifier:
-        options = self._model_options
-        return OnlineIdentifier(
-            options.build(drive),
-            options.settings(joint),
-            self._online_options,
-            options.solver,
-        )
+    def _prepared(self) -> Preparation:
+        """Return the preparation of what the parameters say; it is begun if there is none yet."""
+        setup = IdentifierSetup(read(self, IdentifierOptions), read(self, OnlineOptions))
+        if self._preparation is None or setup != self._setup:
+            self._setup, self._preparation = setup, None
+            self._preparation = setup.prepare()
+            self.get_logger().info(self._preparation.text)
+        return self._preparation
 
     def prepare(self) -> None:
-        """Read the parameters and check all of them by building the identifiers."""
-        self._model_options = read(self, IdentifierOptions)
-        self._online_options = read(self, OnlineOptions)
-        for joint in self._model_options.expected or ("",):
-            try:
-                self._check(joint)
-            except JointIdError as error:
-                raise JointIdError(f"joint {joint}: {error}" if joint else str(error)) from None
-
-    def _check(self, joint: str) -> None:
-        """Check that the identifier of a joint can be built with at least one of the possible drive signals."""
-        errors = {}
-        for drive in self._model_options.drives:
-            try:
-                self._make(joint, drive)
-                return
-            except JointIdError as error:
-                errors[drive] = error
-        told = "current" if "k_t" in self._model_options.values(joint) else "torque"  # drive that the user means
-        raise errors.get(told) or next(iter(errors.values()))
+        """Check all parameters, and compile or load every kernel, so that no fit waits for a compilation."""
+        try:
+            self._prepared().wait(self._diagnostics.report_if_due)
+        finally:
+            self._preparation = None
 
     def begin(self) -> None:
         """Start the thread and subscribe; estimates of an earlier run are forgotten."""
         self._order = StampOrder()
         self._latest.clear()
         self._good.clear()
-        callbacks = Callbacks(self._on_estimate, self._diagnostics.problem)
-        options = self._model_options
-        self._worker = Worker(self._begin_joint, options.joints, options.expected, callbacks)
-        self._streams = Streams(self, {SAMPLES.name: JointSamples}, self._on_samples)
+        callbacks = Callbacks(self._on_estimate, self._on_gone, self._diagnostics.problem)
+        options, reliability = self._setup.model, read(self, ReadingOptions).reliability
+        self._worker = Worker(self._setup.begin, options.joints, options.expected, callbacks, self._setup.online.hop_s)
+        topics = {SAMPLES.name: JointSamples}
+        self._sources = Sources(self, topics, reliability, self._diagnostics, self._on_source)
+        self._streams = Streams(self, topics, self._on_samples, self._sources, reliability)
         self.get_logger().info(f"identifying {options.model} with {options.estimator}")
 
     def close(self) -> None:
         """End the subscription and the thread."""
-        if self._streams is not None:
-            self._streams.close()
-            self._streams = None
+        for part in (self._streams, self._sources):
+            if part is not None:
+                part.close()
         if self._worker is not None:
             self._worker.stop()
-            self._worker = None
+        self._streams = self._sources = self._worker = None
 
     def _on_samples(self, topic: str, message: JointSamples) -> None:
         if self._worker is None:
             return
         stamp = convert.nanoseconds(message.header.stamp)
+        self._heard_s = time.monotonic()
         self._diagnostics.received(stamp)
         try:
             convert.check_message(SAMPLES, message)
@@ -113,7 +129,12 @@ class IdentifierNode(ManagedNode):
         if restart:
             self._diagnostics.problem("restart", f"{SAMPLES.name}: time jumped back: identification starts anew")
             self._worker.restart()
-        self._worker.add(message)
+        self._worker.add(stamp, message)
+
+    def _on_source(self, topic: str, event: SourceEvent) -> None:
+        if event.kind == RATE and self._worker is not None:
+            self._diagnostics.problem("restart", f"{event.text}: identification starts anew")
+            self._worker.restart()
 
     def _on_estimate(self, joint: str, estimate: Estimate, origin_ns: int) -> None:
         """Publish an estimate; called from the worker's thread."""
@@ -124,27 +145,33 @@ class IdentifierNode(ManagedNode):
             good = None
         self._latest[joint] = convert.to_estimate_message(joint, estimate, good, origin_ns)
         self._fits[estimate.status.value] += 1
+        self._publish()
+
+    def _on_gone(self, joint: str) -> None:
+        """Take back what was published of a joint that disappeared; called from the worker's thread."""
+        self._diagnostics.problem("joint gone", f"joint {joint} is not in {SAMPLES.name} any more: it is left out")
+        self._good.pop(joint, None)
+        if self._latest.pop(joint, None) is not None:
+            self._publish()
+
+    def _publish(self) -> None:
         message = JointParams(joints=[self._latest[name] for name in sorted(self._latest)])
-        newest = max(message.joints, key=lambda j: convert.nanoseconds(j.window_end))
-        message.header.stamp = newest.window_end
+        if message.joints:
+            message.header.stamp = max(message.joints, key=lambda j: convert.nanoseconds(j.window_end)).window_end
         self._publisher.publish(message)
 
+    def _end_with_its_leader(self) -> None:
+        """End when the node that this one follows has gone and all its samples have been used."""
+        silent = self._heard_s is None or time.monotonic() - self._heard_s > SILENT_S
+        if not self._ending.due(self.get_parameter("end_with").value, self._heard_s is not None) or not silent:
+            return
+        if self._worker is None or (self._worker.idle and self._sources is not None and not self._sources.published):
+            self._publisher.wait_for_all_acked(FLUSH)
+            self.finished.set_result(None)
+
     def _health(self) -> Health:
-        if self.not_ready or self._worker is None:
-            return Health(DiagnosticStatus.ERROR, self.not_ready or "stopped")
-        values: dict[str, object] = {f"fits: {status}": n for status, n in sorted(self._fits.items())}
-        values["backlog"] = self._worker.backlog
-        bad = []
-        for name, joint in sorted(self._latest.copy().items()):
-            values[f"{name}: solve time [s]"] = f"{joint.solve_time:.4f}"
-            values[f"{name}: status"] = joint.message
-            found = sum(p.verdict == p.ESTIMATED for p in joint.parameters)
-            if joint.age > 0.0:
-                values[f"{name}: age of the parameters [s]"] = f"{joint.age:.3f}"
-            values[f"{name}: estimated"] = f"{found} of {len(joint.free)} parameters"
-            if joint.status != JointEstimate.CONVERGED:
-                bad.append(f"{name}: {joint.message}")
-        if self._worker.busy_s > SLOW_S:
-            bad.append(f"a fit takes {self._worker.busy_s:.0f} s so far (the first one of a model compiles it)")
-        level = DiagnosticStatus.WARN if bad else DiagnosticStatus.OK
-        return Health(level, "; ".join(bad) or f"identified {len(self._latest)} joints", values)
+        worker, sources = self._worker, self._sources
+        if self.not_ready or worker is None or sources is None:
+            level = DiagnosticStatus.ERROR if self._preparation is None else DiagnosticStatus.WARN
+            return Health(level, self.not_ready or "stopped")
+        return self._report.report(self._latest.copy(), self._fits, worker, sources)

@@ -26,6 +26,7 @@ from joint_id_ros.message_types import message_class
 from joint_id_ros.options.player import PlayerOptions
 from joint_id_ros.parameters import declare, read
 from joint_id_ros.qos import CLOCK, LATEST, REPLAY
+from joint_id_ros.running import EndedEarlyError
 
 TICK_S = 0.002  # period of the checks for messages that are due
 SLICE_S = 0.02  # longest duration of one tick, so that signals and services are served
@@ -54,6 +55,7 @@ class PlayerNode(Node):
         self._time_output = self.create_publisher(ClockMessage, "/clock", CLOCK) if self._options.clock else None
         self._clock_told = -math.inf
         self._created = time.monotonic()
+        self._listened: float | None = None  # when the first subscriber was there
         self._begun: float | None = None
         self._ended: float | None = None
         self._bag_start = self._newest_ns = self._reader.start_time
@@ -91,7 +93,7 @@ class PlayerNode(Node):
         now = time.monotonic()
         if self._begun is None:
             unmatched = [p.topic_name for p in self._must_match if not p.get_subscription_count()]
-            if unmatched and now - self._created < self._options.wait_s:
+            if self._waits(now, len(unmatched)):
                 return
             if unmatched:
                 self.get_logger().warning(f"playing although nobody listens on {', '.join(unmatched)}")
@@ -101,11 +103,20 @@ class PlayerNode(Node):
         except Exception as error:  # the decoder raises many kinds of errors on a damaged bag
             if not isinstance(error, JointIdError):
                 what = " ".join(str(error).split()) or type(error).__name__
-                error = JointIdError(f"{self._options.bag}: damaged after {self._published} messages ({what})")
+                kind = EndedEarlyError if self._published else JointIdError
+                error = kind(f"{self._options.bag}: damaged after {self._published} messages ({what})")
             self.finished.set_result(error)
             return
         if done:
             self._end(now)
+
+    def _waits(self, now: float, unmatched: int) -> bool:
+        """Return whether to wait on for subscribers; the wait for the others begins when the first one is there."""
+        if unmatched < len(self._must_match):
+            self._listened = self._listened or now
+        since = self._listened or self._created
+        longest = self._options.wait_s if self._listened else max(self._options.wait_s, self._options.wait_first_s)
+        return unmatched > 0 and now - since < longest
 
     def _end(self, now: float) -> None:
         """Finish when the readers have all messages; checked at every tick, so that signals are served meanwhile."""

@@ -10,12 +10,13 @@ from joint_id_core.simulation.plants import MotionOptions
 from joint_id_ros.options.driver import DriverOptions
 from joint_id_ros.options.identifier import IdentifierOptions
 from joint_id_ros.options.player import PlayerOptions
+from joint_id_ros.options.reading import FilterReadingOptions, ReadingOptions
 from joint_id_ros.options.sim import SimOptions
 
 NODES: dict[str, tuple[type, ...]] = {
     "sim": (SimOptions, MotionOptions),
-    "filter": (InputOptions, FilterOptions),
-    "identifier": (IdentifierOptions, OnlineOptions),
+    "filter": (InputOptions, FilterOptions, FilterReadingOptions),
+    "identifier": (IdentifierOptions, OnlineOptions, ReadingOptions),
     "player": (PlayerOptions,),
     "driver": (DriverOptions, StreamOptions),
 }

@@ -18,6 +18,8 @@ class PlayerOptions:
                          "1", 0.0, 1e3)  # fmt: skip
     clock: bool = option(True, "publish /clock with the time of the bag, for nodes with use_sim_time")
     wait_s: float = option(10.0, "longest wait for a subscriber on every topic before playing", "s", 0.0, 1e4)
+    wait_first_s: float = option(0.0, "longest wait for the first subscriber on any topic, if it is longer than wait_s",
+                                 "s", 0.0, 1e4)  # fmt: skip
 
     def __post_init__(self) -> None:
         check(self)

@@ -57,3 +57,16 @@ class HPinn:
         from joint_id_core.estimators.hpinn.fit import fit_hpinn  # takes these options
 
         return fit_hpinn(model, recording, settings, self, progress)
+
+    def compile(self, model: Model, settings: ParameterSettings) -> None:
+        """Compile all that fits of `model` need, or load it from the cache, so that the first fit is not slower."""
+        from joint_id_core.cell.kernel import compile_model
+        from joint_id_core.estimators.hpinn import fit  # noqa: F401  # loads torch
+
+        _ = compile_model(model, self.friction, tuple(sorted(settings.freed_in(model)))).sensitivities
+
+    def is_compiled(self, model: Model, settings: ParameterSettings) -> bool:
+        """Return whether `compile` only has to load."""
+        from joint_id_core.cell.kernel import is_compiled
+
+        return is_compiled(model, self.friction, tuple(sorted(settings.freed_in(model))))

@@ -46,3 +46,16 @@ class Innovations:
         from joint_id_core.estimators.innovations.fit import fit_innovations  # takes these options
 
         return fit_innovations(model, recording, settings, self, progress=progress)
+
+    def compile(self, model: Model, settings: ParameterSettings) -> None:
+        """Compile all that fits of `model` need, or load it from the cache, so that the first fit is not slower."""
+        from joint_id_core.cell.kernel import compile_model
+        from joint_id_core.estimators.innovations import fit  # noqa: F401  # loads what a fit imports
+
+        compile_model(model, "tanh", settings.freed_in(model), self.cell)
+
+    def is_compiled(self, model: Model, settings: ParameterSettings) -> bool:
+        """Return whether `compile` only has to load."""
+        from joint_id_core.cell.kernel import is_compiled
+
+        return is_compiled(model, "tanh", settings.freed_in(model), self.cell)

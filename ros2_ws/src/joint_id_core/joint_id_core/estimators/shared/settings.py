@@ -72,6 +72,14 @@ class ParameterSettings:
             {n: v for n, v in self.priors.items() if n in own},
         )
 
+    def freed_in(self, model: Model) -> tuple[str, ...]:
+        """Return the names of the parameters to estimate that the model's table holds.
+
+        Raises:
+            JointIdError: as `applied_to`.
+        """
+        return tuple(name for name in self.applied_to(model)[1] if model.parameter(name).fixed)
+
     def applied_to(self, model: Model) -> tuple[Array, tuple[str, ...]]:
         """Return start values of all parameters in the model's order, shape (P,), and the names of those to estimate.
 

@@ -1,0 +1,139 @@
+"""What a node knows of the publishers of its topics, in words for its diagnostics."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection, Mapping
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.qos import ReliabilityPolicy
+
+from joint_id_core.alignment.source_watch import SILENT_S, SourceEvent, SourceWatch
+from joint_id_core.data.instants import NANO
+from joint_id_ros.diagnostics import Diagnostics
+from joint_id_ros.options.reading import RELIABLE
+
+BEAT_S = 0.25  # period of the checks that this process runs at all
+STALL_S = 0.5  # silence of these checks from which the process counts as stopped
+LOOK_S = 1.0  # period of the looks at the graph
+LATE_S = 0.5  # samples that wait longer until they are read are a warning ...
+TOO_LATE_S = 2.0  # ... and then an error
+
+
+class Sources:
+    """Watches the publishers of some topics; what happens is reported as problems."""
+
+    def __init__(
+        self,
+        node: Node,
+        topics: Collection[str],
+        reliability: str,
+        diagnostics: Diagnostics,
+        changed: Callable[[str, SourceEvent], None],
+    ) -> None:
+        """Start to watch; `changed` gets the topic and what happened on it."""
+        self._node, self._reliability, self._diagnostics, self._changed = node, reliability, diagnostics, changed
+        self._watches = {topic: SourceWatch(topic) for topic in topics}
+        self._complaints: list[str] = []
+        self._foreign: dict[str, int] = {}  # messages of other publishers until the last look, by topic
+        self._beat_s = self._looked_s = time.monotonic()
+        self._stalled_s, self._stall_ended_s = 0.0, -1.0
+        self._timer = node.create_timer(BEAT_S, self._beat, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def admit(self, topic: str, stamp_ns: int, message: Any, info: Mapping[str, Any]) -> bool:
+        """Take a message with its `info` from rclpy into account; return False if it must be left out.
+
+        Messages of topics that are not watched are taken as they come.
+        """
+        watch = self._watches.get(topic)
+        if watch is None:
+            return True
+        arrived_ns = info.get("received_timestamp") or 0
+        waited_s = max((time.time_ns() - arrived_ns) / NANO if arrived_ns else 0.0, self._stall())
+        admitted = watch.admit(stamp_ns, message.name, info.get("publication_sequence_number"), waited_s)
+        while watch.events:
+            event = watch.events.popleft()
+            self._diagnostics.problem(event.kind, event.text)
+            self._changed(topic, event)
+        return admitted
+
+    def values(self) -> dict[str, object]:
+        """Return values for the diagnostics, and begin a new period of `waited`."""
+        found: dict[str, object] = {"waited [s]": f"{self.slowest_s:.3f}"}
+        for topic, watch in self._watches.items():
+            found |= {f"{topic}: lost by {who}": count for who, count in sorted(watch.lost.items())}
+            if watch.foreign:
+                found[f"{topic}: of another publisher"] = watch.foreign
+            watch.slowest_s = 0.0
+        return found
+
+    @property
+    def slowest_s(self) -> float:
+        """Longest time that a message waited until it was read, in s, since the last `values`."""
+        return max(watch.slowest_s for watch in self._watches.values())
+
+    @property
+    def lateness(self) -> tuple[bytes, list[str]]:
+        """Level of the diagnostics, and why, by the longest wait of a message until it was read."""
+        if self.slowest_s <= LATE_S:
+            return DiagnosticStatus.OK, []
+        text = f"messages were read {self.slowest_s:.1f} s late: this computer has too much to do"
+        return DiagnosticStatus.ERROR if self.slowest_s > TOO_LATE_S else DiagnosticStatus.WARN, [text]
+
+    @property
+    def complaints(self) -> list[str]:
+        """What is wrong with the publishers now."""
+        return list(self._complaints)
+
+    @property
+    def published(self) -> bool:
+        """Whether any of the topics has a publisher."""
+        return any(self._node.count_publishers(self._node.resolve_topic_name(topic)) for topic in self._watches)
+
+    def close(self) -> None:
+        """End the watch."""
+        self._node.destroy_timer(self._timer)
+
+    def _stall(self) -> float:
+        """Return the time in s for which this process did not run just now."""
+        now = time.monotonic()
+        stalled = now - self._beat_s
+        if stalled > STALL_S:
+            return stalled
+        return self._stalled_s if now - self._stall_ended_s < SILENT_S else 0.0
+
+    def _beat(self) -> None:
+        now = time.monotonic()
+        stalled, self._beat_s = now - self._beat_s, now
+        if stalled > STALL_S:
+            self._stalled_s, self._stall_ended_s = stalled, now
+        if now - self._looked_s >= LOOK_S:
+            self._looked_s = now
+            self._complaints = [text for topic in self._watches for text in self._look(topic)]
+
+    def _look(self, topic: str) -> list[str]:
+        """Look at the publishers of a topic; return what is wrong with them."""
+        found, name = [], self._node.resolve_topic_name(topic)
+        publishers = self._node.get_publishers_info_by_topic(name)
+        readable = [p for p in publishers if self._readable(p.qos_profile.reliability)]
+        watch = self._watches[topic]
+        disturbed = watch.foreign > self._foreign.get(topic, 0) or watch.uncounted
+        self._foreign[topic] = watch.foreign
+        watch.publishers = len(readable)
+        if len(readable) > 1 and disturbed:  # one that was killed stays in the graph for a while, but is silent
+            names = ", ".join(sorted(p.node_name for p in readable))
+            found.append(f"{name} has {len(readable)} publishers ({names}): one of them is read; end the others")
+        if len(readable) < len(publishers):
+            names = ", ".join(sorted(p.node_name for p in publishers if p not in readable))
+            found.append(
+                f"{name}: publisher {names} offers best effort and is not read, because this node asks for reliable: "
+                "start this node with -p reliability:=best_effort"
+            )
+        return found
+
+    def _readable(self, offered: ReliabilityPolicy) -> bool:
+        return self._reliability != RELIABLE or offered == ReliabilityPolicy.RELIABLE

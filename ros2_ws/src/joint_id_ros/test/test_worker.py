@@ -1,0 +1,125 @@
+"""The thread of the identifier when fits are slower than the samples come."""
+
+import threading
+import time
+
+import pytest
+
+from joint_id_msgs.msg import JointSamples
+from joint_id_ros.conversions import to_stamp
+from joint_id_ros.worker import GONE_S, KEEP_S, QUEUE_S, Callbacks, Worker
+
+PERIOD_NS = 10_000_000
+PATIENCE_S = 60.0
+
+
+class Slow:
+    """An identifier whose updates wait until they may go on."""
+
+    def __init__(self, gate):
+        self.gate, self.begun, self.batches = gate, threading.Event(), []
+
+    def update(self, samples):
+        self.begun.set()
+        assert self.gate.wait(PATIENCE_S)
+        self.batches.append(samples)
+        return "an estimate"
+
+
+@pytest.fixture
+def working():
+    """A worker with slow identifiers, and all that it calls back."""
+    gate, told, made = threading.Event(), [], {}
+
+    def make(joint, samples):
+        made[joint] = Slow(gate)
+        return made[joint]
+
+    callbacks = Callbacks(
+        lambda joint, estimate, origin_ns: told.append(("estimated", joint)),
+        lambda joint: told.append(("gone", joint)),
+        lambda kind, text: told.append((kind, text)),
+    )
+    worker = Worker(make, (), (), callbacks, hop_s=0.5)
+    yield worker, gate, told, made
+    gate.set()
+    worker.stop()
+
+
+def add(worker, first, last, names=("a",)):
+    """Add samples `first` to before `last`."""
+    for k in range(first, last):
+        message = JointSamples(name=list(names), link_position=[0.0] * len(names))
+        message.header.stamp = to_stamp(10**12 + k * PERIOD_NS)
+        worker.add(10**12 + k * PERIOD_NS, message)
+
+
+def until(condition):
+    """Wait for a condition."""
+    end = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_no_more_than_some_seconds_wait_and_the_newest_stay(working):
+    worker, gate, told, made = working
+    add(worker, 0, 1)
+    until(lambda: "a" in made and made["a"].begun.is_set())  # with the first sample; all others wait
+    add(worker, 1, 3000)  # 30 s
+    assert worker.backlog * PERIOD_NS <= QUEUE_S * 1e9
+    assert worker.left_out + worker.backlog == 2999
+    assert any(kind == "lost by this computer" and "left out" in text for kind, text in told)
+    assert worker.waiting == ["a"] and worker.lag_s() == pytest.approx(29.99)
+    gate.set()
+    until(lambda: worker.idle)
+    assert worker.lag_s() == pytest.approx(29.99)  # the worst since the last question
+    assert worker.lag_s() == 0.0 and worker.waiting == []
+    kept = made["a"].batches[1].time
+    assert kept[-1] == pytest.approx(29.99) and kept[-1] - kept[0] >= KEEP_S
+    assert worker.missed == round(len(kept) * PERIOD_NS * 1e-9 / 0.5) - 1
+
+
+def test_who_keeps_up_misses_nothing(working):
+    worker, gate, told, _ = working
+    gate.set()
+    for k in range(0, 200, 40):
+        add(worker, k, k + 40)
+        until(lambda: worker.idle)
+    assert worker.missed == worker.left_out == 0
+    assert {kind for kind, _ in told} == {"estimated"}
+
+
+def test_a_new_run_forgets_what_waits(working):
+    worker, gate, _, made = working
+    add(worker, 0, 1)
+    until(lambda: "a" in made and made["a"].begun.is_set())
+    first = made["a"]
+    add(worker, 1, 500)
+    worker.restart()
+    add(worker, 0, 100)
+    gate.set()
+    until(lambda: worker.idle)
+    assert made["a"] is not first
+    assert [len(batch) for batch in made["a"].batches] == [100]
+    assert worker.left_out == 0
+
+
+def test_a_joint_that_is_not_named_any_more_is_given_back_once(working):
+    worker, gate, told, made = working
+    gate.set()
+    add(worker, 0, 10, ("a", "b"))
+    until(lambda: worker.idle)
+    first = made["b"]
+    add(worker, 10, 200)
+    until(lambda: worker.idle)
+    assert ("gone", "b") not in told  # for less than GONE_S
+    last = round((GONE_S + 1.0) * 1e9 / PERIOD_NS)
+    add(worker, 200, last)
+    until(lambda: worker.idle)
+    add(worker, last, last + 300)
+    until(lambda: worker.idle)
+    assert told.count(("gone", "b")) == 1
+    add(worker, last + 300, last + 310, ("a", "b"))
+    until(lambda: worker.idle)
+    assert made["b"] is not first

@@ -1,0 +1,85 @@
+"""Node `identifier` at its start: kernels are there before the node is active, and a start can be broken off."""
+
+import signal
+
+import pytest
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from robot_messages import NANO, stamp
+from running_graph import RATE, WINDOW_S, Motion, instant
+
+from joint_id_msgs.msg import JointParams, JointSamples
+from joint_id_ros.qos import LATEST
+
+HOP_S = 0.5  # the default
+COMPILING = "compiling model rigid_joint (only the first start of a model does that; others load it)"
+OPTIONS = {"model": "rigid_joint", "actuation": "torque"}
+
+
+@pytest.fixture
+def cold(monkeypatch, tmp_path):
+    """An empty cache of kernels, for the processes that start from now on."""
+    monkeypatch.setenv("JOINT_ID_CACHE_DIR", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def kernels(cache):
+    """Compiled files with the time of their last change."""
+    return {path: path.stat().st_mtime_ns for path in cache.rglob("*.nbi")}
+
+
+def test_kernels_are_compiled_once_and_before_the_node_is_active(cold, start, probe):
+    found = probe.collect(JointParams, "joint_params", LATEST)
+    process = start("identifier", **OPTIONS)
+    probe.until(lambda: probe.told("identifier", COMPILING), "word of the compilation")
+    assert probe.told("identifier", COMPILING).level == b"\x01"
+    samples = probe.source(JointSamples, "joint_samples")  # there as soon as the node is active
+    compiled = kernels(cold)
+    assert compiled
+    motion, k = Motion(), 0
+    for count, seconds in enumerate((WINDOW_S, HOP_S, HOP_S, HOP_S), 1):
+        for _ in range(round(seconds * RATE)):
+            q, tau = motion.at(k)
+            message = JointSamples(name=["joint"], link_position=[q], torque=[tau])
+            message.measured = JointSamples.LINK_POSITION | JointSamples.TORQUE
+            message.header.stamp = stamp(100 * NANO + k * NANO // RATE)
+            samples.publish(message)
+            k += 1
+        probe.until(lambda count=count: len(found) >= count, f"estimate {count}")
+    ends = [instant(m.joints[0].window_end) / NANO - 100.0 for m in found]
+    # One window after the first sample, then every hop; a batch of samples may end a little later.
+    assert ends == pytest.approx([WINDOW_S + HOP_S * n for n in range(len(ends))], abs=0.06)
+    assert kernels(cold) == compiled
+    assert "compiling" not in process.text.split("identifying rigid_joint")[1]
+    process.stop()
+    again = start("identifier", **OPTIONS)
+    probe.until(lambda: "identifying rigid_joint" in again.text, "an active node")
+    assert "loading the kernels of model rigid_joint" in again.text and "compiling" not in again.text
+
+
+@pytest.mark.parametrize(("managed", "number"), [(False, signal.SIGTERM), (True, signal.SIGINT)])
+def test_a_signal_ends_the_node_while_it_compiles(cold, start, probe, number, managed):
+    process = start("identifier", model="electromechanical", autostart=not managed)
+    if managed:
+        service = probe.create_client(ChangeState, "/identifier/change_state")
+        probe.until(service.service_is_ready, "the node")
+        probe.spin(0.5)
+        service.call_async(ChangeState.Request(transition=Transition(label="configure")))
+    probe.until(lambda: probe.told("identifier", "compiling") if not managed else "compiling" in process.text, "it")
+    process.signal(number)
+    assert process.wait() == 0
+    assert "identifying" not in process.text
+
+
+@pytest.fixture
+def no_cache(monkeypatch, tmp_path):
+    """A cache that cannot be written, for the processes that start from now on."""
+    (tmp_path / "file").write_text("no folder")
+    monkeypatch.setenv("JOINT_ID_CACHE_DIR", str(tmp_path / "file" / "cache"))
+
+
+def test_a_cache_that_cannot_be_written_is_told(no_cache, start, probe):
+    start("identifier", **OPTIONS)
+    text = "set JOINT_ID_CACHE_DIR to a folder that can be written"
+    probe.until(lambda: probe.told("identifier", text), "the reason")
+    assert probe.told("identifier", text).level == b"\x02"
