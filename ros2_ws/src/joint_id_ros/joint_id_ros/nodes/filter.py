@@ -50,7 +50,9 @@ class FilterNode(Node):
         self._publisher = self.create_publisher(JointSamples, "joint_samples", STREAM_OUT)
         self._reading = read(self, FilterReadingOptions)
         self._ending = Ending(self)
-        self._sources = Sources(self, [t.name for t in RAW], self._reading.reliability, self._diagnostics, self._on_source)
+        self._sources = Sources(
+            self, [t.name for t in RAW], self._reading.reliability, self._diagnostics, self._on_source
+        )
         self._streams: Streams | None = None
         self.create_timer(RELEASE_S, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._begin_when_heard()
