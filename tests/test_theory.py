@@ -20,9 +20,9 @@ from joint_id_core.estimators.innovations import (
     verdicts,
     whiteness,
 )
-from joint_id_core.estimators.shared import initial_state, substeps
+from joint_id_core.estimators.shared import fit_data, initial_state, stillness, substeps
 from joint_id_core.models import RigidJoint, dc_motor, transmission
-from joint_id_core.online import extension, identifier
+from joint_id_core.online import identifier, memory, tracker
 from joint_id_core.validation import inverse_dynamics, prediction
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -39,7 +39,7 @@ def test_files_that_the_theory_names_exist() -> None:
 
 def test_constants_in_the_theory() -> None:
     """What docs/theory.md quotes is what the code uses: the text is looked up with the constant put in."""
-    words = {1: "one", 2: "two", 4: "four", 5: "five", 6: "six", 8: "eight", 64: "64"}
+    words = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six", 8: "eight", 64: "64"}
     theory = " ".join(TEXT.split())
     quoted = [
         f"| $N$ | {transmission.GEAR_RATIO:g} |",
@@ -55,7 +55,7 @@ def test_constants_in_the_theory() -> None:
         f"(or {100 * stages.STEP_TOLERANCE:g} %, where $\\sigma$ is smaller)",
         f"to at most {estimator.MAX_SUBSTEPS}.",
         f"a negligible variance ($10^{{{round(math.log10(recursion.STATE_NOISE))}}}$ of",
-        f"more than {words[recursion.LONGEST_GAP]} missing samples",
+        f"more than {words[fit_data.LONGEST_GAP]} missing samples",
         f"a spread of {initial_state.TWIST_SPREAD:g} rad and {initial_state.TWIST_RATE_SPREAD:g} rad/s at the link",
         f"$\\Delta z' H \\Delta z < {stages.TOLERANCE:g}$; or {stages.NEAR:g},",
         f"No step is longer than a factor {'$e$' if gauss_newton.MAX_STEP == 1.0 else '?'}",
@@ -81,10 +81,16 @@ def test_constants_in_the_theory() -> None:
         f"| up to {verdicts.PRIOR_RATIO:g} | `estimated` |",
         f"| above {verdicts.NOT_EXCITED_RATIO:g} | `not_excited`",
         f"correlation is beyond {verdicts.STRONG_CORRELATION:g} in size",
-        f"only with {'twice' if identifier.SURPRISE == 2.0 else '?'} the drive noise",
-        f"The {identifier.WARM_UP} samples before the new ones",
-        f"longer than {words[round(math.sqrt(extension.LONGEST_STEP))]} standard deviations",
-        f"exceeds $1 + {extension.UNLIKELY:g}\\sqrt{{2/n}}$",
+        f"at least {1000 * stillness.STILL_S:g} ms in which no position",
+        f"block of {identifier.BLOCK_S:g} s. If it moves by more than {100 * identifier.LINEAR:g} %",
+        f"by more than {identifier.NEAR:g} standard deviations, the newest blocks (up to {memory.HISTORY})",
+        f"over {'a tenth' if tracker.SHARPEST == 0.1 else '?'} of the velocity",
+        f"$({memory.FIRM:g} + \\sum t_j^2)/({memory.FIRM:g} + n)$",
+        f"stretches of {', '.join(map(str, memory.LENGTHS[:-1]))} and {memory.LENGTHS[-1]} blocks",
+        f"with probability $10^{{{round(math.log10(memory.RARE))}}}$",
+        f"looks like noise (probability {memory.LEFT:g})",
+        f"Within the first {words[round(identifier.YOUNG)]} windows",
+        f"innovations leaves {identifier.QUIETER:g} to {identifier.NOISIER:g}",
         f"compared below {inverse_dynamics.DRIVE_BAND_HZ:g} Hz",
         f"for stability and accuracy ($|\\lambda h| \\le {hpinn.STEP_LIMIT:g}$)",
     ]

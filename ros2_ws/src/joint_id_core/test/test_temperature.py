@@ -68,7 +68,7 @@ def test_a_window_has_its_own_mean(warming):
     found = [estimate for estimate in updates if estimate is not None]
     assert len(found) > 8 and any(estimate.iterations == 0 for estimate in found)
     for estimate in found:
-        assert estimate.temperature == pytest.approx(30.0 + 0.5 * (estimate.end - 0.5), abs=0.002)
+        assert estimate.temperature == pytest.approx(30.0 + 0.25 * (estimate.start + estimate.end), abs=0.003)
 
 
 @pytest.mark.parametrize("storage", STORAGES)

@@ -89,5 +89,11 @@ def with_note(estimate: Estimate, window: SlidingWindow) -> Estimate:
     text = "The newest samples disagree with what was known: the joint changes, or the model does not describe it."
     notes = (text, *estimate.notes)
     return replace(
-        estimate, status=Status.POOR_FIT, message=message(notes), notes=notes, end=window.end, predictions=None
+        estimate,
+        status=Status.POOR_FIT,
+        message=message(notes),
+        notes=notes,
+        start=window.start,
+        end=window.end,
+        predictions=None,
     )
