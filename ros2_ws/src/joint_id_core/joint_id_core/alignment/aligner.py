@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from joint_id_core.alignment.joining import Joiner, is_new_run
 from joint_id_core.data.instants import instant, seconds
 from joint_id_core.data.recording import Array
 from joint_id_core.filtering.offline import FilterOptions
-from joint_id_core.filtering.streaming import FilteredSample, StreamingFilter
+from joint_id_core.filtering.streaming import FilteredSamples, StreamingFilter
 from joint_id_core.formats.topics import RAW
 
 
@@ -24,10 +25,13 @@ class Columns(NamedTuple):
     channels: Mapping[str, Array]
 
 
-class AlignedSample(NamedTuple):
-    """All joints at one instant; channels of shape (joints,), NaN for unknown values."""
+_Row = tuple[int, dict[str, Columns]]  # stamp in ns, message by topic
 
-    instant_ns: int
+
+class AlignedSamples(NamedTuple):
+    """All joints at T instants; channels of shape (T, joints), NaN for unknown values."""
+
+    instants_ns: Sequence[int]
     joints: Sequence[str]
     channels: Mapping[str, Array]
     derived: frozenset[str]
@@ -54,43 +58,73 @@ class Aligner:
         self._joiner: Joiner[Columns] = Joiner([t.name for t in RAW], inputs.join_wait_s, clock)
         self._origin_ns = self._last_ns = 0  # first and last instant of this run
         self._begun = False
+        self._complete: list[_Row] = []  # joined, not filtered yet
 
-    def add(self, topic: str, stamp_ns: int, columns: Columns) -> list[AlignedSample]:
-        """Add one message of a topic in `formats.topics.RAW`; return the samples that became complete.
+    def join(self, topic: str, stamp_ns: int, columns: Columns) -> None:
+        """Take one message of a topic in `formats.topics.RAW`; `align` returns what became complete.
 
         Raises:
             JointIdError: the stamp is missing, out of order, or too late to be joined; the message is left out.
         """
-        return list(self._align(self._joiner.add(topic, stamp_ns, columns)))
+        self._complete += self._joiner.add(topic, stamp_ns, columns)
 
-    def release(self) -> list[AlignedSample]:
+    def align(self) -> list[AlignedSamples]:
+        """Return the samples that became complete; call it after one or many messages."""
+        complete, self._complete = self._complete, []
+        done: list[AlignedSamples] = []
+        for _, alike in groupby(complete, key=_form):
+            rows: list[_Row] = []
+            for row in alike:
+                if not self._begun or is_new_run(self._last_ns, row[0]):
+                    done += self._filter(rows)
+                    done += self._begin(row[0])
+                    rows = []
+                self._last_ns = row[0]
+                rows.append(row)
+            done += self._filter(rows)
+        return done
+
+    def release(self) -> list[AlignedSamples]:
         """Return samples that need not wait any longer; call it regularly while no message arrives."""
-        return list(self._align(self._joiner.release(idle=True)))
+        self._complete += self._joiner.release(idle=True)
+        return self.align()
 
-    def _align(self, complete: list[tuple[int, dict[str, Columns]]]) -> Iterator[AlignedSample]:
-        for stamp_ns, parts in complete:
-            if not self._begun or is_new_run(self._last_ns, stamp_ns):
-                if self._begun:
-                    step_s = seconds(stamp_ns, self._last_ns)
-                    yield from map(self._sample, self.filter.restart(f"time jumps by {step_s:.9g} s"))
-                self._begun, self._origin_ns = True, stamp_ns
-            self._last_ns = stamp_ns
-            channels = self._inputs.channels(self._table(list(parts.values())))
-            yield from map(self._sample, self.filter.push(seconds(stamp_ns, self._origin_ns), channels))
+    def _begin(self, stamp_ns: int) -> list[AlignedSamples]:
+        """Begin a new run; return the samples of the last one that waited in the filter."""
+        done: list[AlignedSamples] = []
+        if self._begun:
+            step_s = seconds(stamp_ns, self._last_ns)
+            done = [self._samples(samples) for samples in self.filter.restart(f"time jumps by {step_s:.9g} s")]
+        self._begun, self._origin_ns = True, stamp_ns
+        return done
 
-    def _table(self, parts: Sequence[Columns]) -> dict[str, Array]:
-        """Return the channels of all joints at one instant, NaN for joints without a value."""
-        for part in parts:
+    def _filter(self, rows: Sequence[_Row]) -> list[AlignedSamples]:
+        """Filter samples of one run that have the same topics, joints and channels."""
+        if not rows:
+            return []
+        times = np.array([seconds(stamp_ns, self._origin_ns) for stamp_ns, _ in rows])
+        channels = self._inputs.channels(self._table([list(parts.values()) for _, parts in rows]))
+        return [self._samples(samples) for samples in self.filter.push(times, channels)]
+
+    def _table(self, rows: Sequence[Sequence[Columns]]) -> dict[str, Array]:
+        """Return the channels of all joints, shape (T, joints), NaN for joints without a value."""
+        for part in rows[0]:
             self.joints += [joint for joint in part.joints if joint not in self.joints]
         table = {}
-        for part in parts:
-            rows = [self.joints.index(joint) for joint in part.joints]
-            for name, values in part.channels.items():
-                table[name] = np.full(len(self.joints), np.nan)
-                table[name][rows] = values
+        for k, part in enumerate(rows[0]):
+            places = [self.joints.index(joint) for joint in part.joints]
+            for name in part.channels:
+                table[name] = np.full((len(rows), len(self.joints)), np.nan)
+                table[name][:, places] = [parts[k].channels[name] for parts in rows]
         return table
 
-    def _sample(self, sample: FilteredSample) -> AlignedSample:
+    def _samples(self, samples: FilteredSamples) -> AlignedSamples:
         # A sample that waited in the filter does not have the joints that were first seen after it.
-        joints = self.joints[: len(next(iter(sample.channels.values()), ()))]
-        return AlignedSample(instant(sample.time, self._origin_ns), joints, sample.channels, sample.derived)
+        joints = self.joints[: next(iter(samples.channels.values())).shape[1]] if samples.channels else []
+        instants_ns = [instant(time, self._origin_ns) for time in samples.times.tolist()]
+        return AlignedSamples(instants_ns, joints, samples.channels, samples.derived)
+
+
+def _form(row: _Row) -> tuple[object, ...]:
+    """Return what two samples must have in common to be filtered at once."""
+    return tuple((topic, part.joints, tuple(part.channels)) for topic, part in row[1].items())
