@@ -102,7 +102,7 @@ class Aligner:
         """Filter samples of one run that have the same topics, joints and channels."""
         if not rows:
             return []
-        times = np.array([seconds(stamp_ns, self._origin_ns) for stamp_ns, _ in rows])
+        times = [seconds(stamp_ns, self._origin_ns) for stamp_ns, _ in rows]
         channels = self._inputs.channels(self._table([list(parts.values()) for _, parts in rows]))
         return [self._samples(samples) for samples in self.filter.push(times, channels)]
 
@@ -121,7 +121,7 @@ class Aligner:
     def _samples(self, samples: FilteredSamples) -> AlignedSamples:
         # A sample that waited in the filter does not have the joints that were first seen after it.
         joints = self.joints[: next(iter(samples.channels.values())).shape[1]] if samples.channels else []
-        instants_ns = [instant(time, self._origin_ns) for time in samples.times.tolist()]
+        instants_ns = [instant(time, self._origin_ns) for time in samples.times]
         return AlignedSamples(instants_ns, joints, samples.channels, samples.derived)
 
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import scipy  # whose parts load when used: scipy.signal takes half a second
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array
 from joint_id_core.filtering.offline import REACH, STENCIL, FilterOptions, settling
+
+_FOUR = np.arange(4)
 
 
 class FilterDesign:
@@ -63,7 +64,7 @@ class Run:
         self.derived = frozenset(name for names in wanted.values() for name in names)
         self.bad = np.zeros(columns, dtype=bool)  # whether the newest value was unusable
         # The newest samples, up to three: the nodes of the next interpolation begin among them.
-        self._times = np.zeros(0)
+        self._times: list[float] = []
         self._rows = np.zeros((0, columns))
         self._bad_rows = np.zeros((0, columns), dtype=bool)
         self._io = np.zeros((len(design.forward), columns))
@@ -72,85 +73,92 @@ class Run:
         self._spoilt = np.zeros(columns, dtype=np.int64)  # grid index of the last unusable input, at first the start
         self._next = 0  # grid index of the next input
 
-    def take(self, times: Array, rows: Array, bad: NDArray[np.bool_]) -> None:
+    def take(self, times: list[float], rows: Array, bad: NDArray[np.bool_]) -> None:
         """Add samples, shapes (T,), (T, columns), and advance; a value that is not finite is replaced by the previous.
 
         Call `results` with the instants that wait before the next samples are taken.
         """
+        self.bad = bad[-1]
         if bad.any():
             rows, last = rows.copy(), self._rows[-1] if len(self._rows) else np.zeros(rows.shape[1])
             for row, unusable in zip(rows, bad, strict=True):
                 row[unusable] = last[unusable]
                 last = row
-        self.bad = bad[-1]
-        times, rows = np.concatenate([self._times, times]), np.concatenate([self._rows, rows])
+        times, rows = self._times + times, np.concatenate([self._rows, rows])
         bad = np.concatenate([self._bad_rows, bad])
-        self._advance(times, rows, bad)
+        if len(times) >= 4:
+            self._advance(times, rows, bad)
         self._times, self._rows, self._bad_rows = times[-3:], rows[-3:], bad[-3:]
 
-    def _advance(self, times: Array, rows: Array, bad: NDArray[np.bool_]) -> None:
+    def _advance(self, times: list[float], rows: Array, bad: NDArray[np.bool_]) -> None:
         """Filter up to the last grid point that has two samples behind it."""
-        if len(times) < 4:
+        # Plain numbers: batches of a live stream are so short that a call of NumPy costs more than a few turns.
+        begin, k, weights, first = self._next, 2, [], []
+        while (at := self.start + (begin + len(first)) * self.design.period) < times[-2]:
+            while times[k] <= at:
+                k += 1
+            weights.append(_weights(at, *times[k - 2 : k + 2]))
+            first.append(k - 2)
+        if not first:
             return
-        reach = int((times[-2] - self.start) / self.design.period) + 2
-        indices = np.arange(self._next, max(reach, self._next))
-        at = self.start + indices * self.design.period
-        indices = indices[at < times[-2]]
-        if not len(indices):
-            return
-        at = at[: len(indices)]
-        nodes = np.maximum(np.searchsorted(times, at, "right"), 2)[:, None] + np.arange(-2, 2)
-        x = (_weights(at, times[nodes])[:, None] @ rows[nodes])[:, 0]
-        self._outputs = np.concatenate([self._outputs[-3:], self._differentiated(x)])
-        self._next += len(indices)
-        spoilt = np.broadcast_to(self._spoilt, x.shape)
-        if bad.any():
-            seen = np.where(bad[nodes].any(axis=1), indices[:, None], self._spoilt)
-            spoilt = np.maximum.accumulate(seen)
-            self._spoilt = spoilt[-1]
-        unsettled = indices[:, None] - spoilt <= self.design.ahead + self.design.memory
-        if unsettled.any():
-            self._outputs[3:].transpose(1, 0, 2)[:, unsettled] = np.nan
+        nodes = np.array(first)[:, None] + _FOUR
+        inputs = (np.array(weights)[:, None] @ rows[nodes])[:, 0]
+        self._outputs = np.concatenate([self._outputs[-3:], self._differentiated(inputs)])
+        self._next += len(first)
+        if bad.any() or self._spoilt.max(initial=-1) >= begin - self.design.ahead - self.design.memory:
+            self._mark(begin, bad[nodes].any(axis=1))
 
-    def _differentiated(self, x: Array) -> Array:
+    def _mark(self, begin: int, bad: NDArray[np.bool_]) -> None:
+        """Set the newest outputs to NaN where an unusable input, or the start, could still be seen."""
+        indices = np.arange(begin, self._next)[:, None]
+        spoilt = np.maximum.accumulate(np.where(bad, indices, self._spoilt))
+        self._spoilt = spoilt[-1]
+        unsettled = indices - spoilt <= self.design.ahead + self.design.memory
+        self._outputs[3:].transpose(1, 0, 2)[:, unsettled] = np.nan
+
+    def _differentiated(self, inputs: Array) -> Array:
         """Return value, first and second derivative behind each input on the grid, shape (G, 3, columns)."""
-        width = self.design.weights.shape[1]
+        weights, forward, io = self.design.weights, self.design.forward, self._io
+        width = weights.shape[1]
         if self._next == 0:
-            self._io[1:] = np.outer(self.design.steady, x[0])
-            self._smooth = np.tile(x[0], (width - 1, 1))
-        smooth = np.concatenate([self._smooth, x])
-        io, forward = self._io, self.design.forward
-        for row in smooth[width - 1 :]:
-            io[0] = row
+            io[1:] = np.outer(self.design.steady, inputs[0])
+            self._smooth = np.tile(inputs[0], (width - 1, 1))
+        smooth = np.concatenate([self._smooth, inputs])
+        results = np.empty((len(inputs), *weights.shape[:1], inputs.shape[1]))
+        for k in range(len(inputs)):
+            io[0] = inputs[k]
             io = forward @ io
-            row[:] = io[0]
-        self._io, self._smooth = io, smooth[len(x) :]
-        windows = sliding_window_view(smooth, width, axis=0).transpose(0, 2, 1)
-        return self.design.weights @ windows
+            smooth[width - 1 + k] = io[0]
+            results[k] = weights @ smooth[k : k + width]
+        self._io, self._smooth = io, smooth[len(inputs) :]
+        return results
 
-    def results(self, times: Array) -> Array:
+    def results(self, times: Iterable[float]) -> Array:
         """Return value, first and second derivative at the first of these instants, shape (R, 3, columns).
 
-        `times`, shape (T,), are the instants without a result so far; R of them are ready now.
+        `times` are the instants without a result so far; R of them are ready now.
         """
-        first = np.maximum(((times - self.start) / self.design.period).astype(np.int64) - 1, 0)
-        ready = first + 3 <= self._next - 1 - self.design.ahead  # two grid points beyond the instant
-        nodes = first[ready][:, None] + np.arange(4)
-        weights = _weights(times[ready], self.start + nodes * self.design.period)
-        outputs = self._outputs[nodes + (self.design.ahead + len(self._outputs) - self._next)]
-        return np.einsum("rk,rkdc->rdc", weights, outputs)
+        start, period, done = self.start, self.design.period, self._next - 1 - self.design.ahead
+        weights, nodes = [], []
+        for time in times:
+            first = max(int((time - start) / period) - 1, 0)
+            if first + 3 > done:  # two grid points beyond the instant
+                break
+            weights.append(_weights(time, *(start + (first + k) * period for k in range(4))))
+            nodes.append(first + len(self._outputs) - 1 - done)
+        columns = self._outputs.shape[2]
+        if not nodes:
+            return np.zeros((0, 3, columns))
+        outputs = self._outputs[np.array(nodes)[:, None] + _FOUR].reshape(len(nodes), 4, -1)
+        return (np.array(weights)[:, None] @ outputs).reshape(-1, 3, columns)
 
 
-def _weights(at: Array, nodes: Array) -> Array:
-    """Return the interpolation weights of cubics through four nodes each, shapes (n,) and (n, 4), result (n, 4)."""
-    a, b, c, d = nodes.T
+def _weights(at: float, a: float, b: float, c: float, d: float) -> tuple[float, float, float, float]:
+    """Return the interpolation weights of the cubic through four nodes."""
     pa, pb, pc, pd = at - a, at - b, at - c, at - d
-    return np.stack(
-        [
-            pb * pc * pd / ((a - b) * (a - c) * (a - d)),
-            pa * pc * pd / ((b - a) * (b - c) * (b - d)),
-            pa * pb * pd / ((c - a) * (c - b) * (c - d)),
-            pa * pb * pc / ((d - a) * (d - b) * (d - c)),
-        ],
-        axis=-1,
+    return (
+        pb * pc * pd / ((a - b) * (a - c) * (a - d)),
+        pa * pc * pd / ((b - a) * (b - c) * (b - d)),
+        pa * pb * pd / ((c - a) * (c - b) * (c - d)),
+        pa * pb * pc / ((d - a) * (d - b) * (d - c)),
     )

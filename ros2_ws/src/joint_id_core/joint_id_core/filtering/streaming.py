@@ -9,7 +9,7 @@ with its original stamp.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,9 +25,9 @@ _STAMPS = 50  # number of stamps from which the period is estimated if it is not
 
 @dataclass(frozen=True)
 class FilteredSamples:
-    """All joints at T instants: `times` in s, shape (T,), channels of shape (T, joints) with NaN for unknown values."""
+    """All joints at T instants: `times` in s, channels of shape (T, joints) with NaN for unknown values."""
 
-    times: Array
+    times: list[float]
     channels: dict[str, Array]
     derived: frozenset[str]
 
@@ -59,7 +59,9 @@ class StreamingFilter:
         self.counts: Counter[str] = Counter()
         self._shape: dict[str, int] = {}  # number of joints by channel
         self._last = -np.inf
-        self._times, self._waiting = np.zeros(0), np.zeros((0, 0))  # samples in the lag, all channels side by side
+        self._places: dict[str, slice] = {}  # columns of each channel in `_waiting`
+        self._times: list[float] = []  # of the samples in the lag
+        self._waiting = np.zeros((0, 0))  # their channels side by side
         self._design: FilterDesign | None = None
         self._run: Run | None = None
         if period is not None:
@@ -73,27 +75,34 @@ class StreamingFilter:
         """
         return (self._design.ahead + 4) * self.period + self._design.delay if self._design else float("nan")
 
-    def push(self, times: Array, channels: Mapping[str, Array]) -> list[FilteredSamples]:
-        """Add samples, `times` in s of shape (T,), channels (T, joints), and return those that became complete."""
+    def push(self, times: Sequence[float], channels: Mapping[str, Array]) -> list[FilteredSamples]:
+        """Add T samples, `times` in s, channels of shape (T, joints), and return those that became complete."""
         shape = {name: values.shape[1] for name, values in channels.items()}
         if shape == self._shape:
             shape = self._shape  # perhaps in another order
         rows = np.concatenate([np.zeros((len(times), 0)), *(channels[name] for name in shape)], axis=1)
-        steps = np.diff(times, prepend=self._last)
-        if self._design and shape is self._shape and ((steps > 0) & (steps <= self._longest)).all():
-            return self._add(times, rows)
+        if self._design and shape is self._shape and self._is_regular(times):
+            return self._add(list(times), rows)
         # One at a time: what happens to a sample may change what the next one means.
-        return [done for k in range(len(times)) for done in self._check(times[k : k + 1], rows[k : k + 1], shape)]
+        return [done for k, time in enumerate(times) for done in self._check(time, rows[k : k + 1], shape)]
+
+    def _is_regular(self, times: Sequence[float]) -> bool:
+        """Return whether all samples follow the last one without a gap."""
+        last, longest = self._last, self._longest
+        for time in times:
+            if not 0.0 < time - last <= longest:
+                return False
+            last = time
+        return True
 
     @property
     def _longest(self) -> float:
         """Longest step in s that is bridged; NaN, never exceeded, while the period is unknown."""
         return self.options.max_gap * self.period * (1 + 1e-6)
 
-    def _check(self, times: Array, rows: Array, shape: dict[str, int]) -> list[FilteredSamples]:
+    def _check(self, time: float, rows: Array, shape: dict[str, int]) -> list[FilteredSamples]:
         """Add one sample that may have a wrong stamp, or follow a gap or a change."""
         done: list[FilteredSamples] = []
-        time = float(times[0])
         step = time - self._last
         if not np.isfinite(time) or step == 0 or -self._longest < step < 0:
             what = "repeats" if step == 0 else "is not finite" if not np.isfinite(time) else "is out of order"
@@ -102,14 +111,15 @@ class StreamingFilter:
         if step < 0:
             self._note("time", f"time jumps back from {self._last:.9g} s to {time:.9g} s: filter restarted")
             done = self._abandon()
-        elif step > self._longest and len(self._times):
+        elif step > self._longest and self._times:
             self._note("gap", f"no sample from {self._last:.9g} s to {time:.9g} s ({step:.3g} s): filter restarted")
             done = self._abandon()
-        elif shape != self._shape and len(self._times):
+        elif shape != self._shape and self._times:
             self._note("channels", f"channels or joints change at {time:.9g} s: filter restarted")
             done = self._abandon()
-        self._shape = shape
-        return done + self._add(times, rows)
+        if shape is not self._shape:
+            self._shape, self._places = shape, _places(shape)
+        return done + self._add([time], rows)
 
     def restart(self, why: str) -> list[FilteredSamples]:
         """Restart the filter; return the waiting samples without derived values (none with `causal`)."""
@@ -117,11 +127,11 @@ class StreamingFilter:
         self._last = -np.inf
         return self._abandon()
 
-    def _add(self, times: Array, rows: Array) -> list[FilteredSamples]:
+    def _add(self, times: list[float], rows: Array) -> list[FilteredSamples]:
         """Add samples whose stamps and channels were checked; return the samples whose lag has passed."""
-        self._last = float(times[-1])
-        self._times = np.concatenate([self._times, times])
-        self._waiting = np.concatenate([self._waiting, rows]) if len(self._waiting) else rows
+        self._last = times[-1]
+        self._waiting = np.concatenate([self._waiting, rows]) if self._times else rows
+        self._times += times
         if self._design is None:
             return self._learn_period()
         return self._advance(times, rows)
@@ -135,36 +145,31 @@ class StreamingFilter:
         except JointIdError as error:
             self._note("rate", str(error))
             return self._abandon()
-        times, rows, shape = self._times, self._waiting, self._shape
-        self._times, self._waiting, self._last = times[:0], rows[:0], -np.inf
-        return [done for k in range(len(times)) for done in self._check(times[k : k + 1], rows[k : k + 1], shape)]
+        times, rows = self._times, self._waiting
+        self._times, self._last = [], -np.inf
+        return [done for k, time in enumerate(times) for done in self._check(time, rows[k : k + 1], self._shape)]
 
     def _set_period(self, period: float) -> None:
         self._design = FilterDesign(self.options, period)
         self.period = period
 
-    def _advance(self, times: Array, rows: Array) -> list[FilteredSamples]:
+    def _advance(self, times: list[float], rows: Array) -> list[FilteredSamples]:
         """Filter samples and return the samples whose lag has passed."""
         assert self._design is not None
-        places = self._places()
         if self._run is None:
             wanted = derivatives(tuple(self._shape))
             inputs = tuple(self._shape) if self.options.causal else tuple(wanted)
-            self._run = Run(self._design, inputs, wanted, float(times[0]), sum(self._shape[name] for name in inputs))
+            self._run = Run(self._design, inputs, wanted, times[0], sum(self._shape[name] for name in inputs))
         run = self._run
-        rows = np.concatenate([np.zeros((len(times), 0)), *(rows[:, places[name]] for name in run.inputs)], axis=1)
+        rows = np.concatenate([rows[:, :0], *(rows[:, self._places[name]] for name in run.inputs)], axis=1)
         bad = ~np.isfinite(rows)
         if bad.any():
             self._note_values(run, times, bad)
         run.take(times, rows, bad)
         results = run.results(self._times)
-        if not len(results):
-            return []
-        done = self._finish(results, run)
-        self._times, self._waiting = self._times[len(results) :], self._waiting[len(results) :]
-        return [done]
+        return [self._finish(results, run)] if len(results) else []
 
-    def _note_values(self, run: Run, times: Array, bad: NDArray[np.bool_]) -> None:
+    def _note_values(self, run: Run, times: list[float], bad: NDArray[np.bool_]) -> None:
         """Report values that are not finite and follow finite ones."""
         columns = [f"{name}[{k}]" for name in run.inputs for k in range(self._shape[name])]
         before = np.vstack([run.bad, bad[:-1]])
@@ -173,32 +178,28 @@ class StreamingFilter:
                 names = ", ".join(columns[k] for k in np.flatnonzero(new))
                 self._note("value", f"{names} at {time:.9g} s: not finite, left out for that joint")
 
-    def _places(self) -> dict[str, slice]:
-        """Return the columns of each channel in the rows of the samples."""
-        ends = np.cumsum(list(self._shape.values())).tolist()
-        return {n: slice(end - width, end) for (n, width), end in zip(self._shape.items(), ends, strict=True)}
-
     def _finish(self, results: Array, run: Run) -> FilteredSamples:
         """Return the first samples that wait, with their derived channels; `results` has shape (R, 3, columns)."""
         assert self._design is not None
-        times, rows, first = self._times[: len(results)], self._waiting[: len(results)], 0
-        channels = {name: rows[:, columns] for name, columns in self._places().items()}
+        count, first = len(results), 0
+        times, self._times = self._times[:count], self._times[count:]
+        rows, self._waiting = self._waiting[:count], self._waiting[count:]
+        channels = {name: rows[:, columns] for name, columns in self._places.items()}
         for name in run.inputs:
             columns = slice(first, first + self._shape[name])
-            first += self._shape[name]
+            first = columns.stop
             if self.options.causal:
                 channels[name] = results[:, 0, columns]
             for k, derivative in enumerate(run.wanted.get(name, ()), 1):
                 channels[derivative] = results[:, k, columns]
-        return FilteredSamples(times - self._design.delay, channels, run.derived)
+        return FilteredSamples([time - self._design.delay for time in times], channels, run.derived)
 
     def _abandon(self) -> list[FilteredSamples]:
         """Restart the filter; return the samples still in the lag without derived values (none with `causal`)."""
-        times, rows, places = self._times, self._waiting, self._places()
-        self._times, self._waiting, self._run = times[:0], rows[:0], None
-        if self.options.causal or not len(times):
+        times, self._times, self._run = self._times, [], None
+        if self.options.causal or not times:
             return []
-        channels = {name: rows[:, columns] for name, columns in places.items()}
+        channels = {name: self._waiting[:, columns] for name, columns in self._places.items()}
         wanted = derivatives(tuple(self._shape))
         missing = {n: np.full_like(channels[origin], np.nan) for origin, names in wanted.items() for n in names}
         return [FilteredSamples(times, {**channels, **missing}, frozenset(missing))]
@@ -206,3 +207,9 @@ class StreamingFilter:
     def _note(self, kind: str, text: str) -> None:
         self.counts[kind] += 1
         self.events.append(text)
+
+
+def _places(shape: Mapping[str, int]) -> dict[str, slice]:
+    """Return the columns of each channel in a row that holds all of them."""
+    ends = np.cumsum([0, *shape.values()]).tolist()
+    return {name: slice(*ends[k : k + 2]) for k, name in enumerate(shape)}
