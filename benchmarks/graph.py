@@ -95,7 +95,13 @@ def _measure(case: str, model: str, hop: float, duration: float) -> dict[str, An
         took = time.monotonic() - begun
         shares = {name: 100.0 * (cpu_s(p.pid) - before[name]) / took for name, p in processes.items()}
         latencies = 1e-6 * np.array([published - stamp for stamp, published in watcher.times])
-    figures = {"case": case, "model": model, "asked": len(JOINTS) / hop, "updates": len(latencies) / took, "load": os.getloadavg()[0]}
+    figures = {
+        "case": case,
+        "model": model,
+        "asked": len(JOINTS) / hop,
+        "updates": len(latencies) / took,
+        "load": os.getloadavg()[0],
+    }
     figures |= {f"{name} [%]": share for name, share in shares.items()}
     if len(latencies):
         figures |= {"median [ms]": float(np.median(latencies)), "p99 [ms]": float(np.quantile(latencies, 0.99))}

@@ -14,8 +14,8 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.online.identifier import OnlineIdentifier
 from joint_id_core.results.estimate import Estimate
-from joint_id_msgs.msg import JointSamples
-from joint_id_ros.conversions import nanoseconds, to_recordings
+from joint_id_ros.raw_messages import RawMessage
+from joint_id_ros.samples import to_recordings
 
 POLL_S = 0.02  # time between two checks for new samples: well below a hop, well above a sampling period
 
@@ -54,7 +54,7 @@ class Worker:
         """
         self._make, self._wanted, self._expected, self._callbacks = make, tuple(joints), tuple(expected), callbacks
         self._identifiers: dict[str, OnlineIdentifier] = {}
-        self._pending: deque[JointSamples | None] = deque()
+        self._pending: deque[RawMessage | None] = deque()
         self._origin_ns: int | None = None
         self._begun: dict[str, float] = {}
         self._stop = threading.Event()
@@ -72,8 +72,8 @@ class Worker:
         now = time.monotonic()
         return now - min(self._begun.copy().values(), default=now)
 
-    def add(self, message: JointSamples) -> None:
-        """Add a sample that passed `conversions.check`; samples must come in the order of their stamps."""
+    def add(self, message: RawMessage) -> None:
+        """Add a sample without error; samples must come in the order of their stamps."""
         self._pending.append(message)
 
     def restart(self) -> None:
@@ -87,7 +87,7 @@ class Worker:
 
     def _run(self) -> None:
         while not self._stop.wait(POLL_S):
-            batch: list[JointSamples] = []
+            batch: list[RawMessage] = []
             while self._pending:
                 message = self._pending.popleft()
                 if message is None:
@@ -104,9 +104,9 @@ class Worker:
             except Exception as error:  # a bug must not end the thread silently
                 self._callbacks.problem("internal error", f"samples left out after {_where(error)}")
 
-    def _update(self, batch: list[JointSamples]) -> None:
+    def _update(self, batch: list[RawMessage]) -> None:
         if self._origin_ns is None:
-            self._origin_ns = nanoseconds(batch[0].header.stamp)
+            self._origin_ns = batch[0].stamp_ns
         recordings = to_recordings(batch, self._origin_ns, "joint_samples")
         for joint in self._expected:
             if joint not in recordings:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 import scipy  # whose parts load when used: scipy.signal takes half a second
@@ -93,7 +94,9 @@ class Run:
     def _advance(self, times: list[float], rows: Array, bad: NDArray[np.bool_]) -> None:
         """Filter up to the last grid point that has two samples behind it."""
         # Plain numbers: batches of a live stream are so short that a call of NumPy costs more than a few turns.
-        begin, k, weights, first = self._next, 2, [], []
+        begin, k = self._next, 2
+        weights: list[tuple[float, ...]] = []
+        first: list[int] = []
         while (at := self.start + (begin + len(first)) * self.design.period) < times[-2]:
             while times[k] <= at:
                 k += 1
@@ -106,9 +109,9 @@ class Run:
         self._outputs = np.concatenate([self._outputs[-3:], self._differentiated(inputs)])
         self._next += len(first)
         if bad.any() or self._spoilt.max(initial=-1) >= begin - self.design.ahead - self.design.memory:
-            self._mark(begin, bad[nodes].any(axis=1))
+            self._mark(begin, np.any(bad[nodes], axis=1))
 
-    def _mark(self, begin: int, bad: NDArray[np.bool_]) -> None:
+    def _mark(self, begin: int, bad: Any) -> None:
         """Set the newest outputs to NaN where an unusable input, or the start, could still be seen."""
         indices = np.arange(begin, self._next)[:, None]
         spoilt = np.maximum.accumulate(np.where(bad, indices, self._spoilt))

@@ -1,14 +1,14 @@
 """Read and write many messages of one type at once, in the bytes in which they travel (CDR, OMG DDS-XTypes, XCDR1).
 
-Converting a message with names and arrays to Python objects costs more than everything that joint_id's nodes do with its
-numbers. But the messages of a stream differ only in the stamp and the numbers: as long as names and lengths stay the
-same, every number stays at its place. So the places are found once, and NumPy reads or writes whole batches there.
+Converting a message with names and arrays to Python objects costs more than what joint_id's nodes do with its numbers.
+But the messages of a stream differ only in the stamp and the numbers: as long as names and lengths stay the same, every
+number stays at its place. So the places are found once, and NumPy reads or writes whole batches there.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,7 +26,7 @@ SEQUENCES = {f"sequence<{name}>": code for name, code in SCALARS.items()}
 _ENDED = (struct.error, IndexError, UnicodeDecodeError)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Layout:
     """Places of the numbers in messages of one type with the same names and lengths.
 
@@ -35,12 +35,14 @@ class Layout:
         lengths: length of each array field.
         dtype: fields `sec` and `nanosec` of the stamp, and every field with numbers, at their places in a message.
         template: the message from which the layout was learnt.
+        end: bytes up to the end of the last field; what follows is padding.
     """
 
     names: tuple[str, ...]
     lengths: Mapping[str, int]
     dtype: np.dtype[Any]
     template: bytes
+    end: int
     _constants: struct.Struct
     _key: tuple[bytes, ...]
 
@@ -79,23 +81,6 @@ class Layout:
         return [data[k : k + size] for k in range(0, len(data), size)]
 
 
-def runs(fields: Mapping[str, str], known: Layout | None, messages: Iterable[bytes]) -> list[tuple[Layout, list[bytes]]]:
-    """Split messages into runs of one layout; `known` is the layout to try first.
-
-    Raises:
-        JointIdError: see `Layout.of`.
-    """
-    found: list[tuple[Layout, list[bytes]]] = []
-    layout = known
-    for data in messages:
-        if layout is None or not layout.fits(data):
-            layout = Layout.of(fields, data)
-        if not found or found[-1][0] is not layout:
-            found.append((layout, []))
-        found[-1][1].append(data)
-    return found
-
-
 class _Walk:
     """Walks once through a message, field by field."""
 
@@ -124,12 +109,12 @@ class _Walk:
 
     def layout(self) -> Layout:
         size, names = len(self._data), [name for name, _, _ in self._places]
-        if self._at > size or size - self._at > 3:  # up to three bytes of padding may follow
+        if self._at > size:
             raise struct.error(f"its fields take {self._at} bytes")
         formats, offsets = [kind for _, kind, _ in self._places], [at for _, _, at in self._places]
         dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
         constants = struct.Struct(f"{self._constants}{size - self._from}x")
-        return Layout(self._names, self._lengths, dtype, self._data, constants, constants.unpack(self._data))
+        return Layout(self._names, self._lengths, dtype, self._data, self._at, constants, constants.unpack(self._data))
 
     def _align(self, size: int) -> None:
         self._at += -(self._at - HEADER) % size

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -11,19 +9,19 @@ from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
-from joint_id_core.alignment.aligner import AlignedSample, Aligner
+from joint_id_core.alignment.aligner import AlignedSamples, Aligner, Columns
 from joint_id_core.alignment.inputs import LINK_STATES, InputOptions
 from joint_id_core.errors import JointIdError
 from joint_id_core.filtering.offline import FilterOptions
 from joint_id_core.formats.topics import RAW
 from joint_id_msgs.msg import JointSamples, MotorTorques, MotorVoltages
-from joint_id_ros import conversions as convert
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.parameters import declare, read
 from joint_id_ros.qos import STREAM_OUT
+from joint_id_ros.raw_messages import RawMessage
+from joint_id_ros.samples import SamplesWriter
 from joint_id_ros.streams import Streams
 
-TOPICS = {t.name: t for t in RAW}
 RELEASE_S = 0.2  # period of the checks for samples that wait for a silent topic
 TYPES = {t.__name__: t for t in (JointState, MotorVoltages, MotorTorques)}
 
@@ -41,23 +39,24 @@ class FilterNode(Node):
         self._published = self._silent_periods = 0
         self._diagnostics = Diagnostics(self, self._health, LINK_STATES)
         self._publisher = self.create_publisher(JointSamples, "joint_samples", STREAM_OUT)
+        self._writer = SamplesWriter()
         kinds = {topic.name: TYPES[topic.type.rsplit("/", 1)[-1]] for topic in RAW}
         self.create_timer(RELEASE_S, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self._streams = Streams(self, kinds, self._on_message)
+        self._streams = Streams(self, kinds, self._on_message, self._on_batch)
 
-    def _on_message(self, name: str, message: Any) -> None:
-        topic = TOPICS[name]
+    def _on_message(self, topic: str, message: RawMessage) -> None:
         self._silent_periods = 0
-        stamp = convert.nanoseconds(message.header.stamp)
-        if name == LINK_STATES:
-            self._diagnostics.received(stamp)
+        if topic == LINK_STATES:
+            self._diagnostics.received(message.stamp_ns)
         try:
-            convert.check_message(topic, message)
-            aligned = self._aligner.add(name, stamp, convert.to_columns(topic, message))
+            if message.error is not None:
+                raise message.error
+            self._aligner.join(topic, message.stamp_ns, Columns(message.name, message.channels))
         except JointIdError as error:
             self._diagnostics.problem("message left out", str(error))
-            return
-        self._publish(aligned)
+
+    def _on_batch(self) -> None:
+        self._publish(self._aligner.align())
 
     def _on_timer(self) -> None:
         """Release waiting samples after two silent periods; a single one may be a delay of this process."""
@@ -65,10 +64,11 @@ class FilterNode(Node):
         if self._silent_periods >= 2:
             self._publish(self._aligner.release())
 
-    def _publish(self, aligned: list[AlignedSample]) -> None:
-        for sample in aligned:
-            self._publisher.publish(convert.to_samples(sample))
-        self._published += len(aligned)
+    def _publish(self, aligned: list[AlignedSamples]) -> None:
+        for samples in aligned:
+            for message in self._writer.write(samples):
+                self._publisher.publish(message)
+            self._published += len(samples.instants_ns)
         while self._aligner.filter.events:
             self._diagnostics.problem("filter", self._aligner.filter.events.popleft())
 

@@ -19,6 +19,7 @@ from joint_id_ros.lifecycle import ManagedNode
 from joint_id_ros.options.identifier import IdentifierOptions
 from joint_id_ros.parameters import read
 from joint_id_ros.qos import LATEST
+from joint_id_ros.raw_messages import RawMessage
 from joint_id_ros.streams import Streams
 from joint_id_ros.worker import Callbacks, Worker
 
@@ -99,14 +100,14 @@ class IdentifierNode(ManagedNode):
             self._worker.stop()
             self._worker = None
 
-    def _on_samples(self, topic: str, message: JointSamples) -> None:
+    def _on_samples(self, topic: str, message: RawMessage) -> None:
         if self._worker is None:
             return
-        stamp = convert.nanoseconds(message.header.stamp)
-        self._diagnostics.received(stamp)
+        self._diagnostics.received(message.stamp_ns)
         try:
-            convert.check_message(SAMPLES, message)
-            restart = self._order.restarts(SAMPLES.name, stamp)
+            if message.error is not None:
+                raise message.error
+            restart = self._order.restarts(SAMPLES.name, message.stamp_ns)
         except JointIdError as error:
             self._diagnostics.problem("message left out", str(error))
             return
