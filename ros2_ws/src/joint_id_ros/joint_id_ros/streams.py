@@ -1,18 +1,18 @@
 """Subscriptions to streams of samples that are read in batches.
 
-rclpy's executor needs 0.3 ms for every wake-up and delivers one message per topic. At 500 Hz with three topics this
-takes half a core. So the first message of a batch waits `COALESCE_S` for more, and one wake-up reads all messages that
-have arrived. They are taken as bytes, because rclpy needs 0.1 ms to make an object of a message.
+rclpy's executor needs 0.3 to 0.6 ms for every wake-up, mostly for the services that every node has, and delivers one
+message per topic. At 500 Hz with three topics this takes half a core. So the main loop of the process (`running.py`)
+reads streams itself, at fixed intervals, and the executor never sees them. Messages are taken as bytes, because rclpy
+needs 0.1 ms to make an object of a message.
 """
 
 from __future__ import annotations
 
 import heapq
-import time
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Any
 
+from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
@@ -20,8 +20,8 @@ from joint_id_core.formats.topics import RAW, SAMPLES
 from joint_id_ros.qos import STREAM_IN
 from joint_id_ros.raw_messages import RawMessage, Reader
 
-COALESCE_S = 0.005  # small compared with the lag of the filter (0.14 s) and the hop of the identifier
-BATCH = 500  # most messages per topic and batch, so that timers and services are served in between
+READ_S = 0.01  # time between two readings: small compared with the lag of the filter and the hop of the identifier
+BATCH = 500  # most messages per topic and reading, so that timers and services are served in between
 
 
 class Streams:
@@ -48,10 +48,12 @@ class Streams:
         """
         self._node, self._callback, self._end_of_batch = node, callback, end_of_batch
         self._readers = {t.name: Reader(t, topics[t.name]) for t in (*RAW, SAMPLES) if t.name in topics}
-        self._subscriptions: dict[str, Subscription] = {
-            name: node.create_subscription(kind, name, partial(self._on_message, name), STREAM_IN, raw=True)
-            for name, kind in topics.items()
-        }
+        self._subscriptions: dict[str, Subscription] = {}
+        for name, kind in topics.items():
+            subscription = node.create_subscription(kind, name, _unused, STREAM_IN, raw=True)
+            # Not given to `create_subscription`: the warnings of incompatible publishers stay with the executor.
+            subscription.callback_group = _NotForExecutors()
+            self._subscriptions[name] = subscription
 
     def close(self) -> None:
         """End the subscriptions."""
@@ -59,9 +61,11 @@ class Streams:
             self._node.destroy_subscription(subscription)
         self._subscriptions.clear()
 
-    def _on_message(self, topic: str, message: bytes) -> None:
-        time.sleep(COALESCE_S)
-        self.pass_on({name: self._take(name, [message] if name == topic else []) for name in self._subscriptions})
+    def read(self) -> None:
+        """Pass on the messages that have arrived since the last call."""
+        batches = {topic: self._take(subscription) for topic, subscription in self._subscriptions.items()}
+        if any(batches.values()):
+            self.pass_on(batches)
 
     def pass_on(self, batches: Mapping[str, list[bytes]]) -> None:
         """Pass on messages by topic as if they had just arrived."""
@@ -70,9 +74,9 @@ class Streams:
             self._callback(topic, message)
         self._end_of_batch()
 
-    def _take(self, topic: str, messages: list[bytes]) -> list[bytes]:
-        """Return `messages` and all that have arrived on the topic since."""
-        subscription = self._subscriptions[topic]
+    def _take(self, subscription: Subscription) -> list[bytes]:
+        """Return the messages that have arrived on a topic."""
+        messages: list[bytes] = []
         with subscription.handle:
             while len(messages) < BATCH:
                 taken = subscription.handle.take_message(subscription.msg_type, True)
@@ -80,6 +84,23 @@ class Streams:
                     break
                 messages.append(taken[0])
         return messages
+
+
+class _NotForExecutors(CallbackGroup):
+    """Keeps an entity out of the wait sets of executors."""
+
+    def can_execute(self, entity: Any) -> bool:
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        pass
+
+
+def _unused(message: bytes) -> None:
+    """Callback of a subscription that no executor serves."""
 
 
 def _stamp(item: tuple[RawMessage, str]) -> int:

@@ -42,7 +42,7 @@ class FilterNode(Node):
         self._writer = SamplesWriter()
         kinds = {topic.name: TYPES[topic.type.rsplit("/", 1)[-1]] for topic in RAW}
         self.create_timer(RELEASE_S, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self._streams = Streams(self, kinds, self._on_message, self._on_batch)
+        self.streams = Streams(self, kinds, self._on_message, self._on_batch)
 
     def _on_message(self, topic: str, message: RawMessage) -> None:
         self._silent_periods = 0
@@ -84,4 +84,4 @@ class FilterNode(Node):
 
     def close(self) -> None:
         """End the subscriptions."""
-        self._streams.close()
+        self.streams.close()

@@ -34,7 +34,6 @@ class IdentifierNode(ManagedNode):
         self._model_options = IdentifierOptions()
         self._online_options = OnlineOptions()
         self._worker: Worker | None = None
-        self._streams: Streams | None = None
         self._order = StampOrder()
         self._latest: dict[str, JointEstimate] = {}
         self._good: dict[str, tuple[int, Estimate]] = {}  # newest good estimate by joint, with the origin of its times
@@ -88,14 +87,14 @@ class IdentifierNode(ManagedNode):
         callbacks = Callbacks(self._on_estimate, self._diagnostics.problem)
         options = self._model_options
         self._worker = Worker(self._begin_joint, options.joints, options.expected, callbacks)
-        self._streams = Streams(self, {SAMPLES.name: JointSamples}, self._on_samples)
+        self.streams = Streams(self, {SAMPLES.name: JointSamples}, self._on_samples)
         self.get_logger().info(f"identifying {options.model} with {options.estimator}")
 
     def close(self) -> None:
         """End the subscription and the thread."""
-        if self._streams is not None:
-            self._streams.close()
-            self._streams = None
+        if self.streams is not None:
+            self.streams.close()
+            self.streams = None
         if self._worker is not None:
             self._worker.stop()
             self._worker = None
