@@ -7,6 +7,7 @@ import pytest
 import rclpy
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
 from joint_id_core.formats.topics import RAW, SAMPLES
@@ -83,7 +84,7 @@ def test_the_filter_goes_on_after_any_messages(ros):
     def feed(messages):
         for name, message in messages:
             problems = sum(node._diagnostics.problems.values())
-            node._on_message(name, message)
+            node.streams.pass_on({name: [serialize_message(message)]})
             told = sum(node._diagnostics.problems.values()) > problems
             arrays = [getattr(message, f) for f in ("position", "velocity", "effort", "voltage", "torque")
                       if hasattr(message, f)]  # fmt: skip
@@ -92,8 +93,9 @@ def test_the_filter_goes_on_after_any_messages(ros):
         out.messages.clear()
         begin = next(begins)
         for k in range(300):
-            node._on_message("link_states", good_link_state(k, begin))
-        good = {convert.nanoseconds(m.header.stamp): m for m in out.messages}
+            node.streams.pass_on({"link_states": [serialize_message(good_link_state(k, begin))]})
+        samples = [deserialize_message(m, JointSamples) for m in out.messages]
+        good = {convert.nanoseconds(m.header.stamp): m for m in samples}
         sample = good[begin + 100 * PERIOD_NS]
         k = list(sample.name).index("joint")
         assert sample.link_position[k] == 0.1 and sample.current[k] == 0.5
@@ -117,7 +119,7 @@ def test_the_identifier_goes_on_after_any_samples(ros):
     def feed(messages):
         for message in messages:
             message.measured = 2**9 - 1
-            node._on_samples("joint_samples", message)
+            node.streams.pass_on({"joint_samples": [serialize_message(message)]})
         drained()
 
     feed()
@@ -127,7 +129,7 @@ def test_the_identifier_goes_on_after_any_samples(ros):
         good = JointSamples(name=["joint"], measured=JointSamples.LINK_POSITION | JointSamples.TORQUE)
         good.header.stamp = convert.to_stamp(BEGIN + k * PERIOD_NS)
         good.link_position, good.torque = [0.5], [0.0]
-        node._on_samples("joint_samples", good)
+        node.streams.pass_on({"joint_samples": [serialize_message(good)]})
     drained()
     newest = out.messages[-1]
     assert newest.header.stamp.sec == BEGIN // 10**9
@@ -154,7 +156,7 @@ GOOD = {
 
 def test_the_driver_goes_on_after_any_samples(ros):
     node = ros(DriverNode, autostart="false")
-    outputs = node._outputs = {topic: Published() for topic in node._messages.by_topic}
+    outputs = node._outputs = {topic: Published() for topic in node._messages.topics}
     begin_ns, rounds = time.time_ns(), iter(range(1, 10**6))
 
     def arrive(packets):
@@ -170,7 +172,7 @@ def test_the_driver_goes_on_after_any_samples(ros):
         count = len(outputs["link_states"].messages)
         arrive([(at + 0.002 * k, {**GOOD, "timestamp": at + 0.002 * k}) for k in range(5)])
         assert len(outputs["link_states"].messages) >= count + 4
-        assert list(outputs["link_states"].messages[-1].position) == [0.1] * 6
+        assert list(deserialize_message(outputs["link_states"].messages[-1], JointState).position) == [0.1] * 6
 
     feed()
     assert node._health._held["not finite"] and node._health._held["too large"]

@@ -1,12 +1,13 @@
 """Fields of a sample become signals of the joints: the right ones, in the right unit, on the right side of the gear."""
 
 import pytest
+from rclpy.serialization import deserialize_message
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.rtde.fields import FIELDS, JOINT_NAMES
 from joint_id_msgs.msg import RobotSignals
 from joint_id_ros.options.driver import EXTRA_FIELDS, DriverOptions
-from joint_id_ros.robot_signals import SOURCES, STATUS_FIELDS, JointMessages
+from joint_id_ros.robot_signals import SOURCES, STATUS_FIELDS, TYPES, JointMessages
 
 STAMP_NS = 1_700_000_000_123_456_789
 MOTOR_POSITIONS = "output_double_register_24..29"
@@ -30,8 +31,14 @@ def sample(fields):
 def filled(**parameters):
     messages = JointMessages(DriverOptions(**parameters))
     values = sample(messages.fields)
-    messages.fill(STAMP_NS, values)
-    return messages.by_topic, values
+    return written(messages, STAMP_NS, values), values
+
+
+def written(messages, stamp_ns, values):
+    """The messages of a sample as a subscriber sees them."""
+    data = messages.write(stamp_ns, values)
+    assert tuple(data) == messages.topics
+    return {topic: deserialize_message(message, TYPES[topic]) for topic, message in data.items()}
 
 
 def test_without_further_word_link_position_current_and_motor_velocity_are_published():
@@ -51,11 +58,11 @@ def test_all_messages_of_a_sample_carry_its_stamp_and_the_next_sample_replaces_e
         values = {
             n: tuple(x + shift for x in v) if isinstance(v, tuple) else v for n, v in sample(messages.fields).items()
         }
-        messages.fill(STAMP_NS + int(shift), values)
-        stamps = {(m.header.stamp.sec, m.header.stamp.nanosec) for m in messages.by_topic.values()}
+        found = written(messages, STAMP_NS + int(shift), values)
+        stamps = {(m.header.stamp.sec, m.header.stamp.nanosec) for m in found.values()}
         assert stamps == {(1_700_000_000, 123_456_789 + int(shift))}
-        assert tuple(messages.by_topic["link_states"].position) == values["actual_q"]
-        assert tuple(messages.by_topic["robot_signals"].target_q) == values["target_q"]
+        assert tuple(found["link_states"].position) == values["actual_q"]
+        assert tuple(found["robot_signals"].target_q) == values["target_q"]
 
 
 def test_the_gear_ratio_may_differ_by_joint():

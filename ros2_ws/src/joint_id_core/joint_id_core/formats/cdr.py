@@ -67,6 +67,11 @@ class Layout:
         """Return whether a message has this layout."""
         return len(data) == len(self.template) and self._constants.unpack(data) == self._key
 
+    def offset(self, field: str) -> int:
+        """Return the place of a field's first number in bytes from the begin of the message."""
+        assert self.dtype.fields is not None
+        return self.dtype.fields[field][1]
+
     def read(self, messages: Sequence[bytes]) -> NDArray[Any]:
         """Return the numbers of messages that fit, shape (T,), read-only; array fields have shape (T, length)."""
         return np.frombuffer(b"".join(messages), self.dtype)
