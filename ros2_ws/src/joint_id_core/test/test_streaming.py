@@ -1,5 +1,8 @@
 """The streaming differentiator: equal to the whole-signal one, and honest about everything that disturbs it."""
 
+import itertools
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -23,11 +26,31 @@ def motion(time):
     }
 
 
-def stream(stream_filter, time, channels):
-    done = []
-    for k, t in enumerate(time):
-        done += stream_filter.push(t, {name: values[k] for name, values in channels.items()})
-    return done
+class Sample(NamedTuple):
+    """All joints at one instant."""
+
+    time: float
+    channels: dict
+    derived: frozenset
+
+
+def one_by_one(batches):
+    return [
+        Sample(time, {name: values[k] for name, values in batch.channels.items()}, batch.derived)
+        for batch in batches
+        for k, time in enumerate(batch.times)
+    ]
+
+
+def stream(stream_filter, time, channels, sizes=(1, 3, 2, 40)):
+    """Push the samples in batches of these sizes, over and over."""
+    done, k = [], 0
+    for size in itertools.cycle(sizes):
+        if k >= len(time):
+            return done
+        rows = slice(k, k + size)
+        done += one_by_one(stream_filter.push(time[rows].tolist(), {n: v[rows] for n, v in channels.items()}))
+        k += size
 
 
 def column(samples, name, joint=0):
@@ -92,7 +115,7 @@ def test_latency_is_as_stated(causal):
     filtered = StreamingFilter(FilterOptions(causal=causal), PERIOD)
     lags = []
     for k, t in enumerate(time):
-        for sample in filtered.push(t, {n: v[k] for n, v in motion(time).items()}):
+        for sample in one_by_one(filtered.push([t], {n: v[k : k + 1] for n, v in motion(time).items()})):
             lags.append(t - sample.time)
     lags = lags[1:]
     assert max(lags) <= filtered.latency + 1e-9
@@ -221,9 +244,9 @@ def test_bad_stamps_are_left_out_and_a_jump_back_restarts():
     channels = motion(time)
     filtered = StreamingFilter(period=PERIOD)
     samples = stream(filtered, time, channels)
-    last = {name: values[-1] for name, values in channels.items()}
+    last = {name: values[-1:] for name, values in channels.items()}
     for stamp in (time[-1], time[-2], np.nan, np.inf):
-        assert filtered.push(stamp, last) == []
+        assert filtered.push([stamp], last) == []
     assert filtered.counts == {"time": 4}
     assert [e.split(":")[0] for e in filtered.events] == [
         "stamp 1.198 s repeats",
@@ -250,8 +273,38 @@ def test_change_of_channels_or_joints_restarts():
     assert samples[-1].channels["motor_velocity"].shape == (1,)
 
 
-def test_numbers_serve_for_one_joint_and_channels_without_derivatives_pass():
+def test_channels_without_derivatives_pass():
     filtered = StreamingFilter(period=PERIOD)
-    done = [s for k in range(200) for s in filtered.push(k * PERIOD, {"current": float(k)})]
+    done = stream(filtered, np.arange(200) * PERIOD, {"current": np.arange(200.0)[:, None]})
     assert column(done, "current").tolist() == list(range(len(done)))
     assert len(done) > 100 and not done[0].derived
+
+
+@pytest.mark.parametrize("causal", [False, True])
+def test_the_split_into_batches_changes_nothing(causal):
+    time = jittered(700, 4)
+    time[300:] += 0.5  # a gap
+    time[400] = time[399]  # repeats
+    channels = motion(time)
+    channels["link_position"][500:503, 1] = np.nan
+    one, other = (StreamingFilter(FilterOptions(causal=causal)) for _ in range(2))
+    expected = stream(one, time, channels, sizes=(1,))
+    found = stream(other, time, channels, sizes=(1, 7, 2, 64, 300))
+    assert one.counts == other.counts == {"gap": 1, "time": 1, "value": 1} and one.events == other.events
+    assert times(found).tolist() == times(expected).tolist() and len(found) > 400
+    for a, b in zip(expected, found, strict=True):
+        assert a.derived == b.derived and set(a.channels) == set(b.channels)
+        for name in a.channels:
+            np.testing.assert_array_equal(a.channels[name], b.channels[name])
+
+
+def test_the_order_of_the_channels_may_change():
+    time = np.arange(400) * PERIOD
+    channels = motion(time)
+    filtered, mixed = StreamingFilter(period=PERIOD), StreamingFilter(period=PERIOD)
+    expected = stream(filtered, time, channels)
+    half = {n: v[:200] for n, v in channels.items()}, {n: v[200:] for n, v in reversed(channels.items())}
+    found = stream(mixed, time[:200], half[0]) + stream(mixed, time[200:], half[1])
+    assert not mixed.counts
+    for name in expected[0].channels:
+        np.testing.assert_array_equal(column(found, name, 1), column(expected, name, 1)[: len(found)])

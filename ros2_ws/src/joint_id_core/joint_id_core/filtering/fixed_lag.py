@@ -153,7 +153,7 @@ class Run:
         if not nodes:
             return np.zeros((0, 3, columns))
         outputs = self._outputs[np.array(nodes)[:, None] + _FOUR].reshape(len(nodes), 4, -1)
-        return (np.array(weights)[:, None] @ outputs).reshape(-1, 3, columns)
+        return (np.array(weights)[:, None] @ outputs).reshape(len(nodes), 3, columns)
 
 
 def _weights(at: float, a: float, b: float, c: float, d: float) -> tuple[float, float, float, float]:

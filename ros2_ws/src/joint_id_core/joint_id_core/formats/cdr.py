@@ -90,11 +90,13 @@ class _Walk:
     """Walks once through a message, field by field."""
 
     def __init__(self, fields: Mapping[str, str], data: bytes) -> None:
-        self._data, self._at = data, HEADER
+        self._data, self._at = data, 0
         self._order = ORDERS.get(data[:2], "")
         if not self._order:
             raise struct.error(f"encoding {data[:2].hex()}")
         self._constants, self._from = self._order, 0
+        self._fixed(2)
+        self._at = HEADER
         self._names: tuple[str, ...] = ()
         self._lengths: dict[str, int] = {}
         self._places: list[tuple[str, Any, int]] = []
