@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from joint_id_core.data.recording import Array
 from joint_id_core.filtering.offline import REACH, STENCIL, FilterOptions, settling
 
+CUT = 1e-3  # share of the backward filter's impulse response that is left out, to keep the lag short
 _FOUR = np.arange(4)
 
 
@@ -27,7 +28,7 @@ class FilterDesign:
         delay: group delay in s that must still be subtracted from the time (0 unless `causal`).
     """
 
-    def __init__(self, options: FilterOptions, period: float) -> None:
+    def __init__(self, options: FilterOptions, period: float, cut: float = CUT) -> None:
         sos = options.sections(period)
         self.period = period
         n = 2 * len(sos)
@@ -37,14 +38,27 @@ class FilterDesign:
             self.forward[:, k] = np.concatenate([y, state.ravel()])
         self.steady = scipy.signal.sosfilt_zi(sos).ravel()
         length = settling(sos)
-        backward = np.ones(1) if options.causal else scipy.signal.sosfilt(sos, np.eye(1, length)[0])
-        backward /= backward.sum()
+        backward = np.ones(1)
+        if not options.causal:
+            backward = _shortened(scipy.signal.sosfilt(sos, np.eye(1, length)[0]), settling(sos, cut))
         value = np.eye(1, 4 * REACH + 1, 2 * REACH)[0]
         stencils = (value, np.pad(STENCIL, REACH) / period, np.convolve(STENCIL, STENCIL) / period**2)
         self.weights = np.array([np.convolve(stencil, backward) for stencil in stencils])
         self.ahead = len(backward) - 1 + 2 * REACH
         self.memory = length + 2 * REACH
         self.delay = options.delay(period) if options.causal else 0.0
+
+
+def _shortened(response: Array, length: int) -> Array:
+    """Return the first `length` values of an impulse response, changed such that slow signals do not feel the cut.
+
+    The change is the smallest in the mean square for which the gain at frequency zero is 1, and delay and curvature
+    there (the moments of the response of order 1 and 2) are those of the whole response.
+    """
+    response = response / response.sum()
+    moments = np.vander(np.arange(len(response)) / len(response), 3, increasing=True).T
+    missing = moments[:, length:] @ response[length:]
+    return response[:length] + np.linalg.lstsq(moments[:, :length], missing, rcond=None)[0]
 
 
 class Run:

@@ -1,9 +1,9 @@
 """The Butterworth differentiator of `offline.py`, batch by batch for all joints of a robot at once.
 
 The forward pass is the recursive filter, whose state is kept. The backward pass is the impulse response of the same
-filter over the samples of a fixed lag, cut off where less than 1e-6 of it is left, and scaled to gain 1 at frequency
-zero. The result equals that of the whole signal to the same accuracy. A sample is returned when its lag has passed,
-with its original stamp.
+filter over the samples of a fixed lag. It is cut off where less than `CUT` of it is left, and corrected for slow
+signals. With the default options at 500 Hz, derivatives differ from those of the whole signal by 6e-6 at 5 Hz, 5e-5 at
+10 Hz and 1e-3 at 50 Hz, noise by 1e-3. A sample is returned when its lag has passed, with its original stamp.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError
-from joint_id_core.filtering.fixed_lag import FilterDesign, Run
+from joint_id_core.filtering.fixed_lag import CUT, FilterDesign, Run
 from joint_id_core.filtering.offline import FilterOptions, derivatives
 
 _STAMPS = 50  # number of stamps from which the period is estimated if it is not given
@@ -47,14 +47,16 @@ class StreamingFilter:
         counts: number of events by kind: "gap", "time", "value", "channels", "rate".
     """
 
-    def __init__(self, options: FilterOptions | None = None, period: float | None = None) -> None:
+    def __init__(self, options: FilterOptions | None = None, period: float | None = None, cut: float = CUT) -> None:
         """Prepare for samples every `period` s; None estimates the period from the first stamps.
+
+        A smaller `cut` brings the results closer to those of the whole signal, with a longer lag.
 
         Raises:
             JointIdError: the sampling is too slow for the cutoff.
         """
         self.options = options or FilterOptions()
-        self.period = float("nan")
+        self.period, self._cut = float("nan"), cut
         self.events: deque[str] = deque(maxlen=100)
         self.counts: Counter[str] = Counter()
         self._shape: dict[str, int] = {}  # number of joints by channel
@@ -150,7 +152,7 @@ class StreamingFilter:
         return [done for k, time in enumerate(times) for done in self._check(time, rows[k : k + 1], self._shape)]
 
     def _set_period(self, period: float) -> None:
-        self._design = FilterDesign(self.options, period)
+        self._design = FilterDesign(self.options, period, self._cut)
         self.period = period
 
     def _advance(self, times: list[float], rows: Array) -> list[FilteredSamples]:
