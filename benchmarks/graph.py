@@ -6,8 +6,9 @@ Emulated robot, driver, filter and identifier are processes of their own, as on 
 joint_params. The driver ends at 500 Hz, so at a higher rate `graph_source.py` publishes simulated joints. In the case
 "receiving", the window is longer than the run: the identifier takes in and converts samples, and fits nothing.
 
-Latency is the time from the stamp of the newest sample of an estimate to the instant at which the estimate is
-published. It contains the lag of the filter.
+The share of a core is small on a computer that has no time for the nodes, so the time per sample that a node received
+is given as well. Latency is the time from the stamp of the newest sample of an estimate to the instant at which the
+estimate is published. It contains the lag of the filter.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ import numpy as np
 import rclpy
 from ament_index_python.packages import get_package_prefix
 from cpu_time import cpu_s
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
@@ -89,11 +91,11 @@ def _measure(case: str, model: str, hop: float, duration: float) -> dict[str, An
         else:
             watcher.wait_for_estimates()
             watcher.spin_for(3.0)
-        watcher.times.clear()
+        watcher.clear()
         begun, before = time.monotonic(), {name: cpu_s(p.pid) for name, p in processes.items()}
         watcher.spin_for(duration)
         took = time.monotonic() - begun
-        shares = {name: 100.0 * (cpu_s(p.pid) - before[name]) / took for name, p in processes.items()}
+        shares = {name: (cpu_s(p.pid) - before[name]) / took for name, p in processes.items()}
         latencies = 1e-6 * np.array([published - stamp for stamp, published in watcher.times])
     figures = {
         "case": case,
@@ -102,7 +104,8 @@ def _measure(case: str, model: str, hop: float, duration: float) -> dict[str, An
         "updates": len(latencies) / took,
         "load": os.getloadavg()[0],
     }
-    figures |= {f"{name} [%]": share for name, share in shares.items()}
+    figures |= {f"{name} [%]": 100.0 * share for name, share in shares.items()}
+    figures |= {f"{name} [us]": 1e6 * shares[name] / rate for name, rate in watcher.rates().items() if rate}
     if len(latencies):
         figures |= {"median [ms]": float(np.median(latencies)), "p99 [ms]": float(np.quantile(latencies, 0.99))}
     return figures
@@ -114,12 +117,29 @@ class _Watcher(Node):
     def __init__(self) -> None:
         super().__init__("watcher")
         self.times: list[tuple[int, int]] = []
+        self._received: dict[str, list[tuple[float, int]]] = {}  # by node, when and what it said to have received
         qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
         self.create_subscription(JointParams, "joint_params", self._on_params, qos, raw=True)
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
     def _on_params(self, message: bytes, info: Any) -> None:
         seconds, nanoseconds = np.frombuffer(message, "<u4", 2, offset=4)
         self.times.append((int(seconds) * 10**9 + int(nanoseconds), info["source_timestamp"]))
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            count = next((int(v.value) for v in status.values if v.key == "received"), 0)
+            self._received.setdefault(status.name.strip("/"), []).append((time.monotonic(), count))
+
+    def clear(self) -> None:
+        """Forget what was received so far."""
+        self.times.clear()
+        self._received.clear()
+
+    def rates(self) -> dict[str, float]:
+        """Return the samples a second that each node has received."""
+        ends = {node: (said[0], said[-1]) for node, said in self._received.items() if len(said) > 1}
+        return {node: (last[1] - first[1]) / (last[0] - first[0]) for node, (first, last) in ends.items()}
 
     def spin_for(self, duration: float) -> None:
         """Receive for a while."""
