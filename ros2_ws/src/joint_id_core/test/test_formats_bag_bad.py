@@ -32,6 +32,9 @@ def test_truncated_bags(tmp_path, storage, share, bare):
     file = data_file(tmp_path / "bag")
     whole = file.read_bytes()
     file.write_bytes(whole[: int(share * len(whole))])
+    if storage is StoragePlugin.MCAP and share == 0.99:  # only the index is cut off: see test_unclosed_bag
+        assert len(formats.read(file if bare else tmp_path / "bag")) == 2000
+        return
     target = file if bare else tmp_path / "bag"
     expected = "the file is empty" if bare and share == 0 else "not a readable bag, damaged or truncated"
     for action in (formats.read, formats.joints):

@@ -151,7 +151,8 @@ class OnlineIdentifier:
         self._follow()
         if not due:
             return None
-        temperature = self._recent.mean("temperature")
+        shown = self._window if self.moving else self._recent
+        temperature = shown.mean("temperature")
         return replace(self._estimate(), elapsed_s=time.perf_counter() - begun, temperature=temperature)
 
     # --- samples

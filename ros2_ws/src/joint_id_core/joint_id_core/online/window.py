@@ -64,7 +64,8 @@ class SlidingWindow:
 
     def mean(self, name: str) -> float:
         """Return the mean of the values of a channel in the window; NaN if there are none."""
-        values = np.concatenate([np.zeros(0), *(part[name] for part in self._parts if name in part)])
+        parts = [part[name][np.searchsorted(part.time, self.start) :] for part in self._parts if name in part]
+        values = np.concatenate([np.zeros(0), *parts])
         known = values[np.isfinite(values)]
         return float(known.mean()) if len(known) else np.nan
 

@@ -48,11 +48,11 @@ class Innovations:
         return fit_innovations(model, recording, settings, self, progress=progress)
 
     def compile(self, model: Model, settings: ParameterSettings) -> None:
-        """Compile all that fits of `model` need, or load it from the cache, so that the first fit is not slower."""
+        """Compile all that fits of `model` need, online as well, or load it from the cache: no fit waits for it."""
         from joint_id_core.cell.kernel import compile_model
         from joint_id_core.estimators.innovations import fit  # noqa: F401  # loads what a fit imports
 
-        compile_model(model, "tanh", settings.freed_in(model), self.cell)
+        _ = compile_model(model, "tanh", settings.freed_in(model), self.cell).tracking
 
     def is_compiled(self, model: Model, settings: ParameterSettings) -> bool:
         """Return whether `compile` only has to load."""
