@@ -1,4 +1,4 @@
-# make setup | test | test-long | test-haswell | lint | demo | paper | paper-quick | bench-rtde | bench-speed | bench-stats | clean
+# make setup | test | test-long | test-haswell | lint | demo | paper | paper-quick | bench-rtde | bench-graph | bench-speed | bench-stats | clean
 # Every target sets up what it needs. Needs Python 3.11 or 3.12 with venv and headers, gcc, g++, make and a Python package index.
 
 VENV := .venv
@@ -15,7 +15,7 @@ UNIT_TESTS := $(wildcard $(WS)/src/joint_id_core/test)
 NODE_TESTS := $(wildcard $(WS)/src/joint_id_ros/test tests)
 TIMED_TESTS := tests/test_chain.py tests/test_demo.py tests/test_driver.py tests/test_driver_faults.py
 
-.PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-speed bench-stats clean
+.PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-graph bench-speed bench-stats clean
 all: setup
 
 setup: $(WS)/install/.built
@@ -73,6 +73,10 @@ paper-quick: setup $(VENV)/.paper
 bench-rtde: setup
 	$(RUN) python benchmarks/rtde_loss.py
 	$(RUN) python benchmarks/rtde_faults.py
+
+# What emulator, driver, filter and identifier cost, and how late an estimate is (eight minutes).
+bench-graph: setup
+	$(RUN) python benchmarks/graph.py --runs 3
 
 # Libraries that only the benchmarks need. A missing library is shown as missing, so a failure here is not an error.
 $(VENV)/.peers: $(VENV)/.installed benchmarks/requirements.txt benchmarks/constraints.txt constraints.txt

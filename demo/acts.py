@@ -129,7 +129,7 @@ def _follow(nodes: Nodes, watcher: Watcher, source: str, duration: float, screen
         if time.monotonic() > limit:
             raise JointIdError(f"{source} still runs {READY_S:g} s after its time: see {nodes.logs}")
     limit = time.monotonic() + LAST_S
-    final = duration - OnlineOptions().hop_s - 0.5  # the filter holds back the last 0.14 s
+    final = duration - OnlineOptions().hop_s - 0.5  # the filter holds back the last 0.1 s
     while time.monotonic() < limit and not (history.estimates and history.time(history.estimates[-1]) >= final):
         nodes.check(may_end=source)
         watcher.spin()

@@ -1,6 +1,7 @@
 """Whatever the raw topics bring, the samples of all joints at one instant come out with the stamp they came with."""
 
 from contextlib import suppress
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -21,12 +22,31 @@ def columns(joints, **channels):
     return Columns(tuple(joints), {name: np.array(values) for name, values in channels.items()})
 
 
-def run(aligner, begin, count, joints=("a", "b")):
+class Sample(NamedTuple):
+    """All joints at one instant."""
+
+    instant_ns: int
+    joints: list
+    channels: dict
+
+
+def one_by_one(batches):
+    return [
+        Sample(instant_ns, batch.joints, {name: values[k] for name, values in batch.channels.items()})
+        for batch in batches
+        for k, instant_ns in enumerate(batch.instants_ns)
+    ]
+
+
+def run(aligner, begin, count, joints=("a", "b"), batch=7):
+    """Give a good stream, in batches of this many messages."""
     out = []
     for k in range(count):
         values = np.sin(0.01 * k + np.arange(len(joints)))
-        out += aligner.add("link_states", begin + k * PERIOD_NS, columns(joints, link_position=values))
-    return out
+        aligner.join("link_states", begin + k * PERIOD_NS, columns(joints, link_position=values))
+        if k % batch == 0:
+            out += one_by_one(aligner.align())
+    return out + one_by_one(aligner.align())
 
 
 def test_joints_of_several_topics_share_one_row():
@@ -36,8 +56,9 @@ def test_joints_of_several_topics_share_one_row():
     for k in range(400):
         now = 0.002 * k
         stamp = BEGIN + k * PERIOD_NS
-        aligner.add("motor_states", stamp, columns("ba", motor_position=[2.0 * k, 1.0 * k]))
-        out += aligner.add("link_states", stamp, columns("a", link_position=[0.1 * k]))
+        aligner.join("motor_states", stamp, columns("ba", motor_position=[2.0 * k, 1.0 * k]))
+        aligner.join("link_states", stamp, columns("a", link_position=[0.1 * k]))
+        out += one_by_one(aligner.align())
     full = [s for s in out if "motor_position" in s.channels]
     assert full and all(list(s.joints) == ["b", "a"] for s in full)
     k = (full[-1].instant_ns - BEGIN) // PERIOD_NS
@@ -58,7 +79,7 @@ def test_a_jump_of_the_stamps_begins_a_new_run_that_keeps_every_nanosecond(jump_
 
 def test_stamps_that_begin_at_zero_by_mistake_cost_no_digits_of_the_true_ones():
     aligner = Aligner(INPUTS)
-    aligner.add("link_states", 0, columns("a", link_position=[0.0]))
+    aligner.join("link_states", 0, columns("a", link_position=[0.0]))
     out = run(aligner, BEGIN + 1, 400, "a")
     assert [s.instant_ns for s in out][-200:] == [BEGIN + 1 + k * PERIOD_NS for k in range(400)][: len(out) - 1][-200:]
 
@@ -80,7 +101,7 @@ def test_after_any_messages_good_ones_come_out_as_they_came_in(messages):
     for topic, stamp, joints, value in messages:
         name = topic.replace("states", "position")
         with suppress(JointIdError):
-            aligner.add(topic, stamp, columns(joints, **{name: np.full(len(joints), value)}))
+            aligner.join(topic, stamp, columns(joints, **{name: np.full(len(joints), value)}))
     begin = BEGIN + 3 * DAY_NS  # beyond all of them, or far below the last
     out = [s for s in run(aligner, begin, 600) if begin <= s.instant_ns <= begin + 600 * PERIOD_NS]
     stamps = [s.instant_ns for s in out]

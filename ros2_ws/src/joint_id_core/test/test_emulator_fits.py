@@ -22,21 +22,24 @@ def recordings():
     """What driver and filter make of the emulated robot, by joint."""
     names, ratio = tuple(joint.name for joint in JOINTS), np.array([joint.values["N"] for joint in JOINTS])
     controller = Controller(JOINTS, range(6), 0.3, (5, 13, 0))
-    aligner, rows = Aligner(InputOptions(effort_source="current")), []
+    aligner, batches = Aligner(InputOptions(effort_source="current")), []
     for _ in range(FIRST + WINDOWS * WINDOW + 100):  # what the filter still holds at the end has no velocity
         controller.tick()
         controller.report()
         q, w, current = (np.array(controller.values[f]) for f in ("actual_q", "actual_qd", "actual_current"))
         stamp = 1_000_000_000 + round(controller.values["timestamp"] * 1e9)
-        rows += aligner.add("link_states", stamp, Columns(names, {"link_position": q, "current": current}))
-        rows += aligner.add("motor_states", stamp, Columns(names, {"motor_velocity": w * ratio}))
+        aligner.join("link_states", stamp, Columns(names, {"link_position": q, "current": current}))
+        aligner.join("motor_states", stamp, Columns(names, {"motor_velocity": w * ratio}))
+        batches += aligner.align()
         controller.advance()
-    rows = rows[FIRST : FIRST + WINDOWS * WINDOW]
-    time = np.array([row.instant_ns - rows[0].instant_ns for row in rows]) * 1e-9
+    part = slice(FIRST, FIRST + WINDOWS * WINDOW)
+    instants_ns = np.concatenate([batch.instants_ns for batch in batches])[part]
+    time = (instants_ns - instants_ns[0]) * 1e-9
+    channels = {n: np.concatenate([batch.channels[n] for batch in batches])[part] for n in batches[-1].channels}
     found = []
     for k in range(len(JOINTS)):
-        channels = {name: np.array([row.channels[name][k] for row in rows]) for name in rows[0].channels}
-        found.append(Recording(time, channels, derived=rows[0].derived))
+        mine = {name: values[:, k] for name, values in channels.items()}
+        found.append(Recording(time, mine, derived=batches[-1].derived))
     return found
 
 

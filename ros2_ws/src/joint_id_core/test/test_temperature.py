@@ -117,8 +117,10 @@ def feed(aligner, first, count, temperature=None):
     for k in range(first, first + count):
         stamp = 10**9 + k * PERIOD_NS
         if temperature is not None:
-            assert not aligner.add("robot_signals", stamp, Columns(("b",), {"temperature": np.array([temperature])}))
-        found += aligner.add("link_states", stamp, Columns(("a", "b"), {"link_position": np.array([0.1, 0.2])}))
+            aligner.join("robot_signals", stamp, Columns(("b",), {"temperature": np.array([temperature])}))
+            assert not aligner.align()
+        aligner.join("link_states", stamp, Columns(("a", "b"), {"link_position": np.array([0.1, 0.2])}))
+        found += aligner.align()
     return found
 
 
@@ -128,9 +130,13 @@ def test_the_newest_value_holds_until_it_is_too_old():
     assert samples and all("temperature" not in s.channels for s in samples)
     feed(aligner, 200, 1, temperature=33.0)
     last = feed(aligner, 201, 400)[-1]
-    np.testing.assert_array_equal(last.channels["temperature"], [np.nan, 33.0])
+    np.testing.assert_array_equal(last.channels["temperature"][-1], [np.nan, 33.0])
     assert "temperature" not in last.derived
     later = int(CONDITION_S * 1e9 / PERIOD_NS)
-    ages = {(s.instant_ns - 10**9) / 1e9 - 0.4: s.channels["temperature"][1] for s in feed(aligner, 601, later)}
+    ages = {
+        (instant_ns - 10**9) / 1e9 - 0.4: temperatures[1]
+        for s in feed(aligner, 601, later)
+        for instant_ns, temperatures in zip(s.instants_ns, s.channels["temperature"], strict=True)
+    }
     assert all((value == 33.0) == (age <= CONDITION_S + 1e-9) for age, value in ages.items())
     assert any(math.isnan(value) for value in ages.values())

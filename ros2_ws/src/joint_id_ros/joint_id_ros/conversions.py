@@ -1,23 +1,20 @@
-"""Convert between ROS messages and the core's types. Messages are checked only here."""
+"""Convert between ROS messages and the core's types, and check messages."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 from builtin_interfaces.msg import Time
 
-from joint_id_core.alignment.aligner import AlignedSample, Columns
 from joint_id_core.data.instants import NANO, instant, seconds
-from joint_id_core.data.recording import Recording
 from joint_id_core.data.signals import LARGEST
 from joint_id_core.errors import JointIdError
-from joint_id_core.formats.topics import MEASURED_BITS, SAMPLES, Topic
+from joint_id_core.formats.topics import Topic
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, Status, Verdict
-from joint_id_msgs.msg import JointEstimate, JointSamples, ParameterEstimate
+from joint_id_msgs.msg import JointEstimate, ParameterEstimate
 
 STATUS_CODES = {status: getattr(JointEstimate, status.name) for status in Status}
 VERDICT_CODES = {verdict: getattr(ParameterEstimate, verdict.name) for verdict in Verdict}
@@ -59,50 +56,6 @@ def check_message(topic: Topic, message: Any) -> None:
             if abs(value) > LARGEST:  # false for NaN
                 what = "infinite" if math.isinf(value) else f"{value:.3g}, which no joint can have"
                 raise JointIdError(f"{topic.name}: {field} of joint {name} is {what}: use NaN for a missing value")
-
-
-def to_columns(topic: Topic, message: Any) -> Columns:
-    """Return the channels of a raw message that passed `check_message`; an empty array means not measured."""
-    arrays = {channel: getattr(message, field) for field, channel in topic.fields.items()}
-    channels = {channel: np.array(values) for channel, values in arrays.items() if len(values)}
-    return Columns(tuple(message.name), channels)
-
-
-def to_samples(sample: AlignedSample) -> JointSamples:
-    """Return the message of an aligned sample."""
-    message = JointSamples(name=list(sample.joints))
-    message.header.stamp = to_stamp(sample.instant_ns)
-    for name, values in sample.channels.items():
-        setattr(message, name, values.tolist())
-    message.measured = sum(MEASURED_BITS[name] for name in sample.channels if name not in sample.derived)
-    return message
-
-
-def to_recordings(messages: Sequence[JointSamples], origin_ns: int, source: str) -> dict[str, Recording]:
-    """Return one recording per joint, with time in s since the origin, from messages that passed `check_message`.
-
-    The messages must be in the order of their stamps. A channel is derived if any of the messages says so. A channel
-    without any value is left out.
-    """
-    times: dict[str, list[float]] = {}
-    columns: dict[str, dict[str, list[float]]] = {}
-    derived: dict[str, set[str]] = {}
-    for message in messages:
-        time = seconds(nanoseconds(message.header.stamp), origin_ns)
-        arrays = [(channel, getattr(message, channel)) for channel in SAMPLES.fields]
-        unmeasured = [c for c, values in arrays if len(values) and not message.measured & MEASURED_BITS[c]]
-        for i, joint in enumerate(message.name):
-            column = columns.setdefault(joint, {channel: [] for channel, _ in arrays})
-            times.setdefault(joint, []).append(time)
-            for channel, values in arrays:
-                column[channel].append(values[i] if len(values) else math.nan)
-            derived.setdefault(joint, set()).update(unmeasured)
-    recordings = {}
-    for joint, column in columns.items():
-        known = {c: np.array(values) for c, values in column.items() if any(v == v for v in values)}
-        marks = frozenset(derived[joint] & set(known))
-        recordings[joint] = Recording(np.array(times[joint]), known, marks, source=source, joint=joint)
-    return recordings
 
 
 def to_estimate_message(joint: str, newest: Estimate, good: Estimate | None, origin_ns: int) -> JointEstimate:

@@ -16,6 +16,7 @@ from rclpy.task import Future
 from joint_id_core.errors import JointIdError
 from joint_id_core.options import check_value
 from joint_id_ros.parameters import declare, from_ros
+from joint_id_ros.streams import Streams
 
 SUCCESS, FAILURE, ERROR = (getattr(TransitionCallbackReturn, name) for name in ("SUCCESS", "FAILURE", "ERROR"))
 
@@ -30,6 +31,7 @@ class ManagedNode(LifecycleNode):
     def __init__(self, name: str, *options: type) -> None:
         super().__init__(name)
         self.finished = Future()
+        self.streams: Streams | None = None
         self.not_ready = "not configured yet"  # why the node does nothing; "" while it works
         self._configured = False
         self._own = {f.name: f for cls in options for f in fields(cls)}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from array import array
+import struct
 from collections.abc import Mapping
 from operator import itemgetter, mul
 from typing import Any, NamedTuple
@@ -12,15 +12,18 @@ from sensor_msgs.msg import JointState
 
 from joint_id_core.data.instants import NANO
 from joint_id_core.errors import JointIdError
+from joint_id_core.formats.cdr import HEADER
 from joint_id_core.rtde.fields import FIELDS, JOINTS, register_type
 from joint_id_core.rtde.packets import Value
 from joint_id_msgs.msg import RobotSignals
 from joint_id_ros.options.driver import DriverOptions
+from joint_id_ros.raw_messages import layout_of
 
 STATUS_FIELDS = ("timestamp", "robot_mode", "safety_mode", "joint_mode")  # always read
 TYPES: dict[str, Any] = {"link_states": JointState, "motor_states": JointState, "robot_signals": RobotSignals}
 SLOW = {"joint_temperatures"}
 SLOW_NS = NANO // 2  # time between messages that hold nothing but slow signals
+_STAMP, _SIX = struct.Struct("=iI"), struct.Struct(f"={JOINTS}d")  # in the order of bytes of this computer, as rclpy
 RANGE = re.compile(r"((?:input|output)_double_register_)(\d+)\.\.(\d+)")
 
 
@@ -35,6 +38,15 @@ class Source(NamedTuple):
     field: str
     unit: str
     geared: bool
+
+
+class _Signal(NamedTuple):
+    """A field of a topic's message, with the function that gets its values from a sample, and their factors if any."""
+
+    topic: str
+    field: str
+    values: Any
+    factors: tuple[float, ...]
 
 
 SOURCES = (
@@ -66,10 +78,10 @@ def source_fields(source: Source, text: str) -> tuple[str, ...]:
 
 
 class JointMessages:
-    """The messages of one sample.
+    """The messages of one sample, as bytes.
 
-    The same message objects are used for every sample, because building new ones costs more than filling and
-    publishing them.
+    Stamp and values are written at their places in the bytes of the last sample's messages. Building message objects,
+    filling and serializing them would cost several times as much.
     """
 
     def __init__(self, options: DriverOptions) -> None:
@@ -78,10 +90,9 @@ class JointMessages:
         Raises:
             JointIdError: a source that does not exist, a source that is used twice, or no source at all.
         """
-        self.by_topic: dict[str, Any] = {}
-        self._rows: list[tuple[Any, str, Any, tuple[float, ...]]] = []  # message, field, values of a sample, factors
         ratios = options.gear_ratio * (JOINTS if len(options.gear_ratio) == 1 else 1)
         used: dict[str, str] = {}
+        signals: list[_Signal] = []
         for source in SOURCES:
             fields = source_fields(source, getattr(options, source.parameter))
             for name in fields:
@@ -90,38 +101,46 @@ class JointMessages:
                 used[name] = source.parameter
             if fields:
                 geared = source.geared and len(fields) == 1
-                self._add(options, source.topic, source.field, fields, ratios if geared else ())
+                signals.append(_Signal(source.topic, source.field, itemgetter(*fields), ratios if geared else ()))
         if not used:
             names = ", ".join(source.parameter for source in SOURCES)
             raise JointIdError(f"there is nothing to publish: give at least one of {names}")
         for name in dict.fromkeys(options.extra_fields):
-            self._add(options, "robot_signals", name, (name,), ())
-        self._fast = {
-            t: m for t, m in self.by_topic.items() if t != "robot_signals" or set(options.extra_fields) - SLOW
-        }
-        self._last_slow_ns = -SLOW_NS
+            signals.append(_Signal("robot_signals", name, itemgetter(name), ()))
         self.fields = tuple(dict.fromkeys((*STATUS_FIELDS, *used, *options.extra_fields)))
+        self.topics = tuple(dict.fromkeys(signal.topic for signal in signals))
+        self._fast = tuple(t for t in self.topics if t != "robot_signals" or set(options.extra_fields) - SLOW)
+        self._last_slow_ns = -SLOW_NS
+        self._messages: dict[str, bytearray] = {}
+        self._places: dict[str, list[tuple[int, _Signal]]] = {}
+        for topic in self.topics:
+            self._lay_out(topic, options.joints, [signal for signal in signals if signal.topic == topic])
 
-    def _add(
-        self, options: DriverOptions, topic: str, field: str, fields: tuple[str, ...], factors: tuple[float, ...]
-    ) -> None:
-        """Add a field of a topic's message to the fields that `fill` sets."""
-        if topic not in self.by_topic:
-            self.by_topic[topic] = TYPES[topic](name=list(options.joints))
-        self._rows.append((self.by_topic[topic], field, itemgetter(*fields), factors))
+    def _lay_out(self, topic: str, joints: tuple[str, ...], signals: list[_Signal]) -> None:
+        """Prepare the bytes of a topic's message, and find the places of the signals there."""
+        message = TYPES[topic](name=list(joints))
+        for signal in signals:
+            setattr(message, signal.field, [0.0] * JOINTS)
+        layout = layout_of(message)
+        self._messages[topic] = bytearray(layout.template)
+        self._places[topic] = [(layout.offset(signal.field), signal) for signal in signals]
 
-    def fill(self, stamp_ns: int, values: Mapping[str, Value]) -> None:
-        """Write one sample into all messages."""
+    def write(self, stamp_ns: int, values: Mapping[str, Value]) -> dict[str, bytes]:
+        """Return the messages to publish with one sample, by topic."""
         sec, nanosec = divmod(stamp_ns, NANO)
-        for message in self.by_topic.values():
-            message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
-        for message, field, row, factors in self._rows:
-            measured = row(values)  # one field: its vector; several fields: a tuple of their values
-            setattr(message, field, array("d", map(mul, measured, factors) if factors else measured))
+        messages: dict[str, bytes] = {}
+        for topic in self._due(stamp_ns):
+            data = self._messages[topic]
+            _STAMP.pack_into(data, HEADER, sec, nanosec)
+            for offset, signal in self._places[topic]:
+                measured = signal.values(values)
+                _SIX.pack_into(data, offset, *(map(mul, measured, signal.factors) if signal.factors else measured))
+            messages[topic] = bytes(data)
+        return messages
 
-    def due(self, stamp_ns: int) -> Mapping[str, Any]:
-        """Return the messages to publish with this sample, by topic: all of them, or those that are not slow."""
+    def _due(self, stamp_ns: int) -> tuple[str, ...]:
+        """Return the topics of the messages to publish with this sample: all of them, or those that are not slow."""
         if abs(stamp_ns - self._last_slow_ns) < SLOW_NS:
             return self._fast
         self._last_slow_ns = stamp_ns
-        return self.by_topic
+        return self.topics

@@ -11,16 +11,21 @@ import os
 import signal
 import sys
 import threading
+import time
 from functools import partial
 from importlib import import_module
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from joint_id_core.errors import JointIdError
+
+if TYPE_CHECKING:
+    from joint_id_ros.streams import Streams
 
 BAD_INPUT = 2  # exit code
 ENDED_EARLY = 3  # exit code
 STOPPING = threading.Event()  # set by the first signal; a callback that takes long ends early then
 POLL_S = 0.1  # longest time until a signal is noticed in an idle node
+TURN_S = 0.03  # time between two turns of the executor in a node that reads streams
 
 
 class EndedEarlyError(JointIdError):
@@ -31,6 +36,7 @@ class Runnable(Protocol):
     """Interface that `run` needs of a node, in addition to rclpy's Node."""
 
     finished: Any  # rclpy Future, set when there is nothing more to do; its result is None or a JointIdError
+    streams: Streams | None  # read here, and not by the executor
 
     def close(self) -> None:
         """Stop threads and close files; called once, however the node ended."""
@@ -60,6 +66,7 @@ def run(name: str, kind: str) -> int:
     from rclpy.signals import SignalHandlerOptions
 
     from joint_id_ros.parameters import PARAMETER_ERRORS
+    from joint_id_ros.streams import READ_S
 
     make = getattr(import_module(f"joint_id_ros.nodes.{name}"), kind)
     node = executor = None
@@ -68,9 +75,16 @@ def run(name: str, kind: str) -> int:
         node = make()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        spinning = True
+        spinning, next_turn = True, 0.0
         while not signals and not node.finished.done():
-            executor.spin_once(timeout_sec=POLL_S)
+            if node.streams is None:
+                executor.spin_once(timeout_sec=POLL_S)
+                continue
+            node.streams.read()
+            if time.monotonic() >= next_turn:
+                executor.spin_once(timeout_sec=0.0)
+                next_turn = time.monotonic() + TURN_S
+            time.sleep(READ_S)
         if node.finished.done() and node.finished.result() is not None:
             raise node.finished.result()
         return 0

@@ -1,28 +1,31 @@
 """Subscriptions to streams of samples that are read in batches.
 
-rclpy's executor needs 0.3 ms for every wake-up and delivers one message per topic. At 500 Hz with three topics this
-takes half a core. So the first message of a batch waits `COALESCE_S` for more, and one wake-up reads all messages that
-have arrived.
+rclpy's executor needs 0.3 to 0.6 ms for every wake-up, mostly for the services that every node has, and delivers one
+message per topic. At 500 Hz with three topics this takes half a core. So the main loop of the process (`running.py`)
+reads streams itself, at fixed intervals, and the executor never sees them. Messages are taken as bytes, because rclpy
+needs 0.1 ms to make an object of a message.
 """
 
 from __future__ import annotations
 
 import heapq
-import time
-from collections.abc import Callable, Mapping
-from operator import itemgetter
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-from joint_id_ros.conversions import nanoseconds
+from joint_id_core.formats.topics import CONDITIONS, RAW, SAMPLES
 from joint_id_ros.options.reading import RELIABLE
 from joint_id_ros.qos import LOSSY_IN, STREAM_IN
+from joint_id_ros.raw_messages import RawMessage, Reader
 from joint_id_ros.sources import Sources
 
-COALESCE_S = 0.005  # small compared with the lag of the filter (0.14 s) and the hop of the identifier
-BATCH = 500  # most messages per topic and batch, so that timers and services are served in between
+Taken = tuple[bytes, Mapping[str, Any]]  # a message, and what rclpy says of its way here
+
+READ_S = 0.01  # time between two readings: small compared with the lag of the filter and the hop of the identifier
+BATCH = 500  # most messages per topic and reading, so that timers and services are served in between
 
 
 class Streams:
@@ -36,24 +39,30 @@ class Streams:
         self,
         node: Node,
         topics: Mapping[str, Any],
-        callback: Callable[[str, Any], None],
+        callback: Callable[[str, RawMessage], None],
         sources: Sources,
         reliability: str,
+        end_of_batch: Callable[[], None] = lambda: None,
     ) -> None:
         """Subscribe.
 
         Args:
             node: the node that subscribes.
-            topics: message classes by topic name.
+            topics: message classes by topic name, of topics in `formats.topics`.
             callback: gets the topic's name and the message.
             sources: is told of every message, and says which ones are left out.
             reliability: as in `ReadingOptions`.
+            end_of_batch: called after the last of the messages that were read together.
         """
-        self._node, self._callback, self._sources = node, callback, sources
+        self._node, self._callback, self._sources, self._end_of_batch = node, callback, sources, end_of_batch
+        self._readers = {t.name: Reader(t, topics[t.name]) for t in (*RAW, CONDITIONS, SAMPLES) if t.name in topics}
+        self._subscriptions: dict[str, Subscription] = {}
         qos = STREAM_IN if reliability == RELIABLE else LOSSY_IN
-        self._subscriptions: dict[str, Subscription] = {
-            name: node.create_subscription(kind, name, self._reader(name), qos) for name, kind in topics.items()
-        }
+        for name, kind in topics.items():
+            subscription = node.create_subscription(kind, name, _unused, qos, raw=True)
+            # Not given to `create_subscription`: the warnings of incompatible publishers stay with the executor.
+            subscription.callback_group = _NotForExecutors()
+            self._subscriptions[name] = subscription
 
     def close(self) -> None:
         """End the subscriptions."""
@@ -61,26 +70,52 @@ class Streams:
             self._node.destroy_subscription(subscription)
         self._subscriptions.clear()
 
-    def _reader(self, topic: str) -> Callable[[Any, Any], None]:
-        def on_message(message: Any, info: Any) -> None:  # rclpy gives `info` only to a function of two arguments
-            self._on_message(topic, message, info)
+    def read(self) -> None:
+        """Pass on the messages that have arrived since the last call."""
+        batches = {topic: self._take(subscription) for topic, subscription in self._subscriptions.items()}
+        if any(batches.values()):
+            self.pass_on(batches)
 
-        return on_message
+    def pass_on(self, batches: Mapping[str, Sequence[Taken]]) -> None:
+        """Pass on messages by topic as if they had just arrived."""
+        read = [self._read(topic, batch) for topic, batch in batches.items()]
+        for message, topic, info in heapq.merge(*read, key=_stamp):
+            if self._sources.admit(topic, message.stamp_ns, message, info):
+                self._callback(topic, message)
+        self._end_of_batch()
 
-    def _on_message(self, topic: str, message: Any, info: Any) -> None:
-        time.sleep(COALESCE_S)
-        batches = [self._take(name, [(message, info)] if name == topic else []) for name in self._subscriptions]
-        for stamp_ns, name, one, its_info in heapq.merge(*batches, key=itemgetter(0)):
-            if self._sources.admit(name, stamp_ns, one, its_info):
-                self._callback(name, one)
+    def _read(self, topic: str, batch: Sequence[Taken]) -> list[tuple[RawMessage, str, Mapping[str, Any]]]:
+        messages = self._readers[topic].read([data for data, _ in batch])
+        return [(message, topic, info) for message, (_, info) in zip(messages, batch, strict=True)]
 
-    def _take(self, topic: str, messages: list[tuple[Any, Any]]) -> list[tuple[int, str, Any, Any]]:
-        """Return stamp in ns, topic, message and info of `messages` and of all that have arrived on the topic since."""
-        subscription = self._subscriptions[topic]
+    def _take(self, subscription: Subscription) -> list[Taken]:
+        """Return the messages that have arrived on a topic."""
+        messages: list[Taken] = []
         with subscription.handle:
             while len(messages) < BATCH:
-                taken = subscription.handle.take_message(subscription.msg_type, False)
+                taken = subscription.handle.take_message(subscription.msg_type, True)
                 if taken is None:
                     break
                 messages.append(taken)
-        return [(nanoseconds(m.header.stamp), topic, m, info) for m, info in messages]
+        return messages
+
+
+class _NotForExecutors(CallbackGroup):
+    """Keeps an entity out of the wait sets of executors."""
+
+    def can_execute(self, entity: Any) -> bool:
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        pass
+
+
+def _unused(message: bytes) -> None:
+    """Callback of a subscription that no executor serves."""
+
+
+def _stamp(item: tuple[RawMessage, str, Mapping[str, Any]]) -> int:
+    return item[0].stamp_ns

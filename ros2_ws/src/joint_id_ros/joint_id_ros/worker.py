@@ -17,8 +17,8 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.online.identifier import OnlineIdentifier
 from joint_id_core.results.estimate import Estimate
-from joint_id_msgs.msg import JointSamples
-from joint_id_ros.conversions import nanoseconds, to_recordings
+from joint_id_ros.raw_messages import RawMessage
+from joint_id_ros.samples import to_recordings
 
 POLL_S = 0.02  # time between two checks for new samples: well below a hop, well above a sampling period
 
@@ -77,7 +77,7 @@ class Worker:
         self._longest_lag_s = 0.0
         self._make, self._wanted, self._expected, self._callbacks = make, tuple(joints), tuple(expected), callbacks
         self._identifiers: dict[str, OnlineIdentifier] = {}
-        self._pending: deque[tuple[int, JointSamples]] = deque()  # ages, as `_newest_ns`, and samples
+        self._pending: deque[tuple[int, RawMessage]] = deque()  # ages, as `_newest_ns`, and samples
         self._new_run = False  # whether the next sample begins one
         self._origin_ns: int | None = None
         self._begun: dict[str, float] = {}
@@ -114,11 +114,11 @@ class Worker:
         longest, self._longest_lag_s = max(now_s, self._longest_lag_s), 0.0
         return longest
 
-    def add(self, stamp_ns: int, message: JointSamples) -> None:
-        """Add a sample that passed `conversions.check`; samples must come in the order of their stamps."""
+    def add(self, message: RawMessage) -> None:
+        """Add a sample without error; samples must come in the order of their stamps."""
         with self._lock:
-            step_ns = stamp_ns - (self._last_stamp_ns or stamp_ns)
-            self._last_stamp_ns = stamp_ns
+            step_ns = message.stamp_ns - (self._last_stamp_ns or message.stamp_ns)
+            self._last_stamp_ns = message.stamp_ns
             self._newest_ns += min(max(step_ns, 0), LONGEST_STEP_NS)
             self._pending.append((self._newest_ns, message))
             many = self._newest_ns - self._pending[0][0] > QUEUE_S * NANO
@@ -170,9 +170,9 @@ class Worker:
                 self._callbacks.problem("internal error", f"samples left out after {_where(error)}")
             self._working = False
 
-    def _update(self, batch: list[tuple[int, JointSamples]]) -> None:
+    def _update(self, batch: list[tuple[int, RawMessage]]) -> None:
         if self._origin_ns is None:
-            self._origin_ns = nanoseconds(batch[0][1].header.stamp)
+            self._origin_ns = batch[0][1].stamp_ns
         recordings = to_recordings([message for _, message in batch], self._origin_ns, "joint_samples")
         self._forget_the_gone(recordings, batch[-1][0])
         for joint in self._expected:

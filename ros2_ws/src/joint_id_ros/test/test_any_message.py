@@ -7,6 +7,7 @@ import pytest
 import rclpy
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
 from joint_id_core.formats.topics import CONDITIONS, RAW, SAMPLES
@@ -14,11 +15,12 @@ from joint_id_core.rtde.client import Sample
 from joint_id_msgs.msg import JointSamples
 from joint_id_ros import conversions as convert
 from joint_id_ros.nodes.driver import DriverNode
-from joint_id_ros.nodes.filter import TOPICS, TYPES, FilterNode
+from joint_id_ros.nodes.filter import KINDS, FilterNode
 from joint_id_ros.nodes.identifier import IdentifierNode
 
 from .odd_messages import NUMBERS, odd_messages
 
+TOPICS = {topic.name: topic for topic in (*RAW, CONDITIONS)}
 BEGIN = 200 * 10**9  # later than all stamps of odd messages but the largest, which are another run
 PERIOD_NS = 2_000_000
 FUZZ = settings(
@@ -61,7 +63,7 @@ class Published:
 
 RAW_MESSAGES = st.one_of(
     *(
-        odd_messages(topic, TYPES[topic.type.rsplit("/", 1)[-1]]).map(lambda message, name=topic.name: (name, message))
+        odd_messages(topic, KINDS[topic.name]).map(lambda message, name=topic.name: (name, message))
         for topic in TOPICS.values()
     )
 )
@@ -83,7 +85,7 @@ def test_the_filter_goes_on_after_any_messages(ros):
     def feed(messages):
         for name, message in messages:
             problems = sum(node._diagnostics.problems.values())
-            node._on_message(name, message)
+            node.streams.pass_on({name: [(serialize_message(message), {})]})
             told = sum(node._diagnostics.problems.values()) > problems
             arrays = [getattr(message, f) for f in TOPICS[name].fields]
             others = name == CONDITIONS.name and not len(message.joint_temperatures)  # it may hold what others read
@@ -94,8 +96,9 @@ def test_the_filter_goes_on_after_any_messages(ros):
         out.messages.clear()
         begin = next(begins)
         for k in range(300):
-            node._on_message("link_states", good_link_state(k, begin))
-        good = {convert.nanoseconds(m.header.stamp): m for m in out.messages}
+            node.streams.pass_on({"link_states": [(serialize_message(good_link_state(k, begin)), {})]})
+        samples = [deserialize_message(m, JointSamples) for m in out.messages]
+        good = {convert.nanoseconds(m.header.stamp): m for m in samples}
         sample = good[begin + 100 * PERIOD_NS]
         k = list(sample.name).index("joint")
         assert sample.link_position[k] == 0.1 and sample.current[k] == 0.5
@@ -120,7 +123,7 @@ def test_the_identifier_goes_on_after_any_samples(ros):
     def feed(messages):
         for message in messages:
             message.measured = 2**9 - 1
-            node._on_samples("joint_samples", message)
+            node.streams.pass_on({"joint_samples": [(serialize_message(message), {})]})
         drained()
 
     feed()
@@ -130,7 +133,7 @@ def test_the_identifier_goes_on_after_any_samples(ros):
         good = JointSamples(name=["joint"], measured=JointSamples.LINK_POSITION | JointSamples.TORQUE)
         good.header.stamp = convert.to_stamp(BEGIN + k * PERIOD_NS)
         good.link_position, good.torque = [0.5], [0.0]
-        node._on_samples("joint_samples", good)
+        node.streams.pass_on({"joint_samples": [(serialize_message(good), {})]})
     drained()
     newest = out.messages[-1]
     assert newest.header.stamp.sec == BEGIN // 10**9
@@ -158,7 +161,7 @@ GOOD = {
 
 def test_the_driver_goes_on_after_any_samples(ros):
     node = ros(DriverNode, autostart="false")
-    outputs = node._outputs = {topic: Published() for topic in node._messages.by_topic}
+    outputs = node._outputs = {topic: Published() for topic in node._messages.topics}
     begin_ns, rounds = time.time_ns(), iter(range(1, 10**6))
 
     def arrive(packets):
@@ -174,7 +177,7 @@ def test_the_driver_goes_on_after_any_samples(ros):
         count = len(outputs["link_states"].messages)
         arrive([(at + 0.002 * k, {**GOOD, "timestamp": at + 0.002 * k}) for k in range(5)])
         assert len(outputs["link_states"].messages) >= count + 4
-        assert list(outputs["link_states"].messages[-1].position) == [0.1] * 6
+        assert list(deserialize_message(outputs["link_states"].messages[-1], JointState).position) == [0.1] * 6
 
     feed()
     assert node._health._held["not finite"] and node._health._held["too large"]

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sensor_msgs.msg import JointState
 
-from joint_id_core.alignment.aligner import AlignedSample
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.topics import MEASURED_BITS, RAW
 from joint_id_core.models import Electromechanical
@@ -34,39 +33,6 @@ def test_stamps_keep_every_nanosecond(instant):
     assert convert.nanoseconds(convert.to_stamp(instant)) == instant
 
 
-def samples(joints, channels, derived, stamps):
-    rows = ({c: v[k] for c, v in channels.items()} for k in range(len(stamps)))
-    return [
-        convert.to_samples(AlignedSample(s, joints, row, frozenset(derived)))
-        for s, row in zip(stamps, rows, strict=True)
-    ]
-
-
-def test_samples_become_one_recording_a_joint():
-    rng = np.random.default_rng(0)
-    stamps = [10**18 + k * 2_000_000 for k in range(20)]
-    channels = {c: rng.normal(size=(20, 2)) for c in ("link_position", "link_velocity", "current")}
-    channels["voltage"] = np.full((20, 2), np.nan)
-    channels["current"][3, 1] = np.nan
-    messages = samples(["a", "b"], channels, {"link_velocity"}, stamps)
-    recordings = convert.to_recordings(messages, stamps[0], "joint_samples")
-    assert list(recordings) == ["a", "b"]
-    for k, joint in enumerate("ab"):
-        r = recordings[joint]
-        assert r.joint == joint and r.derived == {"link_velocity"}
-        assert set(r.channels) == {"link_position", "link_velocity", "current"}  # the voltage is nowhere known
-        np.testing.assert_allclose(r.time, np.arange(20) * 0.002, rtol=0, atol=1e-12)
-        for c in r.channels:
-            np.testing.assert_array_equal(r[c], channels[c][:, k])
-
-
-def test_a_joint_that_is_missing_in_some_messages_has_fewer_samples():
-    both = samples(["a", "b"], {"current": np.ones((3, 2))}, (), [1, 2, 3])
-    one = samples(["a"], {"current": np.ones((2, 1))}, (), [4, 5])
-    recordings = convert.to_recordings(both + one, 0, "joint_samples")
-    assert [len(recordings[j]) for j in "ab"] == [5, 3]
-
-
 @pytest.mark.parametrize(
     ("fields", "text"),
     [
@@ -89,16 +55,6 @@ def test_a_stamp_that_is_no_time_is_refused(sec, nanosec):
     message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
     with pytest.raises(JointIdError, match=f"link_states: a stamp of {sec} s, {nanosec} ns is no time"):
         convert.check_message(LINKS, message)
-
-
-def test_empty_arrays_are_not_measured():
-    message = JointState(name=["a", "b"], position=[1.0, 2.0], effort=[3.0, math.nan])
-    convert.check_message(LINKS, message)
-    columns = convert.to_columns(LINKS, message)
-    assert columns.joints == ("a", "b")
-    assert {n: v.tolist() for n, v in columns.channels.items()} == {
-        "link_position": [1.0, 2.0], "current": [3.0, pytest.approx(math.nan, nan_ok=True)],
-    }  # fmt: skip
 
 
 def test_an_estimate_and_its_message_say_the_same():

@@ -1,12 +1,13 @@
 """Fields of a sample become signals of the joints: the right ones, in the right unit, on the right side of the gear."""
 
 import pytest
+from rclpy.serialization import deserialize_message
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.rtde.fields import FIELDS, JOINT_NAMES
 from joint_id_msgs.msg import RobotSignals
 from joint_id_ros.options.driver import EXTRA_FIELDS, DriverOptions
-from joint_id_ros.robot_signals import SOURCES, STATUS_FIELDS, JointMessages
+from joint_id_ros.robot_signals import SOURCES, STATUS_FIELDS, TYPES, JointMessages
 
 STAMP_NS = 1_700_000_000_123_456_789
 MOTOR_POSITIONS = "output_double_register_24..29"
@@ -30,8 +31,14 @@ def sample(fields):
 def filled(**parameters):
     messages = JointMessages(DriverOptions(**parameters))
     values = sample(messages.fields)
-    messages.fill(STAMP_NS, values)
-    return messages.by_topic, values
+    return written(messages, STAMP_NS, values), values
+
+
+def written(messages, stamp_ns, values):
+    """The messages of a sample as a subscriber sees them."""
+    data = messages.write(stamp_ns, values)
+    assert tuple(data) == messages.topics
+    return {topic: deserialize_message(message, TYPES[topic]) for topic, message in data.items()}
 
 
 def test_without_further_word_link_position_current_and_motor_velocity_are_published():
@@ -52,11 +59,11 @@ def test_all_messages_of_a_sample_carry_its_stamp_and_the_next_sample_replaces_e
         values = {
             n: tuple(x + shift for x in v) if isinstance(v, tuple) else v for n, v in sample(messages.fields).items()
         }
-        messages.fill(STAMP_NS + int(shift), values)
-        stamps = {(m.header.stamp.sec, m.header.stamp.nanosec) for m in messages.by_topic.values()}
+        found = written(messages, STAMP_NS + int(shift), values)
+        stamps = {(m.header.stamp.sec, m.header.stamp.nanosec) for m in found.values()}
         assert stamps == {(1_700_000_000, 123_456_789 + int(shift))}
-        assert tuple(messages.by_topic["link_states"].position) == values["actual_q"]
-        assert tuple(messages.by_topic["robot_signals"].target_q) == values["target_q"]
+        assert tuple(found["link_states"].position) == values["actual_q"]
+        assert tuple(found["robot_signals"].target_q) == values["target_q"]
 
 
 def test_the_gear_ratio_may_differ_by_joint():
@@ -86,10 +93,12 @@ def test_what_is_not_measured_is_not_asked_for_and_stays_empty():
 
 def test_temperatures_alone_are_due_twice_a_second_and_with_other_fields_with_every_sample():
     alone, both = (JointMessages(DriverOptions(extra_fields=e)) for e in (EXTRA_FIELDS[:1], EXTRA_FIELDS[:2]))
-    due = [STAMP_NS + 2_000_000 * k for k in range(1001) if "robot_signals" in alone.due(STAMP_NS + 2_000_000 * k)]
+    stamps = [STAMP_NS + 2_000_000 * k for k in range(1001)]
+    values = sample(both.fields)
+    due = [stamp for stamp in stamps if "robot_signals" in alone.write(stamp, values)]
     assert due == [STAMP_NS + 500_000_000 * k for k in range(5)]
-    assert all(set(both.due(STAMP_NS + k)) == {"link_states", "motor_states", "robot_signals"} for k in range(9))
-    assert "robot_signals" in alone.due(STAMP_NS - 3600 * 10**9)  # the clock was set back
+    assert all(tuple(both.write(STAMP_NS + k, values)) == both.topics for k in range(9))
+    assert "robot_signals" in alone.write(STAMP_NS - 3600 * 10**9, values)  # the clock was set back
 
 
 def test_every_extra_field_goes_where_its_name_says():

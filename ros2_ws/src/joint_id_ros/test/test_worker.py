@@ -3,10 +3,10 @@
 import threading
 import time
 
+import numpy as np
 import pytest
 
-from joint_id_msgs.msg import JointSamples
-from joint_id_ros.conversions import to_stamp
+from joint_id_ros.raw_messages import RawMessage
 from joint_id_ros.worker import GONE_S, KEEP_S, QUEUE_S, Callbacks, Worker
 
 PERIOD_NS = 10_000_000
@@ -49,9 +49,7 @@ def working():
 def add(worker, first, last, names=("a",)):
     """Add samples `first` to before `last`."""
     for k in range(first, last):
-        message = JointSamples(name=list(names), link_position=[0.0] * len(names))
-        message.header.stamp = to_stamp(10**12 + k * PERIOD_NS)
-        worker.add(10**12 + k * PERIOD_NS, message)
+        worker.add(RawMessage(10**12 + k * PERIOD_NS, tuple(names), {"link_position": np.zeros(len(names))}))
 
 
 def until(condition):

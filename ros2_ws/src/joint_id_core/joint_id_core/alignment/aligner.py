@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from joint_id_core.alignment.joining import BACK_NS, Joiner, is_new_run
 from joint_id_core.data.instants import NANO, instant, seconds
 from joint_id_core.data.recording import Array
 from joint_id_core.filtering.offline import FilterOptions
-from joint_id_core.filtering.streaming import FilteredSample, StreamingFilter
+from joint_id_core.filtering.streaming import FilteredSamples, StreamingFilter
 from joint_id_core.formats.topics import CONDITIONS, RAW
 
 CONDITION_S = 10.0  # a condition that was not renewed for this long is not known any more
@@ -28,10 +29,13 @@ class Columns(NamedTuple):
     channels: Mapping[str, Array]
 
 
-class AlignedSample(NamedTuple):
-    """All joints at one instant; channels of shape (joints,), NaN for unknown values."""
+_Row = tuple[int, dict[str, Columns]]  # stamp in ns, message by topic
 
-    instant_ns: int
+
+class AlignedSamples(NamedTuple):
+    """All joints at T instants; channels of shape (T, joints), NaN for unknown values."""
+
+    instants_ns: Sequence[int]
     joints: Sequence[str]
     channels: Mapping[str, Array]
     derived: frozenset[str]
@@ -60,9 +64,10 @@ class Aligner:
         self._begun = False
         self._conditions: dict[str, tuple[int, dict[str, float]]] = {}  # by joint: stamp in ns, value by channel
         self._heard: dict[str, int] = {}  # last instant in ns at which a joint was named
+        self._complete: list[_Row] = []  # joined, not filtered yet
 
-    def add(self, topic: str, stamp_ns: int, columns: Columns) -> list[AlignedSample]:
-        """Add one message of `formats.topics.RAW` or `CONDITIONS`; return the samples that became complete.
+    def join(self, topic: str, stamp_ns: int, columns: Columns) -> None:
+        """Take one message of `formats.topics.RAW` or `CONDITIONS`; `align` returns what became complete.
 
         Raises:
             JointIdError: the stamp is missing, out of order, or too late to be joined; the message is left out.
@@ -70,62 +75,100 @@ class Aligner:
         if topic == CONDITIONS.name:
             for i, joint in enumerate(columns.joints):
                 self._conditions[joint] = stamp_ns, {n: float(v[i]) for n, v in columns.channels.items()}
-            return []
-        return list(self._align(self._joiner.add(topic, stamp_ns, columns)))
+            return
+        self._complete += self._joiner.add(topic, stamp_ns, columns)
 
-    def release(self) -> list[AlignedSample]:
+    def align(self) -> list[AlignedSamples]:
+        """Return the samples that became complete; call it after one or many messages."""
+        complete, self._complete = self._complete, []
+        done: list[AlignedSamples] = []
+        for _, alike in groupby(complete, key=_form):
+            rows: list[_Row] = []
+            for row in alike:
+                if not self._begun or is_new_run(self._last_ns, row[0]):
+                    done += self._filter(rows)
+                    done += self._begin(row[0])
+                    rows = []
+                self._last_ns = row[0]
+                if absent := self._absent(row[0], row[1].values()):
+                    done += self._filter(rows)
+                    done += self._leave_out(absent)
+                    rows = []
+                rows.append(row)
+            done += self._filter(rows)
+        return done
+
+    def release(self) -> list[AlignedSamples]:
         """Return samples that need not wait any longer; call it regularly while no message arrives."""
-        return list(self._align(self._joiner.release(idle=True)))
+        self._complete += self._joiner.release(idle=True)
+        return self.align()
 
-    def new_rate(self, why: str) -> list[AlignedSample]:
+    def new_rate(self, why: str) -> list[AlignedSamples]:
         """Restart the filter for another sampling rate; return the samples that waited."""
-        return list(map(self._sample, self.filter.restart(why, new_rate=True)))
+        return self.align() + self._restart(why, new_rate=True)
 
-    def _align(self, complete: list[tuple[int, dict[str, Columns]]]) -> Iterator[AlignedSample]:
-        for stamp_ns, parts in complete:
-            if not self._begun or is_new_run(self._last_ns, stamp_ns):
-                if self._begun:
-                    step_s = seconds(stamp_ns, self._last_ns)
-                    yield from map(self._sample, self.filter.restart(f"time jumps by {step_s:.9g} s"))
-                self._begun, self._origin_ns = True, stamp_ns
-            self._last_ns = stamp_ns
-            yield from self._leave_out_absent(stamp_ns, parts.values())
-            channels = self._inputs.channels(self._table(list(parts.values())))
-            yield from map(self._sample, self.filter.push(seconds(stamp_ns, self._origin_ns), channels))
+    def _restart(self, why: str, new_rate: bool = False) -> list[AlignedSamples]:
+        return [self._samples(samples) for samples in self.filter.restart(why, new_rate)]
 
-    def _leave_out_absent(self, stamp_ns: int, parts: Iterable[Columns]) -> Iterator[AlignedSample]:
-        """Forget joints that disappeared; yield the samples that waited, which still have them."""
-        self._heard |= dict.fromkeys((joint for part in parts for joint in part.joints), stamp_ns)
-        absent = [j for j in self.joints if not -BACK_NS <= stamp_ns - self._heard[j] <= ABSENT_NS]
-        if absent:
-            yield from map(self._sample, self.filter.restart(f"no values of {', '.join(absent)} any more"))
-            self.joints = [joint for joint in self.joints if joint not in absent]
+    def _begin(self, stamp_ns: int) -> list[AlignedSamples]:
+        """Begin a new run; return the samples of the last one that waited in the filter."""
+        done: list[AlignedSamples] = []
+        if self._begun:
+            done = self._restart(f"time jumps by {seconds(stamp_ns, self._last_ns):.9g} s")
+        self._begun, self._origin_ns = True, stamp_ns
+        return done
 
-    def _table(self, parts: Sequence[Columns]) -> dict[str, Array]:
-        """Return the channels of all joints at one instant, NaN for joints without a value."""
+    def _absent(self, stamp_ns: int, parts: Iterable[Columns]) -> list[str]:
+        """Return the joints that disappeared before a sample."""
         for part in parts:
+            self._heard |= dict.fromkeys(part.joints, stamp_ns)
+        return [j for j in self.joints if not -BACK_NS <= stamp_ns - self._heard[j] <= ABSENT_NS]
+
+    def _leave_out(self, absent: Sequence[str]) -> list[AlignedSamples]:
+        """Forget joints; return the samples that waited in the filter, which still have them."""
+        done = self._restart(f"no values of {', '.join(absent)} any more")
+        self.joints = [joint for joint in self.joints if joint not in absent]
+        return done
+
+    def _filter(self, rows: Sequence[_Row]) -> list[AlignedSamples]:
+        """Filter samples of one run that have the same topics, joints and channels."""
+        if not rows:
+            return []
+        times = [seconds(stamp_ns, self._origin_ns) for stamp_ns, _ in rows]
+        channels = self._inputs.channels(self._table([list(parts.values()) for _, parts in rows]))
+        return [self._samples(samples) for samples in self.filter.push(times, channels)]
+
+    def _table(self, rows: Sequence[Sequence[Columns]]) -> dict[str, Array]:
+        """Return the channels of all joints, shape (T, joints), NaN for joints without a value."""
+        for part in rows[0]:
             self.joints += [joint for joint in part.joints if joint not in self.joints]
         table = {}
-        for part in parts:
-            rows = [self.joints.index(joint) for joint in part.joints]
-            for name, values in part.channels.items():
-                table[name] = np.full(len(self.joints), np.nan)
-                table[name][rows] = values
+        for k, part in enumerate(rows[0]):
+            places = [self.joints.index(joint) for joint in part.joints]
+            for name in part.channels:
+                table[name] = np.full((len(rows), len(self.joints)), np.nan)
+                table[name][:, places] = [parts[k].channels[name] for parts in rows]
         return table
 
-    def _sample(self, sample: FilteredSample) -> AlignedSample:
+    def _samples(self, samples: FilteredSamples) -> AlignedSamples:
         # A sample that waited in the filter does not have the joints that were first seen after it.
-        joints = self.joints[: len(next(iter(sample.channels.values()), ()))]
-        instant_ns = instant(sample.time, self._origin_ns)
-        channels = {**sample.channels, **self._held(joints, instant_ns)} if self._conditions else sample.channels
-        return AlignedSample(instant_ns, joints, channels, sample.derived)
+        joints = self.joints[: next(iter(samples.channels.values())).shape[1]] if samples.channels else []
+        instants_ns = [instant(time, self._origin_ns) for time in samples.times]
+        held = self._held(joints, instants_ns) if self._conditions else {}
+        return AlignedSamples(instants_ns, joints, {**samples.channels, **held}, samples.derived)
 
-    def _held(self, joints: Sequence[str], instant_ns: int) -> dict[str, Array]:
-        """Return the newest conditions of the joints, NaN where they are not known at this instant."""
-        held = {name: np.full(len(joints), np.nan) for name in CONDITIONS.fields.values()}
+    def _held(self, joints: Sequence[str], instants_ns: Sequence[int]) -> dict[str, Array]:
+        """Return the newest conditions of the joints, shape (T, joints), NaN where they are not known."""
+        instants = np.array(instants_ns, dtype=np.int64)
+        held = {name: np.full((len(instants), len(joints)), np.nan) for name in CONDITIONS.fields.values()}
         for i, joint in enumerate(joints):
             stamp_ns, values = self._conditions.get(joint, (0, {}))
-            if abs(seconds(instant_ns, stamp_ns)) <= CONDITION_S:
-                for name, value in values.items():
-                    held[name][i] = value
+            known = np.abs(instants - stamp_ns) <= CONDITION_S * NANO
+            for name, value in values.items():
+                held[name][known, i] = value
         return held
+
+
+def _form(row: _Row) -> tuple[object, ...]:
+    """Return what two samples must have in common to be filtered at once."""
+    return tuple((topic, part.joints, tuple(part.channels)) for topic, part in row[1].items())

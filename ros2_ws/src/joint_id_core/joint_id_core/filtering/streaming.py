@@ -1,33 +1,33 @@
-"""The Butterworth differentiator of `offline.py`, sample by sample for all joints of a robot at once.
+"""The Butterworth differentiator of `offline.py`, batch by batch for all joints of a robot at once.
 
 The forward pass is the recursive filter, whose state is kept. The backward pass is the impulse response of the same
-filter over the samples of a fixed lag, cut off where less than 1e-6 of it is left, and scaled to gain 1 at frequency
-zero. The result equals that of the whole signal to the same accuracy. A sample is returned when its lag has passed,
-with its original stamp.
+filter over the samples of a fixed lag. It is cut off where less than `CUT` of it is left, and corrected for slow
+signals. With the default options at 500 Hz, derivatives differ from those of the whole signal by 6e-6 at 5 Hz, 5e-5 at
+10 Hz and 1e-3 at 50 Hz, noise by 1e-3. A sample is returned when its lag has passed, with its original stamp.
 """
 
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError
-from joint_id_core.filtering.fixed_lag import FilterDesign, Run
+from joint_id_core.filtering.fixed_lag import CUT, FilterDesign, Run
 from joint_id_core.filtering.offline import FilterOptions, derivatives
 
 _STAMPS = 50  # number of stamps from which the period is estimated if it is not given
 
 
 @dataclass(frozen=True)
-class FilteredSample:
-    """All joints at one instant: `time` in s, channels of shape (joints,) with NaN for unknown values."""
+class FilteredSamples:
+    """All joints at T instants: `times` in s, channels of shape (T, joints) with NaN for unknown values."""
 
-    time: float
+    times: list[float]
     channels: dict[str, Array]
     derived: frozenset[str]
 
@@ -47,19 +47,23 @@ class StreamingFilter:
         counts: number of events by kind: "gap", "time", "value", "channels", "rate".
     """
 
-    def __init__(self, options: FilterOptions | None = None, period: float | None = None) -> None:
+    def __init__(self, options: FilterOptions | None = None, period: float | None = None, cut: float = CUT) -> None:
         """Prepare for samples every `period` s; None estimates the period from the first stamps.
+
+        A smaller `cut` brings the results closer to those of the whole signal, with a longer lag.
 
         Raises:
             JointIdError: the sampling is too slow for the cutoff.
         """
         self.options = options or FilterOptions()
-        self.period = float("nan")
+        self.period, self._cut = float("nan"), cut
         self.events: deque[str] = deque(maxlen=100)
         self.counts: Counter[str] = Counter()
-        self._shape: dict[str, int] = {}
+        self._shape: dict[str, int] = {}  # number of joints by channel
         self._last = -np.inf
-        self._waiting: deque[tuple[float, dict[str, Array]]] = deque()
+        self._places: dict[str, slice] = {}  # columns of each channel in `_waiting`
+        self._times: list[float] = []  # of the samples in the lag
+        self._waiting = np.zeros((0, 0))  # their channels side by side
         self._design: FilterDesign | None = None
         self._run: Run | None = None
         if period is not None:
@@ -73,33 +77,53 @@ class StreamingFilter:
         """
         return (self._design.ahead + 4) * self.period + self._design.delay if self._design else float("nan")
 
-    def push(self, time: float, channels: Mapping[str, ArrayLike]) -> list[FilteredSample]:
-        """Add one sample, each channel a number or an array (joints,), and return the samples that became complete."""
-        values = {name: np.atleast_1d(np.asarray(value, dtype=float)) for name, value in channels.items()}
-        done: list[FilteredSample] = []
-        shape = {name: len(value) for name, value in values.items()}
+    def push(self, times: Sequence[float], channels: Mapping[str, Array]) -> list[FilteredSamples]:
+        """Add T samples, `times` in s, channels of shape (T, joints), and return those that became complete."""
+        shape = {name: values.shape[1] for name, values in channels.items()}
+        if shape == self._shape:
+            shape = self._shape  # perhaps in another order
+        rows = np.concatenate([np.zeros((len(times), 0)), *(channels[name] for name in shape)], axis=1)
+        if self._design and shape is self._shape and self._is_regular(times):
+            return self._add(list(times), rows)
+        # One at a time: what happens to a sample may change what the next one means.
+        return [done for k, time in enumerate(times) for done in self._check(time, rows[k : k + 1], shape)]
+
+    def _is_regular(self, times: Sequence[float]) -> bool:
+        """Return whether all samples follow the last one without a gap."""
+        last, longest = self._last, self._longest
+        for time in times:
+            if not 0.0 < time - last <= longest:
+                return False
+            last = time
+        return True
+
+    @property
+    def _longest(self) -> float:
+        """Longest step in s that is bridged; NaN, never exceeded, while the period is unknown."""
+        return self.options.max_gap * self.period * (1 + 1e-6)
+
+    def _check(self, time: float, rows: Array, shape: dict[str, int]) -> list[FilteredSamples]:
+        """Add one sample that may have a wrong stamp, or follow a gap or a change."""
+        done: list[FilteredSamples] = []
         step = time - self._last
-        longest = self.options.max_gap * self.period * (1 + 1e-6)  # NaN, never exceeded, while the period is unknown
-        if not np.isfinite(time) or step == 0 or -longest < step < 0:
+        if not np.isfinite(time) or step == 0 or -self._longest < step < 0:
             what = "repeats" if step == 0 else "is not finite" if not np.isfinite(time) else "is out of order"
             self._note("time", f"stamp {time:.9g} s {what}: sample left out")
             return done
         if step < 0:
             self._note("time", f"time jumps back from {self._last:.9g} s to {time:.9g} s: filter restarted")
             done = self._abandon()
-        elif step > longest and self._waiting:
+        elif step > self._longest and self._times:
             self._note("gap", f"no sample from {self._last:.9g} s to {time:.9g} s ({step:.3g} s): filter restarted")
             done = self._abandon()
-        elif shape != self._shape and self._waiting:
+        elif shape != self._shape and self._times:
             self._note("channels", f"channels or joints change at {time:.9g} s: filter restarted")
             done = self._abandon()
-        self._shape, self._last = shape, time
-        self._waiting.append((time, values))
-        if self._design is None:
-            return done + self._learn_period()
-        return done + self._advance(time, values)
+        if shape is not self._shape:
+            self._shape, self._places = shape, _places(shape)
+        return done + self._add([time], rows)
 
-    def restart(self, why: str, new_rate: bool = False) -> list[FilteredSample]:
+    def restart(self, why: str, new_rate: bool = False) -> list[FilteredSamples]:
         """Restart the filter; return the waiting samples without derived values (none with `causal`).
 
         With `new_rate` the period is estimated anew.
@@ -111,72 +135,89 @@ class StreamingFilter:
             self._design, self.period = None, float("nan")
         return done
 
-    def _learn_period(self) -> list[FilteredSample]:
+    def _add(self, times: list[float], rows: Array) -> list[FilteredSamples]:
+        """Add samples whose stamps and channels were checked; return the samples whose lag has passed."""
+        self._last = times[-1]
+        self._waiting = np.concatenate([self._waiting, rows]) if self._times else rows
+        self._times += times
+        if self._design is None:
+            return self._learn_period()
+        return self._advance(times, rows)
+
+    def _learn_period(self) -> list[FilteredSamples]:
         """Estimate the period as soon as there are enough stamps, then filter the waiting samples."""
-        if len(self._waiting) < _STAMPS:
+        if len(self._times) < _STAMPS:
             return []
-        samples = list(self._waiting)
         try:
-            self._set_period(float(np.median(np.diff([time for time, _ in samples]))))
+            self._set_period(float(np.median(np.diff(self._times))))
         except JointIdError as error:
             self._note("rate", str(error))
             return self._abandon()
-        self._waiting.clear()
-        self._last = -np.inf
-        return [done for time, values in samples for done in self.push(time, values)]
+        times, rows = self._times, self._waiting
+        self._times, self._last = [], -np.inf
+        return [done for k, time in enumerate(times) for done in self._check(time, rows[k : k + 1], self._shape)]
 
     def _set_period(self, period: float) -> None:
-        self._design = FilterDesign(self.options, period)
+        self._design = FilterDesign(self.options, period, self._cut)
         self.period = period
 
-    def _advance(self, time: float, values: dict[str, Array]) -> list[FilteredSample]:
-        """Filter a sample and return the samples whose lag has passed."""
+    def _advance(self, times: list[float], rows: Array) -> list[FilteredSamples]:
+        """Filter samples and return the samples whose lag has passed."""
         assert self._design is not None
         if self._run is None:
-            wanted = derivatives(tuple(values))
-            inputs = tuple(values) if self.options.causal else tuple(wanted)
-            self._run = Run(self._design, inputs, wanted, time, sum(self._shape[name] for name in inputs))
+            wanted = derivatives(tuple(self._shape))
+            inputs = tuple(self._shape) if self.options.causal else tuple(wanted)
+            self._run = Run(self._design, inputs, wanted, times[0], sum(self._shape[name] for name in inputs))
         run = self._run
-        row = np.concatenate([values[name] for name in run.inputs]) if run.inputs else np.zeros(0)
-        bad = ~np.isfinite(row)
-        if (bad & ~run.bad).any():
-            columns = [f"{name}[{k}]" for name in run.inputs for k in range(len(values[name]))]
-            names = [columns[k] for k in np.flatnonzero(bad & ~run.bad)]
-            self._note("value", f"{', '.join(names)} at {time:.9g} s: not finite, left out for that joint")
-        done = []
-        run.take(time, row, bad)
-        while run.step():
-            while self._waiting and run.ready(self._waiting[0][0]):
-                done.append(self._finish(*self._waiting.popleft(), run))
-        return done
+        rows = np.concatenate([rows[:, :0], *(rows[:, self._places[name]] for name in run.inputs)], axis=1)
+        bad = ~np.isfinite(rows)
+        if bad.any():
+            self._note_values(run, times, bad)
+        run.take(times, rows, bad)
+        results = run.results(self._times)
+        return [self._finish(results, run)] if len(results) else []
 
-    def _finish(self, time: float, values: dict[str, Array], run: Run) -> FilteredSample:
-        """Return one sample with its derived channels."""
+    def _note_values(self, run: Run, times: list[float], bad: NDArray[np.bool_]) -> None:
+        """Report values that are not finite and follow finite ones."""
+        columns = [f"{name}[{k}]" for name in run.inputs for k in range(self._shape[name])]
+        before = np.vstack([run.bad, bad[:-1]])
+        for time, new in zip(times, bad & ~before, strict=True):
+            if new.any():
+                names = ", ".join(columns[k] for k in np.flatnonzero(new))
+                self._note("value", f"{names} at {time:.9g} s: not finite, left out for that joint")
+
+    def _finish(self, results: Array, run: Run) -> FilteredSamples:
+        """Return the first samples that wait, with their derived channels; `results` has shape (R, 3, columns)."""
         assert self._design is not None
-        results, first = run.at(time), 0
-        channels = dict(values)
+        count, first = len(results), 0
+        times, self._times = self._times[:count], self._times[count:]
+        rows, self._waiting = self._waiting[:count], self._waiting[count:]
+        channels = {name: rows[:, columns] for name, columns in self._places.items()}
         for name in run.inputs:
-            rows = results[:, first : first + len(values[name])]
-            first += len(values[name])
+            columns = slice(first, first + self._shape[name])
+            first = columns.stop
             if self.options.causal:
-                channels[name] = rows[0]
+                channels[name] = results[:, 0, columns]
             for k, derivative in enumerate(run.wanted.get(name, ()), 1):
-                channels[derivative] = rows[k]
-        return FilteredSample(time - self._design.delay, channels, run.derived)
+                channels[derivative] = results[:, k, columns]
+        return FilteredSamples([time - self._design.delay for time in times], channels, run.derived)
 
-    def _abandon(self) -> list[FilteredSample]:
+    def _abandon(self) -> list[FilteredSamples]:
         """Restart the filter; return the samples still in the lag without derived values (none with `causal`)."""
-        waiting, self._run = list(self._waiting), None
-        self._waiting.clear()
-        if self.options.causal:
+        times, self._times, self._run = self._times, [], None
+        if self.options.causal or not times:
             return []
-        done = []
-        for time, values in waiting:
-            wanted = derivatives(tuple(values))
-            missing = {n: np.full_like(values[origin], np.nan) for origin, names in wanted.items() for n in names}
-            done.append(FilteredSample(time, {**values, **missing}, frozenset(missing)))
-        return done
+        channels = {name: self._waiting[:, columns] for name, columns in self._places.items()}
+        wanted = derivatives(tuple(self._shape))
+        missing = {n: np.full_like(channels[origin], np.nan) for origin, names in wanted.items() for n in names}
+        return [FilteredSamples(times, {**channels, **missing}, frozenset(missing))]
 
     def _note(self, kind: str, text: str) -> None:
         self.counts[kind] += 1
         self.events.append(text)
+
+
+def _places(shape: Mapping[str, int]) -> dict[str, slice]:
+    """Return the columns of each channel in a row that holds all of them."""
+    ends = np.cumsum([0, *shape.values()]).tolist()
+    return {name: slice(*ends[k : k + 2]) for k, name in enumerate(shape)}

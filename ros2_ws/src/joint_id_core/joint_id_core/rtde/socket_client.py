@@ -19,6 +19,7 @@ from joint_id_core.rtde.rates import sent_rate
 _CHUNK = 65536  # bytes read at once; one second of samples has a few times as many
 _MESSAGES_KEPT = 100
 _WAKE_EVERY_S = 0.01
+_PAUSE_S = 0.005  # between two readings of samples: to wake up for each packet would cost more than the packets
 
 
 class SocketClient:
@@ -36,7 +37,8 @@ class SocketClient:
         self._robot = f"robot {request.host}:{request.port}"
         self._reader = PacketReader()
         self._packets: deque[Packet] = deque()  # arrived, but not yet processed
-        self._received_ns = 0  # arrival time of these packets
+        self._next_read = 0.0  # earliest time.monotonic() of the next reading
+        self._received_ns = 0  # when these packets were read
         self._broken: ProtocolError | None = None  # error in the data after these packets
         self._recipe = Recipe(0, {})
         self._sock: socket.socket | None = None
@@ -62,11 +64,14 @@ class SocketClient:
         """See `client.Client.read`; samples that arrived together have one `received_ns`."""
         deadline = time.monotonic() + timeout
         samples = self._samples()
+        if not samples and (pause := self._next_read - time.monotonic()) > 0.0:
+            time.sleep(min(pause, timeout))
         while not samples:
             left = deadline - time.monotonic()
             if not self._receive(max(0.0, left)) or left < 0.0:
                 break
             samples = self._samples()
+        self._next_read = time.monotonic() + _PAUSE_S
         return samples
 
     def close(self) -> None:

@@ -87,7 +87,7 @@ class DriverNode(ManagedNode):
             raise
         finally:
             self._check = None
-        for topic in self._messages.by_topic.keys() - self._outputs.keys():
+        for topic in set(self._messages.topics) - self._outputs.keys():
             self._outputs[topic] = self.create_lifecycle_publisher(TYPES[topic], topic, STREAM_OUT)
         self.get_logger().info(f"controller {'.'.join(map(str, version))} offers {', '.join(self._messages.fields)}")
 
@@ -136,8 +136,7 @@ class DriverNode(ManagedNode):
             self._health.note(sample.values, reason or ("" if stamp_ns is not None else WAITS))
             if stamp_ns is None:
                 continue
-            self._messages.fill(stamp_ns, sample.values)
-            for topic, message in self._messages.due(stamp_ns).items():
+            for topic, message in self._messages.write(stamp_ns, sample.values).items():
                 self._outputs[topic].publish(message)
             self._diagnostics.received(stamp_ns)
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -11,26 +9,26 @@ from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
-from joint_id_core.alignment.aligner import AlignedSample, Aligner
+from joint_id_core.alignment.aligner import AlignedSamples, Aligner, Columns
 from joint_id_core.alignment.inputs import LINK_STATES, InputOptions
 from joint_id_core.alignment.source_watch import RATE, SourceEvent
 from joint_id_core.errors import JointIdError
 from joint_id_core.filtering.offline import FilterOptions
 from joint_id_core.formats.topics import CONDITIONS, RAW
 from joint_id_msgs.msg import JointSamples, MotorTorques, MotorVoltages, RobotSignals
-from joint_id_ros import conversions as convert
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.ending import SILENT_S, Ending
 from joint_id_ros.options.reading import FilterReadingOptions
 from joint_id_ros.parameters import declare, read
 from joint_id_ros.qos import FLUSH, STREAM_OUT
+from joint_id_ros.raw_messages import RawMessage
+from joint_id_ros.samples import SamplesWriter
 from joint_id_ros.sources import Sources
 from joint_id_ros.streams import Streams
 
-TOPICS = {t.name: t for t in (*RAW, CONDITIONS)}
 RELEASE_S = 0.2  # period of the checks for samples that wait for a silent topic
 TYPES = {t.__name__: t for t in (JointState, MotorVoltages, MotorTorques, RobotSignals)}
-KINDS = {topic.name: TYPES[topic.type.rsplit("/", 1)[-1]] for topic in TOPICS.values()}
+KINDS = {topic.name: TYPES[topic.type.rsplit("/", 1)[-1]] for topic in (*RAW, CONDITIONS)}
 
 
 class FilterNode(Node):
@@ -48,36 +46,37 @@ class FilterNode(Node):
         self._heard = False
         self._diagnostics = Diagnostics(self, self._health, LINK_STATES)
         self._publisher = self.create_publisher(JointSamples, "joint_samples", STREAM_OUT)
+        self._writer = SamplesWriter()
         self._reading = read(self, FilterReadingOptions)
         self._ending = Ending(self)
-        self._sources = Sources(
-            self, [t.name for t in RAW], self._reading.reliability, self._diagnostics, self._on_source
-        )
-        self._streams: Streams | None = None
+        watched = [topic.name for topic in RAW]
+        self._sources = Sources(self, watched, self._reading.reliability, self._diagnostics, self._on_source)
+        self.streams: Streams | None = None
         self.create_timer(RELEASE_S, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._begin_when_heard()
 
     def _begin_when_heard(self) -> None:
         """Subscribe as soon as enough subscribers listen to what comes out."""
-        if self._streams is None and self._publisher.get_subscription_count() >= self._reading.wait_subscribers:
-            self._streams = Streams(self, KINDS, self._on_message, self._sources, self._reading.reliability)
+        if self.streams is None and self._publisher.get_subscription_count() >= self._reading.wait_subscribers:
+            reliability = self._reading.reliability
+            self.streams = Streams(self, KINDS, self._on_message, self._sources, reliability, self._on_batch)
 
-    def _on_message(self, name: str, message: Any) -> None:
-        topic = TOPICS[name]
-        if topic is not CONDITIONS:
+    def _on_message(self, topic: str, message: RawMessage) -> None:
+        if topic != CONDITIONS.name:
             self._silent_periods, self._heard = 0, True
-        elif not message.joint_temperatures:
+        elif message.name and not message.channels:
             return  # it holds other signals
-        stamp = convert.nanoseconds(message.header.stamp)
-        if name == LINK_STATES:
-            self._diagnostics.received(stamp)
+        if topic == LINK_STATES:
+            self._diagnostics.received(message.stamp_ns)
         try:
-            convert.check_message(topic, message)
-            aligned = self._aligner.add(name, stamp, convert.to_columns(topic, message))
+            if message.error is not None:
+                raise message.error
+            self._aligner.join(topic, message.stamp_ns, Columns(message.name, message.channels))
         except JointIdError as error:
             self._diagnostics.problem("message left out", str(error))
-            return
-        self._publish(aligned)
+
+    def _on_batch(self) -> None:
+        self._publish(self._aligner.align())
 
     def _on_source(self, topic: str, event: SourceEvent) -> None:
         if topic == LINK_STATES and event.kind == RATE:
@@ -95,10 +94,11 @@ class FilterNode(Node):
             self._publisher.wait_for_all_acked(FLUSH)
             self.finished.set_result(None)
 
-    def _publish(self, aligned: list[AlignedSample]) -> None:
-        for sample in aligned:
-            self._publisher.publish(convert.to_samples(sample))
-        self._published += len(aligned)
+    def _publish(self, aligned: list[AlignedSamples]) -> None:
+        for samples in aligned:
+            for message in self._writer.write(samples):
+                self._publisher.publish(message)
+            self._published += len(samples.instants_ns)
         while self._aligner.filter.events:
             self._diagnostics.problem("filter", self._aligner.filter.events.popleft())
 
@@ -110,7 +110,7 @@ class FilterNode(Node):
             "filter latency [s]": f"{self._aligner.filter.latency:.4f}",
         }
         values |= {f"filter: {kind}": count for kind, count in self._aligner.filter.counts.items()}
-        if self._streams is None:
+        if self.streams is None:
             text = f"waiting until {self._reading.wait_subscribers} subscribers listen on joint_samples"
             return Health(DiagnosticStatus.WARN, text, values)
         level, late = self._sources.lateness
@@ -120,5 +120,5 @@ class FilterNode(Node):
 
     def close(self) -> None:
         """End the subscriptions."""
-        if self._streams is not None:
-            self._streams.close()
+        if self.streams is not None:
+            self.streams.close()

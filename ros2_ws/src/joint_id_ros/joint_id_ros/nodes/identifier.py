@@ -27,6 +27,7 @@ from joint_id_ros.options.reading import ReadingOptions
 from joint_id_ros.parameters import read
 from joint_id_ros.preparation import Preparation
 from joint_id_ros.qos import FLUSH, LATEST
+from joint_id_ros.raw_messages import RawMessage
 from joint_id_ros.sources import Sources
 from joint_id_ros.streams import Streams
 from joint_id_ros.worker import Callbacks, Worker
@@ -44,7 +45,6 @@ class IdentifierNode(ManagedNode):
         self._preparation: Preparation | None = None
         self._worker: Worker | None = None
         self._sources: Sources | None = None
-        self._streams: Streams | None = None
         self._order = StampOrder()
         self._latest: dict[str, JointEstimate] = {}
         self._good: dict[str, tuple[int, Estimate]] = {}  # newest good estimate by joint, with the origin of its times
@@ -102,34 +102,34 @@ class IdentifierNode(ManagedNode):
         self._worker = Worker(self._setup.begin, options.joints, options.expected, callbacks, self._setup.online.hop_s)
         topics = {SAMPLES.name: JointSamples}
         self._sources = Sources(self, topics, reliability, self._diagnostics, self._on_source)
-        self._streams = Streams(self, topics, self._on_samples, self._sources, reliability)
+        self.streams = Streams(self, topics, self._on_samples, self._sources, reliability)
         self.get_logger().info(f"identifying {options.model} with {options.estimator}")
 
     def close(self) -> None:
         """End the subscription and the thread."""
-        for part in (self._streams, self._sources):
+        for part in (self.streams, self._sources):
             if part is not None:
                 part.close()
         if self._worker is not None:
             self._worker.stop()
-        self._streams = self._sources = self._worker = None
+        self.streams = self._sources = self._worker = None
 
-    def _on_samples(self, topic: str, message: JointSamples) -> None:
+    def _on_samples(self, topic: str, message: RawMessage) -> None:
         if self._worker is None:
             return
-        stamp = convert.nanoseconds(message.header.stamp)
         self._heard_s = time.monotonic()
-        self._diagnostics.received(stamp)
+        self._diagnostics.received(message.stamp_ns)
         try:
-            convert.check_message(SAMPLES, message)
-            restart = self._order.restarts(SAMPLES.name, stamp)
+            if message.error is not None:
+                raise message.error
+            restart = self._order.restarts(SAMPLES.name, message.stamp_ns)
         except JointIdError as error:
             self._diagnostics.problem("message left out", str(error))
             return
         if restart:
             self._diagnostics.problem("restart", f"{SAMPLES.name}: time jumped back: identification starts anew")
             self._worker.restart()
-        self._worker.add(stamp, message)
+        self._worker.add(message)
 
     def _on_source(self, topic: str, event: SourceEvent) -> None:
         if event.kind == RATE and self._worker is not None:

@@ -42,7 +42,7 @@ class PlayerNode(Node):
 
     def __init__(self) -> None:
         super().__init__("player")
-        self.finished = Future()
+        self.finished, self.streams = Future(), None
         declare(self, PlayerOptions)
         self._options = read(self, PlayerOptions)
         self._stack = ExitStack()

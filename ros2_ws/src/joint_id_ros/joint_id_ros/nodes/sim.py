@@ -31,7 +31,7 @@ class SimNode(Node):
 
     def __init__(self) -> None:
         super().__init__("sim")
-        self.finished = Future()
+        self.finished, self.streams = Future(), None
         declare(self, SimOptions, defaults={"publish_all_states": self._model_is_electromechanical()})
         declare(self, MotionOptions)
         self._options = read(self, SimOptions)

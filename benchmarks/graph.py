@@ -1,0 +1,199 @@
+"""What the graph itself costs: processor time of every process, estimates a second, latency from sample to estimate.
+
+    setup/run python benchmarks/graph.py --runs 3
+
+Emulated robot, driver, filter and identifier are processes of their own, as on a robot; this one listens to
+joint_params. The driver ends at 500 Hz, so at a higher rate `graph_source.py` publishes simulated joints. In the case
+"receiving", the window is longer than the run: the identifier takes in and converts samples, and fits nothing.
+
+The share of a core is small on a computer that has no time for the nodes, so the time per sample that a node received
+is given as well. Latency is the time from the stamp of the newest sample of an estimate to the instant at which the
+estimate is published. It contains the lag of the filter.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from ament_index_python.packages import get_package_prefix
+from cpu_time import cpu_s
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+from joint_id_core.emulator.process import EmulatorProcess
+from joint_id_core.emulator.robots import ROBOTS, build_joints
+from joint_id_core.simulation.plants import PositionControl
+from joint_id_msgs.msg import JointParams
+
+DOMAIN = 1 + os.getpid() % 100
+PATIENCE_S = 120.0  # until the first estimate: the first fit of a model compiles it
+CASES = ("robot", "receiving", "fast")
+FAST_HZ = 1000.0
+JOINTS = build_joints(ROBOTS[0])  # those of the emulator
+
+
+def main() -> None:
+    """Run the cases in turns and print a table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--cases", nargs="+", choices=CASES, default=CASES, help="(default: all)")
+    parser.add_argument("--models", nargs="+", default=["motor_side", "harmonic_drive"], help="(default: both)")
+    parser.add_argument("--hop", type=float, default=0.1, help="s between two estimates (default: %(default)s)")
+    parser.add_argument("--duration", type=float, default=15.0, help="s that are measured (default: %(default)s)")
+    parser.add_argument("--runs", type=int, default=1, help="of each case (default: %(default)s)")
+    parser.add_argument("--json", type=Path, default=Path("out/benchmarks/graph.json"), help="(default: %(default)s)")
+    args = parser.parse_args()
+    os.environ |= {"ROS_DOMAIN_ID": str(DOMAIN), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    runs = []
+    for _ in range(args.runs):
+        for case in args.cases:
+            for model in args.models if case != "receiving" else args.models[:1]:
+                runs.append(_measure(case, model, args.hop, args.duration))
+                print(_line(runs[-1]), flush=True)
+    args.json.parent.mkdir(parents=True, exist_ok=True)
+    args.json.write_text(json.dumps(runs, indent=1))
+
+
+def _measure(case: str, model: str, hop: float, duration: float) -> dict[str, Any]:
+    """Run one case and return its figures."""
+    window = 2.0 if case != "receiving" else 600.0
+    settings = {"model": model, "actuation": "current", "window_s": window, "hop_s": hop}
+    with ExitStack() as stack:
+        watcher = stack.enter_context(_watching())
+        processes = {"filter": stack.enter_context(_node("filter", {}))}
+        if case == "fast":
+            settings["set"] = _list([f"k_t={PositionControl.K_T!r}", "N=101"])
+            processes["identifier"] = stack.enter_context(_node("identifier", settings))
+            command = ["--rate", str(FAST_HZ), "--duration", str(duration + PATIENCE_S)]
+            processes["source"] = stack.enter_context(
+                _process([sys.executable, str(Path(__file__).with_name("graph_source.py")), *command])
+            )
+        else:
+            settings["set"] = _list([f"{j.name}.k_t={j.values['k_t']!r}" for j in JOINTS])
+            processes["identifier"] = stack.enter_context(_node("identifier", settings))
+            emulator = stack.enter_context(EmulatorProcess("--host", "127.0.0.1"))
+            processes["emulator"] = emulator.process
+            address = {"robot_ip": emulator.host, "port": emulator.port}
+            processes["driver"] = stack.enter_context(_node("driver", address))
+        if case == "receiving":
+            watcher.spin_for(12.0)  # until all nodes have started and the filter has learnt the period
+        else:
+            watcher.wait_for_estimates()
+            watcher.spin_for(3.0)
+        watcher.clear()
+        begun, before = time.monotonic(), {name: cpu_s(p.pid) for name, p in processes.items()}
+        watcher.spin_for(duration)
+        took = time.monotonic() - begun
+        shares = {name: (cpu_s(p.pid) - before[name]) / took for name, p in processes.items()}
+        latencies = 1e-6 * np.array([published - stamp for stamp, published in watcher.times])
+    figures = {
+        "case": case,
+        "model": model,
+        "asked": len(JOINTS) / hop,
+        "updates": len(latencies) / took,
+        "load": os.getloadavg()[0],
+    }
+    figures |= {f"{name} [%]": 100.0 * share for name, share in shares.items()}
+    figures |= {f"{name} [us]": 1e6 * shares[name] / rate for name, rate in watcher.rates().items() if rate}
+    if len(latencies):
+        figures |= {"median [ms]": float(np.median(latencies)), "p99 [ms]": float(np.quantile(latencies, 0.99))}
+    return figures
+
+
+class _Watcher(Node):
+    """Notes the stamp of each estimate and the instant of its publication."""
+
+    def __init__(self) -> None:
+        super().__init__("watcher")
+        self.times: list[tuple[int, int]] = []
+        self._received: dict[str, list[tuple[float, int]]] = {}  # by node, when and what it said to have received
+        qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+        self.create_subscription(JointParams, "joint_params", self._on_params, qos, raw=True)
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+
+    def _on_params(self, message: bytes, info: Any) -> None:
+        seconds, nanoseconds = np.frombuffer(message, "<u4", 2, offset=4)
+        self.times.append((int(seconds) * 10**9 + int(nanoseconds), info["source_timestamp"]))
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            count = next((int(v.value) for v in status.values if v.key == "received"), 0)
+            self._received.setdefault(status.name.strip("/"), []).append((time.monotonic(), count))
+
+    def clear(self) -> None:
+        """Forget what was received so far."""
+        self.times.clear()
+        self._received.clear()
+
+    def rates(self) -> dict[str, float]:
+        """Return the samples a second that each node has received."""
+        ends = {node: (said[0], said[-1]) for node, said in self._received.items() if len(said) > 1}
+        return {node: (last[1] - first[1]) / (last[0] - first[0]) for node, (first, last) in ends.items()}
+
+    def spin_for(self, duration: float) -> None:
+        """Receive for a while."""
+        end = time.monotonic() + duration
+        while (left := end - time.monotonic()) > 0.0:
+            rclpy.spin_once(self, timeout_sec=left)
+
+    def wait_for_estimates(self) -> None:
+        """Wait until estimates come."""
+        end = time.monotonic() + PATIENCE_S
+        while not self.times:
+            rclpy.spin_once(self, timeout_sec=0.1)
+            if time.monotonic() > end:
+                raise SystemExit(f"no estimate within {PATIENCE_S:g} s")
+
+
+@contextmanager
+def _watching() -> Iterator[_Watcher]:
+    rclpy.init()
+    watcher = _Watcher()
+    try:
+        yield watcher
+    finally:
+        watcher.destroy_node()
+        rclpy.try_shutdown()
+
+
+def _node(name: str, parameters: dict[str, Any]) -> Any:
+    script = Path(get_package_prefix("joint_id_ros")) / "lib/joint_id_ros" / name
+    arguments = [a for key, value in parameters.items() for a in ("-p", f"{key}:={value}")]
+    return _process([sys.executable, str(script), *(["--ros-args", *arguments] if arguments else [])])
+
+
+@contextmanager
+def _process(command: list[str]) -> Iterator[subprocess.Popen[bytes]]:
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    try:
+        yield process
+    finally:
+        process.terminate()
+        try:
+            process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def _list(texts: list[str]) -> str:
+    return "[" + ", ".join(f'"{text}"' for text in texts) + "]"
+
+
+def _line(run: dict[str, Any]) -> str:
+    return "  ".join(f"{k} {v:.1f}" if isinstance(v, float) else f"{k} {v}" for k, v in run.items())
+
+
+if __name__ == "__main__":
+    main()
