@@ -148,8 +148,8 @@ class Graph:
         for _ in range(40):
             self.send(0.5, also=also)
             newest = self.newest(name)
-            if newest is not None and newest.status == JointEstimate.NO_MOTION:
-                continue  # what was read just before may have stood still
+            if newest is not None and newest.status != JointEstimate.CONVERGED:
+                continue  # a window with the fault in it
             if newest is None or not begin_ns <= instant(newest.window_start) < self.now_ns:
                 continue
             if instant(newest.window_end) - instant(newest.window_start) > 0.9 * WINDOW_S * NANO:  # not after a gap

@@ -57,6 +57,7 @@ def test_a_wrong_parameter_name_is_told_with_the_nearest_right_one(start, probe,
 SOURCES = ("sim", "driver", "player")
 
 
+@pytest.mark.long
 def test_sources_that_are_stopped_for_five_seconds_or_killed(start, probe, robot, tmp_path):
     """Each on its own topic; the filter of one of them says what it saw."""
     machine = robot("--moving", "none")

@@ -87,12 +87,11 @@ def test_too_smooth_a_step_would_show_stribeck_friction_where_there_is_none():
     smooth = compare(chosen, record, settings=ParameterSettings({"w_s": 0.01}))
     assert [row.trial.estimate["w_s"].value for row in smooth.ranking.rows] == [0.01, 0.01]
     assert smooth.ranking.best.label == "stribeck"
-    assert smooth.ranking.best.estimate["w_b"].value < 2.0 * 0.01
+    assert smooth.ranking.best.estimate["w_b"].value < 0.01
     sharp = compared("coulomb_viscous")
     assert sharp.ranking.best.label == "rigid_joint:coulomb_viscous"
     assert sharp.ranking.best.estimate["w_s"].value < 0.01
-    plain, bent = sharp.ranking.best.estimate, smooth.ranking.best.estimate
-    assert plain.deviance < bent.deviance + 2.0 * np.log(bent.observations)  # for two parameters more (BIC)
+    assert sharp.ranking.best.estimate.deviance < smooth.ranking.best.estimate.deviance
 
 
 def test_flexible_beats_rigid_on_a_flexible_joint_and_the_criterion_is_left_out():
@@ -249,7 +248,7 @@ def test_json_keeps_the_contract(file, run):
     assert (first["rank"], second["rank"], last["rank"]) == (1, 2, None)
     assert first["delta_bic"] == 0.0 < second["delta_bic"]
     assert first["free_parameters"] == 5
-    assert 0.9 * result["fitted"]["samples"] < first["observations"] < result["fitted"]["samples"]  # less the rests
+    assert first["observations"] == result["fitted"]["samples"]
     assert first["bic"] == pytest.approx(first["aic"] + 5 * (np.log(first["observations"]) - 2.0))
     drive = {h["signal"]: h for h in first["held_out"]}["torque"]
     assert drive["r_squared"] == pytest.approx(1.0 - drive["nrmse"] ** 2)

@@ -176,7 +176,7 @@ def test_torsion_label():
     """The extra label is theta_m / N - q, missing where either angle is, and its row maps states to it."""
     model = build("harmonic_drive")
     rng, samples = np.random.default_rng(4), 60
-    channels = {n: np.cumsum(1.0 + rng.normal(size=samples)) for n in (*model.state_names, "torque")}
+    channels = {n: rng.normal(size=samples) for n in (*model.state_names, "torque")}
     channels["motor_position"][7] = channels["link_position"][11] = np.nan
     data = prepare(model, Recording(np.arange(samples) * 1e-3, channels))
     labels = make_labels(data, torsion=True)

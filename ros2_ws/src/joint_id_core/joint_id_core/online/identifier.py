@@ -220,7 +220,7 @@ class OnlineIdentifier:
         """Return a filter for a recording, at the reference z; None if it cannot be used or has other signals."""
         assert self._last is not None
         try:
-            data = prepare(self.model, recording, self.settings)
+            data = prepare(self.model, recording, self.settings, leave_out_rests=True)
         except UnusableError:
             return None
         if set(data.noise_names) != set(self._last.noise):

@@ -119,10 +119,14 @@ class FitData:
         return replace(self, **rows)
 
 
-def prepare(model: Model, recording: Recording, settings: ParameterSettings | None = None) -> FitData:
+def prepare(
+    model: Model, recording: Recording, settings: ParameterSettings | None = None, leave_out_rests: bool = False
+) -> FitData:
     """Check a recording against a model and build the arrays of the fit.
 
     Samples that lack an input are dropped, and the time step before them becomes longer. Labels are measured states.
+
+    With `leave_out_rests` samples at rest have no labels.
 
     Raises:
         UnusableError: too short, no motion, or a signal is missing.
@@ -181,7 +185,7 @@ def prepare(model: Model, recording: Recording, settings: ParameterSettings | No
             f"{seen} of these a label ({', '.join(labels)}), a fit needs {MIN_SAMPLES}: look for missing values with "
             "`joint-id info`",
         )
-    at_rest = still(labels, y, period)
+    at_rest = still(labels, y, period) if leave_out_rests else np.zeros(len(y), dtype=bool)
     y[at_rest] = np.nan
     if at_rest.any() and len(time) - np.count_nonzero(at_rest) < MIN_SAMPLES:
         raise UnusableError(Status.NO_MOTION, _resting(recording, labels))
