@@ -82,9 +82,6 @@ def test_estimates_of_a_sliding_window_hold_the_truth(cache):
     """Four motions, 31 estimates each: 0.93 of the intervals in the long run, 0.05 is the scatter between motions."""
     found = online.measure(range(1000, 1004), cache, workers=1)
     for name, draws in found.items():
-        assert not any(draw.far for draw in draws), name
-        assert np.mean([draw.converged for draw in draws]) > 0.9, (
-            name
-        )  # a few tests of the memory alarm in the first seconds
+        assert all(draw.converged and not draw.far for draw in draws), name
         assert np.mean(summary(draws).coverage) > 0.80, name
     assert len(found["all four states, extended"]) > 100

@@ -356,7 +356,7 @@ class OnlineIdentifier:
         self._white.clear()
         self._since.clear()
         self._suspended = self._change = None
-        self._unexplained = 0
+        self._unexplained, self._lost_s = 0, 0.0
 
     def _begin_anew(self) -> None:
         """Forget all: the first windows disagree with each other, so the first fit found a wrong minimum."""
