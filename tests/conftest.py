@@ -162,20 +162,30 @@ class Probe(Node):
         """Result of a service; asked again when no answer comes: one is lost when the server does not know us yet."""
         return self._ask(kind, service, request)[0]
 
-    def _ask(self, kind: Any, service: str, request: Any) -> tuple[Any, int]:
-        """Result of a service, and how often it was asked for."""
+    def ask_until(self, kind: Any, service: str, request: Any, condition: Callable[[], object]) -> None:
+        """Ask a service, again when nothing happens, until the condition holds, whether it has answered or not."""
+        self._ask(kind, service, request, condition)
+
+    def _ask(
+        self, kind: Any, service: str, request: Any, enough: Callable[[], object] | None = None
+    ) -> tuple[Any, int]:
+        """Result of a service, and how often it was asked for; no result where `enough` holds before."""
         if service not in self._clients_by_service:
             client = self._clients_by_service[service] = self.create_client(kind, service)
             self.until(client.service_is_ready, service)
             self.spin(0.5)  # mostly long enough for the server to know us
         end, futures = time.monotonic() + PATIENCE_S, []
-        while not any(future.done() for future in futures):
+
+        def settled() -> object:
+            return enough() if enough is not None else any(future.done() for future in futures)
+
+        while not settled():
             assert time.monotonic() < end, f"{service} does not answer"
             futures.append(self._clients_by_service[service].call_async(request))
             again = time.monotonic() + AGAIN_S
-            while time.monotonic() < again and not any(future.done() for future in futures):
+            while time.monotonic() < again and not settled():
                 self._executor.spin_once(timeout_sec=0.05)
-        return next(future.result() for future in futures if future.done()), len(futures)
+        return next((future.result() for future in futures if future.done()), None), len(futures)
 
     def change(self, node: str, transition: str) -> bool:
         """Ask a lifecycle node to "configure", "activate", ...; whether it did."""

@@ -61,11 +61,10 @@ def test_kernels_are_compiled_once_and_before_the_node_is_active(cold, start, pr
 def test_a_signal_ends_the_node_while_it_compiles(cold, start, probe, number, managed):
     process = start("identifier", model="electromechanical", autostart=not managed)
     if managed:
-        service = probe.create_client(ChangeState, "/identifier/change_state")
-        probe.until(service.service_is_ready, "the node")
-        probe.spin(0.5)
-        service.call_async(ChangeState.Request(transition=Transition(label="configure")))
-    probe.until(lambda: probe.told("identifier", "compiling") if not managed else "compiling" in process.text, "it")
+        request = ChangeState.Request(transition=Transition(label="configure"))
+        probe.ask_until(ChangeState, "/identifier/change_state", request, lambda: "compiling" in process.text)
+    else:
+        probe.until(lambda: probe.told("identifier", "compiling"), "word of the compilation")
     process.signal(number)
     assert process.wait() == 0
     assert "identifying" not in process.text
