@@ -29,7 +29,7 @@ from ros_domain import own_domain
 from joint_id_core.emulator.process import EmulatorProcess
 from joint_id_ros.qos import REPLAY, STREAM_IN
 
-AGAIN_S = 30.0  # a service is asked again after that
+AGAIN_S = 5.0  # a service is asked again after that
 REACHED = {"configure": "inactive", "activate": "active", "deactivate": "inactive", "cleanup": "unconfigured",
            "shutdown": "finalized"}  # fmt: skip
 PATIENCE_S = 180.0  # a limit for tests that hang, not a measure of speed: the first fit of a model compiles it

@@ -149,7 +149,7 @@ def runnable(page: Path) -> list[tuple[str, str]]:
 
 
 # What a new user types first; the other pages take minutes together.
-QUICK = ("README.md", "docs/python.md")
+QUICK = ("README.md",)
 RUN = [
     pytest.param(page, id=named(page), marks=() if named(page) in QUICK else pytest.mark.long)
     for page in PAGES

@@ -73,6 +73,7 @@ def two_windows(start, probe, bags, joints, **parameters):
     return {joint: [j for (name, _), j in sorted(by_window().items()) if name == joint] for joint in joints}
 
 
+@pytest.mark.long
 def test_the_stiffness_of_every_joint_is_repeatable_or_published_as_bad(start, probe, bags):
     """The two halves of the log, each by itself. The elbow, which is held still, must be found in both."""
     values = [*(f"{name}={value}" for name, value in VALUES.items()), "shoulder.k_t=0.1"]
@@ -112,6 +113,7 @@ def test_rounding_does_not_decide_what_is_found_of_a_joint_that_stands(log):
     assert abs(one.value - other.value) < 0.5 * min(one.std_dev, other.std_dev)  # of 50 such fits all were within 0.4
 
 
+@pytest.mark.long
 def test_the_shoulder_as_a_rigid_joint_shows_its_gravity_and_friction(start, probe, bags):
     options = {"model": "rigid_joint", "gravity": True, "set": ["N=101", "k_t=0.1"], "fix": [""], "priors": ""}
     for estimate in two_windows(start, probe, bags, ["shoulder"], **options)["shoulder"]:

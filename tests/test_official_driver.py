@@ -66,6 +66,11 @@ def assert_near(estimate, truth, names):
         assert p.std_dev < 0.05 * abs(truth[name]), name
 
 
+def long(*values):
+    """Values of a test that `make test-long` runs."""
+    return pytest.param(*values, marks=pytest.mark.long)
+
+
 MOTOR = "motor_over_gear_ratio"
 ELBOW, LIFT = "elbow_joint", "shoulder_lift_joint"
 RIGID = {"model": "rigid_joint", "set": ["N=101"]}
@@ -75,9 +80,9 @@ RIGID = {"model": "rigid_joint", "set": ["N=101"]}
     ("effort", "joint", "identifying", "names"),
     [
         ("current", ELBOW, {"model": "harmonic_drive", "set": ["k_t=0.1", "left_elbow_joint.k_t=0.08"]}, FLEXIBLE),
-        ("torque", ELBOW, {"model": "harmonic_drive", "actuation": "torque"}, FLEXIBLE),
-        ("torque", LIFT, {**RIGID, "actuation": "torque", "gravity": True}, ("J", "c", "tau_f", "a_g")),
-        ("gravity_free_torque", LIFT, {**RIGID, "actuation": "torque"}, ("J", "c", "tau_f")),
+        long("torque", ELBOW, {"model": "harmonic_drive", "actuation": "torque"}, FLEXIBLE),
+        long("torque", LIFT, {**RIGID, "actuation": "torque", "gravity": True}, ("J", "c", "tau_f", "a_g")),
+        long("gravity_free_torque", LIFT, {**RIGID, "actuation": "torque"}, ("J", "c", "tau_f")),
     ],
 )
 def test_parameters_come_back_whatever_the_effort_is(replay, bag, effort, joint, identifying, names):
@@ -93,7 +98,7 @@ def test_parameters_come_back_whatever_the_effort_is(replay, bag, effort, joint,
         ("ur_joint_states.yaml", LIFT, 20_000, ("J", "c", "tau_f", "a_g")),
         # motor_side takes the measured motion of the link for its input: noise and jitter of that make J_m too large,
         # by 3 % here without jitter, which its standard deviation does not know of.
-        ("ur_joint_states_stiffness.yaml", "shoulder_pan_joint", 0, ("tau_fm", "c_1", "k_1", "k_2")),
+        long("ur_joint_states_stiffness.yaml", "shoulder_pan_joint", 0, ("tau_fm", "c_1", "k_1", "k_2")),
     ],
 )
 def test_the_parameter_files_give_a_ur5e_as_they_stand(replay, bag, file, joint, jitter_ns, names):

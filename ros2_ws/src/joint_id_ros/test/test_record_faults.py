@@ -125,7 +125,7 @@ def has_messages(bag):
     return found.returncode == 0
 
 
-@pytest.mark.parametrize("batch", [pytest.param(k, marks=pytest.mark.long if k > 1 else []) for k in range(10)])
+@pytest.mark.parametrize("batch", [pytest.param(k, marks=pytest.mark.long if k else []) for k in range(10)])
 def test_a_kill_at_any_moment_costs_at_most_two_seconds(source, tmp_path, batch):
     chance = random.Random(batch)
     lost = kill_at_random(source, tmp_path, [chance.uniform(0.1, 6.0) for _ in range(5)])
