@@ -16,7 +16,7 @@ from nodes import Nodes
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import HarmonicDrive, Model
-from joint_id_core.online.identifier import OnlineOptions
+from joint_id_core.online.options import OnlineOptions
 from joint_id_core.simulation.plants import PositionControl
 from joint_id_msgs.msg import JointEstimate
 

@@ -17,7 +17,7 @@ from engine.yardstick import Yardstick, at_steps, rollouts
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import fit
 from joint_id_core.estimators.innovations.fit import fit_innovations
-from joint_id_core.online.identifier import OnlineIdentifier, OnlineOptions
+from joint_id_core.online import OnlineIdentifier, OnlineOptions
 from joint_id_core.results.estimate import Estimate
 
 TARGET = 6.0

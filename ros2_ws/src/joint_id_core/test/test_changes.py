@@ -9,7 +9,7 @@ import pytest
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.models import build
-from joint_id_core.online.identifier import OnlineIdentifier, OnlineOptions
+from joint_id_core.online import OnlineIdentifier, OnlineOptions
 from joint_id_core.results.estimate import Status, Verdict
 from joint_id_core.simulation.excitation import position_reference
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop

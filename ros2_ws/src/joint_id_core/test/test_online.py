@@ -12,7 +12,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.estimators.shared.stillness import STILL_S
 from joint_id_core.models import build
-from joint_id_core.online.identifier import OnlineIdentifier, OnlineOptions
+from joint_id_core.online import OnlineIdentifier, OnlineOptions
 from joint_id_core.online.window import SlidingWindow
 from joint_id_core.results.estimate import Status
 from joint_id_core.simulation.excitation import multisine

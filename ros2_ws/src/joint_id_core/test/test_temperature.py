@@ -14,7 +14,7 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import fit
 from joint_id_core.formats.definitions import DEFINITIONS
 from joint_id_core.models import build
-from joint_id_core.online.identifier import OnlineIdentifier, OnlineOptions
+from joint_id_core.online import OnlineIdentifier, OnlineOptions
 from joint_id_core.results.estimate import Estimate
 
 from .bag_parts import STORAGES, data_file, joint_state

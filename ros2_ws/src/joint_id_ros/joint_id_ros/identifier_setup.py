@@ -7,7 +7,7 @@ from functools import partial
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.online.identifier import OnlineIdentifier, OnlineOptions
+from joint_id_core.online import OnlineIdentifier, OnlineOptions
 from joint_id_ros.options.identifier import IdentifierOptions
 from joint_id_ros.preparation import Preparation
 

@@ -10,7 +10,7 @@ from rclpy.parameter import Parameter
 from joint_id_core.alignment.inputs import InputOptions
 from joint_id_core.errors import JointIdError
 from joint_id_core.filtering.offline import FilterOptions
-from joint_id_core.online.identifier import OnlineOptions
+from joint_id_core.online.options import OnlineOptions
 from joint_id_core.options import check, option
 from joint_id_core.simulation.plants import MotionOptions
 from joint_id_ros.options.identifier import IdentifierOptions

@@ -39,7 +39,7 @@ class Parameter:
     `nominal` is the start value; NaN means that there is no sensible default and the user must give one.
     `lower >= 0` makes the parameter positive: its logarithm is then estimated. `spread` is the standard deviation of
     the prior: in natural logarithms for a positive parameter, in `unit` for the others. A `fixed` parameter is not
-    estimated unless it is freed.
+    estimated unless it is freed. Parameters of the same `group` change for the same cause: friction, gear, load.
     """
 
     name: str
@@ -50,6 +50,7 @@ class Parameter:
     upper: float = math.inf
     spread: float = math.log(10.0)
     fixed: bool = False
+    group: str = ""
 
     @property
     def positive(self) -> bool:
@@ -76,7 +77,7 @@ class Parameter:
         return replace(self, nominal=self.checked(value))
 
 
-def positive(name: str, unit: str, meaning: str, nominal: float, **kwargs: float | bool) -> Parameter:
+def positive(name: str, unit: str, meaning: str, nominal: float, **kwargs: float | bool | str) -> Parameter:
     """Build a parameter that cannot be negative (inertia, stiffness, damping, friction level)."""
     return Parameter(name, unit, meaning, nominal, lower=0.0, **kwargs)  # type: ignore[arg-type]  # kwargs are Parameter fields
 

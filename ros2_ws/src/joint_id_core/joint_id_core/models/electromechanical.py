@@ -66,7 +66,9 @@ class Electromechanical(Model):
             Parameter("J_m", "kg m^2", "inertia of rotor and wave generator", 6e-5, lower=0.0, fixed=True),
             *self._motor_friction.parameters,
             *spring_parameters(k_1=8.0e3, k_2=4.0e5, c_1=7.1),
-            Parameter("J_q", "kg m^2", "inertia of circular spline and load", 7.780e-1, lower=0.0, fixed=True),
+            Parameter(
+                "J_q", "kg m^2", "inertia of circular spline and load", 7.780e-1, lower=0.0, fixed=True, group="load"
+            ),
             *self._link_friction.parameters,
             gear_ratio(),
             *(kinematic_error_parameters() if self.kinematic_error else ()),

@@ -7,7 +7,7 @@ laws and their names see Armstrong-Helouvry, Dupont, Canudas de Wit (1994).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from joint_id_core.data.signals import Parameter, positive
@@ -59,7 +59,7 @@ class Friction:
             f"w_s{s}", "rad/s", "velocity that smooths the Coulomb step in estimation", self.w_s,
             lower=1e-9, fixed=True,
         )  # fmt: skip
-        return (self.viscous, self.coulomb, *extra, smoothing)
+        return tuple(replace(p, group="friction") for p in (self.viscous, self.coulomb, *extra, smoothing))
 
     def torque(self, w: Any, p: Any, ops: Ops) -> Any:
         """Return the friction torque in Nm at velocity `w` in rad/s, positive against positive motion."""

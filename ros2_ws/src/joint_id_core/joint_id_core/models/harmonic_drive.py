@@ -96,7 +96,7 @@ class HarmonicDrive(Model):
             positive("J_m", "kg m^2", "inertia of rotor and wave generator", 6e-5),
             *self._motor_friction.parameters,
             *spring_parameters(k_1=5.164e3, k_2=9.021e8, c_1=18.938),
-            positive("J_q", "kg m^2", "inertia of circular spline and load", 7.780e-1),
+            positive("J_q", "kg m^2", "inertia of circular spline and load", 7.780e-1, group="load"),
             *self._link_friction.parameters,
             gear_ratio(),
             *drive_parameters(self.actuation),

@@ -61,7 +61,7 @@ class RigidJoint(Model):
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         return (
-            positive("J", "kg m^2", "inertia seen at the link (mass in kg for a linear axis)", 1.0),
+            positive("J", "kg m^2", "inertia seen at the link (mass in kg for a linear axis)", 1.0, group="load"),
             *self._friction.parameters,
             Parameter("tau_0", "Nm", "torque offset", 0.0, -1e4, 1e4, spread=10.0),
             gear_ratio(1.0),

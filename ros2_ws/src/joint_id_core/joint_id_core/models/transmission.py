@@ -38,9 +38,9 @@ def gear_ratio(nominal: float = GEAR_RATIO) -> Parameter:
 def spring_parameters(k_1: float, k_2: float, c_1: float) -> tuple[Parameter, ...]:
     """Return damping, linear and cubic stiffness of the harmonic drive (paper Eqs 9 and 10)."""
     return (
-        positive("c_1", "Nm s/rad", "damping of the harmonic drive", c_1),
-        positive("k_1", "Nm/rad", "linear stiffness of the harmonic drive", k_1),
-        positive("k_2", "Nm/rad^3", "cubic stiffness of the harmonic drive", k_2),
+        positive("c_1", "Nm s/rad", "damping of the harmonic drive", c_1, group="gear"),
+        positive("k_1", "Nm/rad", "linear stiffness of the harmonic drive", k_1, group="gear"),
+        positive("k_2", "Nm/rad^3", "cubic stiffness of the harmonic drive", k_2, group="gear"),
     )
 
 
@@ -105,8 +105,8 @@ def offset_parameters() -> tuple[Parameter, ...]:
 def gravity_parameters() -> tuple[Parameter, ...]:
     """Return the parameters of the gravity torque a_g cos(q) + b_g sin(q), for an axis that is not vertical."""
     return (
-        Parameter("a_g", "Nm", "gravity torque times cos(q)", 0.0, -1e4, 1e4, spread=50.0),
-        Parameter("b_g", "Nm", "gravity torque times sin(q)", 0.0, -1e4, 1e4, spread=50.0),
+        Parameter("a_g", "Nm", "gravity torque times cos(q)", 0.0, -1e4, 1e4, spread=50.0, group="load"),
+        Parameter("b_g", "Nm", "gravity torque times sin(q)", 0.0, -1e4, 1e4, spread=50.0, group="load"),
     )
 
 

@@ -1,4 +1,4 @@
 """Online identification: fits over sliding windows while the robot moves."""
 
 from joint_id_core.online.identifier import OnlineIdentifier as OnlineIdentifier
-from joint_id_core.online.identifier import OnlineOptions as OnlineOptions
+from joint_id_core.online.options import OnlineOptions as OnlineOptions

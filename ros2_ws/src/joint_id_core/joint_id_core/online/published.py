@@ -16,6 +16,7 @@ from joint_id_core.online.memory import Change
 from joint_id_core.online.window import SlidingWindow
 from joint_id_core.results.estimate import Estimate, ParameterChange, Status
 
+DISAGREE = "The newest samples disagree with what was known: the joint changes, or the model does not describe it."
 SHOWN = 3.0  # standard deviations by which a parameter must have changed to be named
 
 
@@ -50,7 +51,8 @@ def published(
     return replace(
         last, status=Status.CONVERGED, message=message(notes), notes=notes,
         parameters=table(model, last.free, p, physical, rows, initial), covariance=physical, chi2=chi2,
-        deviance=float("nan"), iterations=0, start=window.start, end=window.end, predictions=None, changes=changes,
+        deviance=float("nan"), iterations=0, start=window.start, end=window.end, samples=len(window),
+        predictions=None, changes=changes,
     )  # fmt: skip
 
 
@@ -86,8 +88,7 @@ def changes_of(
 
 def with_note(estimate: Estimate, window: SlidingWindow) -> Estimate:
     """Return the estimate of an earlier window as that of the present one, which the memory does not describe."""
-    text = "The newest samples disagree with what was known: the joint changes, or the model does not describe it."
-    notes = (text, *estimate.notes)
+    notes = (DISAGREE, *estimate.notes)
     return replace(
         estimate,
         status=Status.POOR_FIT,

@@ -18,10 +18,11 @@ LONGEST = 1.0  # longest step of a coordinate: a factor e in a positive paramete
 
 @dataclass(frozen=True)
 class Learned:
-    """Values of the parameters, shape (k,), and what the stretches say at these values."""
+    """Values of the parameters, shape (k,), what the stretches say at these values, and the cost there."""
 
     z: Array
     pieces: list[Piece]
+    cost: float
 
     @property
     def explained(self) -> bool:
@@ -84,7 +85,7 @@ def relearn(
                 break
     if tracker.z is not z:
         tracker.again(stretches, z, changed)
-    return Learned(z, pieces)
+    return Learned(z, pieces, cost)
 
 
 def _explained(white: Array) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,11 +14,11 @@ from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.recursion import STATE_NOISE
 from joint_id_core.estimators.shared.fit_data import LONGEST_GAP, FitData, without_frozen
 from joint_id_core.estimators.shared.initial_state import rough_states, start_state
-from joint_id_core.estimators.shared.substeps import KINK, steps_to_stand
+from joint_id_core.estimators.shared.substeps import KINK, MORE_STEPS, MOST_STEPS, steps_to_stand
 
 WARM_UP = 100  # samples from which the filter learns the state of the joint
 LEAST = 10  # samples of the shortest motion that is used
-UNSURE = 100.0  # factor on the covariance of the state where parameters changed
+UNSURE = 1e4  # factor on the covariance of the state where parameters changed
 # Over minutes, the creep of a sticking joint under smoothed friction would bias the estimates by several standard
 # deviations. The filter follows a path that it knows well, so it can have sharper friction than a fit from afar.
 SHARPEST = 0.1
@@ -33,8 +33,10 @@ class Samples:
     u: Array
     y: Array
 
-    def __add__(self, other: Samples) -> Samples:
-        return Samples(*(np.concatenate(pair) for pair in zip(astuple(self), astuple(other), strict=True)))
+
+def joined(samples: Sequence[Samples]) -> Samples:
+    """Return consecutive samples as one stretch."""
+    return Samples(*(np.concatenate([getattr(s, name) for s in samples]) for name in ("time", "u", "y")))
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,7 @@ class Piece:
         begin: state of the filter before the stretch.
         samples: the samples.
         z: parameters at which the filter ran, shape (k,).
+        smoothing: of its friction, relative to that of a fit.
     """
 
     matrix: Array
@@ -64,21 +67,27 @@ class Piece:
     begin: State
     samples: Samples
     z: Array
+    smoothing: float
 
     @property
     def duration(self) -> float:
         """Length in s."""
         return float(self.samples.time[-1] - self.begin.time) if len(self.samples.time) else 0.0
 
-    def __add__(self, other: Piece) -> Piece:
-        return Piece(
-            self.matrix + other.matrix,
-            self.vector + other.vector,
-            np.concatenate([self.white, other.white]),
-            self.begin,
-            self.samples + other.samples,
-            self.z,
-        )
+
+def merged(pieces: Sequence[Piece]) -> Piece:
+    """Return consecutive pieces of the same reference as one."""
+    if len(pieces) == 1:
+        return pieces[0]
+    return Piece(
+        np.sum([piece.matrix for piece in pieces], axis=0),
+        np.sum([piece.vector for piece in pieces], axis=0),
+        np.concatenate([piece.white for piece in pieces]),
+        pieces[0].begin,
+        joined([piece.samples for piece in pieces]),
+        pieces[0].z,
+        max(piece.smoothing for piece in pieces),
+    )
 
 
 class Tracker:
@@ -130,11 +139,13 @@ class Tracker:
     def sharpen(self, sigma: float) -> None:
         """Take friction as sharp as suits the largest standard deviation `sigma` of a coordinate."""
         model, data = self.data.model, self.data
-        self._p[self._sharpened] = data.p[self._sharpened] * np.clip(sigma / KNOWN, SHARPEST, 1.0)
+        self.smoothing = float(np.clip(sigma / KNOWN, SHARPEST, 1.0)) if self._sharpened else 1.0
+        self._p[self._sharpened] = data.p[self._sharpened] * self.smoothing
         for velocity, name in model.smoothing.items():
             i = model.parameter_names.index(name)
             self._stiff[model.state_names.index(velocity)] = KINK * self._p[i]
-        self._many = steps_to_stand(data, self.kernel, self._p, self._states, self.substeps)
+        stable = steps_to_stand(data, self.kernel, self._p, self._states, self.substeps)
+        self._many = min(MOST_STEPS, max(stable, round(MORE_STEPS * self.substeps / self.smoothing)))
 
     def move(self, z: Array) -> None:
         """Take other reference parameters; the state follows along its derivatives."""
@@ -196,13 +207,7 @@ class Tracker:
 
     def run(self, samples: Samples) -> Piece | None:
         """Run over new samples; None if the path diverges or a gap is too long: then start a new tracker."""
-        begin = self._state
-        if (
-            len(samples.time)
-            and np.diff(samples.time, prepend=begin.time).max() > (1.5 + LONGEST_GAP) * self.data.period
-        ):
-            return None
-        found = self._run(begin, samples)
+        found = self._run(self._state, samples, (1.5 + LONGEST_GAP) * self.data.period)
         if found is None:
             return None
         self._state = found[0]
@@ -230,17 +235,21 @@ class Tracker:
                 return None
             self._state, cost, new = done
             costs.append(cost)
-            found.append(replace(new, begin=piece.begin))
+            found.append(new)
         return np.array(costs), found
 
-    def _run(self, begin: State, samples: Samples) -> tuple[State, float, Piece] | None:
+    def _run(self, begin: State, samples: Samples, longest: float = np.inf) -> tuple[State, float, Piece] | None:
+        """Return state, cost and result; None if the path diverges or a step is longer than `longest` (s)."""
         m, k = len(self.data.labels), self._k
         time = np.concatenate([[begin.time], samples.time])
         u = np.concatenate([begin.u[None], samples.u])
         y = np.concatenate([np.full((1, m), np.nan), samples.y])
         gap = np.zeros(len(time))
         steps = time[1:] - time[:-1]
-        if len(steps) and steps.max() > 1.25 * self.data.period:
+        step = float(steps.max()) if len(steps) else 0.0
+        if step > longest:
+            return None
+        if step > 1.25 * self.data.period:
             gap[:-1] = np.maximum(np.rint(steps / self.data.period) - 1.0, 0.0)
         kept, H, g, white = begin.kept.copy(), np.empty((k, k)), np.empty(k), np.empty((len(time), m))
         cost = self.kernel.tracking.track(
@@ -252,4 +261,4 @@ class Tracker:
         H = H[self._columns[:, None], self._columns] * (self._slope[:, None] * self._slope)
         g = g[self._columns] * self._slope
         state = State(kept, float(time[-1]), u[-1])
-        return state, cost, Piece(H, g + H @ self.z, white[1:], begin, samples, self.z)
+        return state, cost, Piece(H, g + H @ self.z, white[1:], begin, samples, self.z, self.smoothing)

@@ -57,6 +57,13 @@ class SlidingWindow:
             self._parts.popleft()
             self._durations.popleft()
 
+    def __len__(self) -> int:
+        """Number of samples that are kept."""
+        if not self._parts:
+            return 0
+        before = int(np.searchsorted(self._parts[0].time, self.start))
+        return sum(len(part) for part in self._parts) - before
+
     @property
     def duration(self) -> float:
         """Time in s that the samples cover."""
@@ -73,13 +80,14 @@ class SlidingWindow:
         """Return the samples of the window from `since` (s) on as one recording, NaN where a part lacks a channel."""
         parts: list[tuple[Recording, slice]] = []
         surplus = self.duration - self._length
-        for k, part in enumerate(self._parts):
+        for part in reversed(self._parts):
             start = since
-            if k == 0 and surplus > 0.0:
+            if part is self._parts[0] and surplus > 0.0:
                 start = max(since, float(part.time[0]) + surplus - 1e-9 * abs(surplus))
-            first = int(np.searchsorted(part.time, start))
-            if first < len(part):
-                parts.append((part, slice(first, None)))
+            if part.time[-1] < start:
+                break
+            parts.append((part, slice(int(np.searchsorted(part.time, start)), None)))
+        parts.reverse()
         if not parts:
             parts.append((self._parts[-1], slice(len(self._parts[-1]), None)))
         names: dict[str, None] = {}

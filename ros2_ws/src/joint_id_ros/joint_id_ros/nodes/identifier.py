@@ -13,7 +13,7 @@ from joint_id_core.alignment.joining import StampOrder
 from joint_id_core.alignment.source_watch import RATE, SourceEvent
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.topics import SAMPLES
-from joint_id_core.online.identifier import OnlineOptions
+from joint_id_core.online.options import OnlineOptions
 from joint_id_core.results.estimate import Estimate
 from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples
 from joint_id_ros import conversions as convert

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from joint_id_core.alignment.inputs import InputOptions
 from joint_id_core.filtering.offline import FilterOptions
-from joint_id_core.online.identifier import OnlineOptions
+from joint_id_core.online.options import OnlineOptions
 from joint_id_core.rtde.stream import StreamOptions
 from joint_id_core.simulation.plants import MotionOptions
 from joint_id_ros.options.driver import DriverOptions

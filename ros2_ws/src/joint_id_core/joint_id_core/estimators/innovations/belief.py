@@ -35,6 +35,7 @@ class Coordinates:
             )
             for row in (rows[name] for name in free)
         ]
+        self.groups = tuple(rows[name].group for name in free)
         positive, self.lower, self.upper, self.spread = np.array(table).T.copy()
         self.positive = positive > 0.0
         self._all_positive = bool(self.positive.all())

@@ -1,0 +1,66 @@
+"""Fits of whole windows beside the recursion, for noise levels and tests of the residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future
+
+import numpy as np
+
+from joint_id_core.data.recording import Recording
+from joint_id_core.online.window import SlidingWindow
+from joint_id_core.results.estimate import Estimate
+
+CHECK_AFTER, CHECK_EVERY = (1, 2, 4), 8  # window lengths after which the newest window is fitted as a whole
+OWN_SHARE = 0.25  # weight of the noise levels of the newest window
+
+Job = Callable[[], Estimate]
+Background = Callable[[Job], Future[Estimate]]  # starts a job that does not delay the caller
+
+
+def at_once(job: Job) -> Future[Estimate]:
+    """Do a job within the call."""
+    done: Future[Estimate] = Future()
+    done.set_result(job())
+    return done
+
+
+class WindowChecks:
+    """Fits the newest window by itself, from time to time or when asked.
+
+    Args:
+        window_s: length of the window in s.
+        background: does the fits.
+    """
+
+    def __init__(self, window_s: float, background: Background) -> None:
+        self._window_s, self._background = window_s, background
+        self._count, self._next = 0, np.inf
+        self._running: Future[Estimate] | None = None
+        self.doubt = False  # whether the noise levels of the memory are wrong for the newest samples
+
+    def begin(self, end: float) -> None:
+        """Begin anew with a window that was fitted, its end in s."""
+        self._count, self._next, self._running, self.doubt = 0, end + CHECK_AFTER[0] * self._window_s, None, False
+
+    def ask(self) -> None:
+        """Let the next check come now: the newest innovations are not those that the noise levels allow."""
+        self._next, self.doubt = -np.inf, True
+
+    def run(self, window: SlidingWindow, fit: Callable[[Recording], Estimate]) -> Estimate | None:
+        """Start a check if one is due; return the result of one that has ended, else None."""
+        if self._running is None and window.end >= self._next:
+            self._count += 1
+            length = CHECK_AFTER[self._count] if self._count < len(CHECK_AFTER) else CHECK_EVERY
+            self._next = window.end + length * self._window_s
+            recording = window.recording()
+            self._running = self._background(lambda: fit(recording))
+        if self._running is None or not self._running.done():
+            return None
+        done, self._running = self._running, None
+        return done.result()
+
+
+def mixed(last: Estimate, estimate: Estimate, own: float) -> dict[str, float]:
+    """Return noise levels between those of two estimates; `own` is the weight of the second one."""
+    return {n: float(np.exp((1.0 - own) * np.log(v) + own * np.log(estimate.noise[n]))) for n, v in last.noise.items()}

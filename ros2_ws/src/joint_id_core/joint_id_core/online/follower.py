@@ -1,0 +1,255 @@
+"""Follows one joint: every sample passes once through a filter, and blocks of samples are added to a tested memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from enum import Enum
+
+import numpy as np
+
+from joint_id_core.data.recording import Array, Recording
+from joint_id_core.estimators.innovations.belief import Coordinates
+from joint_id_core.online.learning import Explanation, learn
+from joint_id_core.online.memory import Change, Memory
+from joint_id_core.online.options import OnlineOptions
+from joint_id_core.online.relearn import relearn
+from joint_id_core.online.tracker import Piece, Tracker, merged
+from joint_id_core.online.window import SlidingWindow
+
+BLOCK_S = 0.5  # length of the stretches that are added to the memory and tested
+LINEAR = 0.02  # change of a coordinate up to which the result of a block is kept,
+NEAR = 0.3  # or in standard deviations
+SHARPER = 1.5  # smoothing of friction of a block over that of today up to which its result is kept
+JUMP = 300.0  # innovation, in standard deviations, from which a sensor jumped: the filter starts again
+NOISIER = 1.5  # mean squared innovation of a label from which its noise is no longer that of the memory
+QUIETER = 0.6  # the same, below which
+YOUNG = 3.0  # window lengths of motion before which a disagreement is not taken for a change of the joint
+ENOUGH = 100  # samples for a mean square
+
+
+class Found(Enum):
+    """What the newest samples say of the memory."""
+
+    AGREES = "the memory describes them"
+    CHANGING = "they disagree; the new values are not known yet"
+    UNEXPLAINED = "no change of parameters explains them"
+    WRONG_START = "the first windows disagree with each other, so the first fit found a wrong minimum"
+
+
+class Follower:
+    """Memory and filter of one joint.
+
+    A change is taken into the memory when two stretches agree on it: the new values are learned from one, and the next
+    block of samples is what they predict.
+
+    Args:
+        memory: what is known.
+        coordinates: of the free parameters.
+        options: window, forgetting.
+        make: returns a filter for a recording, at parameters z (k,); None if the recording cannot be used.
+
+    Attributes:
+        memory: what is known.
+        tracker: the filter; None while the joint rests.
+        found: what the newest samples say.
+        explanation: the newest change that was taken into the memory; None if there is none.
+        since: instant in s at which that change began.
+        lost_s: time of motion in s since a block was added to the memory.
+        noise_changed: whether the innovations of the last window are far from what the noise levels allow.
+    """
+
+    def __init__(
+        self,
+        memory: Memory,
+        coordinates: Coordinates,
+        options: OnlineOptions,
+        make: Callable[[Recording, Array], Tracker | None],
+    ) -> None:
+        self.memory = memory
+        self.tracker: Tracker | None = None
+        self.found = Found.AGREES
+        self.explanation: Explanation | None = None
+        self.since = -np.inf
+        self.lost_s = 0.0
+        self.noise_changed = False
+        self._coordinates, self._options, self._make = coordinates, options, make
+        self._pieces: list[Piece] = []  # of the present block
+        self._white: list[Array] = []  # innovations of the last window
+        self._age = 0.0  # time of motion in the memory in s
+        self._moved_since, self._moved_until = np.inf, -np.inf
+        self._change: Change | None = None  # a change whose new values are not known yet
+        self._blocks: list[Piece] = []  # since that change, which is in the first one
+        self._guess: tuple[Explanation, Memory] | None = None  # what may have changed
+
+    def begin(self, tracker: Tracker, pieces: Sequence[Piece]) -> None:
+        """Take the pieces of a first window, and the filter that stands at its end."""
+        self.tracker = tracker
+        for piece in pieces:
+            self.memory.add(piece, self._options.memory_s)
+        self._refine(tracker)
+
+    def rest(self) -> None:
+        """End a stretch of motion: the joint rests."""
+        self._add_block()
+        self._stop()
+
+    def move(self, samples: Recording, window: SlidingWindow) -> None:
+        """Follow samples in motion; `window` ends with them."""
+        if self._moved_since == np.inf:
+            self._moved_since = float(samples.time[0])
+        self.lost_s += float(samples.time[-1]) - max(self._moved_until, float(samples.time[0]))
+        self._moved_until = float(samples.time[-1])
+        if self.tracker is None:
+            self._start(window.recording(self._moved_since))
+            return
+        read = self.tracker.read(samples)
+        piece = None if read is None else self.tracker.run(read)
+        if piece is None or np.any(np.abs(piece.white) > JUMP):
+            self._stop()
+            return
+        self._pieces.append(piece)
+        if sum(p.duration for p in self._pieces) > BLOCK_S - 1.5 * self.tracker.data.period:
+            self._add_block()
+
+    def _start(self, recording: Recording) -> None:
+        """Start the filter at the estimate of the memory, with the samples since the joint moves."""
+        memory = self.memory if self._guess is None else self._guess[1]
+        tracker = self._make(recording, self._coordinates.clip(memory.mean))
+        if tracker is None:
+            return
+        tracker.sharpen(float(np.max(np.sqrt(np.diag(memory.covariance)) / self._coordinates.unit)))
+        pieces = tracker.start()
+        if pieces:
+            self.tracker, self._pieces = tracker, [pieces[-1]]
+
+    def _stop(self) -> None:
+        """Stop the filter: the samples that follow are not those after the last one."""
+        self.tracker, self._pieces = None, []
+        self._moved_since = np.inf
+
+    def now(self) -> tuple[Array, Array]:
+        """Return estimate (k,) and covariance (k, k) with the samples of the present block."""
+        memory = self.memory
+        if not self._pieces or self.found is not Found.AGREES:
+            return memory.mean, memory.covariance
+        matrix = np.sum([piece.matrix for piece in self._pieces], axis=0)
+        vector = np.sum([piece.vector for piece in self._pieces], axis=0)
+        mean = np.asarray(np.linalg.solve(memory.matrix + matrix, memory.vector + vector), dtype=float)
+        covariance = memory.covariance_with(matrix)
+        away = np.abs(mean - self._pieces[0].z)
+        if np.any((away > LINEAR * self._coordinates.unit) & (away > np.sqrt(np.diag(covariance)))):
+            return memory.mean, memory.covariance  # too far for one linear step: wait for the end of the block
+        return mean, covariance
+
+    @property
+    def white(self) -> Array | None:
+        """Innovations of the last window over their standard deviations, shape (T, labels); None if there are none."""
+        return np.concatenate(self._white) if self._white else None
+
+    def _noise_changed(self) -> bool:
+        """Return whether the innovations of the last window are far from what the noise levels allow."""
+        for row in np.concatenate(self._white).T:
+            known = row[np.isfinite(row)]
+            if len(known) > ENOUGH and not QUIETER < float(known @ known) / len(known) < NOISIER:
+                return True
+        return False
+
+    # --- blocks
+
+    def _add_block(self) -> None:
+        """Add the present block to the memory and test it, or use it to learn what changed."""
+        pieces, self._pieces = self._pieces, []
+        if not pieces or self.tracker is None or self.found in (Found.UNEXPLAINED, Found.WRONG_START):
+            return
+        block = merged(pieces)
+        if self._change is not None:
+            self._blocks.append(block)
+            self._learn(self.tracker, self._change)
+            return
+        self.memory.add(block, self._options.memory_s)
+        self.lost_s = 0.0
+        self._white.append(block.white)
+        del self._white[: -max(1, round(self._options.window_s / BLOCK_S))]
+        self._age += block.duration
+        change = self._tested(self.tracker)
+        if change is None:
+            self.noise_changed = self._noise_changed()
+            self._refine(self.tracker)
+        elif self._age < YOUNG * self._options.window_s:
+            self.found = Found.WRONG_START
+        else:
+            self.found, self._change, self._blocks = Found.CHANGING, change, list(change.blocks)
+            self.memory.drop(len(change.blocks))
+            if len(self._blocks) > 1:
+                self._learn(self.tracker, change)
+
+    def _tested(self, tracker: Tracker) -> Change | None:
+        """Test the newest blocks against the memory; return the change that they show.
+
+        The test is linear. Where little is known yet, the blocks may disagree only because of this, and one set of
+        parameters describes them all.
+        """
+        memory = self.memory
+        change = memory.test()
+        if change is None:
+            return None
+        z = tracker.z
+        learned = relearn(tracker, memory.blocks, *memory.before(), weights=memory.weights(self._options.memory_s))
+        if learned is not None:
+            other = memory.copy()
+            other.replace(learned.pieces, self._options.memory_s)
+            if other.test() is None:
+                self.memory = other
+                return None
+        tracker.again(memory.blocks[-1:], z)
+        return change
+
+    def _refine(self, tracker: Tracker) -> None:
+        """Move the reference to the estimate; if it moved far, pass the newest blocks through the filter again."""
+        memory, unit = self.memory, self._coordinates.unit
+        mean = self._coordinates.clip(memory.mean)
+        sigma = np.sqrt(np.diag(memory.covariance))
+        tracker.sharpen(float(np.max(sigma / unit)))
+        least = np.maximum(LINEAR * unit, NEAR * sigma)
+        if any(
+            block.smoothing > SHARPER * tracker.smoothing or np.any(np.abs(block.z - mean) > least)
+            for block in memory.blocks
+        ):
+            learned = relearn(tracker, memory.blocks, *memory.before(), weights=memory.weights(self._options.memory_s))
+            if learned is not None:
+                memory.replace(learned.pieces, self._options.memory_s)
+                return
+        tracker.move(mean)
+
+    # --- changes
+
+    def _learn(self, tracker: Tracker, change: Change) -> None:
+        """Take a change into the memory once it is confirmed; else learn it from all blocks since it happened."""
+        if self._guess is not None:
+            explanation, memory = self._guess
+            memory.add(self._blocks[-1], self._options.memory_s)
+            if memory.test() is None:
+                self._take(tracker, explanation, memory)
+                return
+        spread = self._coordinates.spread
+        since = self._blocks[1:]
+        found = learn(tracker, since, change, self._coordinates) if since else None
+        self._guess = None
+        if found is not None:
+            mean, precision = found.change.still_known(spread)
+            memory = Memory(mean, np.asarray(np.linalg.inv(precision)), spread)
+            for piece in found.learned.pieces:
+                memory.add(piece, self._options.memory_s)
+            self._guess = found, memory
+        elif sum(block.duration for block in since) > self._options.window_s:
+            self.found = Found.UNEXPLAINED
+
+    def _take(self, tracker: Tracker, explanation: Explanation, memory: Memory) -> None:
+        """Go on with the memory after a change."""
+        self.memory, self.explanation, self.found = memory, explanation, Found.AGREES
+        self.since = explanation.learned.pieces[0].begin.time
+        self._change = self._guess = None
+        self.lost_s = 0.0
+        self._blocks.clear()
+        self._white.clear()
+        self._refine(tracker)

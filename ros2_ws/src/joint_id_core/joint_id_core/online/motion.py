@@ -1,0 +1,67 @@
+"""The newest samples of a joint, in motion or at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from joint_id_core.data.recording import Recording
+from joint_id_core.estimators.shared.stillness import STILL_S, still
+from joint_id_core.models import Model
+from joint_id_core.online.window import SlidingWindow
+
+MOVED_S = 0.5  # a joint counts as moving for so long after its last motion
+BATCH_S = 0.1  # of samples that are handed on together: the work on a batch hardly depends on its length
+
+
+class MotionWatch:
+    """Takes samples and hands them on as stretches of motion and of rest.
+
+    The newest `STILL_S` wait: whether they belong to a rest shows a little later.
+
+    Attributes:
+        recent: the newest samples, whether the joint moves or not.
+        noise: standard deviations of the labels that show rest; None takes them from the samples.
+        moved_until: instant of the newest sample in motion that was handed on, in s.
+    """
+
+    def __init__(self, model: Model, window_s: float) -> None:
+        self.recent = SlidingWindow(max(window_s, 8.0 * STILL_S))
+        self.noise: dict[str, float] | None = None
+        self.moved_until = -np.inf
+        self._positions = model.state_names
+        self._done = -np.inf  # newest sample that was handed on
+
+    @property
+    def moving(self) -> bool:
+        """Whether the joint moved in the last half second."""
+        return self.recent.end - self.moved_until < MOVED_S
+
+    def stretches(self, now: bool) -> Iterator[tuple[Recording, bool]]:
+        """Yield new stretches and whether the joint moves there; nothing while few samples wait, unless `now`."""
+        until = self.recent.end - STILL_S
+        if not now and until < self._done + BATCH_S:
+            return
+        recent = self.recent.recording(self._done - 2.0 * STILL_S)
+        first, last = np.searchsorted(recent.time, [self._done, until], "right").tolist()
+        if first == last:
+            return
+        self._done = float(recent.time[last - 1])
+        at_rest = self._at_rest(recent)[first:last]
+        edges = np.flatnonzero(at_rest[1:] != at_rest[:-1]) + 1
+        for begin, end in pairwise([0, *edges.tolist(), last - first]):
+            part = recent.slice(first + begin, first + end)
+            yield part, not at_rest[begin]
+            if not at_rest[begin]:
+                self.moved_until = float(part.time[-1])
+
+    def _at_rest(self, recent: Recording) -> NDArray[np.bool_]:
+        """Return True for samples at rest, shape (T,)."""
+        labels = tuple(n for n in self._positions if n in recent and n not in recent.derived)
+        if not labels or len(recent) < 2:
+            return np.zeros(len(recent), dtype=bool)
+        y = np.array([recent.channels[n] for n in labels]).T
+        return still(labels, y, recent.duration / (len(recent) - 1), self.noise)
