@@ -18,6 +18,7 @@ from joint_id_core.simulation.sensors import Sensors
 MODEL = build("harmonic_drive")
 TRUTH = MODEL.values()
 NOISE = {"link_position": 1e-5, "motor_velocity": 0.1}
+MEASURED = ("link_position", "motor_velocity", "torque")
 RATE, PERIOD_S = 500, 2.0
 WINDOW_S = 2.0
 FRICTION = ("c_m", "tau_fm", "c_q", "tau_fq")
@@ -27,10 +28,11 @@ def stretch(seconds: float, values, x0, seed):
     """A stretch of closed-loop motion that is a whole number of periods long, and the state at its end."""
     time = np.arange(round(seconds * RATE) + 1) / RATE
     motion = simulate_closed_loop(
-        MODEL, PositionController(), position_reference(), time, values, x0, torque_noise=0.003, seed=seed
-    )
+        MODEL, PositionController(), position_reference(), time, values, x0, torque_noise=0.003, seed=seed,
+        sensors=Sensors(noise=NOISE),
+    )  # fmt: skip
     end = {name: motion[name][-1] for name in MODEL.state_names}
-    return {n: motion[n][:-1] for n in (*MODEL.state_names, "torque")}, end
+    return {n: motion[n][:-1] for n in MEASURED}, end
 
 
 @functools.cache
@@ -41,9 +43,7 @@ def changing(names: tuple[str, ...], factor: float, before_s=8.0, after_s=8.0) -
     second, _ = stretch(after_s, changed, end, 2)
     channels = {n: np.concatenate([first[n], second[n]]) for n in first}
     time = np.arange(len(channels["torque"])) / RATE
-    return Sensors(noise=NOISE).measure(
-        Recording(time, channels), 3, keep=("link_position", "motor_velocity", "torque")
-    )
+    return Recording(time, channels)
 
 
 def watched(recording: Recording, batch: int = 20, **options) -> list:

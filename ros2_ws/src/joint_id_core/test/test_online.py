@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import threading
+from concurrent.futures import Future
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.estimators.shared.stillness import STILL_S
 from joint_id_core.models import build
 from joint_id_core.online import OnlineIdentifier, OnlineOptions
+from joint_id_core.online.checks import in_thread
 from joint_id_core.online.window import SlidingWindow
 from joint_id_core.results.estimate import Status
 from joint_id_core.simulation.excitation import multisine
@@ -118,6 +121,33 @@ def test_time_that_goes_backwards_is_named_and_left_out():
     later = run(record.slice(750, 1500), identifier)
     undisturbed = run(record, OnlineIdentifier(MODEL))
     assert [e.values for e in (*found, *later)] == [e.values for e in undisturbed]
+
+
+def test_a_check_that_does_not_end_holds_up_nothing():
+    """Fits of whole windows run beside the recursion; without their results the noise levels stay."""
+    waiting = []
+
+    def never(job):
+        waiting.append(job)
+        return Future()
+
+    found = run(motion(), OnlineIdentifier(MODEL, background=never))
+    assert len(waiting) == 1  # no second one as long as the first one runs
+    assert len(found) == len(run(motion(), OnlineIdentifier(MODEL)))
+    assert all(e.converged for e in found)
+    assert all(abs(z) < 4.0 for z in errors(found[-1]).values())
+
+
+def test_a_check_in_a_thread_gives_its_result_or_its_error():
+    assert in_thread(lambda: 1).result(60.0) == 1
+    with pytest.raises(ZeroDivisionError):
+        in_thread(lambda: 1 / 0).result(60.0)
+    slow, quick = threading.Event(), threading.Event()
+    first, second = in_thread(slow.wait), in_thread(quick.set)
+    assert not first.done() and not quick.is_set()  # one at a time
+    slow.set()
+    second.result(60.0)
+    assert first.done() and quick.is_set()
 
 
 def test_standing_still_teaches_nothing_and_forgets_nothing_at_once():

@@ -9,6 +9,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.models import DCMotor, HarmonicDrive, MotorSide, RigidJoint
 from joint_id_core.simulation.excitation import position_reference
 from joint_id_core.simulation.position_control import ControlledJoint, PositionController, simulate_closed_loop
+from joint_id_core.simulation.sensors import Sensors
 from joint_id_core.simulation.simulator import simulate
 
 TIME = np.arange(2000) * 2e-3
@@ -57,6 +58,18 @@ def test_a_seed_repeats_the_run_and_another_changes_it():
     runs = [moved(torque_noise=0.01, seed=s)[1]["motor_velocity"] for s in (1, 1, 2)]
     np.testing.assert_array_equal(runs[0], runs[1])
     assert not np.array_equal(runs[0], runs[2])
+
+
+def test_the_controller_sees_what_the_sensors_show():
+    sensors, control = Sensors(noise={"link_position": 1e-3, "motor_velocity": 0.5}), PositionController()
+    exact, noisy = moved()[1], moved(sensors=sensors)[1]
+    reference = position_reference(seed=1)
+    for name, std in sensors.noise.items():
+        assert np.std(np.diff(noisy[name] - exact[name])) > std  # white noise, twice that variance in differences
+    for k, t in enumerate(TIME[:200]):
+        shown = noisy["link_position"][k], noisy["motor_velocity"][k] / 101.0
+        wanted = control.torque(float(reference.value(t)), float(reference.rate(t)), *shown)
+        assert noisy["torque"][k] == pytest.approx(wanted, abs=1e-9)
 
 
 def test_torque_is_limited():

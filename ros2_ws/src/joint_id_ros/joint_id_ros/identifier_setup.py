@@ -8,6 +8,7 @@ from functools import partial
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.online import OnlineIdentifier, OnlineOptions
+from joint_id_core.online.checks import in_thread
 from joint_id_ros.options.identifier import IdentifierOptions
 from joint_id_ros.preparation import Preparation
 
@@ -40,7 +41,7 @@ class IdentifierSetup:
 
     def _make(self, joint: str, drive: str) -> OnlineIdentifier:
         options = self.model
-        return OnlineIdentifier(options.build(drive), options.settings(joint), self.online, options.solver)
+        return OnlineIdentifier(options.build(drive), options.settings(joint), self.online, options.solver, in_thread)
 
     def _possible(self, joint: str) -> list[OnlineIdentifier]:
         """Return the identifiers of a joint with each possible drive signal, at least one."""

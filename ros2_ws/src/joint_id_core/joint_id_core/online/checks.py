@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 
@@ -15,6 +16,8 @@ CHECK_AFTER, CHECK_EVERY = (1, 2, 4), 8  # window lengths after which the newest
 OWN_SHARE = 0.25  # weight of the noise levels of the newest window
 
 Job = Callable[[], Estimate]
+_one_at_a_time = threading.Lock()
+
 Background = Callable[[Job], Future[Estimate]]  # starts a job that does not delay the caller
 
 
@@ -22,6 +25,21 @@ def at_once(job: Job) -> Future[Estimate]:
     """Do a job within the call."""
     done: Future[Estimate] = Future()
     done.set_result(job())
+    return done
+
+
+def in_thread(job: Job) -> Future[Estimate]:
+    """Do a job in a thread of its own, one job at a time; it does not hold up the end of the process."""
+    done: Future[Estimate] = Future()
+
+    def run() -> None:
+        try:
+            with _one_at_a_time:
+                done.set_result(job())
+        except BaseException as error:  # told to the one who asks for the result
+            done.set_exception(error)
+
+    threading.Thread(target=run, name="check of a window", daemon=True).start()
     return done
 
 

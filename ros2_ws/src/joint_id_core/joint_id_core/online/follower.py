@@ -132,11 +132,12 @@ class Follower:
         memory = self.memory
         if not self._pieces or self.found is not Found.AGREES:
             return memory.mean, memory.covariance
-        matrix = np.sum([piece.matrix for piece in self._pieces], axis=0)
-        vector = np.sum([piece.vector for piece in self._pieces], axis=0)
+        block = merged(self._pieces)
+        self._pieces = [block]
+        matrix, vector = block.matrix, block.vector
         mean = np.asarray(np.linalg.solve(memory.matrix + matrix, memory.vector + vector), dtype=float)
         covariance = memory.covariance_with(matrix)
-        away = np.abs(mean - self._pieces[0].z)
+        away = np.abs(mean - block.z)
         if np.any((away > LINEAR * self._coordinates.unit) & (away > np.sqrt(np.diag(covariance)))):
             return memory.mean, memory.covariance  # too far for one linear step: wait for the end of the block
         return mean, covariance

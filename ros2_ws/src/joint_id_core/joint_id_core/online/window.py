@@ -22,7 +22,8 @@ class SlidingWindow:
         self._length = length_s
         self._parts: deque[Recording] = deque()
         self._durations: deque[float] = deque()
-        self._period = 0.0
+        self._period = self._duration = 0.0
+        self._count = 0
 
     @property
     def end(self) -> float:
@@ -53,21 +54,22 @@ class SlidingWindow:
         step = float(samples.time[0]) - end
         self._parts.append(samples)
         self._durations.append(samples.duration + (step if step < REST * self._period else self._period))
-        while self.duration - self._durations[0] > self._length:
-            self._parts.popleft()
-            self._durations.popleft()
+        self._duration += self._durations[-1]
+        self._count += len(samples)
+        while self._duration - self._durations[0] > self._length:
+            self._count -= len(self._parts.popleft())
+            self._duration -= self._durations.popleft()
 
     def __len__(self) -> int:
         """Number of samples that are kept."""
         if not self._parts:
             return 0
-        before = int(np.searchsorted(self._parts[0].time, self.start))
-        return sum(len(part) for part in self._parts) - before
+        return self._count - int(np.searchsorted(self._parts[0].time, self.start))
 
     @property
     def duration(self) -> float:
         """Time in s that the samples cover."""
-        return sum(self._durations)
+        return self._duration
 
     def mean(self, name: str) -> float:
         """Return the mean of the values of a channel in the window; NaN if there are none."""

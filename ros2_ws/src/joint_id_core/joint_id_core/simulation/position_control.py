@@ -11,6 +11,7 @@ from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import Model
 from joint_id_core.simulation.excitation import Multisine
+from joint_id_core.simulation.sensors import Sensors
 from joint_id_core.simulation.simulator import JointSimulator
 
 
@@ -47,6 +48,13 @@ class ControlledJoint:
     The commanded torque plus white noise acts on the joint, constant over a period. `tick` returns the command, which a
     robot reports as its measured torque. So the noise is not sensor noise but a torque that moves the joint.
 
+    The controller sees what the sensors show. A controller that knew the true state would tell about it through its
+    command, which no estimator expects: with torque noise this biases the estimates of long records.
+
+    Attributes:
+        joint: the simulated joint.
+        shown: what the sensors show of its states now.
+
     Args:
         model: with a link position and driven by a torque or a current at the motor shaft.
         controller: the controller.
@@ -55,6 +63,7 @@ class ControlledJoint:
         x0: start state; default at rest, with motor and link at the reference position.
         torque_noise: standard deviation in Nm at the motor shaft.
         seed: seed of the noise.
+        sensors: of the states; by default the controller sees the true state.
 
     Raises:
         JointIdError: a model without link position or without torque or current input, bad values, negative noise.
@@ -69,6 +78,7 @@ class ControlledJoint:
         x0: Mapping[str, float] | None = None,
         torque_noise: float = 0.0,
         seed: int = 0,
+        sensors: Sensors | None = None,
     ) -> None:
         drive = model.torque_drive
         if drive is None or "link_position" not in model.state_names:
@@ -89,10 +99,19 @@ class ControlledJoint:
             if "motor_position" in model.state_names:
                 x0["motor_position"] = q * self._n
         self.joint = JointSimulator(model, values, x0)
+        self._sensors, self._sensor_noise = sensors, np.random.default_rng([seed, 1])
+        self.shown = self._look()
+
+    def _look(self) -> dict[str, float]:
+        """Return what the sensors show of the states now."""
+        state = self.joint.state
+        if self._sensors is None:
+            return state
+        return {n: float(self._sensors.reading(n, x, self._sensor_noise)) for n, x in state.items()}
 
     def command(self) -> float:
         """Return the torque at the motor shaft in Nm that the controller commands now."""
-        t, x = self.joint.time, self.joint.state
+        t, x = self.joint.time, self.shown
         dq = x["motor_velocity"] / self._n if "motor_velocity" in x else x["link_velocity"]
         return self._controller.torque(
             float(self._reference.value(t)), float(self._reference.rate(t)), x["link_position"], dq
@@ -103,6 +122,7 @@ class ControlledJoint:
         torque = self.command()
         true = torque + self._noise * self._rng.standard_normal()
         self.joint.advance(dt, {self._drive: true / self._k_t})
+        self.shown = self._look()
         return {self._drive: torque / self._k_t}
 
 
@@ -115,22 +135,23 @@ def simulate_closed_loop(
     x0: Mapping[str, float] | None = None,
     torque_noise: float = 0.0,
     seed: int = 0,
+    sensors: Sensors | None = None,
 ) -> Recording:
     """Simulate a joint that follows a position reference, one control period per sample; `time` in s, shape (T,).
 
     The recorded `torque` (or `current`) is the command, held from its sample to the next. The command plus the noise
-    acts on the joint. States are recorded without sensor noise (`sensors.Sensors` adds it). For further arguments and
-    errors see `ControlledJoint`.
+    acts on the joint. States are recorded as the sensors show them; without `sensors` as they are (`Sensors.measure`
+    adds noise that the controller did not see). For further arguments and errors see `ControlledJoint`.
     """
     grid = Recording(time, {}, source=f"closed-loop simulation of {model.name}")
     if len(grid) < 2:
         raise JointIdError(f"{grid.source}: time must hold at least two instants")
-    loop = ControlledJoint(model, controller, reference, values, x0, torque_noise, seed)
+    loop = ControlledJoint(model, controller, reference, values, x0, torque_noise, seed, sensors)
     rows = []
     # The last sample has no next one: its command is held for one more period.
     for dt in [*np.diff(grid.time).tolist(), grid.period]:
-        state = loop.joint.state
-        rows.append({**state, **loop.tick(dt)})
+        shown = loop.shown
+        rows.append({**shown, **loop.tick(dt)})
     channels = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     if model.load is not None:
         channels[model.load] = np.zeros(len(grid))

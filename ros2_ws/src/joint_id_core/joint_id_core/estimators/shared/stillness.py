@@ -50,18 +50,30 @@ def still(
             continue
         slack = NOISY * noise[name] if noise is not None else NOISY * np.sqrt(rough_noise(row)) + 2.0 * _resolution(row)
         filled = row if len(row) == len(values) else np.interp(np.arange(len(values)), np.flatnonzero(known), row)
+        if slack > CREDIBLE * CHANNELS[name].scale:
+            continue
+        if noise is None and _hidden(name, filled, slack, count):
+            continue
+        # The first and the last sample of a stretch already tell most motion from rest.
+        if np.all(np.abs(filled[count - 1 :] - filled[: 1 - count]) > slack + SLOW * CHANNELS[name].scale):
+            return np.zeros(len(y), dtype=bool)
         views = np.lib.stride_tricks.sliding_window_view(filled, count)
         size = views.max(axis=1) - views.min(axis=1)
         calm = _calm(name, slack, size, views.mean(axis=1), count)
-        hidden = noise is None and BLIND * slack > float(np.quantile(size, 0.9))
-        at_rest = _calm(name, slack, np.ptp(row), row.mean(), len(row))
-        if (hidden and not at_rest) or slack > CREDIBLE * CHANNELS[name].scale:
-            continue
         quiet = calm if quiet is None else quiet & calm
     if quiet is None:
         return np.zeros(len(y), dtype=bool)
     # a sample is at rest if any quiet stretch of `count` samples holds it
     return np.convolve(quiet, np.ones(count, dtype=int))[: len(y)] > 0
+
+
+def _hidden(name: str, values: Array, slack: float, count: int) -> bool:
+    """Return whether the noise of a label hides the motion of this record, in which the joint moves."""
+    views = np.lib.stride_tricks.sliding_window_view(values, count)
+    size = views.max(axis=1) - views.min(axis=1)
+    if BLIND * slack <= float(np.quantile(size, 0.9)):
+        return False
+    return not _calm(name, slack, np.ptp(values), values.mean(), len(values))
 
 
 def seen_by(labels: tuple[str, ...], y: Array, period: float, noise: Mapping[str, float]) -> dict[str, float]:
