@@ -22,7 +22,7 @@ from joint_id_core.estimators.innovations import (
 )
 from joint_id_core.estimators.shared import fit_data, initial_state, stillness, substeps
 from joint_id_core.models import RigidJoint, dc_motor, transmission
-from joint_id_core.online import identifier, memory, tracker
+from joint_id_core.online import follower, learning, memory, tracker
 from joint_id_core.validation import inverse_dynamics, prediction
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -82,15 +82,17 @@ def test_constants_in_the_theory() -> None:
         f"| above {verdicts.NOT_EXCITED_RATIO:g} | `not_excited`",
         f"correlation is beyond {verdicts.STRONG_CORRELATION:g} in size",
         f"at least {1000 * stillness.STILL_S:g} ms in which no position",
-        f"block of {identifier.BLOCK_S:g} s. If it moves by more than {100 * identifier.LINEAR:g} %",
-        f"by more than {identifier.NEAR:g} standard deviations, the newest blocks (up to {memory.HISTORY})",
+        f"block of {follower.BLOCK_S:g} s. If it moves by more than {100 * follower.LINEAR:g} %",
+        f"by more than {follower.NEAR:g} standard deviations, the newest blocks (up to {memory.HISTORY})",
         f"over {'a tenth' if tracker.SHARPEST == 0.1 else '?'} of the velocity",
         f"$({memory.FIRM:g} + \\sum t_j^2)/({memory.FIRM:g} + n)$",
         f"stretches of {', '.join(map(str, memory.LENGTHS[:-1]))} and {memory.LENGTHS[-1]} blocks",
         f"with probability $10^{{{round(math.log10(memory.RARE))}}}$",
         f"looks like noise (probability {memory.LEFT:g})",
-        f"Within the first {words[round(identifier.YOUNG)]} windows",
-        f"innovations leaves {identifier.QUIETER:g} to {identifier.NOISIER:g}",
+        f"no longer worse than with all of them (probability {learning.UNNEEDED:g})",
+        f"explain them as well (cost within {memory.ALIKE:g})",
+        f"Within the first {words[round(follower.YOUNG)]} windows",
+        f"innovations leaves {follower.QUIETER:g} to {follower.NOISIER:g}",
         f"compared below {inverse_dynamics.DRIVE_BAND_HZ:g} Hz",
         f"for stability and accuracy ($|\\lambda h| \\le {hpinn.STEP_LIMIT:g}$)",
     ]

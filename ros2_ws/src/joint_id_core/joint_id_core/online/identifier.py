@@ -162,8 +162,7 @@ class OnlineIdentifier:
         if not self._check(follower):
             self._suspend()
             return with_note(self._last, self._window)
-        now = follower.now()
-        return published(self.model, self._last, self._coordinates, now, self._window, follower.white, self._changes)
+        return self._published(self._last, follower)
 
     def _suspend(self) -> None:
         """Fit the newest windows by themselves: no change of parameters explains the newest samples."""
@@ -186,7 +185,7 @@ class OnlineIdentifier:
         if self._last is None or follower is None:
             text = f"{recording.source}: {sentence('the joint rests in this window: move the joint')}"
             return unusable(self.model, "innovations", UnusableError(Status.NO_MOTION, text), recording)
-        found = published(self.model, self._last, self._coordinates, follower.now(), self._window, None, ())
+        found = self._published(self._last, follower, at_rest=True)
         notes = (MOVING,) if follower.found is Found.AGREES else (DISAGREE, MOVING)
         return replace(
             found, status=Status.NO_MOTION, message=message(notes), notes=notes, start=recent.start, end=recent.end
@@ -240,6 +239,7 @@ class OnlineIdentifier:
             self._follower.begin(tracker, pieces)
             if tracker.data.rest[-1]:
                 self._follower.rest()
+            estimate = self._published(estimate, self._follower)  # its friction may be sharper than that of the fit
         else:
             self._follower = self._new_follower(after)
         self._checks.begin(self._window.end)
@@ -247,6 +247,11 @@ class OnlineIdentifier:
             notes = (estimate.notes[0], "The joint has changed: what was known is forgotten.", *estimate.notes[1:])
             return replace(estimate, message=message(notes), notes=notes)
         return estimate
+
+    def _published(self, last: Estimate, follower: Follower, at_rest: bool = False) -> Estimate:
+        """Return the estimate of the memory, with the findings of the last fit of a whole window."""
+        white, changes = (None, ()) if at_rest else (follower.white, self._changes)
+        return published(self.model, last, self._coordinates, follower.now(), self._window, white, changes)
 
     def _new_follower(self, belief: Belief) -> Follower:
         memory = Memory(belief.mean, np.asarray(np.linalg.inv(belief.precision)), self._coordinates.spread)
