@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -53,7 +54,6 @@ class ControlledJoint:
 
     Attributes:
         joint: the simulated joint.
-        shown: what the sensors show of its states now.
 
     Args:
         model: with a link position and driven by a torque or a current at the motor shaft.
@@ -100,14 +100,17 @@ class ControlledJoint:
                 x0["motor_position"] = q * self._n
         self.joint = JointSimulator(model, values, x0)
         self._sensors, self._sensor_noise = sensors, np.random.default_rng([seed, 1])
-        self.shown = self._look()
+        self._shown: tuple[float, dict[str, float]] = (-math.inf, {})
 
-    def _look(self) -> dict[str, float]:
-        """Return what the sensors show of the states now."""
-        state = self.joint.state
+    @property
+    def shown(self) -> dict[str, float]:
+        """What the sensors show of the states now."""
         if self._sensors is None:
-            return state
-        return {n: float(self._sensors.reading(n, x, self._sensor_noise)) for n, x in state.items()}
+            return self.joint.state
+        if self._shown[0] != self.joint.time:
+            seen = {n: float(self._sensors.reading(n, x, self._sensor_noise)) for n, x in self.joint.state.items()}
+            self._shown = self.joint.time, seen
+        return self._shown[1]
 
     def command(self) -> float:
         """Return the torque at the motor shaft in Nm that the controller commands now."""
@@ -122,7 +125,6 @@ class ControlledJoint:
         torque = self.command()
         true = torque + self._noise * self._rng.standard_normal()
         self.joint.advance(dt, {self._drive: true / self._k_t})
-        self.shown = self._look()
         return {self._drive: torque / self._k_t}
 
 
