@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from joint_id_core.cell.kernel import compile_model
 from joint_id_core.data.recording import Array, Recording
+from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import DEFAULT, Estimator
 from joint_id_core.estimators.innovations.belief import Belief, Coordinates
 from joint_id_core.estimators.innovations.estimator import Innovations
@@ -26,6 +27,7 @@ from joint_id_core.models import Model
 from joint_id_core.online.memory import Change, Memory, agree
 from joint_id_core.online.published import changes_of, published, with_note
 from joint_id_core.online.relearn import relearn
+from joint_id_core.online.resume import as_of_now, known_of
 from joint_id_core.online.tracker import Piece, Tracker
 from joint_id_core.online.window import SlidingWindow
 from joint_id_core.options import check, option
@@ -42,6 +44,7 @@ AGAIN_S = 1.0  # time between two fits of windows that the model does not descri
 YOUNG = 3.0  # window lengths of motion before which a disagreement is not taken for a change of the joint
 ENOUGH = 100  # samples for a mean square
 OWN_SHARE = 0.25  # weight of the noise levels of the newest window
+UNTESTED = "What was known before is not tested yet: move the joint for more than half a second."
 MOVING = "The joint rests: the estimate stays as it is, move the joint to continue."
 
 
@@ -116,6 +119,7 @@ class OnlineIdentifier:
         self._unexplained = 0  # fits of these blocks that failed
         self._doubt = False  # whether the noise levels of the memory are wrong for the newest samples
         self._age = 0.0  # time of motion in the memory in s
+        self._resumed = False  # until the first window in motion after `resume`
         self._suspended: Estimate | None = None  # fit that shows why the memory does not describe the newest samples
         self._changes: tuple[ParameterChange, ...] = ()
         self._checks = 0
@@ -126,6 +130,37 @@ class OnlineIdentifier:
     def moving(self) -> bool:
         """Whether the joint moved in the last half second."""
         return self._recent.end - self._moved_until < BLOCK_S
+
+    @property
+    def remembers(self) -> bool:
+        """Whether it has a memory; without one, every window is fitted by itself."""
+        return isinstance(self.estimator, Innovations) and self.options.memory_s > 0.0
+
+    def resume(self, estimate: Estimate, gone_s: float) -> Estimate:
+        """Continue from an earlier estimate of this joint; call it before the first `update`.
+
+        Samples then need no first window. They are tested against the estimate as against any other memory, so a joint
+        that has changed meanwhile is found.
+
+        Args:
+            estimate: what `update` returned, with status CONVERGED; it may come from a file.
+            gone_s: time since then in s, by which the standard deviations are widened; inf if it is not known.
+
+        Returns:
+            The estimate as it is known now.
+
+        Raises:
+            JointIdError: the estimate is of another model or other settings, is no good one, or the identifier has no
+                memory; the message says what differs. The identifier is as before.
+        """
+        if not self.remembers:
+            raise JointIdError("no estimate is continued without a memory: take innovations, and a memory_s above 0")
+        known = known_of(self.model, self.settings, self._options, self._coordinates, estimate, gone_s)
+        now = as_of_now(self.model, self._coordinates, known, estimate)
+        self._remember(*known, [])
+        self._last, self._resumed = now, True
+        self._age = YOUNG * self.options.window_s
+        return now
 
     def update(self, samples: Recording) -> Estimate | None:
         """Add samples; when a hop has passed, return the estimate, else None.
@@ -141,12 +176,14 @@ class OnlineIdentifier:
         if not len(samples):
             return None
         if first:
-            self._next = self._recent.start + self.options.window_s
+            self._next = self._recent.start + (self.options.hop_s if self._resumed else self.options.window_s)
+        if first and self._last is not None:  # its origin is that of an earlier run
+            self._last = replace(self._last, origin=samples.origin, source=samples.source, joint=samples.joint)
         # Half a sample of slack: a window of 1000 samples ends one period before its length.
         due = self._recent.end >= self._next - 1.5 * samples.duration / max(1, len(samples) - 1)
         if due:
             self._next = self._recent.end + self.options.hop_s
-        if not isinstance(self.estimator, Innovations) or not self.options.memory_s:
+        if not self.remembers:
             return self._alone() if due else None
         self._follow()
         if not due:
@@ -195,6 +232,8 @@ class OnlineIdentifier:
         self._window.append(samples)
         if self._memory is None:
             return
+        if self._resumed and self._window.duration > self.options.window_s - 2.0 * STILL_S:
+            self._settle()
         if self._tracker is None:
             self._begin_tracking()
             return
@@ -207,6 +246,24 @@ class OnlineIdentifier:
         self._block = piece if self._block is None else self._block + piece
         if self._block.duration > BLOCK_S - 1.5 * self._tracker.data.period:
             self._add_block()
+
+    def _settle(self) -> None:
+        """Learn from the first window in motion after `resume` what an estimate does not hold.
+
+        These are the labels that show rest, and the noise levels and integrator steps of today.
+        """
+        assert self._last is not None and self._memory is not None
+        try:
+            data = prepare(self.model, self._window.recording(), self.settings, leave_out_rests=True)
+        except UnusableError:
+            return
+        self._resumed = False
+        untested = not self._memory.blocks and self._change is None
+        if set(data.noise_names) != set(self._last.noise) or untested:
+            self._suspend()  # other signals than before, or values at which the filter fails
+            return
+        self._shows_rest = seen_by(data.labels, data.y, data.period, self._last.noise)
+        self._check_next = -np.inf
 
     def _begin_tracking(self) -> None:
         """Start the filter at the estimate of the memory, with the samples since the joint moves."""
@@ -404,6 +461,8 @@ class OnlineIdentifier:
         assert self._last is not None
         if self._change is not None or self._lost_s > self.options.window_s:
             return with_note(self._last, self._window)
+        if self._resumed and not self._memory.blocks:
+            return self._known(Status.TOO_SHORT, UNTESTED)
         self._check()
         white = np.concatenate(self._white) if self._white else None
         return published(self.model, self._last, self._coordinates, self._now(), self._window, white, self._changes)
@@ -506,10 +565,13 @@ class OnlineIdentifier:
         if self._last is None or self._memory is None:
             text = f"{recording.source}: {sentence('the joint rests in this window: move the joint')}"
             return unusable(self.model, "innovations", UnusableError(Status.NO_MOTION, text), recording)
-        mean, covariance = self._now()
-        found = published(self.model, self._last, self._coordinates, (mean, covariance), self._window, None, ())
-        notes = (MOVING,)
+        return self._known(Status.NO_MOTION, MOVING)
+
+    def _known(self, status: Status, note: str) -> Estimate:
+        """Return what is known, for the newest samples, which add nothing to it."""
+        assert self._last is not None
+        found = published(self.model, self._last, self._coordinates, self._now(), self._window, None, ())
         return replace(
-            found, status=Status.NO_MOTION, message=message(notes), notes=notes,
+            found, status=status, message=message((note,)), notes=(note,),
             start=self._recent.start, end=self._recent.end,
         )  # fmt: skip
