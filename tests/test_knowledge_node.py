@@ -1,6 +1,5 @@
 """What the identifier knows outlives its process: kill -9, restart, and the services that save, load and reset it."""
 
-import json
 import signal
 import time
 
@@ -37,18 +36,22 @@ class Samples:
         last = slice(-PERIOD_S * RATE, None)
         self.channels = {n: moved[n][last] for n in NOISE}
         self.drift = float(moved["link_position"][-1] - moved["link_position"][-1 - PERIOD_S * RATE])
-        self.rng, self.k = np.random.default_rng(2), 0
+        self.rng, self.k, self.zero = np.random.default_rng(2), 0, None
         self.probe, self.start, self.state = probe, start, state
         self.found = probe.collect(JointParams, "joint_params", LATEST)
-        self.publisher, self.readers = probe.create_publisher(JointSamples, "joint_samples", STREAM_OUT), 0
+        self.publisher = probe.create_publisher(JointSamples, "joint_samples", STREAM_OUT)
 
     def begin(self, **parameters):
         """Start an identifier."""
         given = {"model": "rigid_joint", "actuation": "torque", "state_file": str(self.state), **parameters}
+        before = self.readers()  # a killed one is taken for alive for a while
         self.identifier = self.start("identifier", **given)
-        self.readers += 1  # a killed one is taken for alive for a while
-        self.probe.until(lambda: self.probe.count_subscribers("joint_samples") >= self.readers, "the identifier")
-        self.probe.spin(0.3)
+        self.probe.until(lambda: self.readers() - before, "the identifier")
+        self.probe.spin(0.2)
+
+    def readers(self):
+        """Subscriptions of the samples, dead ones included."""
+        return {tuple(r.endpoint_gid) for r in self.probe.get_subscriptions_info_by_topic("joint_samples")}
 
     def kill(self):
         """End it in the middle of whatever it does."""
@@ -74,10 +77,13 @@ class Samples:
                 self.probe.spin(0.02)
 
     def send_in_real_time(self, seconds):
-        """Publish samples as a robot does; the end does not fall together with one."""
-        begin, first = time.monotonic(), self.k
-        while (now := time.monotonic() - begin) < seconds:
-            while self.k - first < now * RATE:
+        """Publish samples as a robot does, whose time went on while nobody listened."""
+        if self.zero is None:
+            self.zero = time.monotonic() - self.k / RATE
+        end = time.monotonic() + seconds
+        self.k = max(self.k, round((time.monotonic() - self.zero) * RATE))
+        while (now := time.monotonic()) < end:
+            while self.k < (now - self.zero) * RATE:
                 self.publisher.publish(self.message())
             self.probe.spin(0.004)
 
@@ -91,7 +97,7 @@ class Samples:
         self.probe.until(lambda: self.newest() is not None and condition(self.newest()), what)
         return self.newest()
 
-    def identify(self, seconds=3.0):
+    def identify(self, seconds=2.2):
         """Identify the joint for a while."""
         self.send(seconds)
         return self.until(lambda e: e.status == JointEstimate.CONVERGED, "an estimate")
@@ -151,9 +157,9 @@ def assert_lost_little(joint, seen, known):
 def test_kill_9_costs_at_most_two_seconds_of_knowledge(joint):
     rng = np.random.default_rng()
     joint.begin()
-    joint.identify(2.2)
+    joint.identify()
     for _ in range(2):
-        joint.send_in_real_time(rng.uniform(0.6, 1.6))
+        joint.send_in_real_time(rng.uniform(0.2, 1.5))
         joint.kill()
         joint.probe.spin(0.2)
         seen, known = joint.newest(), joint.stored()
@@ -174,13 +180,37 @@ def test_kill_9_costs_at_most_two_seconds_of_knowledge(joint):
         assert all(deviation < 1.5 * before[n] for n, deviation in std_devs(good).items())
 
 
-def test_a_killed_node_writes_whole_files_and_a_stopped_one_its_last(joint):
+@pytest.mark.long
+def test_50_random_moments(joint, record_property):
+    rng, lost, first = np.random.default_rng(), [], []
+    joint.begin()
+    joint.send_in_real_time(4.0)
+    for _ in range(50):
+        joint.send_in_real_time(rng.uniform(0.0, 3.0))
+        joint.kill()
+        joint.probe.spin(0.1)
+        seen, known = joint.newest(), joint.stored()
+        lost.append(assert_lost_little(joint, seen, known))
+        assert known.estimate.status is Status.CONVERGED
+        for name, value in TRUTH.items():
+            assert abs(known.estimate[name].value - value) < 6.0 * known.estimate[name].std_dev
+        count, begun = len(joint.found), time.monotonic()
+        joint.begin()
+        joint.probe.until(lambda count=count: len(joint.found) > count, "the restored estimate")
+        first.append(time.monotonic() - begun)
+        assert_restored(joint, joint.found[count], known)
+    figures = f"lost s: median {np.median(lost):.2f}, worst {max(lost):.2f}; restored after s: {np.median(first):.2f}"
+    record_property("figures", figures)
+    print(figures)
+
+
+def test_a_stopped_node_writes_its_last_estimate(joint):
     joint.begin()
     joint.identify()
     joint.identifier.signal(signal.SIGTERM)
     assert joint.identifier.wait() == 0
     seen, known = joint.newest(), joint.stored()
-    assert instant(seen.parameters_end) == pytest.approx(known.origin_ns + known.estimate.end * NANO, abs=1000)
+    assert instant(seen.parameters_end) <= known.origin_ns + known.estimate.end * NANO + 1000
     assert not list(joint.state.parent.glob("*.part"))
 
 
@@ -229,28 +259,20 @@ def test_cleanup_keeps_what_is_known_and_reset_forgets_it(joint):
     assert all(j.parameters_status != JointEstimate.CONVERGED for m in joint.found[count:] for j in m.joints)
 
 
-@pytest.mark.parametrize("content", ["{", '{"format": "other"}', '{"format": "joint_id knowledge", "version": 99}'])
-def test_a_file_that_cannot_be_read_is_named_and_kept(joint, content):
-    joint.state.write_text(content)
+def test_what_cannot_be_used_is_named_and_the_joint_starts_anew(joint):
+    joint.state.write_text("{")
     joint.begin()
     kept = joint.state.with_name("state.json.damaged")
     joint.probe.until(lambda: joint.probe.told("identifier", f"It is kept as {kept}"), "a diagnostic")
+    assert joint.probe.told("identifier", f"It is kept as {kept}").level == b"\x02"
     joint.identify()
     joint.probe.until(lambda: joint.state.exists(), "a new file")
-    assert kept.read_text() == content and json.loads(joint.state.read_text())["joints"]
-    worst = max(s.level for s in joint.probe.diagnostics if s.name == "/identifier" and str(kept) in s.message)
-    assert worst == b"\x02"
-
-
-def test_knowledge_under_other_settings_is_refused_and_said(joint):
-    joint.begin()
-    joint.identify()
+    assert kept.read_text() == "{"
     joint.kill()
     joint.begin(fix=["tau_0=0.7"])
-    joint.probe.until(
-        lambda: joint.probe.told("identifier", "joint joint is identified anew, because what was known"), "a word"
-    )
-    assert "the settings are others now (fixed, values)" in joint.identifier.text  # and in the log
+    text = "what was known of it cannot be used: the settings are others now (fixed, values)"
+    joint.probe.until(lambda: joint.probe.told("identifier", text), "a diagnostic")
+    assert text in joint.identifier.text
     begun = BEGIN + joint.k * NANO // RATE
     joint.send(2.3)
     assert_right(joint.until(lambda e: instant(e.window_start) >= begun, "an estimate"))
@@ -266,10 +288,11 @@ def test_two_nodes_with_one_file_are_told(joint, start, probe):
 
 def test_restored_joints_that_are_not_there_any_more_are_taken_back(joint):
     joint.begin()
-    joint.send(3.0, ("joint", "tool"))
+    joint.send(2.2, ("joint", "tool"))
     joint.probe.until(lambda: joint.newest("tool") is not None, "an estimate")
+    assert joint.ask("save").success
     joint.kill()
     joint.begin()
-    joint.send(3.0)
+    joint.send(2.5)
     joint.probe.until(lambda: joint.newest("joint") is not None and joint.newest("tool") is None, "its end")
     assert "tool" in StateFile(str(joint.state)).read()  # it may come back

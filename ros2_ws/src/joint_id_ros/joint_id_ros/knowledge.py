@@ -112,7 +112,7 @@ class Knowledge:
             self._settings.pop(joint, None)
             if identifier.remembers:
                 self._settings[joint] = _plain(identifier.settings)
-            if joint not in self._waiting:
+            if joint not in self._waiting or joint not in self._known:
                 return identifier
             self._waiting.discard(joint)
             try:

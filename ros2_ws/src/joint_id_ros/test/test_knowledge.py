@@ -146,6 +146,19 @@ def test_a_joint_that_was_gone_continues_when_it_returns(run):
     assert run.identify()[0].end > 1.8
 
 
+def test_an_identifier_without_a_memory_leaves_nothing_to_continue(run, record):
+    def without(*_):
+        return OnlineIdentifier(build("rigid_joint"), options=OnlineOptions(memory_s=0.0))
+
+    for _ in range(2):
+        estimate = run.knowledge.continued(without, "joint", record).update(record)
+        assert run.knowledge.add("joint", estimate, ORIGIN) is estimate
+        run.knowledge.gone("joint")
+    with pytest.raises(JointIdError, match="no such file"):
+        run.knowledge.load()
+    assert not run.told
+
+
 def test_a_run_that_jumped_back_has_no_good_estimate_of_the_run_before(run, record):
     last = run.identify()[-1]
     failed = OnlineIdentifier(build("rigid_joint")).update(

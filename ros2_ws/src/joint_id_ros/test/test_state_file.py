@@ -3,6 +3,9 @@
 import errno
 import json
 import os
+import random
+import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -148,3 +151,31 @@ def test_one_process_at_a_time(file):
         other.lock()
     file.close()
     other.lock()
+
+
+def write_for_ever(path, pipe):
+    """Write the file again and again, and say after each time which one it was."""
+    file = StateFile(path)
+    for number in range(1, 10**9):
+        file.write({f"joint{k}": known(float(number)) for k in range(6)}, float(number))
+        os.write(pipe, number.to_bytes(8, "little"))
+
+
+def test_kill_9_at_50_random_moments_leaves_a_whole_file_of_the_last_write(file):
+    """A file of six joints; the kill falls into any part of a write."""
+    rng = random.Random()
+    for _ in range(50):
+        reader, writer = os.pipe()
+        child = os.fork()
+        if child == 0:
+            write_for_ever(str(file.path), writer)
+        os.close(writer)
+        os.read(reader, 8)  # at least one was written
+        time.sleep(rng.uniform(0.0, 0.02))
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        with os.fdopen(reader, "rb") as told:
+            last = int.from_bytes(told.read()[-8:] or b"\x01", "little")
+        found = StateFile(str(file.path)).read()
+        assert len(found) == 6
+        assert all(last <= one.estimate["J"].value <= last + 1 for one in found.values())

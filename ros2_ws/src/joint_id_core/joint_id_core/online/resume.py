@@ -1,9 +1,9 @@
 """Continue from an earlier estimate of a joint: what it says of the joint now, or why it cannot be used.
 
 An estimate becomes uncertain while nobody watches the joint: friction falls while joints warm up. This is a steady
-drift of unknown size. So the standard deviation of its total grows in proportion to the time that passed, by
-`DRIFT_PER_H`, and is added to the variances. A random walk that reaches the same size after an hour would be twenty
-times as wide after ten seconds.
+drift of unknown size. So its standard deviation grows in proportion to the time that passed, by `DRIFT_PER_H`, and its
+square is added to the variances. A random walk that reaches the same size after an hour would be 19 times
+as wide after ten seconds.
 """
 
 from __future__ import annotations
