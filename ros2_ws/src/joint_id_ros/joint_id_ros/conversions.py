@@ -14,7 +14,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.formats.topics import Topic
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, Status, Verdict
-from joint_id_msgs.msg import JointEstimate, ParameterEstimate
+from joint_id_msgs.msg import JointEstimate, ParameterChange, ParameterEstimate
 
 STATUS_CODES = {status: getattr(JointEstimate, status.name) for status in Status}
 VERDICT_CODES = {verdict: getattr(ParameterEstimate, verdict.name) for verdict in Verdict}
@@ -100,6 +100,17 @@ def to_estimate_message(joint: str, newest: Estimate, good: Estimate | None, ori
         ],
         free=list(found.free),
         covariance=found.covariance.ravel().tolist(),
+        changes=[
+            ParameterChange(
+                name=c.name,
+                before=c.before,
+                before_std_dev=c.before_std_dev,
+                after=c.after,
+                after_std_dev=c.after_std_dev,
+                since=to_stamp(instant(c.since, origin_ns)),
+            )
+            for c in found.changes
+        ],
     )
 
 

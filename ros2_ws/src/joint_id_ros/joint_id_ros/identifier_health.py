@@ -8,6 +8,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from joint_id_msgs.msg import JointEstimate
 from joint_id_ros.diagnostics import Health
+from joint_id_ros.knowledge import Knowledge
 from joint_id_ros.sources import TOO_LATE_S, Sources
 from joint_id_ros.worker import Worker
 
@@ -21,12 +22,21 @@ class IdentifierHealth:
         self._missed = 0
 
     def report(
-        self, latest: Mapping[str, JointEstimate], fits: Mapping[str, int], worker: Worker, sources: Sources
+        self,
+        latest: Mapping[str, JointEstimate],
+        fits: Mapping[str, int],
+        worker: Worker,
+        sources: Sources,
+        knowledge: Knowledge,
     ) -> Health:
         """Return the report of a node that identifies."""
         values: dict[str, object] = {f"fits: {status}": n for status, n in sorted(fits.items())}
         late, level = self._lateness(worker, sources, values)
-        bad = [*sources.complaints, *late]
+        bad = [*sources.complaints, *late, *knowledge.refused]
+        values |= knowledge.store.values()
+        if knowledge.store.problem:
+            bad.append(knowledge.store.problem)
+            level = DiagnosticStatus.ERROR
         for name, joint in sorted(latest.items()):
             values[f"{name}: solve time [s]"] = f"{joint.solve_time:.4f}"
             values[f"{name}: status"] = joint.message
