@@ -36,6 +36,8 @@ class IdentifierHealth:
             values[f"{name}: estimated"] = f"{found} of {len(joint.free)} parameters"
             if joint.status != JointEstimate.CONVERGED:
                 bad.append(f"{name}: {joint.message}")
+            if joint.drifts:
+                bad.append(f"{name}: {'; '.join(drift.text for drift in joint.drifts)}")
         if bad:
             level = max(level, DiagnosticStatus.WARN)
         return Health(level, "; ".join(bad) or f"identified {len(latest)} joints", values)

@@ -17,11 +17,13 @@ from joint_id_core.online.identifier import OnlineOptions
 from joint_id_core.results.estimate import Estimate
 from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples
 from joint_id_ros import conversions as convert
+from joint_id_ros.baselines import Baselines
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.ending import SILENT_S, Ending
 from joint_id_ros.identifier_health import IdentifierHealth
 from joint_id_ros.identifier_setup import IdentifierSetup
 from joint_id_ros.lifecycle import ManagedNode
+from joint_id_ros.options.baselines import BaselineOptions
 from joint_id_ros.options.identifier import IdentifierOptions
 from joint_id_ros.options.reading import ReadingOptions
 from joint_id_ros.parameters import read
@@ -40,7 +42,7 @@ class IdentifierNode(ManagedNode):
     """Fits the model of every joint over sliding windows in a thread, and publishes the latest estimates."""
 
     def __init__(self) -> None:
-        super().__init__("identifier", IdentifierOptions, OnlineOptions, ReadingOptions)
+        super().__init__("identifier", IdentifierOptions, OnlineOptions, BaselineOptions, ReadingOptions)
         self._setup = IdentifierSetup(IdentifierOptions(), OnlineOptions())
         self._preparation: Preparation | None = None
         self._worker: Worker | None = None
@@ -53,6 +55,7 @@ class IdentifierNode(ManagedNode):
         self._heard_s: float | None = None  # when the last sample came
         self._ending = Ending(self)
         self._diagnostics = Diagnostics(self, self._health, "joint_samples")
+        self._baselines = Baselines(self, self._good, self._diagnostics.problem)
         self._publisher = self.create_lifecycle_publisher(JointParams, "joint_params", LATEST)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(END_S, self._end_with_its_leader, clock=steady)
@@ -87,6 +90,7 @@ class IdentifierNode(ManagedNode):
 
     def prepare(self) -> None:
         """Check all parameters, and compile or load every kernel, so that no fit waits for a compilation."""
+        self._baselines.prepare(read(self, BaselineOptions))
         try:
             self._prepared().wait(self._diagnostics.report_if_due)
         finally:
@@ -143,7 +147,9 @@ class IdentifierNode(ManagedNode):
         origin, good = self._good.get(joint, (origin_ns, None))
         if origin != origin_ns:  # it belongs to the previous run, perhaps of another robot
             good = None
-        self._latest[joint] = convert.to_estimate_message(joint, estimate, good, origin_ns)
+        message = convert.to_estimate_message(joint, estimate, good, origin_ns)
+        message.drifts = self._baselines.drifts(joint, estimate, origin_ns)
+        self._latest[joint] = message
         self._fits[estimate.status.value] += 1
         self._publish()
 
@@ -174,4 +180,6 @@ class IdentifierNode(ManagedNode):
         if self.not_ready or worker is None or sources is None:
             level = DiagnosticStatus.ERROR if self._preparation is None else DiagnosticStatus.WARN
             return Health(level, self.not_ready or "stopped")
-        return self._report.report(self._latest.copy(), self._fits, worker, sources)
+        health = self._report.report(self._latest.copy(), self._fits, worker, sources)
+        health.values["joints with a baseline"] = ", ".join(self._baselines.joints)
+        return health
