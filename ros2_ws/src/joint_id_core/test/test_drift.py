@@ -87,7 +87,7 @@ def test_a_drift_tells_size_confidence_and_since_when_and_ends_within_the_tolera
     assert drift.change == pytest.approx(0.14)
     assert drift.std_dev == pytest.approx(math.hypot(0.01, 0.01))
     assert 0.99999 < drift.confidence <= 1.0
-    assert drift.text == "tau_f is 14 ± 1.4 % above its baseline, for 40 s, confidence above 0.9999"
+    assert drift.text == "tau_f is 14 ± 1.4 % above its baseline, confidence above 0.9999, for 40 s"
     assert "confidence 0.528" in found[9][0].text  # as it returns, the confidence falls
     assert found[9][0].since == 20.0
 

@@ -98,7 +98,9 @@ class Drift:
         else:  # the baseline is nearly zero
             by = f"{size:.3g} ± {self.std_dev:.2g} {self.unit}".rstrip()
         sure = f"above {SURE}" if self.confidence > SURE else f"{self.confidence:.4f}"
-        text = f"{self.name} is {by} {side} its baseline, for {self.until - self.since:.0f} s, confidence {sure}"
+        text = f"{self.name} is {by} {side} its baseline, confidence {sure}"
+        if self.until > self.since:
+            text += f", for {self.until - self.since:.0f} s"
         if abs(self.warmer) >= 1.0:  # false for NaN
             text += f", the joint is {abs(self.warmer):.0f} K {'warmer' if self.warmer > 0.0 else 'colder'}"
         return text
