@@ -70,7 +70,8 @@ def set_baseline(probe):
 
 def test_a_parameter_that_leaves_its_baseline_is_told_until_it_is_back(start, probe, publish, tmp_path):
     file = tmp_path / "baselines.json"
-    process = start("identifier", model="rigid_joint", actuation="torque", baseline_file=str(file))
+    options = {"baseline_file": str(file), "drift_confirm_s": 0.5}
+    process = start("identifier", model="rigid_joint", actuation="torque", **options)
     found = probe.collect(JointParams, "joint_params", LATEST)
     samples = probe.source(JointSamples, "joint_samples")
     refused = set_baseline(probe)

@@ -42,22 +42,27 @@ def _rounded(value: float) -> str:
 
 
 def false_alarms(
-    thresholds: Array, tolerance: float, shift: float, joints: int, hours: float, seed: int
+    thresholds: Array, tolerance: float, shift: float, joints: int, hours: float, confirm_s: float, seed: int
 ) -> list[Alarms]:
     """Alarms of parameters that differ from the baseline by a constant `shift`, each watched for so many hours."""
-    steps = round(hours * HOUR / HOP_S)
-    counts = _count(np.asarray(thresholds, dtype=float), tolerance, shift, joints, steps, seed)
+    steps, confirm = round(hours * HOUR / HOP_S), round(confirm_s / HOP_S)
+    counts = _count(np.asarray(thresholds, dtype=float), tolerance, shift, joints, steps, confirm, seed)
     return [Alarms(int(count), joints * hours) for count in counts]
 
 
-def delays(threshold: float, tolerance: float, change: float, joints: int, longest_s: float, seed: int) -> Array:
+def delays(
+    threshold: float, tolerance: float, change: float, joints: int, longest_s: float, confirm_s: float, seed: int
+) -> Array:
     """Time in s from a sudden change until it is reported, shape (joints,); inf where that takes longer."""
-    steps = _delays(threshold, tolerance, change, joints, round(longest_s / HOP_S), seed)
+    confirm = round(confirm_s / HOP_S)
+    steps = _delays(threshold, tolerance, change, joints, round(longest_s / HOP_S), confirm, seed)
     return np.where(steps < 0, np.inf, steps * HOP_S)
 
 
 @numba.njit(cache=False)
-def _count(thresholds: Array, tolerance: float, shift: float, joints: int, steps: int, seed: int) -> Array:
+def _count(
+    thresholds: Array, tolerance: float, shift: float, joints: int, steps: int, confirm: int, seed: int
+) -> Array:
     np.random.seed(seed)
     counts = np.zeros(len(thresholds))
     fresh = math.sqrt(1.0 - KEPT * KEPT)
@@ -65,6 +70,7 @@ def _count(thresholds: Array, tolerance: float, shift: float, joints: int, steps
         baseline = np.random.standard_normal()
         error = baseline
         told = np.zeros(len(thresholds), dtype=np.bool_)
+        far = np.zeros(len(thresholds), dtype=np.int64)  # estimates that were far off, one after the other
         above = True
         for _ in range(steps):
             error = KEPT * error + fresh * np.random.standard_normal()
@@ -72,18 +78,22 @@ def _count(thresholds: Array, tolerance: float, shift: float, joints: int, steps
             beyond = abs(difference) - tolerance
             if beyond <= 0.0 or above != (difference > 0.0):
                 told[:] = False
+                far[:] = 0
             above = difference > 0.0
             if beyond <= 0.0:
                 continue
             for k in range(len(thresholds)):
-                if not told[k] and beyond > thresholds[k] * math.sqrt(2.0):
+                far[k] = far[k] + 1 if beyond > thresholds[k] * math.sqrt(2.0) else 0
+                if not told[k] and far[k] > confirm:
                     told[k] = True
                     counts[k] += 1
     return counts
 
 
 @numba.njit(cache=False)
-def _delays(threshold: float, tolerance: float, change: float, joints: int, steps: int, seed: int) -> Array:
+def _delays(
+    threshold: float, tolerance: float, change: float, joints: int, steps: int, confirm: int, seed: int
+) -> Array:
     np.random.seed(seed)
     found = np.full(joints, -1)
     fresh = math.sqrt(1.0 - KEPT * KEPT)
@@ -91,11 +101,13 @@ def _delays(threshold: float, tolerance: float, change: float, joints: int, step
     for joint in range(joints):
         baseline = np.random.standard_normal()
         error = old * baseline + math.sqrt(1.0 - old * old) * np.random.standard_normal()
+        far = 0
         seen = 0.0  # share of the change that the estimate shows
         for step in range(1, steps + 1):
             error = KEPT * error + fresh * np.random.standard_normal()
             seen = KEPT * seen + (1.0 - KEPT)
-            if abs(seen * change + error - baseline) - tolerance > threshold * math.sqrt(2.0):
+            far = far + 1 if abs(seen * change + error - baseline) - tolerance > threshold * math.sqrt(2.0) else 0
+            if far > confirm:
                 found[joint] = step
                 break
     return found

@@ -28,7 +28,7 @@ KINDS = {"friction": FRICTION, "k_1": STIFFNESS}
 MOTIONS = ("multisine", "point to point")
 MOVE_S, REST_S = 1.0, 0.5  # of the motion from point to point
 
-Chart = tuple[float, float]  # tolerance and threshold
+Chart = tuple[float, float, float]  # tolerance, threshold, and time in s of the confirmation
 
 
 @dataclass(frozen=True)
@@ -111,8 +111,8 @@ def estimates(kind: str, seconds: float, seed: int, course: Course) -> Iterator[
 
 
 def monitor(baseline: Estimate, chart: Chart) -> DriftMonitor:
-    """A drift monitor with this tolerance and threshold."""
-    return DriftMonitor(baseline, DriftOptions(drift_tolerance=chart[0], drift_threshold=chart[1]))
+    """A drift monitor with these options."""
+    return DriftMonitor(baseline, DriftOptions(*chart))
 
 
 def unchanged(kind: str, seconds: float, charts: Sequence[Chart], seed: int) -> Watched:

@@ -8,8 +8,9 @@ CUSUM would: they share their samples, which a sum would count many times, and t
 not average out. Abrupt changes are found by the memory itself, which then forgets what it knew (`online.memory`).
 
 With d the difference from the baseline, s its standard deviation, estimate and baseline together, and t the tolerance,
-a parameter has drifted when |d| > t + h s. It is back when |d| <= t. So a parameter that stays within the tolerance is
-reported as rarely as the threshold h says, however small s is.
+a parameter has drifted when |d| > t + h s for some time of motion. It is back when |d| <= t. So a parameter that stays
+within the tolerance is reported as rarely as the threshold h says, however small s is. The time is for the estimates:
+after a change that was none, or a restart, they can be far off for seconds until more motion has corrected them.
 """
 
 from __future__ import annotations
@@ -42,6 +43,10 @@ class DriftOptions:
     drift_threshold: float = option(
         5.0, "standard deviations beyond the tolerance from which a parameter is reported", lower=1.0, upper=100.0
     )
+    drift_confirm_s: float = option(
+        30.0, "time of motion over which every estimate must be so far off before that is reported", "s",
+        lower=0.0, upper=1e6,
+    )  # fmt: skip
     drift_per_kelvin: tuple[str, ...] = option(
         (), 'known relative change of a parameter per kelvin, as "NAME=SLOPE"; such a change is no drift'
     )
@@ -56,6 +61,15 @@ class DriftOptions:
     def slopes(self) -> dict[str, float]:
         """Relative change per kelvin by parameter."""
         return numbers_by_name(self.drift_per_kelvin, f"parameter {PER_KELVIN}")
+
+
+@dataclass
+class _Away:
+    """A parameter outside of the tolerance: since when in s, whether above, and for how long it was far off in s."""
+
+    since: float
+    above: bool
+    far_s: float = -1.0  # below zero: the newest estimate was not far off
 
 
 @dataclass(frozen=True)
@@ -136,9 +150,8 @@ class DriftMonitor:
                 "the temperature at the baseline is not known: publish the temperature of the joint, or leave "
                 f"{PER_KELVIN} empty"
             )
-        self._since: dict[
-            str, tuple[float, bool]
-        ] = {}  # parameters beyond the tolerance: since when, and whether above
+        self._away: dict[str, _Away] = {}
+        self._newest = math.nan  # end of the newest estimate, if it was evidence
         self._drifts: dict[str, Drift] = {}
 
     def update(self, estimate: Estimate) -> tuple[Drift, ...]:
@@ -147,15 +160,17 @@ class DriftMonitor:
         Raises:
             JointIdError: the estimate is of another model, or other parameters or values are held.
         """
+        before, self._newest = self._newest, estimate.end if estimate.converged else math.nan
         if estimate.converged:
             self._check(estimate)
+            passed = 0.0 if math.isnan(before) else estimate.end - before  # rests do not count
             now = {row.name: row for row in estimate.parameters if _known(row)}
             for name, row in self._rows.items():
                 if name in now:
-                    self._compare(row, now[name], estimate)
+                    self._compare(row, now[name], estimate, passed)
         return tuple(self._drifts[name] for name in self._rows if name in self._drifts)
 
-    def _compare(self, was: ParameterEstimate, now: ParameterEstimate, estimate: Estimate) -> None:
+    def _compare(self, was: ParameterEstimate, now: ParameterEstimate, estimate: Estimate, passed: float) -> None:
         name, warmer = now.name, estimate.temperature - self.baseline.temperature
         factor = 1.0
         if name in self._slopes:
@@ -164,20 +179,23 @@ class DriftMonitor:
             factor = math.exp(self._slopes[name] * warmer)
         baseline, change = factor * was.value, now.value - factor * was.value
         beyond = abs(change) - self.options.drift_tolerance * abs(baseline)
+        away = self._away.get(name)
+        if beyond <= 0.0 or (away is not None and away.above != (change > 0.0)):
+            away = None
+            self._away.pop(name, None)
+            self._drifts.pop(name, None)
         if beyond <= 0.0:
-            self._since.pop(name, None)
-            self._drifts.pop(name, None)
             return
-        since, above = self._since.get(name, (estimate.end, change > 0.0))
-        if above != (change > 0.0):  # from one side to the other: another drift
-            self._drifts.pop(name, None)
-            since = estimate.end
-        self._since[name] = since, change > 0.0
+        away = self._away.setdefault(name, away or _Away(estimate.end, change > 0.0))
         std_dev = math.hypot(now.std_dev, factor * was.std_dev)
-        if name in self._drifts or beyond > self.options.drift_threshold * std_dev:
+        if beyond > self.options.drift_threshold * std_dev:
+            away.far_s = 0.0 if away.far_s < 0.0 else away.far_s + passed
+        else:
+            away.far_s = -1.0
+        if name in self._drifts or away.far_s >= self.options.drift_confirm_s:
             confidence = NormalDist().cdf(beyond / std_dev)
             self._drifts[name] = Drift(
-                name, now.unit, baseline, now.value, std_dev, confidence, since, estimate.end, warmer
+                name, now.unit, baseline, now.value, std_dev, confidence, away.since, estimate.end, warmer
             )
 
     def _check(self, estimate: Estimate) -> None:
