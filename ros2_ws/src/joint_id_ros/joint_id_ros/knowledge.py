@@ -93,6 +93,11 @@ class Knowledge:
             for part in (self._waiting, self._restored, self._refused, self._good):
                 part.clear()
 
+    def good(self) -> dict[str, Estimate]:
+        """Return the newest good estimate of this run by joint."""
+        with self._lock:
+            return {joint: estimate for joint, (_, estimate) in self._good.items()}
+
     @property
     def restored(self) -> Mapping[str, Restored]:
         """What this run continues, of joints of which it has no good estimate of its own yet."""

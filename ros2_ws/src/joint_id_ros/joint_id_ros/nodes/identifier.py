@@ -18,6 +18,7 @@ from joint_id_core.online.options import OnlineOptions
 from joint_id_core.results.estimate import Estimate
 from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples
 from joint_id_ros import conversions as convert
+from joint_id_ros.baselines import Baselines
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.ending import SILENT_S, Ending
 from joint_id_ros.identifier_health import IdentifierHealth
@@ -25,6 +26,7 @@ from joint_id_ros.identifier_setup import IdentifierSetup
 from joint_id_ros.knowledge import Knowledge
 from joint_id_ros.knowledge_services import serve
 from joint_id_ros.lifecycle import ManagedNode
+from joint_id_ros.options.baselines import BaselineOptions
 from joint_id_ros.options.identifier import IdentifierOptions
 from joint_id_ros.options.reading import ReadingOptions
 from joint_id_ros.parameters import read
@@ -43,7 +45,7 @@ class IdentifierNode(ManagedNode):
     """Fits the model of every joint over sliding windows in a thread, and publishes the latest estimates."""
 
     def __init__(self) -> None:
-        super().__init__("identifier", IdentifierOptions, OnlineOptions, ReadingOptions)
+        super().__init__("identifier", IdentifierOptions, OnlineOptions, BaselineOptions, ReadingOptions)
         self._setup = IdentifierSetup(IdentifierOptions(), OnlineOptions())
         self._preparation: Preparation | None = None
         self._worker: Worker | None = None
@@ -57,6 +59,7 @@ class IdentifierNode(ManagedNode):
         self._diagnostics = Diagnostics(self, self._health, "joint_samples")
         self._knowledge = Knowledge(self._diagnostics.problem)
         serve(self, self._knowledge, self._renew)
+        self._baselines = Baselines(self, self._knowledge.good, self._diagnostics.problem)
         self._publisher = self.create_lifecycle_publisher(JointParams, "joint_params", LATEST)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(END_S, self._end_with_its_leader, clock=steady)
@@ -91,6 +94,7 @@ class IdentifierNode(ManagedNode):
 
     def prepare(self) -> None:
         """Check all parameters, and compile or load every kernel, so that no fit waits for a compilation."""
+        self._baselines.prepare(read(self, BaselineOptions))
         try:
             self._prepared().wait(self._diagnostics.report_if_due)
         finally:
@@ -107,7 +111,7 @@ class IdentifierNode(ManagedNode):
         self.get_logger().info(f"identifying {self._setup.model.model} with {self._setup.model.estimator}")
 
     def _begin_run(self) -> None:
-        options = self._setup.model
+        options, hop_s = self._setup.model, self._setup.online.hop_s
         self._knowledge.begin(options.joints, self._setup.possible)
         self._latest = {
             joint: convert.to_estimate_message(joint, one.newest, one.estimate, one.origin_ns)
@@ -117,7 +121,6 @@ class IdentifierNode(ManagedNode):
             self._publish()
         callbacks = Callbacks(self._on_estimate, self._on_gone, self._diagnostics.problem)
         make = partial(self._knowledge.continued, self._setup.begin)
-        hop_s = self._setup.online.hop_s
         self._worker = Worker(make, options.joints, options.expected, callbacks, hop_s, tuple(self._latest))
 
     def _renew(self) -> None:
@@ -165,7 +168,9 @@ class IdentifierNode(ManagedNode):
     def _on_estimate(self, joint: str, estimate: Estimate, origin_ns: int) -> None:
         """Publish an estimate; called from the worker's thread."""
         good = self._knowledge.add(joint, estimate, origin_ns)
-        self._latest[joint] = convert.to_estimate_message(joint, estimate, good, origin_ns)
+        message = convert.to_estimate_message(joint, estimate, good, origin_ns)
+        message.drifts = self._baselines.drifts(joint, estimate, origin_ns)
+        self._latest[joint] = message
         self._fits[estimate.status.value] += 1
         self._publish()
 
@@ -177,10 +182,7 @@ class IdentifierNode(ManagedNode):
             self._publish()
 
     def _publish(self) -> None:
-        message = JointParams(joints=[self._latest[name] for name in sorted(self._latest)])
-        if message.joints:
-            message.header.stamp = max(message.joints, key=lambda j: convert.nanoseconds(j.window_end)).window_end
-        self._publisher.publish(message)
+        self._publisher.publish(convert.to_params_message(self._latest))
 
     def _end_with_its_leader(self) -> None:
         """End when the node that this one follows has gone and all its samples have been used."""
@@ -196,4 +198,4 @@ class IdentifierNode(ManagedNode):
         if self.not_ready or worker is None or sources is None:
             level = DiagnosticStatus.ERROR if self._preparation is None else DiagnosticStatus.WARN
             return Health(level, self.not_ready or "stopped")
-        return self._report.report(self._latest.copy(), self._fits, worker, sources, self._knowledge)
+        return self._report.report(self._latest.copy(), self._fits, worker, sources, self._knowledge, self._baselines)
