@@ -240,7 +240,7 @@ class Follower:
         self._guess = None
         if found is not None:
             mean, precision = found.change.still_known(spread)
-            memory = Memory(mean, np.asarray(np.linalg.inv(precision)), spread)
+            memory = Memory(mean, np.asarray(np.linalg.inv(precision)), spread, changed=True)
             for piece in found.learned.pieces:
                 memory.add(piece, self._options.memory_s)
             self._guess = found, memory
