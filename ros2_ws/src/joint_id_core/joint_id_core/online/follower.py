@@ -231,7 +231,10 @@ class Follower:
         if self._guess is not None:
             explanation, memory = self._guess
             memory.add(self._blocks[-1], self._options.memory_s)
-            if memory.test() is None:
+            seen_s = sum(block.duration for block in self._blocks[1:])
+            # Where nothing is kept, new values need a window of motion, as the first ones do.
+            enough = not explanation.all_new or seen_s > self._options.window_s - BLOCK_S
+            if memory.test() is None and enough:
                 self._take(tracker, explanation, memory)
                 return
         spread = self._coordinates.spread

@@ -19,7 +19,7 @@ from joint_id_core.online.memory import ALIKE, Change
 from joint_id_core.online.relearn import Learned, relearn
 from joint_id_core.online.tracker import Piece, Tracker
 
-UNNEEDED = 0.01  # probability from which a lower cost with more changed parameters counts as noise
+UNNEEDED = 0.001  # probability from which a lower cost with more changed parameters counts as noise
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,11 @@ class Explanation:
 
     change: Change
     learned: Learned
+
+    @property
+    def all_new(self) -> bool:
+        """Whether nothing that was known before is kept."""
+        return len(self.change.names) + len(self.change.likely) == len(self.learned.z)
 
 
 def learn(tracker: Tracker, stretches: Sequence[Piece], change: Change, coordinates: Coordinates) -> Explanation | None:
