@@ -15,7 +15,7 @@ BEGIN_S = 1000.0
 COUNT = 6000  # more than the middleware holds for a reader
 
 
-@pytest.fixture(params=["mcap", "sqlite3"])
+@pytest.fixture(params=["mcap", pytest.param("sqlite3", marks=pytest.mark.long)])
 def storage(request):
     return request.param
 

@@ -23,8 +23,14 @@ def parameters(tmp_path, request, robot):
     return given
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("name", NODES)
+@pytest.mark.parametrize(
+    ("name", "number"),
+    [  # both signals of one node take the same way
+        pytest.param(name, number, marks=pytest.mark.long if (j + k) % 2 else ())
+        for j, name in enumerate(NODES)
+        for k, number in enumerate((signal.SIGINT, signal.SIGTERM))
+    ],
+)
 def test_a_signal_ends_the_node_with_exit_code_0(start, probe, parameters, name, number):
     process = start(name, **parameters.get(name, {}))
     probe.until(lambda: probe.told(name, ""), "the node's diagnostics")

@@ -49,8 +49,10 @@ class Autosave:
             self.count, self.problem = self.count + 1, ""
 
     def flush(self) -> None:
-        """Write now if something is new; a failure is reported."""
-        if self._asked.is_set():
+        """Write now if something is new; a failure is reported. A write that has begun ends first."""
+        with self._writing:
+            asked = self._asked.is_set()
+        if asked:
             self._save_or_tell()
 
     def forget(self, remove: Callable[[], None]) -> None:

@@ -55,6 +55,7 @@ class Follower:
         found: what the newest samples say.
         explanation: the newest change that was taken into the memory; None if there is none.
         since: instant in s at which that change began.
+        age_s: time of motion in s that is in the memory.
         lost_s: time of motion in s since a block was added to the memory.
         noise_changed: whether the innovations of the last window are far from what the noise levels allow.
     """
@@ -72,12 +73,12 @@ class Follower:
         self.found = Found.AGREES
         self.explanation: Explanation | None = None
         self.since = -np.inf
+        self.age_s = age_s
         self.lost_s = 0.0
         self.noise_changed = False
         self._coordinates, self._options, self._make = coordinates, options, make
         self._pieces: list[Piece] = []  # of the present block
         self._white: list[Array] = []  # innovations of the last window
-        self._age = age_s  # time of motion in the memory in s
         self._moved_since, self._moved_until = np.inf, -np.inf
         self._change: Change | None = None  # a change whose new values are not known yet
         self._blocks: list[Piece] = []  # since that change, which is in the first one
@@ -173,12 +174,12 @@ class Follower:
         self.lost_s = 0.0
         self._white.append(block.white)
         del self._white[: -max(1, round(self._options.window_s / BLOCK_S))]
-        self._age += block.duration
+        self.age_s += block.duration
         change = self._tested(self.tracker)
         if change is None:
             self.noise_changed = self._noise_changed()
             self._refine(self.tracker)
-        elif self._age < YOUNG * self._options.window_s:
+        elif self.age_s < YOUNG * self._options.window_s:
             self.found = Found.WRONG_START
         else:
             self.found, self._change, self._blocks = Found.CHANGING, change, list(change.blocks)

@@ -79,6 +79,7 @@ class OnlineIdentifier:
         self._fit_next = -np.inf  # earliest end of the next fit of a whole window
         self._last: Estimate | None = None  # newest fit of a whole window that converged
         self._follower: Follower | None = None
+        self._restarted = False  # until the first windows agree, where they did not before
         self._resumed = False  # until the first window in motion after `resume`
         self._suspended: Estimate | None = None  # fit that shows why the memory does not describe the newest samples
         self._changes: tuple[ParameterChange, ...] = ()
@@ -201,7 +202,7 @@ class OnlineIdentifier:
         if follower is not None and self._suspended is None:
             if follower.found is Found.WRONG_START:
                 self._follower = self._last = None
-                self._fit_next = -np.inf
+                self._fit_next, self._restarted = -np.inf, True
             elif follower.found is Found.UNEXPLAINED:
                 self._suspend()
         if self._follower is None or follower is None or self._suspended is not None:
@@ -210,9 +211,11 @@ class OnlineIdentifier:
             if self._suspended is not None and end < self._fit_next:
                 return with_note(self._suspended, self._window)
             self._fit_next = end + AGAIN_S
-            return self._started()
+            started = self._started()
+            return with_note(started, self._window) if self._restarted and started.converged else started
         assert self._last is not None
-        if follower.found is Found.CHANGING or follower.lost_s > self.options.window_s:
+        self._restarted = self._restarted and follower.age_s < self.options.window_s
+        if follower.found is Found.CHANGING or follower.lost_s > self.options.window_s or self._restarted:
             return with_note(self._last, self._window)
         if self._resumed and not follower.memory.blocks:
             return self._known(self._last, follower, Status.TOO_SHORT, (UNTESTED,))
