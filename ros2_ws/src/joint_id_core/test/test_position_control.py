@@ -93,6 +93,34 @@ def test_one_tick_reports_the_command_it_held():
     assert joint.joint.time == 0.002
 
 
+def test_a_joint_that_changes_goes_on_from_where_it_is():
+    model, inputs = HarmonicDrive(actuation="current"), {"k_t": 0.1}
+    joint = ControlledJoint(model, PositionController(), position_reference(), inputs)
+    twin = ControlledJoint(model, PositionController(), position_reference(), inputs)
+    for _ in range(100):
+        joint.tick(0.002)
+        twin.tick(0.002)
+    before = joint.joint.state
+    joint.change({"k_t": 0.05})
+    assert joint.joint.state == before and joint.joint.time == twin.joint.time
+    # The controller believes in its old torque constant: it reports the same current, but half the torque acts.
+    assert joint.tick(0.002) == twin.tick(0.002)
+    assert abs(joint.joint.state["motor_velocity"] - twin.joint.state["motor_velocity"]) > 0.01
+    with pytest.raises(JointIdError, match="no parameter 'k'"):
+        joint.change({"k": 1.0})
+
+
+def test_a_change_to_the_same_parameters_is_none():
+    joint, twin = (ControlledJoint(HarmonicDrive(), PositionController(), position_reference()) for _ in range(2))
+    for k in range(200):
+        if k == 77:
+            joint.change()
+        joint.tick(0.002)
+        twin.tick(0.002)
+    for s in HarmonicDrive().states:
+        assert joint.joint.state[s.name] == pytest.approx(twin.joint.state[s.name], abs=1e-6 * s.scale), s.name
+
+
 @pytest.mark.parametrize("model", [DCMotor(), MotorSide()])
 def test_models_without_a_link_cannot_be_position_controlled(model):
     with pytest.raises(JointIdError, match=f"{model.name} cannot be position controlled"):

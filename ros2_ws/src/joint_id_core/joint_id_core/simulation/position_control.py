@@ -5,15 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import Model
-from joint_id_core.simulation.excitation import Multisine
 from joint_id_core.simulation.sensors import Sensors
 from joint_id_core.simulation.simulator import JointSimulator
+
+
+class Reference(Protocol):
+    """A motion that a controller follows, e.g. `excitation.Multisine`: value and its derivative at a time in s."""
+
+    def value(self, time: float) -> Any: ...
+    def rate(self, time: float) -> Any: ...
 
 
 @dataclass(frozen=True)
@@ -73,7 +80,7 @@ class ControlledJoint:
         self,
         model: Model,
         controller: PositionController,
-        reference: Multisine,
+        reference: Reference,
         values: Mapping[str, float] | None = None,
         x0: Mapping[str, float] | None = None,
         torque_noise: float = 0.0,
@@ -112,6 +119,16 @@ class ControlledJoint:
             self._shown = self.joint.time, seen
         return self._shown[1]
 
+    def change(self, values: Mapping[str, float] | None = None) -> None:
+        """Let the joint go on with other parameters; `values` replace the nominal ones.
+
+        The controller does not know: it keeps its gear ratio, and its torque constant for the reported current.
+
+        Raises:
+            JointIdError: unknown parameter, a value out of bounds.
+        """
+        self.joint.change(values)
+
     def command(self) -> float:
         """Return the torque at the motor shaft in Nm that the controller commands now."""
         t, x = self.joint.time, self.shown
@@ -131,7 +148,7 @@ class ControlledJoint:
 def simulate_closed_loop(
     model: Model,
     controller: PositionController,
-    reference: Multisine,
+    reference: Reference,
     time: Array,
     values: Mapping[str, float] | None = None,
     x0: Mapping[str, float] | None = None,

@@ -55,14 +55,7 @@ class JointSimulator:
         self._state_names, self._input_names = model.state_names, model.input_names
         self._optional = model.optional_inputs
         self._x = _ordered(model, "state", self._state_names, x0 or {}, frozenset(self._state_names))
-        checked = model.values(values)
-        try:
-            self._friction = StickSlip(model, SimpleNamespace(**checked))
-        except ZeroDivisionError as error:
-            zeros = ", ".join(name for name, value in checked.items() if value == 0.0)
-            raise JointIdError(
-                f"model {model.name} divides by zero: inertia and inductance must not be 0 (zero now: {zeros})"
-            ) from error
+        self._friction = self._with(values)
         self._h = _FIRST_STEP
         self._slope: State | None = None
         self._u: list[float] | None = None
@@ -78,6 +71,26 @@ class JointSimulator:
     def modes(self) -> dict[str, int]:
         """Mode by velocity with friction: +1 or -1 while it slides, 0 while it sticks (or has no Coulomb friction)."""
         return dict(self._friction.modes)
+
+    def change(self, values: Mapping[str, float] | None = None) -> None:
+        """Go on from the present state and time with other parameters: `values` replace the nominal ones.
+
+        Raises:
+            JointIdError: unknown parameter, a value out of bounds.
+        """
+        self._friction = self._with(values)
+        self._h, self._slope, self._u = _FIRST_STEP, None, None
+
+    def _with(self, values: Mapping[str, float] | None) -> StickSlip:
+        """Return the model with parameters after a check."""
+        checked = self.model.values(values)
+        try:
+            return StickSlip(self.model, SimpleNamespace(**checked))
+        except ZeroDivisionError as error:
+            zeros = ", ".join(name for name, value in checked.items() if value == 0.0)
+            raise JointIdError(
+                f"model {self.model.name} divides by zero: inertia and inductance must not be 0 (zero now: {zeros})"
+            ) from error
 
     def advance(self, dt: float, u: Mapping[str, float], end: Mapping[str, float] | None = None) -> None:
         """Advance by `dt` in s under the inputs `u`, by channel name; optional inputs that are not given are zero.
