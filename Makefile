@@ -1,4 +1,4 @@
-# make setup | test | test-long | test-haswell | lint | demo | paper | paper-quick | bench-rtde | bench-graph | bench-speed | bench-stats | clean
+# make setup | test | test-long | test-haswell | lint | demo | paper | paper-quick | bench-rtde | bench-graph | bench-speed | bench-stats | bench-drift | clean
 # Every target sets up what it needs. Needs Python 3.11 or 3.12 with venv and headers, gcc, g++, make and a Python package index.
 
 VENV := .venv
@@ -15,7 +15,7 @@ UNIT_TESTS := $(wildcard $(WS)/src/joint_id_core/test)
 NODE_TESTS := $(wildcard $(WS)/src/joint_id_ros/test tests)
 TIMED_TESTS := tests/test_chain.py tests/test_demo.py tests/test_driver.py tests/test_driver_faults.py
 
-.PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-graph bench-speed bench-stats clean
+.PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-graph bench-speed bench-stats bench-drift clean
 all: setup
 
 setup: $(WS)/install/.built
@@ -45,7 +45,7 @@ test-long: setup $(VENV)/.paper
 	$(RUN) python -m pytest -n 2 --dist loadfile --durations=10 -m long $(NODE_TESTS)
 
 # The numeric unit tests as on a processor without AVX-512, as most laptops are: LAPACK, sums and kernels round differently there.
-NUMERIC_TESTS := changes combinations fit_data gauss_newton innovations memory messages noise online processor ranking recursion \
+NUMERIC_TESTS := changes combinations fit_data gauss_newton innovations memory messages noise online processor ranking recursion resume \
 	rounding starts translate whiteness
 test-haswell: setup
 	$(RUN) setup/haswell python -m pytest -n 2 --dist worksteal $(NUMERIC_TESTS:%=$(UNIT_TESTS)/test_%.py)
@@ -92,6 +92,10 @@ bench-speed: setup $(VENV)/.peers
 # Errors against their predicted sigma, coverage of the intervals, and the paper's methods on the same data.
 bench-stats: setup
 	$(RUN) python benchmarks/stats.py --json out/benchmarks/stats.json
+
+# Run lengths of the drift monitor: writes its tables into docs/reliability.md (twenty minutes).
+bench-drift: setup
+	$(RUN) python benchmarks/drift.py --json out/benchmarks/drift.json --write docs/reliability.md
 
 clean:
 	rm -rf $(VENV) $(WS)/build $(WS)/install $(WS)/log out .mypy_cache .pytest_cache .ruff_cache .hypothesis

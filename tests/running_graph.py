@@ -133,7 +133,11 @@ class Graph:
 
     def told(self, node: str, text: str) -> None:
         """Wait until the diagnostics of a node say this, and that something is wrong."""
-        self.probe.until(lambda: self.probe.told(node, text), f"a diagnostic of {node} with {text!r}")
+        try:
+            self.probe.until(lambda: self.probe.told(node, text), f"a diagnostic of {node} with {text!r}")
+        except AssertionError as error:
+            said = {status.message for status in self.probe.diagnostics if status.name == f"/{node}"}
+            raise AssertionError("\n".join([str(error), "it said:", *sorted(said)])) from None
         status = self.probe.told(node, text)
         assert status.level in (b"\x01", b"\x02"), status.message
 

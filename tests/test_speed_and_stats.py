@@ -173,7 +173,6 @@ def test_the_scripts_run(tmp_path, cache):
     assert [row["case"] for row in report["kernel"]] == [case.name for case in CASES]
     assert sum(report["shares"].values()) == pytest.approx(1.0)
     assert len(report["windows"]) == 2 * 30 and {row["status"] for row in report["windows"]} == {"converged"}
-    assert 3 <= sum(row["whole"] for row in report["windows"][:30]) <= 6
     file = tmp_path / "stats.json"
     script(
         "stats.py", "--sections", "cases", "--draws", "1", "--workers", "1", "--cache", str(cache), "--json", str(file)

@@ -84,4 +84,4 @@ def test_estimates_of_a_sliding_window_hold_the_truth(cache):
     for name, draws in found.items():
         assert all(draw.converged and not draw.far for draw in draws), name
         assert np.mean(summary(draws).coverage) > 0.80, name
-    assert len(found["all four states, extended"]) > 100
+    assert len(found["all four states"]) > 100

@@ -34,7 +34,6 @@ class WindowTimes:
         labels: what was measured.
         end: of the window, s.
         status: of the estimate.
-        whole: whether the window was fitted as a whole; otherwise the estimate before was extended.
         steps: mean RK4 steps a sample.
         update: the calls of `OnlineIdentifier.update` of a hop, together.
         warm: `fit_innovations` of the window alone, from the estimate of the window before; None where that did not
@@ -45,7 +44,6 @@ class WindowTimes:
     labels: str
     end: float
     status: str
-    whole: bool
     steps: float
     update: Times
     warm: Times | None
@@ -74,7 +72,7 @@ def measure(cache: Path, rounds: int) -> list[WindowTimes]:
             middle = {kind: Times.median(t[k][kind] for t in times) for kind in times[0][k]}
             found.append(
                 WindowTimes(
-                    name, estimate.end, estimate.status.value, estimate.predictions is not None, steps[k],
+                    name, estimate.end, estimate.status.value, steps[k],
                     middle["update"], middle.get("warm"), at_steps(middle, steps[k]),
                 )
             )  # fmt: skip
@@ -112,26 +110,25 @@ def one_run(recording: Recording, beside: Sequence[Mapping[str, Callable[[], obj
 
 
 def table(rows: Sequence[WindowTimes]) -> str:
-    """A row for each choice of labels: medians over the windows, the mean, and windows that were fitted as a whole."""
+    """A row for each choice of labels: medians over the windows, and the mean with the checks of whole windows."""
     lines = [
         f"update of a window of {round(WINDOW_S * RATE)} samples that slides by {HOP_S / WINDOW_S:.0%}; processor time",
-        f"{'labels':<31}{'converged':>10}{'steps':>7}{'update':>10}{'mean':>10}{'whole':>10}{'C++':>10}"
-        f"{'update/C++':>12}{'mean/C++':>10}{'whole/C++':>11}{'warm/C++':>10}   target {TARGET:g}",
+        f"{'labels':<31}{'converged':>10}{'steps':>7}{'update':>10}{'mean':>10}{'C++':>10}"
+        f"{'update/C++':>12}{'mean/C++':>10}{'warm/C++':>10}   target {TARGET:g}",
     ]
     for name in dict.fromkeys(row.labels for row in rows):
         here = [row for row in rows if row.labels == name]
         update, cpp = (
             np.array([t.cpu_s for t in times]) for times in ([r.update for r in here], [r.cpp for r in here])
         )
-        whole = np.array([row.whole for row in here])
         warm = [row.warm.cpu_s / row.cpp.cpu_s for row in here if row.warm is not None]
         ratio = float(np.median(update / cpp))
         converged = f"{sum(row.status == 'converged' for row in here)} of {len(here)}"
-        shown = (np.median(update), update.mean(), np.median(update[whole]), np.median(cpp))
+        shown = (np.median(update), update.mean(), np.median(cpp))
         lines.append(
             f"{name:<31}{converged:>10}{np.median([r.steps for r in here]):>7.2f}"
             + "".join(f"{f'{1e3 * t:.3g}':>7} ms" for t in shown)
-            + f"{ratio:>12.1f}{update.mean() / cpp.mean():>10.1f}{np.median((update / cpp)[whole]):>11.1f}"
+            + f"{ratio:>12.1f}{update.mean() / cpp.mean():>10.1f}"
             f"{np.median(warm):>10.1f}   {'met' if ratio <= TARGET else 'missed'}"
         )
     return "\n".join(lines) + "\n"

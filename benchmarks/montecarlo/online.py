@@ -1,4 +1,4 @@
-"""Errors of a sliding window's estimates: of windows that are fitted as a whole, and of estimates that are extended."""
+"""Errors of the estimates of a sliding window."""
 
 from __future__ import annotations
 
@@ -12,24 +12,16 @@ from simulated import MODEL_2, motion
 
 from montecarlo.draws import Draw, many, of
 
-KINDS = ("extended", "fitted as a whole")
 
-
-def run(labels: Sequence[str], cache: Path, seed: int) -> list[tuple[str, Draw]]:
-    """All estimates of one motion, with their kinds."""
+def run(labels: Sequence[str], cache: Path, seed: int) -> list[Draw]:
+    """All estimates of one motion."""
     recording = measured(motion(MOTION, seed, cache), seed, labels)
-    found = []
-    for estimate, took in slide(recording):
-        kind = KINDS[estimate.predictions is not None]
-        found.append((kind, of(estimate, MODEL_2.values(), seed, took.cpu_s)))
-    return found
+    return [of(estimate, MODEL_2.values(), seed, took.cpu_s) for estimate, took in slide(recording)]
 
 
 def measure(seeds: Sequence[int], cache: Path, workers: int) -> dict[str, list[Draw]]:
-    """By labels and kind, the draws of all motions. Those of one motion share what they remember."""
-    found: dict[str, list[Draw]] = {}
-    for name, labels in LABELS.items():
-        runs = many(partial(run, labels, cache), seeds, workers)
-        for kind in KINDS:
-            found[f"{name}, {kind}"] = [draw for one in runs for k, draw in one if k == kind]
-    return found
+    """By labels, the draws of all motions. Those of one motion share what they remember."""
+    return {
+        name: [draw for one in many(partial(run, labels, cache), seeds, workers) for draw in one]
+        for name, labels in LABELS.items()
+    }

@@ -14,7 +14,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.formats.topics import Topic
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, Status, Verdict
-from joint_id_msgs.msg import JointEstimate, ParameterEstimate
+from joint_id_msgs.msg import JointEstimate, JointParams, ParameterChange, ParameterEstimate
 
 STATUS_CODES = {status: getattr(JointEstimate, status.name) for status in Status}
 VERDICT_CODES = {verdict: getattr(ParameterEstimate, verdict.name) for verdict in Verdict}
@@ -56,6 +56,14 @@ def check_message(topic: Topic, message: Any) -> None:
             if abs(value) > LARGEST:  # false for NaN
                 what = "infinite" if math.isinf(value) else f"{value:.3g}, which no joint can have"
                 raise JointIdError(f"{topic.name}: {field} of joint {name} is {what}: use NaN for a missing value")
+
+
+def to_params_message(estimates: Mapping[str, JointEstimate]) -> JointParams:
+    """Return the estimates of all joints; the stamp is the newest end of a window."""
+    message = JointParams(joints=[estimates[name] for name in sorted(estimates)])
+    if message.joints:
+        message.header.stamp = max(message.joints, key=lambda joint: nanoseconds(joint.window_end)).window_end
+    return message
 
 
 def to_estimate_message(joint: str, newest: Estimate, good: Estimate | None, origin_ns: int) -> JointEstimate:
@@ -100,6 +108,17 @@ def to_estimate_message(joint: str, newest: Estimate, good: Estimate | None, ori
         ],
         free=list(found.free),
         covariance=found.covariance.ravel().tolist(),
+        changes=[
+            ParameterChange(
+                name=c.name,
+                before=c.before,
+                before_std_dev=c.before_std_dev,
+                after=c.after,
+                after_std_dev=c.after_std_dev,
+                since=to_stamp(instant(c.since, origin_ns)),
+            )
+            for c in found.changes
+        ],
     )
 
 

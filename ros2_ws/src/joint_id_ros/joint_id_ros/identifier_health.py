@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from joint_id_msgs.msg import JointEstimate
+from joint_id_ros.baselines import Baselines
 from joint_id_ros.diagnostics import Health
+from joint_id_ros.knowledge import Knowledge
 from joint_id_ros.sources import TOO_LATE_S, Sources
 from joint_id_ros.worker import Worker
 
@@ -21,12 +23,23 @@ class IdentifierHealth:
         self._missed = 0
 
     def report(
-        self, latest: Mapping[str, JointEstimate], fits: Mapping[str, int], worker: Worker, sources: Sources
+        self,
+        latest: Mapping[str, JointEstimate],
+        fits: Mapping[str, int],
+        worker: Worker,
+        sources: Sources,
+        knowledge: Knowledge,
+        baselines: Baselines,
     ) -> Health:
         """Return the report of a node that identifies."""
         values: dict[str, object] = {f"fits: {status}": n for status, n in sorted(fits.items())}
         late, level = self._lateness(worker, sources, values)
-        bad = [*sources.complaints, *late]
+        bad = [*sources.complaints, *late, *knowledge.refused]
+        values |= knowledge.store.values()
+        values["joints with a baseline"] = ", ".join(baselines.joints)
+        if knowledge.store.problem:
+            bad.append(knowledge.store.problem)
+            level = DiagnosticStatus.ERROR
         for name, joint in sorted(latest.items()):
             values[f"{name}: solve time [s]"] = f"{joint.solve_time:.4f}"
             values[f"{name}: status"] = joint.message
@@ -36,6 +49,8 @@ class IdentifierHealth:
             values[f"{name}: estimated"] = f"{found} of {len(joint.free)} parameters"
             if joint.status != JointEstimate.CONVERGED:
                 bad.append(f"{name}: {joint.message}")
+            if joint.drifts:
+                bad.append(f"{name}: {'; '.join(drift.text for drift in joint.drifts)}")
         if bad:
             level = max(level, DiagnosticStatus.WARN)
         return Health(level, "; ".join(bad) or f"identified {len(latest)} joints", values)

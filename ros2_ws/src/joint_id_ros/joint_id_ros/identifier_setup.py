@@ -7,6 +7,7 @@ from functools import partial
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
+from joint_id_core.estimators import Innovations
 from joint_id_core.online import OnlineIdentifier, OnlineOptions
 from joint_id_core.online.checks import in_thread
 from joint_id_ros.options.identifier import IdentifierOptions
@@ -31,7 +32,9 @@ class IdentifierSetup:
             JointIdError: options that do not fit; the message names the joint, if only one is concerned.
         """
         joints = (*self.model.expected, *(() if self.model.joints else ("",)))
-        made = [identifier for joint in joints for identifier in self._possible(joint)]
+        if self.model.state_file and not (self.model.estimator == Innovations.name and self.online.memory_s):
+            raise JointIdError("state_file needs a memory: leave it out, or take innovations and memory_s > 0")
+        made = [identifier for joint in joints for identifier in self.possible(joint)]
         jobs = {(i.model, i.settings.freed_in(i.model)): i for i in made}
         new = [i for i in jobs.values() if not i.estimator.is_compiled(i.model, i.settings)]
         text = f"loading the kernels of model {self.model.model}"
@@ -39,11 +42,7 @@ class IdentifierSetup:
             text = f"compiling model {self.model.model} (only the first start of a model does that; others load it)"
         return Preparation([partial(i.estimator.compile, i.model, i.settings) for i in jobs.values()], text)
 
-    def _make(self, joint: str, drive: str) -> OnlineIdentifier:
-        options = self.model
-        return OnlineIdentifier(options.build(drive), options.settings(joint), self.online, options.solver, in_thread)
-
-    def _possible(self, joint: str) -> list[OnlineIdentifier]:
+    def possible(self, joint: str) -> list[OnlineIdentifier]:
         """Return the identifiers of a joint with each possible drive signal, at least one."""
         made, errors = [], dict[str, JointIdError]()
         for drive in self.model.drives:
@@ -56,3 +55,7 @@ class IdentifierSetup:
         told = "current" if "k_t" in self.model.values(joint) else "torque"  # drive that the user means
         wrong = errors.get(told) or next(iter(errors.values()))
         raise JointIdError(f"joint {joint}: {wrong}" if joint else str(wrong))
+
+    def _make(self, joint: str, drive: str) -> OnlineIdentifier:
+        options = self.model
+        return OnlineIdentifier(options.build(drive), options.settings(joint), self.online, options.solver, in_thread)

@@ -19,6 +19,7 @@ from joint_id_ros.options.reading import RELIABLE
 
 BEAT_S = 0.25  # period of the checks that this process runs at all
 STALL_S = 0.5  # silence of these checks from which the process counts as stopped
+BACKLOG_S = 30.0  # longest time that reading what has waited may take
 LOOK_S = 1.0  # period of the looks at the graph
 LATE_S = 0.5  # samples that wait longer until they are read are a warning ...
 TOO_LATE_S = 2.0  # ... and then an error
@@ -41,7 +42,7 @@ class Sources:
         self._complaints: list[str] = []
         self._foreign: dict[str, int] = {}  # messages of other publishers until the last look, by topic
         self._beat_s = self._looked_s = time.monotonic()
-        self._stalled_s, self._stall_ended_s = 0.0, -1.0
+        self._stalled_s, self._stall_ended_s = 0.0, -BACKLOG_S
         self._timer = node.create_timer(BEAT_S, self._beat, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def admit(self, topic: str, stamp_ns: int, message: Any, info: Mapping[str, Any]) -> bool:
@@ -53,7 +54,9 @@ class Sources:
         if watch is None:
             return True
         arrived_ns = info.get("received_timestamp") or 0
-        waited_s = max((time.time_ns() - arrived_ns) / NANO if arrived_ns else 0.0, self._stall())
+        waited_s = max(
+            (time.time_ns() - arrived_ns) / NANO if arrived_ns else 0.0, self._stall(info.get("source_timestamp"))
+        )
         admitted = watch.admit(stamp_ns, message.name, info.get("publication_sequence_number"), waited_s)
         while watch.events:
             event = watch.events.popleft()
@@ -98,13 +101,16 @@ class Sources:
         """End the watch."""
         self._node.destroy_timer(self._timer)
 
-    def _stall(self) -> float:
-        """Return the time in s for which this process did not run just now."""
+    def _stall(self, sent_ns: int | None) -> float:
+        """Return the time in s for which this process did not run just now, or when a message was sent."""
         now = time.monotonic()
         stalled = now - self._beat_s
         if stalled > STALL_S:
             return stalled
-        return self._stalled_s if now - self._stall_ended_s < SILENT_S else 0.0
+        since = now - self._stall_ended_s
+        # A busy computer takes long to read what has waited. The publisher's clock may be another one.
+        sent_before = sent_ns is not None and since < BACKLOG_S and time.time_ns() - sent_ns > since * NANO
+        return self._stalled_s if since < SILENT_S or sent_before else 0.0
 
     def _beat(self) -> None:
         now = time.monotonic()

@@ -57,6 +57,7 @@ class Worker:
         expected: Collection[str],
         callbacks: Callbacks,
         hop_s: float,
+        known: Collection[str] = (),
     ) -> None:
         """Start the thread.
 
@@ -66,6 +67,7 @@ class Worker:
             expected: joints that must be in the samples; a missing one is reported as a problem.
             callbacks: callbacks for estimates and problems.
             hop_s: time in s after which an estimate of each joint is due.
+            known: joints that were published before the first sample; those not in the samples are gone, too.
         """
         self.missed = self.left_out = 0
         self._hop_s = hop_s
@@ -74,6 +76,7 @@ class Worker:
         self._newest_ns = 0  # age of the newest sample in the time that samples cover: a clock that is set adds nothing
         self._done_ns: dict[str, int] = {}  # newest sample that an identifier has taken, by joint
         self._named_ns: dict[str, int] = {}  # newest sample in which a joint was named
+        self._known = tuple(known)
         self._longest_lag_s = 0.0
         self._make, self._wanted, self._expected, self._callbacks = make, tuple(joints), tuple(expected), callbacks
         self._identifiers: dict[str, OnlineIdentifier] = {}
@@ -160,6 +163,7 @@ class Worker:
                 self._identifiers.clear()
                 self._done_ns.clear()
                 self._named_ns.clear()
+                self._known = ()
                 self._origin_ns = None
             try:
                 if batch:
@@ -173,6 +177,7 @@ class Worker:
     def _update(self, batch: list[tuple[int, RawMessage]]) -> None:
         if self._origin_ns is None:
             self._origin_ns = batch[0][1].stamp_ns
+            self._named_ns = dict.fromkeys(self._known, batch[0][0])
         recordings = to_recordings([message for _, message in batch], self._origin_ns, "joint_samples")
         self._forget_the_gone(recordings, batch[-1][0])
         for joint in self._expected:

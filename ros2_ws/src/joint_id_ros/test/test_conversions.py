@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.topics import MEASURED_BITS, RAW
 from joint_id_core.models import Electromechanical
-from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status, Verdict
+from joint_id_core.results.estimate import Estimate, ParameterChange, ParameterEstimate, Status, Verdict
 from joint_id_msgs.msg import JointEstimate, JointSamples
 from joint_id_msgs.msg import ParameterEstimate as ParameterMessage
 from joint_id_ros import conversions as convert
@@ -100,6 +100,18 @@ def test_a_failed_fit_keeps_the_parameters_of_the_last_good_one():
     assert m.age == 3.5
     assert [(p.value, p.std_dev) for p in m.parameters] == [(1.5, 0.1)]
     assert (list(m.free), list(m.covariance)) == (["J"], [0.01])
+
+
+def test_changes_are_those_of_the_parameters_with_their_instants():
+    changed = ParameterChange("J", 1.5, 0.1, 3.0, 0.2, 12.25)
+    good = Estimate("rigid_joint", "innovations", Status.CONVERGED, "well", (), end=13.0, changes=(changed,))
+    resting = Estimate("rigid_joint", "innovations", Status.NO_MOTION, "move it", (), start=14.0, end=16.0)
+    for m in (convert.to_estimate_message("elbow", e, good, 10**18) for e in (good, resting)):
+        (change,) = m.changes
+        assert (change.name, change.before, change.before_std_dev) == ("J", 1.5, 0.1)
+        assert (change.after, change.after_std_dev) == (3.0, 0.2)
+        assert convert.nanoseconds(change.since) == 10**18 + 12_250_000_000
+    assert not convert.to_estimate_message("elbow", resting, None, 0).changes
 
 
 def test_an_estimate_without_data_has_stamps_too():

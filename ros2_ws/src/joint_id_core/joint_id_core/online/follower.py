@@ -47,6 +47,7 @@ class Follower:
         coordinates: of the free parameters.
         options: window, forgetting.
         make: returns a filter for a recording, at parameters z (k,); None if the recording cannot be used.
+        age_s: time of motion in s that is in the memory already.
 
     Attributes:
         memory: what is known.
@@ -64,6 +65,7 @@ class Follower:
         coordinates: Coordinates,
         options: OnlineOptions,
         make: Callable[[Recording, Array], Tracker | None],
+        age_s: float = 0.0,
     ) -> None:
         self.memory = memory
         self.tracker: Tracker | None = None
@@ -75,7 +77,7 @@ class Follower:
         self._coordinates, self._options, self._make = coordinates, options, make
         self._pieces: list[Piece] = []  # of the present block
         self._white: list[Array] = []  # innovations of the last window
-        self._age = 0.0  # time of motion in the memory in s
+        self._age = age_s  # time of motion in the memory in s
         self._moved_since, self._moved_until = np.inf, -np.inf
         self._change: Change | None = None  # a change whose new values are not known yet
         self._blocks: list[Piece] = []  # since that change, which is in the first one
@@ -229,7 +231,10 @@ class Follower:
         if self._guess is not None:
             explanation, memory = self._guess
             memory.add(self._blocks[-1], self._options.memory_s)
-            if memory.test() is None:
+            seen_s = sum(block.duration for block in self._blocks[1:])
+            # Where nothing is kept, new values need a window of motion, as the first ones do.
+            enough = not explanation.all_new or seen_s > self._options.window_s - BLOCK_S
+            if memory.test() is None and enough:
                 self._take(tracker, explanation, memory)
                 return
         spread = self._coordinates.spread
@@ -238,7 +243,7 @@ class Follower:
         self._guess = None
         if found is not None:
             mean, precision = found.change.still_known(spread)
-            memory = Memory(mean, np.asarray(np.linalg.inv(precision)), spread)
+            memory = Memory(mean, np.asarray(np.linalg.inv(precision)), spread, changed=True)
             for piece in found.learned.pieces:
                 memory.add(piece, self._options.memory_s)
             self._guess = found, memory

@@ -9,26 +9,29 @@ import numpy as np
 
 from joint_id_core.cell.kernel import compile_model
 from joint_id_core.data.recording import Array, Recording
+from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import DEFAULT, Estimator
 from joint_id_core.estimators.innovations.belief import Belief, Coordinates
 from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.innovations.fit import fit_innovations
-from joint_id_core.estimators.shared.fit_data import UnusableError, prepare, unusable
-from joint_id_core.estimators.shared.sentences import message, sentence
+from joint_id_core.estimators.shared.fit_data import UnusableError, prepare
+from joint_id_core.estimators.shared.sentences import message
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.estimators.shared.stillness import STILL_S, seen_by
 from joint_id_core.models import Model
 from joint_id_core.online.checks import OWN_SHARE, Background, WindowChecks, at_once, mixed
-from joint_id_core.online.follower import Follower, Found
+from joint_id_core.online.follower import YOUNG, Follower, Found
 from joint_id_core.online.memory import Memory, agree
 from joint_id_core.online.motion import MotionWatch
 from joint_id_core.online.options import OnlineOptions
-from joint_id_core.online.published import DISAGREE, changes_of, published, with_note
+from joint_id_core.online.published import DISAGREE, at_rest, changes_of, published, too_short, with_note
+from joint_id_core.online.resume import as_of_now, known_of
 from joint_id_core.online.tracker import Tracker
 from joint_id_core.online.window import SlidingWindow
 from joint_id_core.results.estimate import Estimate, ParameterChange, Status
 
 AGAIN_S = 1.0  # time between two fits of windows that the model does not describe
+UNTESTED = "What was known before is not tested yet: move the joint for more than half a second."
 MOVING = "The joint rests: the estimate stays as it is, move the joint to continue."
 
 
@@ -76,9 +79,40 @@ class OnlineIdentifier:
         self._fit_next = -np.inf  # earliest end of the next fit of a whole window
         self._last: Estimate | None = None  # newest fit of a whole window that converged
         self._follower: Follower | None = None
+        self._resumed = False  # until the first window in motion after `resume`
         self._suspended: Estimate | None = None  # fit that shows why the memory does not describe the newest samples
         self._changes: tuple[ParameterChange, ...] = ()
         self._told: object = None  # the explanation that is in these changes
+
+    @property
+    def remembers(self) -> bool:
+        """Whether it has a memory; without one, every window is fitted by itself."""
+        return isinstance(self.estimator, Innovations) and self.options.memory_s > 0.0
+
+    def resume(self, estimate: Estimate, gone_s: float) -> Estimate:
+        """Continue from an earlier estimate of this joint; call it before the first `update`.
+
+        Samples then need no first window. They are tested against the estimate as against any other memory, so a joint
+        that has changed meanwhile is found.
+
+        Args:
+            estimate: what `update` returned, with status CONVERGED; it may come from a file.
+            gone_s: time since then in s, by which the standard deviations are widened; inf if it is not known.
+
+        Returns:
+            The estimate as it is known now.
+
+        Raises:
+            JointIdError: the estimate is of another model or other settings, is no good one, or the identifier has no
+                memory; the message says what differs. The identifier is as before.
+        """
+        if not self.remembers:
+            raise JointIdError("no estimate is continued without a memory: take innovations, and a memory_s above 0")
+        mean, covariance = known_of(self.model, self.settings, self._options, self._coordinates, estimate, gone_s)
+        now = as_of_now(self.model, self._coordinates, (mean, covariance), estimate)
+        self._follower = self._new_follower(mean, covariance, YOUNG * self.options.window_s)
+        self._last, self._resumed = now, True
+        return now
 
     def update(self, samples: Recording) -> Estimate | None:
         """Add samples; when a hop has passed, return the estimate, else None.
@@ -95,12 +129,14 @@ class OnlineIdentifier:
         if not len(samples):
             return None
         if first:
-            self._next = recent.start + self.options.window_s
+            self._next = recent.start + (self.options.hop_s if self._resumed else self.options.window_s)
+        if first and self._last is not None:  # its origin is that of an earlier run
+            self._last = replace(self._last, origin=samples.origin, source=samples.source, joint=samples.joint)
         # Half a sample of slack: a window of 1000 samples ends one period before its length.
         due = recent.end >= self._next - 1.5 * samples.duration / max(1, len(samples) - 1)
         if due:
             self._next = recent.end + self.options.hop_s
-        if not isinstance(self.estimator, Innovations) or not self.options.memory_s:
+        if not self.remembers:
             return self._alone() if due else None
         self._follow(due)
         if not due:
@@ -115,6 +151,8 @@ class OnlineIdentifier:
                 self._window.append(samples)
             if self._follower is None or self._suspended is not None:
                 continue
+            if moves and self._resumed and self._window.duration > self.options.window_s - 2.0 * STILL_S:
+                self._settle(self._follower)
             if moves:
                 self._follower.move(samples, self._window)
             else:
@@ -135,6 +173,24 @@ class OnlineIdentifier:
         held = frozenset(self.settings.values)
         return Tracker(data, kernel, self._coordinates, z, levels, last.substeps, held)
 
+    def _settle(self, follower: Follower) -> None:
+        """Learn from the first window in motion after `resume` what an estimate does not hold.
+
+        These are the labels that show rest, and the noise levels and integrator steps of today.
+        """
+        assert self._last is not None
+        try:
+            data = prepare(self.model, self._window.recording(), self.settings, leave_out_rests=True)
+        except UnusableError:
+            return
+        self._resumed = False
+        untested = not follower.memory.blocks and follower.found is Found.AGREES
+        if set(data.noise_names) != set(self._last.noise) or untested:
+            self._suspend()  # other signals than before, or values at which the filter fails
+            return
+        self._watch.noise = seen_by(data.labels, data.y, data.period, self._last.noise)
+        self._checks.begin(-np.inf)  # the first one comes at once
+
     # --- estimates
 
     def _estimate(self) -> Estimate:
@@ -150,7 +206,7 @@ class OnlineIdentifier:
                 self._suspend()
         if self._follower is None or follower is None or self._suspended is not None:
             if self._window.duration < self.options.window_s - 2.0 * STILL_S and self._suspended is None:
-                return self._too_short()
+                return too_short(self.model, self._window, self.options.window_s)
             if self._suspended is not None and end < self._fit_next:
                 return with_note(self._suspended, self._window)
             self._fit_next = end + AGAIN_S
@@ -158,6 +214,8 @@ class OnlineIdentifier:
         assert self._last is not None
         if follower.found is Found.CHANGING or follower.lost_s > self.options.window_s:
             return with_note(self._last, self._window)
+        if self._resumed and not follower.memory.blocks:
+            return self._known(self._last, follower, Status.TOO_SHORT, (UNTESTED,))
         self._tell_changes(follower)
         if not self._check(follower):
             self._suspend()
@@ -181,23 +239,16 @@ class OnlineIdentifier:
 
     def _resting(self) -> Estimate:
         recent, follower = self._watch.recent, self._follower
-        recording = recent.recording()
         if self._last is None or follower is None:
-            text = f"{recording.source}: {sentence('the joint rests in this window: move the joint')}"
-            return unusable(self.model, "innovations", UnusableError(Status.NO_MOTION, text), recording)
-        found = self._published(self._last, follower, at_rest=True)
+            return at_rest(self.model, recent)
         notes = (MOVING,) if follower.found is Found.AGREES else (DISAGREE, MOVING)
-        return replace(
-            found, status=Status.NO_MOTION, message=message(notes), notes=notes, start=recent.start, end=recent.end
-        )
+        return self._known(self._last, follower, Status.NO_MOTION, notes)
 
-    def _too_short(self) -> Estimate:
-        recording = self._window.recording()
-        text = (
-            f"{recording.source}: the joint has moved for {self._window.duration:.2g} s, "
-            f"a first estimate needs {self.options.window_s:g} s of motion: move the joint"
-        )
-        return unusable(self.model, "innovations", UnusableError(Status.TOO_SHORT, text), recording)
+    def _known(self, last: Estimate, follower: Follower, status: Status, notes: tuple[str, ...]) -> Estimate:
+        """Return what is known, for the newest samples, which add nothing to it."""
+        recent, now = self._watch.recent, follower.now()
+        found = published(self.model, last, self._coordinates, now, self._window, None, ())
+        return replace(found, status=status, message=message(notes), notes=notes, start=recent.start, end=recent.end)
 
     # --- fits of whole windows
 
@@ -235,27 +286,28 @@ class OnlineIdentifier:
         pieces = None if tracker is None else tracker.start()
         if tracker is not None and pieces:
             self._watch.noise = seen_by(tracker.data.labels, tracker.data.y, tracker.data.period, estimate.noise)
-            self._follower = self._new_follower(Belief.before_data(tracker.data, self._coordinates))
+            before = Belief.before_data(tracker.data, self._coordinates)
+            self._follower = self._new_follower(before.mean, np.asarray(np.linalg.inv(before.precision)))
             self._follower.begin(tracker, pieces)
             if tracker.data.rest[-1]:
                 self._follower.rest()
             estimate = self._published(estimate, self._follower)  # its friction may be sharper than that of the fit
         else:
-            self._follower = self._new_follower(after)
+            self._follower = self._new_follower(after.mean, np.asarray(np.linalg.inv(after.precision)))
         self._checks.begin(self._window.end)
         if known:
             notes = (estimate.notes[0], "The joint has changed: what was known is forgotten.", *estimate.notes[1:])
             return replace(estimate, message=message(notes), notes=notes)
         return estimate
 
-    def _published(self, last: Estimate, follower: Follower, at_rest: bool = False) -> Estimate:
+    def _published(self, last: Estimate, follower: Follower) -> Estimate:
         """Return the estimate of the memory, with the findings of the last fit of a whole window."""
-        white, changes = (None, ()) if at_rest else (follower.white, self._changes)
-        return published(self.model, last, self._coordinates, follower.now(), self._window, white, changes)
+        now, white = follower.now(), follower.white
+        return published(self.model, last, self._coordinates, now, self._window, white, self._changes)
 
-    def _new_follower(self, belief: Belief) -> Follower:
-        memory = Memory(belief.mean, np.asarray(np.linalg.inv(belief.precision)), self._coordinates.spread)
-        return Follower(memory, self._coordinates, self.options, self._tracker_of)
+    def _new_follower(self, mean: Array, covariance: Array, age_s: float = 0.0) -> Follower:
+        memory = Memory(mean, covariance, self._coordinates.spread)
+        return Follower(memory, self._coordinates, self.options, self._tracker_of, age_s)
 
     def _check(self, follower: Follower) -> bool:
         """Take noise levels and findings of a window that was fitted by itself; return whether it agrees."""

@@ -1,15 +1,17 @@
 """Which parameters changed, and their new values, from the samples since the change.
 
 The score test of the memory is linear. It finds a change, but where the change is large it may name nearly all
-parameters. So the candidates are fitted: as few of them as explain the samples (forward selection). With a parameter
-its whole group is fitted, because all friction warms together, even where these samples do not show all of it.
+parameters. So causes are fitted: a load that is picked up, friction that rises, a softer gear. Each is a group of
+parameters. If one cause explains the samples, the other parameters keep what is known. If it takes more than one, any
+parameter may have changed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 from scipy.special import chdtri
 
 from joint_id_core.estimators.innovations.belief import Coordinates
@@ -17,19 +19,24 @@ from joint_id_core.online.memory import ALIKE, Change
 from joint_id_core.online.relearn import Learned, relearn
 from joint_id_core.online.tracker import Piece, Tracker
 
-UNNEEDED = 0.01  # probability from which a lower cost with more changed parameters counts as noise
+UNNEEDED = 0.001  # probability from which a lower cost with more changed parameters counts as noise
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """The change with the parameters that are needed, and the fit of their new values."""
+    """The change with the parameters that are opened, and the fit of their new values."""
 
     change: Change
     learned: Learned
 
+    @property
+    def all_new(self) -> bool:
+        """Whether nothing that was known before is kept."""
+        return len(self.change.names) + len(self.change.likely) == len(self.learned.z)
+
 
 def learn(tracker: Tracker, stretches: Sequence[Piece], change: Change, coordinates: Coordinates) -> Explanation | None:
-    """Fit the changed parameters to stretches of samples after the change; the others keep what was known.
+    """Fit changed parameters to stretches of samples after a change; the others keep what was known.
 
     Args:
         tracker: it ends at the end of the stretches, at the new values.
@@ -38,55 +45,53 @@ def learn(tracker: Tracker, stretches: Sequence[Piece], change: Change, coordina
         coordinates: of the parameters.
 
     Returns:
-        The explanation with the fewest changed parameters; None if none explains the samples.
+        The explanation by one cause, with all causes opened that explain the samples nearly as well; else that by a
+        change of all parameters; None if this does not explain the samples either.
     """
-    best = _fitted(tracker, stretches, _grouped(change, coordinates), coordinates)
-    for count in range(1, len(change.names)):
-        fewer = _grouped(replace(change, names=change.names[:count], likely=()), coordinates)
-        missing = len(coordinates.groups) - len(fewer.names) - len(fewer.likely)
-        found = _fitted(tracker, stretches, fewer, coordinates)
-        if found is None or (best is not None and _worse(found, best, missing)):
-            continue
-        best = _with_others(tracker, stretches, found, coordinates) if count == 1 else found
-        break
+    count = len(coordinates.groups)
+    every = _fitted(tracker, stretches, change, range(count), coordinates)
+    single = [(group, _fitted(tracker, stretches, change, group, coordinates)) for group in causes(coordinates.groups)]
+    fits = [(group, found) for group, found in single if found is not None]
+    least = min((found.learned.cost for _, found in fits), default=np.inf)
+    best = every
+    if every is None or least - every.learned.cost < float(chdtri(count - 1, UNNEEDED)):
+        alike = [(group, found) for group, found in fits if found.learned.cost < least + ALIKE]
+        if len(alike) == 1:
+            best = alike[0][1]
+        elif alike:
+            opened = sorted(j for group, _ in alike for j in group)
+            best = _fitted(tracker, stretches, change, opened, coordinates) or every
     if best is not None and tracker.z is not best.learned.z:
         tracker.again(stretches, best.learned.z, changed=True)
     return best
 
 
-def _grouped(change: Change, coordinates: Coordinates) -> Change:
-    """Return the change with the groups of its parameters as likely ones."""
-    groups = {coordinates.groups[j] for j in change.names} - {""}
-    more = [j for j, group in enumerate(coordinates.groups) if group in groups]
-    return replace(change, likely=tuple({*change.likely, *more} - {*change.names}))
-
-
-def _worse(found: Explanation, most: Explanation, missing: int) -> bool:
-    return found.learned.cost - most.learned.cost > float(chdtri(max(1, missing), UNNEEDED))
+def causes(groups: Sequence[str]) -> list[tuple[int, ...]]:
+    """Return the parameters of each group, as indices; a parameter without a group is one by itself."""
+    found: dict[str | int, list[int]] = {}
+    for j, group in enumerate(groups):
+        found.setdefault(group or j, []).append(j)
+    return [tuple(members) for members in found.values()]
 
 
 def _fitted(
-    tracker: Tracker, stretches: Sequence[Piece], change: Change, coordinates: Coordinates
+    tracker: Tracker,
+    stretches: Sequence[Piece],
+    change: Change,
+    opened: Collection[int],
+    coordinates: Coordinates,
 ) -> Explanation | None:
-    """Fit the parameters that a change names; None if this does not explain the samples."""
-    learned = relearn(tracker, stretches, *change.still_known(coordinates.spread), changed=True)
-    return Explanation(change, learned) if learned is not None and learned.explained else None
+    """Fit the opened parameters; None if this does not explain the samples.
 
-
-def _with_others(
-    tracker: Tracker, stretches: Sequence[Piece], found: Explanation, coordinates: Coordinates
-) -> Explanation:
-    """Return the explanation with those parameters as likely ones whose change explains the samples nearly as well."""
-    change = found.change
-    others = list[int]()
-    for j in range(len(coordinates.groups)):
-        if j in (*change.names, *change.likely, *others):
-            continue
-        instead = _grouped(replace(change, names=(j,), likely=()), coordinates)
-        other = _fitted(tracker, stretches, instead, coordinates)
-        if other is not None and other.learned.cost < found.learned.cost + ALIKE:
-            others += [*instead.names, *instead.likely]
-    if not others:
-        return found
-    wider = replace(change, likely=tuple({*change.likely, *others} - {*change.names}))
-    return _fitted(tracker, stretches, wider, coordinates) or found
+    The one that moved most, in standard deviations, is the one that changed; the others may have.
+    """
+    may = replace(change, names=(), likely=tuple(opened))
+    mean, precision = may.still_known(coordinates.spread)
+    learned = relearn(tracker, stretches, mean, precision, changed=True)
+    if learned is None or not learned.explained:
+        return None
+    information = np.sum([piece.matrix for piece in learned.pieces], axis=0)
+    sigma = np.sqrt(np.diag(np.linalg.inv(precision + information)) + np.diag(change.covariance))
+    first = max(opened, key=lambda j: abs(learned.z[j] - change.mean[j]) / sigma[j])
+    likely = tuple(j for j in opened if j != first)
+    return Explanation(replace(change, names=(first,), likely=likely), learned)

@@ -28,6 +28,7 @@ from joint_id_core.results.estimate import Estimate
 LENGTHS = (1, 2, 4, 8, 16, 32)  # blocks of the stretches that are tested
 HISTORY = 128  # blocks that can be passed through the filter again, where little is known yet
 RARE = 1e-7  # probability of one test to find a change where there is none
+AGAIN = 1e-4  # the same for all stretches since a change: where one parameter changed, others often did
 LEFT = 0.05  # probability from which what is left after the changes of some parameters counts as noise
 ALIKE = 9.0  # difference of the likelihood ratio up to which two explanations are both possible
 RANK = 1e-10  # smallest eigenvalue of M, scaled to a unit diagonal, that counts as information
@@ -78,13 +79,15 @@ class _Step:
 class Memory:
     """Information on the free parameters of one joint."""
 
-    def __init__(self, z: Array, covariance: Array, spread: Array) -> None:
+    def __init__(self, z: Array, covariance: Array, spread: Array, changed: bool = False) -> None:
         """Begin with an estimate.
 
         Args:
             z, covariance: estimate and its covariance, shapes (k,) and (k, k), in estimation coordinates.
             spread: prior standard deviations (k,); forgetting never widens beyond them.
+            changed: whether the joint has just changed; what was kept is then tested more strictly.
         """
+        self._changed = changed
         self.matrix = np.asarray(np.linalg.inv(covariance), dtype=float)
         self.vector = self.matrix @ z
         self._noise = self.matrix  # covariance of the vector: forgotten twice as fast
@@ -143,7 +146,8 @@ class Memory:
             score, information, mean = _score(step.precision, step.weighted, matrix, vector)
             if count == WINDOW_BLOCKS:
                 window = score, information
-            found = _changed(score, information, excess)
+            since_change = self._changed and count == len(self._blocks)
+            found = _changed(score, information, excess, AGAIN if since_change else RARE)
             if found is not None and (best is None or found[2] > best[0]):
                 names, likely, likelihood, size = found
                 newest = tuple(s.block for s in list(self._blocks)[-count:])
@@ -246,7 +250,7 @@ def _chi2(score: Array, information: Array) -> tuple[float, int]:
 
 
 def _changed(
-    score: Array, information: Array, excess: Array
+    score: Array, information: Array, excess: Array, rare: float
 ) -> tuple[tuple[int, ...], tuple[int, ...], float, float] | None:
     """Return the parameters that changed, those that may have, the likelihood ratio and the size; None if none changed.
 
@@ -257,7 +261,7 @@ def _changed(
         return None
     total /= excess[-1]
     single = score**2 / np.maximum(np.diag(information), 1e-300) / excess[:-1]
-    if total < chdtri(rank, RARE) and float(single.max()) < chdtri(1, RARE / len(score)):
+    if total < chdtri(rank, rare) and float(single.max()) < chdtri(1, rare / len(score)):
         return None
     names: list[int] = []
     explained = 0.0

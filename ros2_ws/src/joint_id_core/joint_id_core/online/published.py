@@ -10,6 +10,7 @@ import numpy as np
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.verdicts import findings, table, verdicts
+from joint_id_core.estimators.shared.fit_data import UnusableError, unusable
 from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.models import Model
 from joint_id_core.online.memory import Change
@@ -105,3 +106,20 @@ def with_note(estimate: Estimate, window: SlidingWindow) -> Estimate:
         end=window.end,
         predictions=None,
     )
+
+
+def too_short(model: Model, window: SlidingWindow, needed_s: float) -> Estimate:
+    """Return what is said before the first window in motion is complete."""
+    recording = window.recording()
+    text = (
+        f"{recording.source}: the joint has moved for {window.duration:.2g} s, "
+        f"a first estimate needs {needed_s:g} s of motion: move the joint"
+    )
+    return unusable(model, "innovations", UnusableError(Status.TOO_SHORT, text), recording)
+
+
+def at_rest(model: Model, window: SlidingWindow) -> Estimate:
+    """Return what is said of a joint that rests before its first estimate."""
+    recording = window.recording()
+    text = f"{recording.source}: {sentence('the joint rests in this window: move the joint')}"
+    return unusable(model, "innovations", UnusableError(Status.NO_MOTION, text), recording)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
+from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock
@@ -17,11 +18,15 @@ from joint_id_core.online.options import OnlineOptions
 from joint_id_core.results.estimate import Estimate
 from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples
 from joint_id_ros import conversions as convert
+from joint_id_ros.baselines import Baselines
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.ending import SILENT_S, Ending
 from joint_id_ros.identifier_health import IdentifierHealth
 from joint_id_ros.identifier_setup import IdentifierSetup
+from joint_id_ros.knowledge import Knowledge
+from joint_id_ros.knowledge_services import serve
 from joint_id_ros.lifecycle import ManagedNode
+from joint_id_ros.options.baselines import BaselineOptions
 from joint_id_ros.options.identifier import IdentifierOptions
 from joint_id_ros.options.reading import ReadingOptions
 from joint_id_ros.parameters import read
@@ -40,19 +45,21 @@ class IdentifierNode(ManagedNode):
     """Fits the model of every joint over sliding windows in a thread, and publishes the latest estimates."""
 
     def __init__(self) -> None:
-        super().__init__("identifier", IdentifierOptions, OnlineOptions, ReadingOptions)
+        super().__init__("identifier", IdentifierOptions, OnlineOptions, BaselineOptions, ReadingOptions)
         self._setup = IdentifierSetup(IdentifierOptions(), OnlineOptions())
         self._preparation: Preparation | None = None
         self._worker: Worker | None = None
         self._sources: Sources | None = None
         self._order = StampOrder()
         self._latest: dict[str, JointEstimate] = {}
-        self._good: dict[str, tuple[int, Estimate]] = {}  # newest good estimate by joint, with the origin of its times
         self._fits: Counter[str] = Counter()
         self._report = IdentifierHealth()
         self._heard_s: float | None = None  # when the last sample came
         self._ending = Ending(self)
         self._diagnostics = Diagnostics(self, self._health, "joint_samples")
+        self._knowledge = Knowledge(self._diagnostics.problem)
+        serve(self, self._knowledge, self._renew)
+        self._baselines = Baselines(self, self._knowledge.good, self._diagnostics.problem)
         self._publisher = self.create_lifecycle_publisher(JointParams, "joint_params", LATEST)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(END_S, self._end_with_its_leader, clock=steady)
@@ -87,23 +94,41 @@ class IdentifierNode(ManagedNode):
 
     def prepare(self) -> None:
         """Check all parameters, and compile or load every kernel, so that no fit waits for a compilation."""
+        self._baselines.prepare(read(self, BaselineOptions))
         try:
             self._prepared().wait(self._diagnostics.report_if_due)
         finally:
             self._preparation = None
+        self._knowledge.open(self._setup.model.state_file)
 
     def begin(self) -> None:
-        """Start the thread and subscribe; estimates of an earlier run are forgotten."""
+        """Subscribe, publish what is known of an earlier run, and start the thread."""
         self._order = StampOrder()
-        self._latest.clear()
-        self._good.clear()
-        callbacks = Callbacks(self._on_estimate, self._on_gone, self._diagnostics.problem)
-        options, reliability = self._setup.model, read(self, ReadingOptions).reliability
-        self._worker = Worker(self._setup.begin, options.joints, options.expected, callbacks, self._setup.online.hop_s)
-        topics = {SAMPLES.name: JointSamples}
+        reliability, topics = read(self, ReadingOptions).reliability, {SAMPLES.name: JointSamples}
+        self._begin_run()
         self._sources = Sources(self, topics, reliability, self._diagnostics, self._on_source)
         self.streams = Streams(self, topics, self._on_samples, self._sources, reliability)
-        self.get_logger().info(f"identifying {options.model} with {options.estimator}")
+        self.get_logger().info(f"identifying {self._setup.model.model} with {self._setup.model.estimator}")
+
+    def _begin_run(self) -> None:
+        options, hop_s = self._setup.model, self._setup.online.hop_s
+        self._knowledge.begin(options.joints, self._setup.possible)
+        self._latest = {
+            joint: convert.to_estimate_message(joint, one.newest, one.estimate, one.origin_ns)
+            for joint, one in self._knowledge.restored.items()
+        }
+        if self._latest:
+            self._publish()
+        callbacks = Callbacks(self._on_estimate, self._on_gone, self._diagnostics.problem)
+        make = partial(self._knowledge.continued, self._setup.begin)
+        self._worker = Worker(make, options.joints, options.expected, callbacks, hop_s, tuple(self._latest))
+
+    def _renew(self) -> None:
+        """Begin a new run with what is known now."""
+        if self._worker is not None:
+            self._worker.stop()
+            self._begin_run()
+            self._publish()
 
     def close(self) -> None:
         """End the subscription and the thread."""
@@ -112,6 +137,7 @@ class IdentifierNode(ManagedNode):
                 part.close()
         if self._worker is not None:
             self._worker.stop()
+        self._knowledge.store.flush()
         self.streams = self._sources = self._worker = None
 
     def _on_samples(self, topic: str, message: RawMessage) -> None:
@@ -127,38 +153,36 @@ class IdentifierNode(ManagedNode):
             self._diagnostics.problem("message left out", str(error))
             return
         if restart:
-            self._diagnostics.problem("restart", f"{SAMPLES.name}: time jumped back: identification starts anew")
-            self._worker.restart()
+            self._restart(self._worker, f"{SAMPLES.name}: time jumped back")
         self._worker.add(message)
 
     def _on_source(self, topic: str, event: SourceEvent) -> None:
         if event.kind == RATE and self._worker is not None:
-            self._diagnostics.problem("restart", f"{event.text}: identification starts anew")
-            self._worker.restart()
+            self._restart(self._worker, event.text)
+
+    def _restart(self, worker: Worker, why: str) -> None:
+        self._diagnostics.problem("restart", f"{why}: identification starts anew")
+        worker.restart()
+        self._knowledge.forget_run()
 
     def _on_estimate(self, joint: str, estimate: Estimate, origin_ns: int) -> None:
         """Publish an estimate; called from the worker's thread."""
-        if estimate.converged:
-            self._good[joint] = origin_ns, estimate
-        origin, good = self._good.get(joint, (origin_ns, None))
-        if origin != origin_ns:  # it belongs to the previous run, perhaps of another robot
-            good = None
-        self._latest[joint] = convert.to_estimate_message(joint, estimate, good, origin_ns)
+        good = self._knowledge.add(joint, estimate, origin_ns)
+        message = convert.to_estimate_message(joint, estimate, good, origin_ns)
+        message.drifts = self._baselines.drifts(joint, estimate, origin_ns)
+        self._latest[joint] = message
         self._fits[estimate.status.value] += 1
         self._publish()
 
     def _on_gone(self, joint: str) -> None:
         """Take back what was published of a joint that disappeared; called from the worker's thread."""
         self._diagnostics.problem("joint gone", f"joint {joint} is not in {SAMPLES.name} any more: it is left out")
-        self._good.pop(joint, None)
+        self._knowledge.gone(joint)
         if self._latest.pop(joint, None) is not None:
             self._publish()
 
     def _publish(self) -> None:
-        message = JointParams(joints=[self._latest[name] for name in sorted(self._latest)])
-        if message.joints:
-            message.header.stamp = max(message.joints, key=lambda j: convert.nanoseconds(j.window_end)).window_end
-        self._publisher.publish(message)
+        self._publisher.publish(convert.to_params_message(self._latest))
 
     def _end_with_its_leader(self) -> None:
         """End when the node that this one follows has gone and all its samples have been used."""
@@ -174,4 +198,4 @@ class IdentifierNode(ManagedNode):
         if self.not_ready or worker is None or sources is None:
             level = DiagnosticStatus.ERROR if self._preparation is None else DiagnosticStatus.WARN
             return Health(level, self.not_ready or "stopped")
-        return self._report.report(self._latest.copy(), self._fits, worker, sources)
+        return self._report.report(self._latest.copy(), self._fits, worker, sources, self._knowledge, self._baselines)

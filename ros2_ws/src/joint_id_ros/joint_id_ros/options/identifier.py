@@ -39,6 +39,9 @@ class IdentifierOptions(ModelOptions):
     free: tuple[str, ...] = option(
         (), 'parameters to estimate although the model holds them, as "NAME", or for one joint "JOINT.NAME"'
     )
+    state_file: str = option(
+        "", "file that keeps what is known, so that a restart goes on with it; one for every robot; empty: none"
+    )
     autostart: bool = option(True, "configure and activate at start, without a lifecycle manager")
 
     def __post_init__(self) -> None:

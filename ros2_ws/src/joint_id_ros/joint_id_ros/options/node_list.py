@@ -7,6 +7,7 @@ from joint_id_core.filtering.offline import FilterOptions
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.rtde.stream import StreamOptions
 from joint_id_core.simulation.plants import MotionOptions
+from joint_id_ros.options.baselines import BaselineOptions
 from joint_id_ros.options.driver import DriverOptions
 from joint_id_ros.options.identifier import IdentifierOptions
 from joint_id_ros.options.player import PlayerOptions
@@ -16,7 +17,7 @@ from joint_id_ros.options.sim import SimOptions
 NODES: dict[str, tuple[type, ...]] = {
     "sim": (SimOptions, MotionOptions),
     "filter": (InputOptions, FilterOptions, FilterReadingOptions),
-    "identifier": (IdentifierOptions, OnlineOptions, ReadingOptions),
+    "identifier": (IdentifierOptions, OnlineOptions, BaselineOptions, ReadingOptions),
     "player": (PlayerOptions,),
     "driver": (DriverOptions, StreamOptions),
 }

@@ -41,10 +41,11 @@ def most_likely(cost: Cost, bounds: NoiseLevels, found: Minimum, iterations: int
     coordinates = cost.coordinates
     _, information = cost.recursion.noise_information(cost.recursion.renewed(found.last))
     unit = np.concatenate([np.diag(found.hessian), np.maximum(np.diag(information), LEAST_INFORMATION)]) ** -0.5
-    start = np.concatenate([found.z, np.log(found.levels)])
+    lowest = np.concatenate([coordinates.lower, np.log(bounds.lower)])
+    highest = np.concatenate([coordinates.upper, np.log(bounds.upper)])
+    start = np.clip(np.concatenate([found.z, np.log(found.levels)]), lowest, highest)
     reach = REACH * np.concatenate([coordinates.unit, np.ones_like(found.levels)])
-    lower = np.maximum(start - reach, np.concatenate([coordinates.lower, np.log(bounds.lower)]))
-    upper = np.minimum(start + reach, np.concatenate([coordinates.upper, np.log(bounds.upper)]))
+    lower, upper = np.maximum(start - reach, lowest), np.minimum(start + reach, highest)
     best = found
 
     def half_cost(x: Array) -> float:

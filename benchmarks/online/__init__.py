@@ -1,0 +1,1 @@
+"""What the online engine does when its assumptions break; `benchmarks/online.py` runs it."""
