@@ -12,18 +12,23 @@ from pathlib import Path
 import numpy as np
 import yaml
 from live import History, Screen, Watcher
+from load import INERTIA
 from nodes import Nodes
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import HarmonicDrive, Model
 from joint_id_core.online.options import OnlineOptions
-from joint_id_core.simulation.plants import PositionControl
+from joint_id_core.simulation.plants import MotionOptions, PositionControl
 from joint_id_msgs.msg import JointEstimate
 
 READY_S = 60.0  # longest wait for a node that starts, or that should have ended
 LAST_S = 30.0  # longest wait for the last estimate once the motion has ended
 START_FACTOR = 2.0  # by which start values are wrong, at most: the table's values are those of the simulation
+LOAD_S = 4.0 * OnlineOptions().window_s  # motion from the first estimate to the load; sooner it is a wrong start
+LOAD_FACTOR = 2.0  # inertia of the link with the load over that without
+FOLLOW_S = 2.0 * OnlineOptions().window_s  # motion after that
 ROBOT_JOINT = "elbow_joint"  # the joint of the emulated robot that is shown while it moves
+REPLAY_RATE = 2.0  # speed of the replay over that of the recording
 HOST = "127.0.0.1"
 
 
@@ -46,6 +51,22 @@ def live(args: argparse.Namespace, model: Model, begun: float) -> History:
         nodes.stop("record")
         _replace(bag, args.out / "recording")
         return watcher.history
+
+
+def load(args: argparse.Namespace) -> History:
+    """Sim, filter and identifier; the simulated joint picks up a load. Returns what was estimated."""
+    model = PositionControl({}, MotionOptions(), 0).model
+    screen = Screen("load", time.monotonic())
+    with Nodes(args.out / "logs/load", args.domain) as nodes, Watcher(args.domain) as watcher:
+        nodes.node("filter")
+        _start_identifier(nodes, watcher, model.name, _wrong(model))
+        nodes.node("sim", model=model.name, wait_subscribers=1)
+        history = watcher.history
+        _until(watcher, nodes, screen, lambda: history.moved_s >= history.known_s + LOAD_S, READY_S)
+        watcher.set_parameter("sim", "set", [f"{INERTIA}={LOAD_FACTOR * history.truth[INERTIA]!r}"])
+        _until(watcher, nodes, screen, lambda: history.moved_s >= history.changed_s + FOLLOW_S, READY_S)
+        screen.finish(history)
+        return history
 
 
 def robot(args: argparse.Namespace) -> tuple[History, dict[str, JointEstimate], dict[str, dict[str, float]], str]:
@@ -93,7 +114,7 @@ def replay(args: argparse.Namespace, model: Model) -> History:
     with Nodes(args.out / "logs/replay", args.domain) as nodes, Watcher(args.domain) as watcher:
         nodes.node("filter", use_sim_time=True)
         _start_identifier(nodes, watcher, model.name, _wrong(model), use_sim_time=True)
-        nodes.node("player", bag=bag)
+        nodes.node("player", bag=bag, rate=REPLAY_RATE)
         _follow(nodes, watcher, "player", args.duration, screen)
         return watcher.history
 

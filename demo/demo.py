@@ -1,4 +1,4 @@
-"""The whole system: a simulated joint is identified live, then an emulated robot, then the joint from its recorded bag.
+"""The whole system: a simulated joint is identified live, one that picks up a load, an emulated robot, a recorded bag.
 
     make demo                                           or, in a sourced workspace: python demo/demo.py
 
@@ -17,6 +17,7 @@ from pathlib import Path
 
 import acts
 from live import History, free, summary
+from load import INERTIA, report
 from nodes import NodeFailedError
 from ros_domain import own_domain
 
@@ -59,19 +60,24 @@ def _run(args: argparse.Namespace, begun: float) -> dict[str, History]:
     print(f"Act 1, live: sim -> filter -> identifier, {args.duration:g} s of {args.model}; a bag is recorded")
     print(f"The start values of the identifier are wrong by a factor of up to {acts.START_FACTOR:g}.", flush=True)
     live = acts.live(args, model, begun)
-    print("\nAct 2, an emulated UR robot: RTDE over TCP -> driver -> filter -> identifier")
-    print("The connection is cut once; the driver reconnects.", flush=True)
+    print("\nAct 2, a load: sim -> filter -> identifier, a joint under position control", flush=True)
+    print(f"While it moves, {INERTIA} is multiplied by {acts.LOAD_FACTOR:g}; the identifier is not told.", flush=True)
     _compile(HarmonicDrive(actuation="current"))
+    load = acts.load(args)
+    print(report(load))
+    print("\nAct 3, an emulated UR robot: RTDE over TCP -> driver -> filter -> identifier")
+    print("The connection is cut once; the driver reconnects.", flush=True)
     robot, joints, truth, driver = acts.robot(args)
     print(f"  the driver says: {driver}; all joints at the end:")
     print(summary(joints, truth, ("k_1", "J_q")))
-    print(f"\nAct 3, from the bag of act 1: player -> filter -> identifier, {args.out / 'recording'}", flush=True)
+    print(f"\nAct 4, from the bag of act 1: player -> filter -> identifier, {args.out / 'recording'}")
+    print(f"It is played at {acts.REPLAY_RATE:g} times its speed.", flush=True)
     replayed = acts.replay(args, model)
-    print("\nAct 4, a picture of fit and convergence", flush=True)
+    print("\nAct 5, a picture of fit, load and convergence", flush=True)
     from picture import draw  # here, so that nobody waits for matplotlib before the first estimate
 
-    draw(args.picture, model, formats.read(args.out / "recording"), live)
-    return {"live": live, "robot": robot, "from the bag": replayed}
+    draw(args.picture, model, formats.read(args.out / "recording"), live, load)
+    return {"live": live, "load": load, "robot": robot, "from the bag": replayed}
 
 
 def _arguments() -> argparse.Namespace:

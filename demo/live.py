@@ -13,11 +13,14 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
+from joint_id_core.errors import JointIdError
 from joint_id_msgs.msg import JointEstimate, JointParams, ParameterEstimate
 from joint_id_ros.conversions import STATUS_CODES, VERDICT_CODES, nanoseconds
 from joint_id_ros.qos import LATEST
@@ -26,6 +29,7 @@ VERDICTS = {code: verdict.value.replace("_", " ") for verdict, code in VERDICT_C
 STATUSES = {code: status.value.replace("_", " ") for status, code in STATUS_CODES.items()}
 HEAD = f"  {'':<9}{'unit':<9}{'estimate':>12} ± {'std dev':<8}{'truth':>10}{'error':>10}   verdict"
 WIDTH = 79  # of a narrow terminal
+ANSWER_S = 20.0  # longest wait for the answer of a node
 PLAIN_EVERY = 10  # estimates between two tables where the terminal cannot be written over
 
 
@@ -36,10 +40,22 @@ class History:
     truth: dict[str, float] = field(default_factory=dict)
     begin_ns: int = 0  # stamp at which the motion began
     estimates: list[JointEstimate] = field(default_factory=list)
+    before: dict[str, float] = field(default_factory=dict)  # truth before the joint changed
+    changed_s: float = math.nan  # s of motion after which it changed
 
     def time(self, estimate: JointEstimate) -> float:
         """End of an estimate's window in s of motion."""
         return (nanoseconds(estimate.window_end) - self.begin_ns) / 1e9
+
+    @property
+    def moved_s(self) -> float:
+        """End of the newest window in s of motion; 0 before the first estimate."""
+        return self.time(self.estimates[-1]) if self.estimates else 0.0
+
+    @property
+    def known_s(self) -> float:
+        """End of the first window with a good estimate in s of motion; infinity while there is none."""
+        return next((self.time(e) for e in self.estimates if e.status == JointEstimate.CONVERGED), math.inf)
 
     def error(self, p: ParameterEstimate) -> float:
         """Error of a parameter in its own standard deviations; NaN where there is none."""
@@ -92,9 +108,14 @@ class Watcher:
         return ", ".join([self._said[node].message, *(f"{key} {values.get(key, '?')}" for key in keys)])
 
     def _on_truth(self, message: Any) -> None:
+        history = self.history
         for joint in message.joints:
-            self.history.truth = {p.name: p.value for p in joint.parameters}
-            self.history.begin_ns = nanoseconds(joint.window_start)
+            since_ns = nanoseconds(joint.window_start)
+            if history.truth:
+                history.before, history.changed_s = history.truth, (since_ns - history.begin_ns) / 1e9
+            else:
+                history.begin_ns = since_ns
+            history.truth = {p.name: p.value for p in joint.parameters}
 
     def _on_params(self, message: Any) -> None:
         for estimate in message.joints:
@@ -108,6 +129,23 @@ class Watcher:
     def identifier_listens(self) -> bool:
         """Whether the identifier is ready for samples."""
         return self._node.count_subscribers("joint_samples") > 0
+
+    def set_parameter(self, node: str, name: str, value: object) -> None:
+        """Set a parameter of a node.
+
+        Raises:
+            JointIdError: the node refuses it or does not answer.
+        """
+        request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
+        client = self._node.create_client(SetParameters, f"{node}/set_parameters")
+        client.wait_for_service(ANSWER_S)
+        future = client.call_async(request)
+        self._executor.spin_until_future_complete(future, ANSWER_S)
+        if not future.done():
+            raise JointIdError(f"{node} did not answer within {ANSWER_S:g} s when {name} was set")
+        (result,) = future.result().results
+        if not result.successful:
+            raise JointIdError(f"{node} refused {name} = {value}: {result.reason}")
 
     def spin(self, seconds: float = 0.1) -> None:
         """Read what has arrived; wait for it at most this long."""

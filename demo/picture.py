@@ -1,4 +1,4 @@
-"""The picture of the demo: predicted beside measured signals, and how the estimates converged."""
+"""The picture of the demo: predicted beside measured signals, a load that is picked up, how the estimates converged."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from live import History, free
+from load import BLUE, ORANGE, Z_95, followed, zoomed
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -27,9 +28,8 @@ LEAD_S = 0.5  # data before that, from which the state at its start is filtered
 SIGNALS = ("current", "motor_velocity", "link_velocity", "link_position")  # the first `PANELS` that were measured
 PANELS = 3
 COLUMNS = 5
-Z_95 = 1.96  # standard deviations to either side that hold 95 %
 VIEW = 4.0  # height of a panel of convergence, in half widths of the band at a quarter of the time
-BLUE, ORANGE, GREY = "#1f5fa8", "#d9730d", "0.62"
+GREY = "0.62"
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,8 @@ def predict(model: Model, recording: Recording, history: History) -> Prediction:
     return Prediction(data.time[k:] - start, measured, simulated, history.time(estimate))
 
 
-def draw(path: Path, model: Model, recording: Recording, history: History) -> None:
-    """Save the picture.
+def draw(path: Path, model: Model, recording: Recording, history: History, load: History) -> None:
+    """Save the picture; `load` are the estimates of the joint that picked up a load.
 
     Raises:
         JointIdError: no estimate converged, or the file cannot be written.
@@ -88,13 +88,22 @@ def draw(path: Path, model: Model, recording: Recording, history: History) -> No
     prediction = predict(model, recording, history)
     names = [p.name for p in free(history.estimates[-1])]
     rows = -(-len(names) // COLUMNS)
-    figure = Figure(figsize=(13.0, 4.0 + 2.2 * rows), layout="constrained")
-    halves: Any = figure.subfigures(2, 1, height_ratios=[3.4, 2.3 * rows], hspace=0.04)
-    above, below = halves
+    figure = Figure(figsize=(13.0, 6.6 + 2.2 * rows), layout="constrained")
+    parts: Any = figure.subfigures(3, 1, height_ratios=[3.2, 2.8, 2.3 * rows], hspace=0.04)
+    above, middle, below = parts
     _fit(above.subplots(1, len(prediction.measured), squeeze=False)[0], prediction)
     above.suptitle(
         f"Fit: {AHEAD_S:g} s simulated from the inputs alone, with what was known after {prediction.learned_s:.1f} s",
         fontsize=12, fontweight="bold", x=0.01, ha="left",
+    )  # fmt: skip
+    wide, narrow = middle.subplots(1, 2, width_ratios=(1.7, 1.0))
+    followed(wide, load)
+    zoomed(narrow, load)
+    for panel in (wide, narrow):
+        _plain(panel)
+    middle.suptitle(
+        "A load is picked up: estimates of the inertia of the link, published while the joint moved", fontsize=12,
+        fontweight="bold", x=0.01, ha="left",
     )  # fmt: skip
     panels = below.subplots(rows, COLUMNS, squeeze=False)
     for panel in panels.ravel()[len(names) :]:

@@ -8,17 +8,20 @@ import numpy as np
 import pytest
 
 from joint_id_core.data.recording import Recording
+from joint_id_core.estimators import ParameterSettings
 from joint_id_core.models import build
 from joint_id_core.online import OnlineIdentifier, OnlineOptions
 from joint_id_core.results.estimate import Status, Verdict
 from joint_id_core.simulation.excitation import position_reference
+from joint_id_core.simulation.plants import MotionOptions, PositionControl
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
-from joint_id_core.simulation.sensors import Sensors
+from joint_id_core.simulation.sensors import Sensors, ur_robot_sensors
 
 MODEL = build("harmonic_drive")
 TRUTH = MODEL.values()
 NOISE = {"link_position": 1e-5, "motor_velocity": 0.1}
 MEASURED = ("link_position", "motor_velocity", "torque")
+SHOWN = ("link_position", "motor_velocity", "current")
 RATE, PERIOD_S = 500, 2.0
 WINDOW_S = 2.0
 FRICTION = ("c_m", "tau_fm", "c_q", "tau_fq")
@@ -50,6 +53,25 @@ def watched(recording: Recording, batch: int = 20, **options) -> list:
     identifier = OnlineIdentifier(MODEL, options=OnlineOptions(window_s=WINDOW_S, **options))
     found = (identifier.update(recording.slice(k, k + batch)) for k in range(0, len(recording), batch))
     return [e for e in found if e is not None]
+
+
+def test_a_load_is_named_alone_by_a_robot_whose_sensors_round():
+    motion, sensors, rng = PositionControl({}, MotionOptions(), 0), ur_robot_sensors(101.0), np.random.default_rng(0)
+    rows = []
+    for k in range(11 * RATE):
+        if k == round(8.2 * RATE):
+            motion.change({"J_q": 2.0 * TRUTH["J_q"]})
+        row = motion.tick(1.0 / RATE)
+        rows.append([float(sensors.reading(n, row[n], rng)) for n in SHOWN])
+    channels = dict(zip(SHOWN, np.array(rows).T, strict=True))
+    settings = ParameterSettings({"k_t": PositionControl.K_T})
+    identifier = OnlineIdentifier(motion.model, settings)
+    recording = Recording(np.arange(len(rows)) / RATE, channels)
+    found = (identifier.update(recording.slice(k, k + 50)) for k in range(0, len(recording), 50))
+    last = [e for e in found if e is not None][-1]
+    assert [c.name for c in last.changes] == ["J_q"]
+    assert last.message.startswith("Converged. Changed: J_q from ")
+    assert last["J_q"].value == pytest.approx(2.0 * TRUTH["J_q"], abs=5.0 * last["J_q"].std_dev)
 
 
 def worst(estimate, truth) -> float:

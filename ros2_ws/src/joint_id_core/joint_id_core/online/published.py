@@ -66,8 +66,9 @@ def changes_of(
     since: float,
     earlier: Mapping[str, ParameterChange],
 ) -> tuple[ParameterChange, ...]:
-    """Return the changes of parameters, the most significant first.
+    """Return the changes of parameters, the most significant first: those that are significant, at least one.
 
+    A parameter whose value had to be learned anew has not always changed: its new value may be the old one.
     A change that corrects an `earlier` one is told together with it.
     """
     before, after = coordinates.values(change.mean), coordinates.values(z)
@@ -84,7 +85,13 @@ def changes_of(
     for name, old in earlier.items():
         j = free.index(name)
         found[name] = replace(old, after=float(after[j]), after_std_dev=float(sigma[1][j]))
-    return tuple(found.values())
+    told = sorted(found.values(), key=_size, reverse=True)
+    return tuple(c for c in told if c is told[0] or _size(c) > SHOWN)
+
+
+def _size(change: ParameterChange) -> float:
+    """Return a change in standard deviations of the difference."""
+    return abs(change.after - change.before) / float(np.hypot(change.before_std_dev, change.after_std_dev))
 
 
 def with_note(estimate: Estimate, window: SlidingWindow) -> Estimate:

@@ -41,6 +41,15 @@ class Plant(Protocol):
             JointIdError: the simulation cannot go on.
         """
 
+    def change(self, values: Mapping[str, float]) -> None:
+        """Go on from the present state with other parameters: a load is picked up, a gear wears.
+
+        `values` replace all that were given before: a parameter that they do not name gets its default.
+
+        Raises:
+            JointIdError: unknown parameter, a value out of bounds.
+        """
+
 
 class StepResponses:
     """Model 3 under repeated voltage steps; if the steps sum to zero, the position stays bounded."""
@@ -58,6 +67,10 @@ class StepResponses:
         self._joint.advance(dt, inputs)
         return row
 
+    def change(self, values: Mapping[str, float]) -> None:
+        self._joint.change(values)
+        self.values = self.model.values(values)
+
 
 class PositionControl:
     """Model 2 with a position controller that follows a multisine. It is driven by a current, which it reports."""
@@ -68,12 +81,19 @@ class PositionControl:
 
     def __init__(self, values: Mapping[str, float], motion: MotionOptions, seed: int) -> None:
         self.model: Model = HarmonicDrive(actuation="current")
-        self.values = self.model.values({"k_t": self.K_T, **values})
+        self.values = self._all(values)
         reference = position_reference(motion.amplitude)
         self._loop = ControlledJoint(self.model, PositionController(), reference, self.values, seed=seed)
 
     def tick(self, dt: float) -> dict[str, float]:
         return {**self._loop.joint.state, **self._loop.tick(dt)}
+
+    def change(self, values: Mapping[str, float]) -> None:
+        self._loop.change(self._all(values))
+        self.values = self._all(values)
+
+    def _all(self, values: Mapping[str, float]) -> dict[str, float]:
+        return self.model.values({"k_t": self.K_T, **values})
 
 
 PLANTS: dict[str, type[StepResponses] | type[PositionControl]] = {

@@ -1,11 +1,18 @@
-"""Node `sim`: a simulated joint with the sensors of a UR robot, in real time; it also publishes the true parameters."""
+"""Node `sim`: a simulated joint with the sensors of a UR robot, in real time; it also publishes the true parameters.
+
+The parameters of the joint can change while it moves, by setting the ROS parameter `set`.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
@@ -23,6 +30,7 @@ from joint_id_ros.parameters import declare, read
 from joint_id_ros.qos import FLUSH, LATEST, STREAM_OUT
 
 TICK_S = 0.004  # the node wakes up once for two samples at 500 Hz: a wake-up costs more than the simulation
+TRIAL_S = 0.02  # of motion, with which changed parameters are tried before they are taken
 CATCH_UP = 50  # most samples at once after a pause, so that signals are served in between
 
 
@@ -32,11 +40,14 @@ class SimNode(Node):
     def __init__(self) -> None:
         super().__init__("sim")
         self.finished, self.streams = Future(), None
+        declare(self, SimOptions, read_only=False, only=("set",))
         declare(self, SimOptions, defaults={"publish_all_states": self._model_is_electromechanical()})
         declare(self, MotionOptions)
         self._options = read(self, SimOptions)
-        values = numbers_by_name(self._options.set, "parameter set")
+        values = _values(self._options.set)
         self._plant = PLANTS[self._options.model](values, read(self, MotionOptions), self._options.seed)
+        self.add_on_set_parameters_callback(self._check)
+        self.add_post_set_parameters_callback(self._change)
         self._rng = np.random.default_rng(self._options.seed)
         self._sensors = ur_robot_sensors(self._plant.values["N"])
         # The robot sends no link velocity. We chose the noise of the motor velocity, divided by the gear ratio.
@@ -68,9 +79,9 @@ class SimNode(Node):
             if now == 0 or min(p.get_subscription_count() for p in self._streams) < self._options.wait_subscribers:
                 return
             self._begin_ns = now
-            self._publish_truth(now)
+            self._publish_truth()
         for _ in range(CATCH_UP):
-            instant_ns = self._begin_ns + round(self._count * NANO / self._options.rate)
+            instant_ns = self._next_ns(self._begin_ns)
             self._behind_s = (now - instant_ns) / NANO
             if instant_ns > now:
                 return
@@ -84,6 +95,31 @@ class SimNode(Node):
                 return
             self._publish(instant_ns, row)
             self._count += 1
+
+    def _next_ns(self, begin_ns: int) -> int:
+        """Return the stamp of the next sample of a motion that began at `begin_ns`."""
+        return begin_ns + round(self._count * NANO / self._options.rate)
+
+    def _check(self, changes: Sequence[Parameter]) -> SetParametersResult:
+        """Refuse values that the joint cannot have, or with which it cannot be simulated on from where it is."""
+        for p in changes:
+            if p.name == "set":
+                try:
+                    trial = deepcopy(self._plant)
+                    trial.change(_values(p.value))
+                    trial.tick(TRIAL_S)
+                except JointIdError as error:
+                    return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _change(self, changes: Sequence[Parameter]) -> None:
+        """Let the joint go on with the values that were set, and publish them with the instant from which they hold."""
+        for p in changes:
+            if p.name == "set":
+                before = self._plant.values
+                self._plant.change(_values(p.value))
+                if self._begin_ns is not None and self._plant.values != before:
+                    self._publish_truth()
 
     def _publish(self, instant_ns: int, row: dict[str, float]) -> None:
         """Publish the sensor readings of the true values."""
@@ -110,10 +146,12 @@ class SimNode(Node):
             self._voltages.publish(voltages)
         self._diagnostics.received(instant_ns)
 
-    def _publish_truth(self, now_ns: int) -> None:
-        message = convert.to_truth_message(self._options.joint, self._plant.model, self._plant.values, now_ns)
+    def _publish_truth(self) -> None:
+        assert self._begin_ns is not None
+        since_ns = self._next_ns(self._begin_ns)
+        message = convert.to_truth_message(self._options.joint, self._plant.model, self._plant.values, since_ns)
         params = JointParams(joints=[message])
-        params.header.stamp = convert.to_stamp(now_ns)
+        params.header.stamp = convert.to_stamp(since_ns)
         self._truth.publish(params)
 
     def _health(self) -> Health:
@@ -124,3 +162,8 @@ class SimNode(Node):
         """Wait until the last samples have arrived."""
         for publisher in self._streams:
             publisher.wait_for_all_acked(FLUSH)
+
+
+def _values(texts: Sequence[str]) -> dict[str, float]:
+    """Return the values in the ROS parameter `set`; for ROS an empty list is a list with one empty string."""
+    return numbers_by_name(filter(None, texts), "parameter set")

@@ -18,7 +18,7 @@ class SimOptions:
         choices=tuple(PLANTS),
     )  # fmt: skip
     joint: str = option("joint", "name of the joint")
-    set: tuple[str, ...] = option((), 'values of the model\'s parameters, as "NAME=VALUE"')
+    set: tuple[str, ...] = option((), 'values of the model\'s parameters, as "NAME=VALUE"; may change while it moves')
     rate: float = option(500.0, "samples a second", "Hz", 1.0, 1e4)
     duration: float = option(0.0, "time after which the node ends; 0: never", "s", 0.0, 1e7)
     seed: int = option(0, "seed of the noise", lower=0)
