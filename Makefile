@@ -1,4 +1,4 @@
-# make setup | test | test-long | test-haswell | lint | demo | paper | paper-quick | bench-rtde | bench-graph | bench-speed | bench-stats | bench-drift | clean
+# make setup | test | test-long | test-haswell | lint | demo | paper | paper-quick | bench-rtde | bench-graph | bench-speed | bench-stats | bench-drift | bench-online | clean
 # Every target sets up what it needs. Needs Python 3.11 or 3.12 with venv and headers, gcc, g++, make and a Python package index.
 
 VENV := .venv
@@ -15,7 +15,7 @@ UNIT_TESTS := $(wildcard $(WS)/src/joint_id_core/test)
 NODE_TESTS := $(wildcard $(WS)/src/joint_id_ros/test tests)
 TIMED_TESTS := tests/test_chain.py tests/test_demo.py tests/test_driver.py tests/test_driver_faults.py
 
-.PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-graph bench-speed bench-stats bench-drift clean
+.PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-graph bench-speed bench-stats bench-drift bench-online clean
 all: setup
 
 setup: $(WS)/install/.built
@@ -96,6 +96,13 @@ bench-stats: setup
 # Run lengths of the drift monitor: writes its tables into docs/reliability.md (twenty minutes).
 bench-drift: setup
 	$(RUN) python benchmarks/drift.py --json out/benchmarks/drift.json --write docs/reliability.md
+
+# What the online engine does when a joint changes or a sensor fails, hours without a change, other methods (two hours on two cores);
+# then two hours of six joints through all nodes.
+bench-online: setup $(VENV)/.peers
+	$(RUN) python benchmarks/online.py --docs
+	$(RUN) python benchmarks/online_peers.py --docs
+	$(RUN) python benchmarks/soak.py --minutes 120 --docs
 
 clean:
 	rm -rf $(VENV) $(WS)/build $(WS)/install $(WS)/log out .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -71,21 +71,22 @@ def _measure(case: str, model: str, hop: float, duration: float) -> dict[str, An
     settings = {"model": model, "actuation": "current", "window_s": window, "hop_s": hop}
     with ExitStack() as stack:
         watcher = stack.enter_context(_watching())
-        processes = {"filter": stack.enter_context(_node("filter", {}))}
+        processes = {"filter": stack.enter_context(node("filter", {}))}
         if case == "fast":
-            settings["set"] = _list([f"k_t={PositionControl.K_T!r}", "N=101"])
-            processes["identifier"] = stack.enter_context(_node("identifier", settings))
+            settings["set"] = listed([f"k_t={PositionControl.K_T!r}", "N=101"])
+            processes["identifier"] = stack.enter_context(node("identifier", settings))
             command = ["--rate", str(FAST_HZ), "--duration", str(duration + PATIENCE_S)]
             processes["source"] = stack.enter_context(
-                _process([sys.executable, str(Path(__file__).with_name("graph_source.py")), *command])
+                process([sys.executable, str(Path(__file__).with_name("graph_source.py")), *command])
             )
         else:
-            settings["set"] = _list([f"{j.name}.k_t={j.values['k_t']!r}" for j in JOINTS])
-            processes["identifier"] = stack.enter_context(_node("identifier", settings))
+            settings["joints"] = listed([j.name for j in JOINTS])
+            settings["set"] = listed([f"{j.name}.k_t={j.values['k_t']!r}" for j in JOINTS])
+            processes["identifier"] = stack.enter_context(node("identifier", settings))
             emulator = stack.enter_context(EmulatorProcess("--host", "127.0.0.1"))
             processes["emulator"] = emulator.process
             address = {"robot_ip": emulator.host, "port": emulator.port}
-            processes["driver"] = stack.enter_context(_node("driver", address))
+            processes["driver"] = stack.enter_context(node("driver", address))
         if case == "receiving":
             watcher.spin_for(12.0)  # until all nodes have started and the filter has learnt the period
         else:
@@ -167,27 +168,30 @@ def _watching() -> Iterator[_Watcher]:
         rclpy.try_shutdown()
 
 
-def _node(name: str, parameters: dict[str, Any]) -> Any:
+def node(name: str, parameters: dict[str, Any]) -> Any:
+    """A node of joint_id_ros as a process."""
     script = Path(get_package_prefix("joint_id_ros")) / "lib/joint_id_ros" / name
     arguments = [a for key, value in parameters.items() for a in ("-p", f"{key}:={value}")]
-    return _process([sys.executable, str(script), *(["--ros-args", *arguments] if arguments else [])])
+    return process([sys.executable, str(script), *(["--ros-args", *arguments] if arguments else [])])
 
 
 @contextmanager
-def _process(command: list[str]) -> Iterator[subprocess.Popen[bytes]]:
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+def process(command: list[str]) -> Iterator[subprocess.Popen[bytes]]:
+    """A process that is ended, if needed by force."""
+    started = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     try:
-        yield process
+        yield started
     finally:
-        process.terminate()
+        started.terminate()
         try:
-            process.wait(10.0)
+            started.wait(10.0)
         except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+            started.kill()
+            started.wait()
 
 
-def _list(texts: list[str]) -> str:
+def listed(texts: list[str]) -> str:
+    """A list of texts as a ROS parameter."""
     return "[" + ", ".join(f'"{text}"' for text in texts) + "]"
 
 

@@ -25,7 +25,6 @@ class Case:
         factor: of these parameters; with `drift` after an hour.
         drift: whether they change slowly and all the time.
         fault: of a sensor: frozen, late or offset.
-        after_s: how long the joint is watched afterwards, by motion, in s.
     """
 
     name: str
@@ -36,7 +35,7 @@ class Case:
 
     @property
     def after_s(self) -> Mapping[str, float]:
-        """How long the joint is watched afterwards, by motion."""
+        """How long the joint is watched afterwards in s, by motion."""
         return dict.fromkeys(AFTER_S, DRIFT_S) if self.drift else AFTER_S
 
 

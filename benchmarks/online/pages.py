@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -12,12 +12,7 @@ from online.joints import JOINTS
 from online.long_run import AT_S, LongRun, honesty
 from online.watching import FAR, Outcome
 
-BLOCK = re.compile(r"(<!-- measured: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
-
-
-def written(page: str, tables: Mapping[str, str]) -> str:
-    """A page with those of its measured blocks made anew that are in `tables`."""
-    return BLOCK.sub(lambda m: f"{m[1]}{tables[m[2]]}\n{m[3]}" if m[2] in tables else m[0], page)
+COLUMNS = ("said", "right", "wrong", "largest")
 
 
 def changes_table(outcomes: Sequence[Outcome]) -> str:
@@ -39,11 +34,10 @@ def _of_model(model: str, outcomes: Sequence[Outcome]) -> str:
             rows.append([case.name, f"- ({reason})", *["-"] * (2 * len(COLUMNS) - 1)])
         elif any(runs):
             rows.append([case.name, *(cell for some in runs for cell in _cells(some, case.name == "nothing"))])
-    joints = len({o.seed for o in outcomes})
-    return f"`{model}`, {joints} joints:\n\n{_table(head, rows)}"
-
-
-COLUMNS = ("said", "right", "wrong", "largest")
+    counts = Counter((o.case, o.motion) for o in outcomes).values()
+    least, most = min(counts), max(counts)
+    joints = f"{most} joint{'s' * (most > 1)}" if least == most else f"{least} to {most} joints"
+    return f"`{model}`, {joints} a case:\n\n{_table(head, rows)}"
 
 
 def _cells(runs: Sequence[Outcome], nothing: bool) -> list[str]:

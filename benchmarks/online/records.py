@@ -10,10 +10,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from joint_id_core.data.recording import Array, Recording
+from joint_id_core.models.transmission import GEAR_RATIO
 from joint_id_core.simulation.position_control import ControlledJoint
 from online.cases import BEFORE_S, Case
 from online.joints import SENSORS, Joint, VoltageJoint
 
+MOVED_S, NOTICED = 0.5, 0.01  # s, rad at the link
 STEP_S = 1.0  # in which a drift is simulated
 OFFSET_A, LATE_S = 0.05, 5e-3
 Channels = dict[str, Array]
@@ -27,7 +29,7 @@ class Watched:
         recording: what the identifier gets.
         since: instant of the change in s.
         truth: by name the true parameters at an instant in s.
-        moves: whether the joint moved at an instant in s.
+        moves: whether the joint moved noticeably in the half second before an instant in s.
     """
 
     recording: Recording
@@ -131,5 +133,7 @@ def _time(channels: Channels, rate: float) -> Array:
 
 
 def _moves(time: Array, true: Channels) -> Callable[[float], bool]:
-    speed = np.abs(true["link_velocity" if "link_velocity" in true else "motor_velocity"])
-    return lambda t: bool(speed[max(0, int(np.searchsorted(time, t)) - 1)] > 0.0)
+    at_link = "link_velocity" in true
+    speed = np.abs(true["link_velocity"] if at_link else true["motor_velocity"] / GEAR_RATIO)
+    way = np.cumsum(speed) * (time[1] - time[0])
+    return lambda t: bool(np.diff(np.interp([t - MOVED_S, t], time, way))[0] > NOTICED)

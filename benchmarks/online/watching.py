@@ -17,7 +17,6 @@ from online.records import Watched
 FORGOTTEN = "The joint has changed: what was known is forgotten."
 BATCH = 10  # samples that come at once
 FAR = 4.0  # standard deviations from which an estimate is wrong
-MOVED_S = 0.3  # how long ago a joint must have moved if an estimate rightly says that it does not rest
 SINCE_S = 1.0  # how much before the true change an identifier may say that it began
 
 
@@ -66,7 +65,7 @@ def watch(joint: Joint, watched: Watched, until: float = np.inf) -> Iterator[Hop
     for k in range(0, len(recording), BATCH):
         estimate = identifier.update(recording.slice(k, k + BATCH))
         if estimate is not None:
-            yield of(estimate, watched.truth(estimate.end), watched.moves(estimate.end - MOVED_S))
+            yield of(estimate, watched.truth(estimate.end), watched.moves(estimate.end))
             if estimate.end > until:
                 return
 
