@@ -288,6 +288,7 @@ def test_two_nodes_with_one_file_are_told(joint, start, probe):
     assert not probe.call(Trigger, "/other/save", Trigger.Request()).success
 
 
+@pytest.mark.long
 def test_restored_joints_that_are_not_there_any_more_are_taken_back(joint):
     joint.begin()
     joint.send(2.2, ("joint", "tool"))

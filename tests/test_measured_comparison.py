@@ -39,6 +39,7 @@ def r_squared(row: dict[str, Any]) -> float:
     return float(found)
 
 
+@pytest.mark.long
 def test_emps_laws_predict_alike_and_all_of_them_well() -> None:
     """A likelihood that is better by far does not mean a better prediction: the paper's law is as good here."""
     mapping = ("--map", "time_s=t", "--map", "link_position=qm", "--map", "torque=gtau*vir")

@@ -23,7 +23,7 @@ SHARPER = 1.5  # smoothing of friction of a block over that of today up to which
 JUMP = 300.0  # innovation, in standard deviations, from which a sensor jumped: the filter starts again
 NOISIER = 1.5  # mean squared innovation of a label from which its noise is no longer that of the memory
 QUIETER = 0.6  # the same, below which
-YOUNG = 3.0  # window lengths of motion before which a disagreement is not taken for a change of the joint
+YOUNG = 1.0  # window lengths of motion before which a disagreement is not taken for a change of the joint
 ENOUGH = 100  # samples for a mean square
 
 
