@@ -236,6 +236,7 @@ class OnlineIdentifier:
             return
         assert self._last is not None
         self._told = explanation
+        self._checks.begin(self._window.end)  # a window with the change in it tells nothing
         recent = {c.name: c for c in self._changes if since - c.since < self.options.window_s}
         z, covariance = follower.memory.mean, follower.memory.covariance
         self._changes = changes_of(self._last.free, self._coordinates, explanation.change, z, covariance, since, recent)
