@@ -92,6 +92,7 @@ def test_constants_in_the_theory() -> None:
         f"no worse than a change of all parameters (probability {learning.UNNEEDED:g})",
         f"tested together, with probability $10^{{{round(math.log10(memory.AGAIN))}}}$",
         f"explain them as well (cost within {memory.ALIKE:g})",
+        f"nothing confirms new values for {words[round(follower.PATIENT)]} windows",
         f"In the {'first' if follower.YOUNG == 1.0 else '?'} window after the first fit",
         f"innovations leaves {follower.QUIETER:g} to {follower.NOISIER:g}",
         f"compared below {inverse_dynamics.DRIVE_BAND_HZ:g} Hz",

@@ -24,6 +24,7 @@ JUMP = 300.0  # innovation, in standard deviations, from which a sensor jumped: 
 NOISIER = 1.5  # mean squared innovation of a label from which its noise is no longer that of the memory
 QUIETER = 0.6  # the same, below which
 YOUNG = 1.0  # window lengths of motion before which a disagreement is not taken for a change of the joint
+PATIENT = 4.0  # window lengths of motion after which new values that nothing confirms are given up
 ENOUGH = 100  # samples for a mean square
 
 
@@ -229,26 +230,26 @@ class Follower:
 
     def _learn(self, tracker: Tracker, change: Change) -> None:
         """Take a change into the memory once it is confirmed; else learn it from all blocks since it happened."""
+        since, window_s = self._blocks[1:], self._options.window_s
+        seen_s = sum(block.duration for block in since)
         if self._guess is not None:
             explanation, memory = self._guess
             memory.add(self._blocks[-1], self._options.memory_s)
-            seen_s = sum(block.duration for block in self._blocks[1:])
             # Where nothing is kept, new values need a window of motion, as the first ones do.
-            enough = not explanation.all_new or seen_s > self._options.window_s - BLOCK_S
+            enough = not explanation.all_new or seen_s > window_s - BLOCK_S
             if memory.test() is None and enough:
                 self._take(tracker, explanation, memory)
                 return
         spread = self._coordinates.spread
-        since = self._blocks[1:]
         found = learn(tracker, since, change, self._coordinates) if since else None
         self._guess = None
-        if found is not None:
+        if found is not None and seen_s < PATIENT * window_s:
             mean, precision = found.change.still_known(spread)
             memory = Memory(mean, np.asarray(np.linalg.inv(precision)), spread, changed=True)
             for piece in found.learned.pieces:
                 memory.add(piece, self._options.memory_s)
             self._guess = found, memory
-        elif sum(block.duration for block in since) > self._options.window_s:
+        elif seen_s > window_s:
             self.found = Found.UNEXPLAINED
 
     def _take(self, tracker: Tracker, explanation: Explanation, memory: Memory) -> None:
