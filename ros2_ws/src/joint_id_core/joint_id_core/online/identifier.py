@@ -136,9 +136,8 @@ class OnlineIdentifier:
         self._follow(due)
         if not due:
             return None
-        temperature = (self._window if self._watch.moving else recent).mean("temperature")
-        estimate = self._in_motion() if self._watch.moving else self._at_rest()
-        return replace(estimate, elapsed_s=time.perf_counter() - begun, temperature=temperature)
+        estimate, window = (self._in_motion(), self._window) if self._watch.moving else (self._at_rest(), recent)
+        return replace(estimate, elapsed_s=time.perf_counter() - begun, temperature=window.mean("temperature"))
 
     def _without_memory(self) -> Estimate:
         """Fit the newest samples by themselves."""
@@ -225,23 +224,18 @@ class OnlineIdentifier:
 
     def _agrees(self, known: Knowledge) -> bool:
         """Check the newest window, if it is time for that; return whether it agrees with what is known."""
-        checks, last = self._checks, known.last
-        if known.follower.noise_changed and not checks.doubt:
-            checks.ask()
-        doubt = checks.doubt
-        fit = checks.run(self._window, lambda recording: self._task.fit(recording, last))
-        if fit is None:
-            return True
-        checks.doubt = False
-        return known.compared(fit, doubt)
+        last = known.last
+        if known.follower.noise_changed:
+            self._checks.ask()
+        checked = self._checks.run(self._window, lambda recording: self._task.fit(recording, last))
+        return checked is None or known.agrees(checked)
 
     def _fitted(self) -> Estimate:
         """Fit the newest window as a whole, without the memory; if this converges, a memory begins with it."""
         situation, window = self._situation, self._window
         if situation is Situation.SUSPENDED:
             assert self._shown is not None
-            end = self._watch.recent.end
-            if end < self._fit_next:
+            if (end := self._watch.recent.end) < self._fit_next:
                 return with_note(self._shown, window)
             self._fit_next = end + AGAIN_S
         elif not self._window_full:

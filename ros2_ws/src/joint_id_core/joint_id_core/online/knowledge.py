@@ -11,7 +11,7 @@ from joint_id_core.estimators.innovations.belief import Belief
 from joint_id_core.estimators.shared.sentences import message
 from joint_id_core.estimators.shared.stillness import seen_by
 from joint_id_core.online.changes import Changes
-from joint_id_core.online.checks import OWN_SHARE, mixed
+from joint_id_core.online.checks import OWN_SHARE, Checked, mixed
 from joint_id_core.online.follower import Follower
 from joint_id_core.online.memory import Memory, agree
 from joint_id_core.online.published import published
@@ -65,18 +65,18 @@ class Knowledge:
     def _tracker(self, recording: Recording, z: Array) -> Tracker | None:
         return self._task.tracker(recording, z, self.last)
 
-    def compared(self, fit: Estimate, doubt: bool) -> bool:
+    def agrees(self, checked: Checked) -> bool:
         """Take noise levels and findings of a window that was fitted by itself; return whether it agrees.
 
-        With `doubt`, the newest innovations are not those that the noise levels allow: such a fit shows whether the
-        noise changed or the joint.
+        With a doubt, the newest innovations are not those that the noise levels allow: the fit shows whether the noise
+        changed or the joint.
         """
-        last, tracker = self.last, self.follower.tracker
-        if doubt and not (fit.converged and agree(fit, self.follower.memory, self._task.coordinates)):
+        fit, last, tracker = checked.fit, self.last, self.follower.tracker
+        if checked.doubted and not (fit.converged and agree(fit, self.follower.memory, self._task.coordinates)):
             return False
         if not fit.converged or fit.free != last.free or set(fit.noise) != set(last.noise):
             return True
-        self.last = replace(fit, noise=mixed(last, fit, 1.0 if doubt else OWN_SHARE))
+        self.last = replace(fit, noise=mixed(last, fit, 1.0 if checked.doubted else OWN_SHARE))
         if tracker is not None:
             tracker.levels = np.square([self.last.noise[n] for n in tracker.data.noise_names])
         return True
