@@ -10,6 +10,7 @@ import numpy as np
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.online.learning import Explanation, learn
+from joint_id_core.online.levels import Levels
 from joint_id_core.online.memory import Change, Memory
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.relearn import relearn
@@ -47,11 +48,12 @@ class Follower:
         memory: what is known.
         coordinates: of the free parameters.
         options: window, forgetting.
+        levels: noise levels, which follow the samples.
         make: returns a filter for a recording, at parameters z (k,); None if the recording cannot be used.
         age_s: time of motion in s that is in the memory already.
 
     Attributes:
-        memory: what is known.
+        memory, levels: what is known of the parameters and of the noise.
         tracker: the filter; None while the joint rests.
         found: what the newest samples say.
         explanation: the newest change that was taken into the memory; None if there is none.
@@ -66,10 +68,11 @@ class Follower:
         memory: Memory,
         coordinates: Coordinates,
         options: OnlineOptions,
+        levels: Levels,
         make: Callable[[Recording, Array], Tracker | None],
         age_s: float = 0.0,
     ) -> None:
-        self.memory = memory
+        self.memory, self.levels = memory, levels
         self.tracker: Tracker | None = None
         self.found = Found.AGREES
         self.explanation: Explanation | None = None
@@ -90,6 +93,7 @@ class Follower:
         self.tracker = tracker
         for piece in pieces:
             self.memory.add(piece, self._options.memory_s)
+        self.levels.learn(tracker, pieces, self._options.memory_s)
         self._refine(tracker)
 
     def rest(self) -> None:
@@ -179,6 +183,7 @@ class Follower:
         change = self._tested(self.tracker)
         if change is None:
             self.noise_changed = self._noise_changed()
+            self.levels.learn(self.tracker, [block], self._options.memory_s)
             self._refine(self.tracker)
         elif self.age_s < YOUNG * self._options.window_s:
             self.found = Found.WRONG_START

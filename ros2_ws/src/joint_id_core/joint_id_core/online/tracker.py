@@ -75,6 +75,22 @@ class Piece:
         return float(self.samples.time[-1] - self.begin.time) if len(self.samples.time) else 0.0
 
 
+@dataclass(frozen=True)
+class _Passed:
+    """Outputs of `loops.tracking.track`, whose first row is the sample before, and its labels."""
+
+    cost: float
+    kept: Array
+    y: Array
+    errors: Array
+    variances: Array
+    gains: Array
+    slopes: Array
+    shown: Array
+    matrix: Array
+    score: Array
+
+
 def merged(pieces: Sequence[Piece]) -> Piece:
     """Return consecutive pieces of the same reference as one."""
     if len(pieces) == 1:
@@ -238,27 +254,53 @@ class Tracker:
             found.append(new)
         return np.array(costs), found
 
+    def noise_information(self, piece: Piece) -> tuple[Array, Array] | None:
+        """Return score (L,) and information matrix (L, L) of the logarithms of the noise levels, from a stretch.
+
+        None if the path diverges.
+        """
+        found = self._passed(piece.begin, piece.samples, stored=True)
+        if not np.isfinite(found.cost):
+            return None
+        score, matrix = np.empty_like(self.levels), np.empty((len(self.levels), len(self.levels)))
+        self.kernel.gains.noise_information(
+            found.y, self.data.label_states, np.full(len(found.y), -1), found.errors, found.variances,
+            found.gains, found.slopes, found.shown, score, matrix,
+        )  # fmt: skip
+        return score * self.levels, matrix * np.outer(self.levels, self.levels)
+
     def _run(self, begin: State, samples: Samples, longest: float = np.inf) -> tuple[State, float, Piece] | None:
         """Return state, cost and result; None if the path diverges or a step is longer than `longest` (s)."""
-        m, k = len(self.data.labels), self._k
+        steps = np.diff(samples.time, prepend=begin.time)
+        if len(steps) and steps.max() > longest:
+            return None
+        found = self._passed(begin, samples)
+        if not np.isfinite(found.cost):
+            return None
+        H = found.matrix[self._columns[:, None], self._columns] * (self._slope[:, None] * self._slope)
+        g = found.score[self._columns] * self._slope
+        white = np.where(np.isnan(samples.y), np.nan, found.errors[1:] / np.sqrt(found.variances[1:]))
+        last = len(samples.time) > 0
+        state = State(found.kept, float(samples.time[-1]) if last else begin.time, samples.u[-1] if last else begin.u)
+        return state, found.cost, Piece(H, g + H @ self.z, white, begin, samples, self.z, self.smoothing)
+
+    def _passed(self, begin: State, samples: Samples, stored: bool = False) -> _Passed:
+        """Run over samples; keep what `noise_information` needs if `stored`."""
+        m, k, n = len(self.data.labels), self._k, self._n
         time = np.concatenate([[begin.time], samples.time])
         u = np.concatenate([begin.u[None], samples.u])
         y = np.concatenate([np.full((1, m), np.nan), samples.y])
         gap = np.zeros(len(time))
         steps = time[1:] - time[:-1]
-        step = float(steps.max()) if len(steps) else 0.0
-        if step > longest:
-            return None
-        if step > 1.25 * self.data.period:
+        if len(steps) and steps.max() > 1.25 * self.data.period:
             gap[:-1] = np.maximum(np.rint(steps / self.data.period) - 1.0, 0.0)
-        kept, H, g, white = begin.kept.copy(), np.empty((k, k)), np.empty(k), np.empty((len(time), m))
+        T = len(time)
+        rows = T if stored else 1
+        e, S, K, F = np.zeros((T, m)), np.ones((T, m)), np.zeros((rows, m, n)), np.zeros((rows, n, n + u.shape[1]))
+        C = np.empty((rows, m, n) if self.data.model.label_delays else (1, 1, 1))
+        kept, H, g = begin.kept.copy(), np.empty((k, k)), np.empty(k)
         cost = self.kernel.tracking.track(
             kept, time, u, y, self.data.label_states, gap, self.levels[:m], self.levels[m:], self._noise,
-            self._p, self.substeps, self._stiff, self._many, white, H, g,
+            self._p, self.substeps, self._stiff, self._many, e, S, K, F, C, H, g,
         )  # fmt: skip
-        if not np.isfinite(cost):
-            return None
-        H = H[self._columns[:, None], self._columns] * (self._slope[:, None] * self._slope)
-        g = g[self._columns] * self._slope
-        state = State(kept, float(time[-1]), u[-1])
-        return state, cost, Piece(H, g + H @ self.z, white[1:], begin, samples, self.z, self.smoothing)
+        return _Passed(float(cost), kept, y, e, S, K, F, C, H, g)
