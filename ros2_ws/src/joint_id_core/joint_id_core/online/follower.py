@@ -138,17 +138,22 @@ class Follower:
     def now(self) -> tuple[Array, Array]:
         """Return estimate (k,) and covariance (k, k) with the samples of the present block."""
         memory = self.memory
+        nothing = np.zeros_like(memory.matrix)
         if not self._pieces or self.found is not Found.AGREES:
-            return memory.mean, memory.covariance
+            return memory.mean, self._covariance(nothing)
         block = merged(self._pieces)
         self._pieces = [block]
-        matrix, vector = block.matrix, block.vector
-        mean = np.asarray(np.linalg.solve(memory.matrix + matrix, memory.vector + vector), dtype=float)
-        covariance = memory.covariance_with(matrix)
+        mean = np.asarray(np.linalg.solve(memory.matrix + block.matrix, memory.vector + block.vector), dtype=float)
+        covariance = self._covariance(block.matrix)
         away = np.abs(mean - block.z)
         if np.any((away > LINEAR * self._coordinates.unit) & (away > np.sqrt(np.diag(covariance)))):
-            return memory.mean, memory.covariance  # too far for one linear step: wait for the end of the block
+            return memory.mean, self._covariance(nothing)  # too far for one linear step: wait for the end of the block
         return mean, covariance
+
+    def _covariance(self, more: Array) -> Array:
+        """Return the covariance of the parameters with the information matrix `more` of the present block."""
+        memory = self.memory
+        return memory.covariance_with(more) + self.levels.spread(memory.inverse_with(more))
 
     @property
     def white(self) -> Array | None:
@@ -260,6 +265,7 @@ class Follower:
     def _take(self, tracker: Tracker, explanation: Explanation, memory: Memory) -> None:
         """Go on with the memory after a change."""
         self.memory, self.explanation, self.found = memory, explanation, Found.AGREES
+        self.levels.forget((*explanation.change.names, *explanation.change.likely))
         self.since = explanation.learned.pieces[0].begin.time
         self._change = self._guess = None
         self.lost_s = 0.0

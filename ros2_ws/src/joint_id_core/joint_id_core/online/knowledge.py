@@ -44,7 +44,7 @@ class Knowledge:
         self.changes = Changes(last.free, task.coordinates, task.options.window_s)
         self._task = task
         memory = Memory(mean, covariance, task.coordinates.spread)
-        levels = Levels(np.square(list(last.noise.values())))
+        levels = Levels(np.square(list(last.noise.values())), len(mean))
         self.follower = Follower(memory, task.coordinates, task.options, levels, self._tracker, age_s)
 
     @classmethod
@@ -84,7 +84,7 @@ class Knowledge:
         if not fit.converged or fit.free != last.free or set(fit.noise) != set(last.noise):
             return True
         if checked.doubted:
-            self.follower.levels = Levels(np.square([fit.noise[n] for n in last.noise]))
+            self.follower.levels = Levels(np.square([fit.noise[n] for n in last.noise]), len(last.free))
             if tracker is not None:
                 tracker.levels = self.follower.levels.values
         self.last = replace(fit, noise={n: fit.noise[n] for n in last.noise})

@@ -16,6 +16,7 @@ from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.noise import bounded_step
 from joint_id_core.online.tracker import Piece, Tracker
 
+UNKNOWN = 1.0  # standard deviation of the logarithm of a level before any sample
 FARTHEST = 1e4  # factor of a variance between the first window and later ones
 
 
@@ -24,15 +25,17 @@ class Levels:
 
     Args:
         values: of a fit of a whole window, shape (L,).
+        parameters: number of free parameters, k.
 
     Attributes:
         values: those of today.
     """
 
-    def __init__(self, values: Array) -> None:
+    def __init__(self, values: Array, parameters: int) -> None:
         self.values = values
         self._lower, self._upper = values / FARTHEST, values * FARTHEST
         self._information = np.zeros((len(values), len(values)))
+        self._cross = np.zeros((parameters, len(values)))
 
     def learn(self, tracker: Tracker, pieces: Sequence[Piece], memory_s: float) -> None:
         """Learn from stretches that are described by the parameters; the filter goes on with the new levels."""
@@ -40,8 +43,24 @@ class Levels:
             found = tracker.noise_information(piece)
             if found is None:
                 continue
-            score, information = found
-            self._information = np.exp(-piece.duration / memory_s) * self._information + information
-            step, _ = bounded_step(tracker.kernel, self.values, self._lower, self._upper, score, self._information)
+            kept = np.exp(-piece.duration / memory_s)
+            self._information = kept * self._information + found.matrix
+            self._cross = kept * self._cross + found.cross
+            step, _ = bounded_step(
+                tracker.kernel, self.values, self._lower, self._upper, found.score, self._information
+            )
             self.values = self.values * np.exp(step)
             tracker.levels = self.values
+
+    def forget(self, changed: Sequence[int]) -> None:
+        """Forget how parameters that changed depended on the levels."""
+        self._cross[list(changed)] = 0.0
+
+    def spread(self, inverse: Array) -> Array:
+        """Return the covariance (k, k) of the parameters that comes from the uncertainty of the levels.
+
+        `inverse` (k, k) is that of the information matrix of the parameters.
+        """
+        known = self._information + np.diag(np.full(len(self.values), UNKNOWN**-2))
+        away = inverse @ self._cross
+        return np.asarray(away @ np.linalg.solve(known, away.T))

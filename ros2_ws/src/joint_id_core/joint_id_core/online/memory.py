@@ -109,8 +109,12 @@ class Memory:
 
     def covariance_with(self, more: Array) -> Array:
         """Return the covariance with the information matrix `more` of samples that are not yet added."""
-        inverse, wider = _inverse(self.matrix + more), self.wider
+        inverse, wider = self.inverse_with(more), self.wider
         return np.asarray(inverse @ (self._noise + more) @ inverse * np.outer(wider, wider))
+
+    def inverse_with(self, more: Array) -> Array:
+        """Return the inverse of the information matrix with that of samples that are not yet added, shape (k, k)."""
+        return _inverse(self.matrix + more)
 
     @property
     def wider(self) -> Array:

@@ -16,6 +16,7 @@ from joint_id_core.estimators.shared.fit_data import LONGEST_GAP, FitData, witho
 from joint_id_core.estimators.shared.initial_state import rough_states, start_state
 from joint_id_core.estimators.shared.substeps import KINK, MORE_STEPS, MOST_STEPS, steps_to_stand
 
+NUDGE = 0.1  # relative change of a noise variance for a derivative
 WARM_UP = 100  # samples from which the filter learns the state of the joint
 LEAST = 10  # samples of the shortest motion that is used
 UNSURE = 1e4  # factor on the covariance of the state where parameters changed
@@ -89,6 +90,20 @@ class _Passed:
     shown: Array
     matrix: Array
     score: Array
+
+
+@dataclass(frozen=True)
+class NoiseInformation:
+    """What a stretch of samples says about the logarithms of the noise levels.
+
+    Attributes:
+        score, matrix: score (L,) and information matrix (L, L).
+        cross: derivative of the score of the free parameters by them, in estimation coordinates, shape (k, L).
+    """
+
+    score: Array
+    matrix: Array
+    cross: Array
 
 
 def merged(pieces: Sequence[Piece]) -> Piece:
@@ -254,20 +269,24 @@ class Tracker:
             found.append(new)
         return np.array(costs), found
 
-    def noise_information(self, piece: Piece) -> tuple[Array, Array] | None:
-        """Return score (L,) and information matrix (L, L) of the logarithms of the noise levels, from a stretch.
-
-        None if the path diverges.
-        """
-        found = self._passed(piece.begin, piece.samples, stored=True)
+    def noise_information(self, piece: Piece) -> NoiseInformation | None:
+        """Return what a stretch says of the noise levels; None if the path diverges."""
+        found, levels = self._passed(piece.begin, piece.samples, stored=True), self.levels
         if not np.isfinite(found.cost):
             return None
-        score, matrix = np.empty_like(self.levels), np.empty((len(self.levels), len(self.levels)))
+        score, matrix = np.empty_like(levels), np.empty((len(levels), len(levels)))
         self.kernel.gains.noise_information(
             found.y, self.data.label_states, np.full(len(found.y), -1), found.errors, found.variances,
             found.gains, found.slopes, found.shown, score, matrix,
         )  # fmt: skip
-        return score * self.levels, matrix * np.outer(self.levels, self.levels)
+        cross = np.empty((len(self._columns), len(levels)))
+        for j in range(len(levels)):
+            self.levels = levels.copy()
+            self.levels[j] *= 1.0 + NUDGE
+            change = self._passed(piece.begin, piece.samples).score - found.score
+            cross[:, j] = change[self._columns] * self._slope / np.log1p(NUDGE)
+        self.levels = levels
+        return NoiseInformation(score * levels, matrix * np.outer(levels, levels), cross)
 
     def _run(self, begin: State, samples: Samples, longest: float = np.inf) -> tuple[State, float, Piece] | None:
         """Return state, cost and result; None if the path diverges or a step is longer than `longest` (s)."""

@@ -79,7 +79,7 @@ def still_link(
 def wound_up(
     rest: NDArray[np.bool_], link_still: NDArray[np.bool_], period: float, before: int | None = None
 ) -> tuple[NDArray[np.bool_], int | None]:
-    """Return `rest` (T,) with the samples after a rest at which the link still sticks, while the motor winds up the gear.
+    """Return `rest` (T,) with the samples after it at which the link still sticks, while the motor winds up the gear.
 
     When the link breaks loose depends on static friction, which is another quantity than the sliding friction of the
     models. The twist at that moment is not known either. So these samples would tell wrong values with confidence.
