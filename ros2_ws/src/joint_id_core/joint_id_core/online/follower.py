@@ -87,14 +87,15 @@ class Follower:
         self._change: Change | None = None  # a change whose new values are not known yet
         self._blocks: list[Piece] = []  # since that change, which is in the first one
         self._guess: tuple[Explanation, Memory] | None = None  # what may have changed
+        self._settled_s = 0.0  # time of motion in s since the explanation was taken
 
     def begin(self, tracker: Tracker, pieces: Sequence[Piece]) -> None:
         """Take the pieces of a first window, and the filter that stands at its end."""
         self.tracker = tracker
         for piece in pieces:
             self.memory.add(piece, self._options.memory_s)
-        self.levels.learn(tracker, pieces, self._options.memory_s)
         self._refine(tracker)
+        self.levels.learn(tracker, self.memory.blocks, self._options.memory_s)
 
     def rest(self) -> None:
         """End a stretch of motion: the joint rests."""
@@ -153,7 +154,7 @@ class Follower:
     def _covariance(self, more: Array) -> Array:
         """Return the covariance of the parameters with the information matrix `more` of the present block."""
         memory = self.memory
-        return memory.covariance_with(more) + self.levels.spread(memory.inverse_with(more))
+        return self.levels.widened(memory.covariance_with(more), memory.inverse_with(more))
 
     @property
     def white(self) -> Array | None:
@@ -185,18 +186,36 @@ class Follower:
         self._white.append(block.white)
         del self._white[: -max(1, round(self._options.window_s / BLOCK_S))]
         self.age_s += block.duration
+        self._settled_s += block.duration
         change = self._tested(self.tracker)
         if change is None:
             self.noise_changed = self._noise_changed()
-            self.levels.learn(self.tracker, [block], self._options.memory_s)
             self._refine(self.tracker)
+            self.levels.learn(self.tracker, self.memory.blocks[-1:], self._options.memory_s)
         elif self.age_s < YOUNG * self._options.window_s:
             self.found = Found.WRONG_START
         else:
-            self.found, self._change, self._blocks = Found.CHANGING, change, list(change.blocks)
-            self.memory.drop(len(change.blocks))
-            if len(self._blocks) > 1:
-                self._learn(self.tracker, change)
+            self.found = Found.CHANGING
+            if not self._reconsider(self.tracker):
+                self._change, self._blocks = change, list(change.blocks)
+                self.memory.drop(len(change.blocks))
+                if len(self._blocks) > 1:
+                    self._learn(self.tracker, change)
+
+    def _reconsider(self, tracker: Tracker) -> bool:
+        """Explain all samples since a recent change anew: what was taken for its cause may have been another one.
+
+        Returns whether they can be explained; if not, it is another change.
+        """
+        if self.explanation is None or self._settled_s > PATIENT * self._options.window_s:
+            return False
+        change, blocks = self.explanation.change, self.memory.blocks
+        found = learn(tracker, blocks, change, self._coordinates)
+        if found is None:
+            return False
+        self._change, self._blocks = change, [blocks[0], *blocks]
+        self._guess = found, self._memory_after(found)
+        return True
 
     def _tested(self, tracker: Tracker) -> Change | None:
         """Test the newest blocks against the memory; return the change that they show.
@@ -250,17 +269,21 @@ class Follower:
             if memory.test() is None and enough:
                 self._take(tracker, explanation, memory)
                 return
-        spread = self._coordinates.spread
         found = learn(tracker, since, change, self._coordinates) if since else None
         self._guess = None
         if found is not None and seen_s < PATIENT * window_s:
-            mean, precision = found.change.still_known(spread)
-            memory = Memory(mean, np.asarray(np.linalg.inv(precision)), spread, changed=True)
-            for piece in found.learned.pieces:
-                memory.add(piece, self._options.memory_s)
-            self._guess = found, memory
+            self._guess = found, self._memory_after(found)
         elif seen_s > window_s:
             self.found = Found.UNEXPLAINED
+
+    def _memory_after(self, found: Explanation) -> Memory:
+        """Return the memory of an explained change, with the samples since."""
+        spread = self._coordinates.spread
+        mean, precision = found.change.still_known(spread)
+        memory = Memory(mean, np.asarray(np.linalg.inv(precision)), spread, changed=True)
+        for piece in found.learned.pieces:
+            memory.add(piece, self._options.memory_s)
+        return memory
 
     def _take(self, tracker: Tracker, explanation: Explanation, memory: Memory) -> None:
         """Go on with the memory after a change."""
@@ -268,7 +291,7 @@ class Follower:
         self.levels.forget((*explanation.change.names, *explanation.change.likely))
         self.since = explanation.learned.pieces[0].begin.time
         self._change = self._guess = None
-        self.lost_s = 0.0
+        self.lost_s = self._settled_s = 0.0
         self._blocks.clear()
         self._white.clear()
         self._refine(tracker)

@@ -76,17 +76,15 @@ class Knowledge:
         """Take the findings of a window that was fitted by itself; return whether it agrees.
 
         With a doubt, the newest innovations are not those that the noise levels allow: the fit shows whether the noise
-        changed or the joint. If the noise changed, its levels are those of the fit.
+        changed or the joint. If the noise changed, its levels are learned anew.
         """
-        fit, last, tracker = checked.fit, self.last, self.follower.tracker
+        fit, last = checked.fit, self.last
         if checked.doubted and not (fit.converged and agree(fit, self.follower.memory, self._task.coordinates)):
             return False
         if not fit.converged or fit.free != last.free or set(fit.noise) != set(last.noise):
             return True
         if checked.doubted:
-            self.follower.levels = Levels(np.square([fit.noise[n] for n in last.noise]), len(last.free))
-            if tracker is not None:
-                tracker.levels = self.follower.levels.values
+            self.follower.levels.doubt()
         self.last = replace(fit, noise={n: fit.noise[n] for n in last.noise})
         return True
 

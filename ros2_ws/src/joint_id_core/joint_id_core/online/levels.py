@@ -16,6 +16,8 @@ from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.noise import bounded_step
 from joint_id_core.online.tracker import Piece, Tracker
 
+MOST_LOST = 0.9  # largest part of the information on a combination of parameters that the levels can take
+DOUBTED = 0.1  # part of the information that is kept where the newest samples show other levels
 UNKNOWN = 1.0  # standard deviation of the logarithm of a level before any sample
 FARTHEST = 1e4  # factor of a variance between the first window and later ones
 
@@ -52,15 +54,28 @@ class Levels:
             self.values = self.values * np.exp(step)
             tracker.levels = self.values
 
+    def doubt(self) -> None:
+        """Forget most of what is known of the levels: the newest samples show other ones."""
+        self._information = DOUBTED * self._information
+        self._cross = DOUBTED * self._cross
+
     def forget(self, changed: Sequence[int]) -> None:
         """Forget how parameters that changed depended on the levels."""
         self._cross[list(changed)] = 0.0
 
-    def spread(self, inverse: Array) -> Array:
-        """Return the covariance (k, k) of the parameters that comes from the uncertainty of the levels.
+    def widened(self, covariance: Array, inverse: Array) -> Array:
+        """Return the covariance (k, k) of the parameters with the uncertainty of the levels.
 
-        `inverse` (k, k) is that of the information matrix of the parameters.
+        Parameters and levels have the information matrix [[H, D], [D', L]]; so the information on the parameters alone
+        is H - D L^-1 D'.
+
+        Args:
+            covariance: without it.
+            inverse: of H.
         """
         known = self._information + np.diag(np.full(len(self.values), UNKNOWN**-2))
-        away = inverse @ self._cross
-        return np.asarray(away @ np.linalg.solve(known, away.T))
+        root = np.linalg.cholesky(inverse)
+        lost, axes = np.linalg.eigh(root.T @ self._cross @ np.linalg.solve(known, self._cross.T) @ root)
+        factor = 1.0 / np.sqrt(1.0 - np.minimum(lost, MOST_LOST))
+        wider = root @ (axes * factor) @ axes.T @ np.linalg.inv(root)
+        return np.asarray(wider @ covariance @ wider.T)

@@ -271,8 +271,11 @@ class Tracker:
 
     def noise_information(self, piece: Piece) -> NoiseInformation | None:
         """Return what a stretch says of the noise levels; None if the path diverges."""
-        found, levels = self._passed(piece.begin, piece.samples, stored=True), self.levels
+        levels, z = self.levels, self.z
+        self._take(piece.z)
+        found = self._passed(piece.begin, piece.samples, stored=True)
         if not np.isfinite(found.cost):
+            self._take(z)
             return None
         score, matrix = np.empty_like(levels), np.empty((len(levels), len(levels)))
         self.kernel.gains.noise_information(
@@ -286,6 +289,7 @@ class Tracker:
             change = self._passed(piece.begin, piece.samples).score - found.score
             cross[:, j] = change[self._columns] * self._slope / np.log1p(NUDGE)
         self.levels = levels
+        self._take(z)
         return NoiseInformation(score * levels, matrix * np.outer(levels, levels), cross)
 
     def _run(self, begin: State, samples: Samples, longest: float = np.inf) -> tuple[State, float, Piece] | None:
