@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
 from robot_messages import NANO, stamp
 
 from joint_id_core.models import build
@@ -161,18 +159,6 @@ def test_what_drives_the_joint_follows_from_what_is_measured(identifying, probe,
     assert_true(latest(found))
 
 
-def test_options_of_the_other_estimator_are_refused(start, probe):
-    process = start("identifier", model="rigid_joint", estimator="hpinn", cell="implicit", autostart=False)
-    text = "cell and priors are for the innovations estimator: leave them out with hpinn"
-    assert not probe.change("identifier", "configure")
-    assert probe.set_parameter("identifier", "cell", "rk4").successful
-    assert probe.set_parameter("identifier", "priors", "J=0.5").successful
-    assert not probe.change("identifier", "configure")
-    probe.until(lambda: process.text.count(text) == 2, "the reasons")
-    assert probe.set_parameter("identifier", "priors", "").successful
-    assert probe.change("identifier", "configure")
-
-
 def test_each_joint_has_its_own_torque_constant(identifying, probe, sample):
     constants = {"elbow": 0.08, "wrist": 0.05}
     joints = tuple(constants)
@@ -288,36 +274,6 @@ def test_a_second_run_with_earlier_stamps_is_identified_anew(identifying, probe,
     probe.until(lambda: probe.told("identifier", "identification starts anew"), "a report")
 
 
-def test_a_bad_configuration_is_told_in_one_line_and_the_node_stays(start, probe):
-    process = start("identifier", model="rigid_joint", actuation="torque", set=["mass=3"])
-    first = "model rigid_joint has no parameter 'mass': it has J, c"
-    probe.until(lambda: probe.told("identifier", first), "a diagnostic")
-    assert probe.told("identifier", first).level == b"\x02"
-    probe.set_parameter("identifier", "set", [""])
-    for name, bad, good, text in (
-        ("set", ["J=-1"], [""], "parameter J = -1 kg m^2 is outside its bounds"),
-        ("set", ["J"], [""], "'J' is not of the form NAME=VALUE"),
-        ("set", ["elbow.mass=1"], [""], "joint elbow: model rigid_joint has no parameter 'mass'"),
-        ("fix", ["weight"], [""], "model rigid_joint has no parameter 'weight'"),
-        ("actuation", "current", "torque", "model rigid_joint needs k_t"),
-        ("kinematic_error", True, False, "model rigid_joint has no option 'kinematic_error'"),
-    ):
-        assert probe.set_parameter("identifier", name, bad).successful
-        assert not probe.change("identifier", "configure")
-        assert probe.set_parameter("identifier", name, good).successful
-        assert len([line for line in process.text.splitlines() if text in line]) == 1
-    assert probe.change("identifier", "configure")
-    assert "Traceback" not in process.text
-
-
-def test_a_bad_choice_at_the_start_is_told_and_can_be_mended(start, probe):
-    process = start("identifier", model="flexible", actuation="torque")
-    probe.until(lambda: probe.told("identifier", "option model = 'flexible': choose one of dc_motor"), "a diagnostic")
-    assert probe.set_parameter("identifier", "model", "rigid_joint").successful
-    assert probe.change("identifier", "configure")
-    assert "Traceback" not in process.text
-
-
 def test_a_lifecycle_manager_mends_the_configuration_and_starts_the_node(start, probe, sample):
     start("identifier", model="rigid_joint", actuation="torque", set=["mass=3"], autostart=False)
     found = probe.collect(JointParams, "joint_params", LATEST)
@@ -335,15 +291,3 @@ def test_a_lifecycle_manager_mends_the_configuration_and_starts_the_node(start, 
     assert probe.change("identifier", "cleanup")
     assert probe.set_parameter("identifier", "set", ["J=2.0"]).successful
     assert probe.change("identifier", "configure") and probe.change("identifier", "activate")
-
-
-def test_a_transition_that_is_not_possible_is_refused_and_the_node_goes_on(start, probe):
-    process = start("identifier", model="rigid_joint", actuation="torque", autostart=False)
-    for transition in (Transition(id=Transition.TRANSITION_ACTIVATE), Transition(label="activate"), Transition(id=99)):
-        request = ChangeState.Request(transition=transition)
-        assert not probe.call(ChangeState, "/identifier/change_state", request).success
-    assert "transition 3 is not possible: the node is unconfigured" in process.text
-    assert probe.change("identifier", "configure")
-    assert not probe.change("identifier", "deactivate")
-    assert probe.change("identifier", "shutdown")
-    probe.until(lambda: probe.told("identifier", "shut down"), "a report")

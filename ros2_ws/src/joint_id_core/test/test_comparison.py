@@ -1,15 +1,12 @@
-"""Comparison of models on records whose truth is known, and `joint-id compare`."""
+"""Comparison of models on records whose truth is known."""
 
 from __future__ import annotations
 
 import functools
-import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from joint_id_core import formats
 from joint_id_core.comparison import comparing as comparison
 from joint_id_core.comparison.comparing import compare
 from joint_id_core.comparison.model_text import Candidate, parse
@@ -18,24 +15,11 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ParameterSettings
 from joint_id_core.models import LAWS, build
 from joint_id_core.results.estimate import Status
-from joint_id_core.simulation.excitation import multisine, position_reference
+from joint_id_core.simulation.excitation import position_reference
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
 from joint_id_core.simulation.sensors import Sensors
-from joint_id_core.simulation.simulator import simulate
 
-TRUTH = {"J": 1.7, "c": 3.0, "tau_f": 2.0, "tau_0": -0.6}
-OF_LAW = {"coulomb_viscous": {}, "stribeck": {"dtau_s": 1.0, "w_b": 0.2}, "eyring": {"w_e": 0.5}}
-
-
-@functools.cache
-def rigid(law: str, seed: int = 0) -> Recording:
-    """Four seconds of a rigid joint with exact stick and slip, reversing often, torque with noise."""
-    time = np.arange(1600) / 400
-    torque = multisine(time, 25.0, (0.5, 1.3, 2.1, 3.7), seed=5)
-    noise = 0.05 * np.random.default_rng(seed).standard_normal(len(time))
-    motion = simulate(build("rigid_joint", friction=law), time, {"torque": torque + noise}, TRUTH | OF_LAW[law])
-    seen = Sensors(noise={"link_position": 1e-5}).measure(motion, seed, keep=("link_position",))
-    return replace(seen.with_channels({"torque": torque}), source="joint")
+from .friction_record import OF_LAW, TRUTH, rigid
 
 
 @functools.cache
@@ -207,100 +191,3 @@ def half_still(moving_first: bool) -> Recording:
 def test_misuse_and_parts_that_show_nothing_are_refused(record, options, says):
     with pytest.raises(JointIdError, match=says):
         compare(["rigid_joint"], record, **options)
-
-
-@pytest.fixture
-def file(tmp_path):
-    """A CSV file of a joint with Stribeck friction."""
-    path = tmp_path / "joint.csv"
-    formats.write_csv(path, rigid("stribeck"))
-    return path
-
-
-def test_the_command_prints_a_table_and_what_to_do_next(file, run):
-    code, out, err = run("compare", file)
-    assert (code, err) == (0, "")
-    lines = out.splitlines()
-    assert lines[0].startswith("fitted: ") and "1067 samples" in lines[0]
-    places = [line.split()[:3] for line in lines if line.startswith("  ") and "converged" in line]
-    assert places[0] == ["1", "rigid_joint:stribeck", "converged"]
-    assert {place[1] for place in places} == {f"rigid_joint:{law}" for law in LAWS}
-    assert "rigid_joint:stribeck describes this record best" in out
-    command = lines[-1].partition("joint-id ")[2].split()
-    assert command[:6] == ["fit", str(file), "--model", "rigid_joint", "--friction", "stribeck"]
-    code, again, _ = run(*command, "--json")
-    assert code == 0
-    assert json.loads(again)["status"] == "converged"
-
-
-def test_json_keeps_the_contract(file, run):
-    arguments = ["--models", "rigid_joint:stribeck,rigid_joint", "--models", "dc_motor", "--fix", "J=1.7", "--json"]
-    code, out, err = run("compare", file, *arguments)
-    assert (code, err) == (0, "")
-    result = json.loads(out)
-    assert result["best"] == "rigid_joint:stribeck"
-    assert result["decided_by"] == ["link_position", "torque"]
-    assert isinstance(result["conclusion"], str)
-    assert {"source", "samples", "start_s", "end_s"} == set(result["fitted"]) == set(result["predicted"])
-    assert result["fit_arguments"][:4] == ["--model", "rigid_joint", "--friction", "stribeck"]
-    assert result["fit_arguments"][4:6] == ["--fix", "J=1.7"]
-    first, second, last = result["candidates"]
-    assert (first["rank"], second["rank"], last["rank"]) == (1, 2, None)
-    assert first["delta_bic"] == 0.0 < second["delta_bic"]
-    assert first["free_parameters"] == 5
-    assert first["observations"] == result["fitted"]["samples"]
-    assert first["bic"] == pytest.approx(first["aic"] + 5 * (np.log(first["observations"]) - 2.0))
-    drive = {h["signal"]: h for h in first["held_out"]}["torque"]
-    assert drive["r_squared"] == pytest.approx(1.0 - drive["nrmse"] ** 2)
-    assert {p["name"]: p["value"] for p in first["estimate"]["parameters"]}["J"] == 1.7
-    assert last["status"] == "missing_signal" and last["bic"] is None and last["held_out"] == []
-
-
-def test_none_that_describes_the_record_is_exit_code_1(tmp_path, run):
-    rng = np.random.default_rng(0)
-    noise = {"link_position": rng.standard_normal(800), "torque": rng.standard_normal(800)}
-    formats.write_csv(tmp_path / "noise.csv", Recording(np.arange(800) / 250, noise))
-    code, out, err = run("compare", tmp_path / "noise.csv", "--models", "rigid_joint,rigid_joint:eyring")
-    assert code == 1
-    assert "no candidate describes this record" in out
-    assert err.startswith("joint-id: no candidate") and err.count("\n") == 1
-    assert "joint-id fit" not in out
-
-
-def test_signals_that_no_candidate_finds_are_bad_input(file, run):
-    code, out, err = run("compare", file, "--models", "dc_motor")
-    assert code == 2
-    assert "missing_signal" in out
-    assert err.count("\n") == 1
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["--models", "pendulum"], "no model 'pendulum'; write MODEL[:LAW]"),
-        (["--models", "rigid_joint:magic,rigid_joint"], "no friction law 'magic'"),
-        (["--models", "rigid_joint:gravity,rigid_joint"], "no friction law 'gravity'"),
-        (["--models", "rigid_joint+wings"], "no option 'wings'"),
-        (["--models", "dc_motor+gravity"], "model dc_motor has no option 'gravity'"),
-        (["--models", "rigid_joint,rigid_joint:coulomb_viscous"], "rigid_joint:coulomb_viscous is given twice"),
-        (["--models", "rigid_joint:eyring"], "rigid_joint:eyring alone is no comparison"),
-        (["--models", "rigid_joint+torque+current"], "contradict or repeat"),
-        (["--models", "rigid_joint,,"], "no model ''"),
-        (["--models", "rigid_joint+current"], "needs k_t"),
-        (["--set", "k_9=1"], "no candidate has a parameter 'k_9'"),
-        (["--set", "J"], "--set J: not of the form NAME=VALUE"),
-        (["--set", "tau_f=0"], "needs a start above zero"),
-        (["--held-out", "2"], "between 0 and 1"),
-        (["--held-out", "0.5", "--validate", "{file}"], "exclude each other"),
-        (["--validate", "none.csv"], "none.csv"),
-        (["--start", "99"], "no sample between"),
-        (["--end", "1"], "part to predict"),
-        (["--map", "speed=torque"], "cannot map to 'speed'"),
-        (["--bogus"], "--bogus"),
-    ],
-)
-def test_bad_input_is_one_line_and_exit_code_2(file, run, arguments, says):
-    code, out, err = run("compare", file, *[a.format(file=file) for a in arguments])
-    assert (code, out) == (2, "")
-    assert err.startswith("joint-id: ") and err.count("\n") == 1
-    assert says in err

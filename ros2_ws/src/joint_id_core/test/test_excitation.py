@@ -13,8 +13,8 @@ def test_step_is_zero_before_its_start_and_full_from_then_on():
     np.testing.assert_array_equal(step([0.0, 0.1, 0.2, 0.3], 12.0, 0.2), [0.0, 0.0, 12.0, 12.0])
 
 
-def spectrum(signal, period):
-    """Amplitude by multiple of 1/period of a signal sampled over one period."""
+def spectrum(signal):
+    """Amplitudes of a signal sampled over one period, by multiples of 1/period."""
     return 2.0 * np.abs(np.fft.rfft(signal)) / len(signal)
 
 
@@ -25,7 +25,7 @@ def test_multisine_has_its_peak_its_tones_and_nothing_else(seed):
     tones = harmonics(0.5, 10.0, period)
     signal = multisine(time, 3.0, tones, seed)
     assert np.abs(signal).max() == pytest.approx(3.0, rel=2e-3)
-    lines = spectrum(signal, period)
+    lines = spectrum(signal)
     wanted = np.zeros(lines.size, bool)
     wanted[np.round(np.array(tones) * period).astype(int)] = True
     np.testing.assert_allclose(lines[wanted], lines[wanted][0], rtol=1e-9)

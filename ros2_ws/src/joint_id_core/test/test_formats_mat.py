@@ -57,7 +57,7 @@ def test_bad_contents(mat, variables, mapping, message):
         formats.read(mat(**variables), mapping=mapping)
 
 
-def test_damaged_files(tmp_path, mat):
+def test_damaged_files(mat):
     path = mat(time_s=TIME, current=np.random.default_rng(0).normal(size=5))
     whole = path.read_bytes()
     path.write_bytes(whole[:-60])

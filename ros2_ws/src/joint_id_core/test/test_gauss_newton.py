@@ -99,6 +99,17 @@ def test_noise_levels_stay_within_their_bounds():
     assert found.z[0] == pytest.approx(-0.5, abs=0.01)
 
 
+@pytest.mark.parametrize(("z", "level"), [(0.2, 2.0), (0.2, 1.5 * (1.0 + 1e-12)), (2e4, 1.0), (-2e4, 1e-9)])
+def test_a_start_outside_of_the_bounds_is_moved_to_them(z, level):
+    """A level that was found on its bound may be beyond it by rounding."""
+    cost, steps = Cost(Line(0.9, -0.5), COORDINATES, BELIEF), np.ones(1, dtype=np.int64)
+    outside = minimise(cost, cost.at(np.array([z]), np.array([level]), steps, 1), 0.01, 0)
+    assert outside.z[0] == z and outside.levels[0] == level
+    found = most_likely(cost, NoiseLevels(None, np.full(1, 1e-6), np.full(1, 1.5)), outside, 100)
+    assert np.isfinite(found.cost) and found.cost <= outside.cost
+    assert abs(found.z[0]) <= 1e4 and 1e-6 * (1 - 1e-9) <= found.levels[0] <= 1.5 * (1 + 1e-9)
+
+
 def test_the_search_stays_within_its_reach():
     far = -10.0 * REACH * COORDINATES.unit[0]
     found = likeliest(Line(0.9, far))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -43,8 +44,18 @@ def in_thread(job: Job) -> Future[Estimate]:
     return done
 
 
+@dataclass(frozen=True)
+class Checked:
+    """Fit of a window by itself, and whether the noise levels were in doubt when the window was taken."""
+
+    fit: Estimate
+    doubted: bool
+
+
 class WindowChecks:
-    """Fits the newest window by itself, from time to time or when asked.
+    """Fits the newest window by itself, from time to time or when the noise levels are in doubt.
+
+    A doubt is answered by a window that was taken after it arose, not by one whose fit runs already.
 
     Args:
         window_s: length of the window in s.
@@ -54,29 +65,31 @@ class WindowChecks:
     def __init__(self, window_s: float, background: Background) -> None:
         self._window_s, self._background = window_s, background
         self._count, self._next = 0, np.inf
-        self._running: Future[Estimate] | None = None
-        self.doubt = False  # whether the noise levels of the memory are wrong for the newest samples
+        self._running: tuple[Future[Estimate], bool] | None = None  # and whether it answers a doubt
+        self._doubt = False
 
     def begin(self, end: float) -> None:
         """Begin anew with a window that was fitted, its end in s."""
-        self._count, self._next, self._running, self.doubt = 0, end + CHECK_AFTER[0] * self._window_s, None, False
+        self._count, self._next, self._running, self._doubt = 0, end + CHECK_AFTER[0] * self._window_s, None, False
 
     def ask(self) -> None:
         """Let the next check come now: the newest innovations are not those that the noise levels allow."""
-        self._next, self.doubt = -np.inf, True
+        if not self._doubt:
+            self._next, self._doubt = -np.inf, True
 
-    def run(self, window: SlidingWindow, fit: Callable[[Recording], Estimate]) -> Estimate | None:
+    def run(self, window: SlidingWindow, fit: Callable[[Recording], Estimate]) -> Checked | None:
         """Start a check if one is due; return the result of one that has ended, else None."""
         if self._running is None and window.end >= self._next:
             self._count += 1
             length = CHECK_AFTER[self._count] if self._count < len(CHECK_AFTER) else CHECK_EVERY
             self._next = window.end + length * self._window_s
             recording = window.recording()
-            self._running = self._background(lambda: fit(recording))
-        if self._running is None or not self._running.done():
+            self._running = self._background(lambda: fit(recording)), self._doubt
+        if self._running is None or not self._running[0].done():
             return None
-        done, self._running = self._running, None
-        return done.result()
+        (done, doubted), self._running = self._running, None
+        self._doubt = self._doubt and not doubted
+        return Checked(done.result(), doubted)
 
 
 def mixed(last: Estimate, estimate: Estimate, own: float) -> dict[str, float]:

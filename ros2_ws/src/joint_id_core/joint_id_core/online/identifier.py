@@ -7,30 +7,27 @@ from dataclasses import replace
 
 import numpy as np
 
-from joint_id_core.cell.kernel import compile_model
-from joint_id_core.data.recording import Array, Recording
+from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import DEFAULT, Estimator
-from joint_id_core.estimators.innovations.belief import Belief, Coordinates
+from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.estimator import Innovations
-from joint_id_core.estimators.innovations.fit import fit_innovations
-from joint_id_core.estimators.shared.fit_data import UnusableError, prepare
-from joint_id_core.estimators.shared.sentences import message
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.estimators.shared.stillness import STILL_S, seen_by
 from joint_id_core.models import Model
-from joint_id_core.online.checks import OWN_SHARE, Background, WindowChecks, at_once, mixed
-from joint_id_core.online.follower import YOUNG, Follower, Found
-from joint_id_core.online.memory import Memory, agree
+from joint_id_core.online.checks import Background, WindowChecks, at_once
+from joint_id_core.online.follower import YOUNG, Found
+from joint_id_core.online.knowledge import Knowledge
 from joint_id_core.online.motion import MotionWatch
 from joint_id_core.online.options import OnlineOptions
-from joint_id_core.online.published import DISAGREE, at_rest, changes_of, published, too_short, with_note
+from joint_id_core.online.published import DISAGREE, at_rest, forgotten, too_short, with_note
 from joint_id_core.online.resume import as_of_now, known_of
-from joint_id_core.online.tracker import Tracker
+from joint_id_core.online.situation import Situation
+from joint_id_core.online.task import Task
 from joint_id_core.online.window import SlidingWindow
-from joint_id_core.results.estimate import Estimate, ParameterChange, Status
+from joint_id_core.results.estimate import Estimate, Status
 
-AGAIN_S = 1.0  # time between two fits of windows that the model does not describe
+AGAIN_S = 1.0  # time between two fits of windows that the memory does not describe
 UNTESTED = "What was known before is not tested yet: move the joint for more than half a second."
 MOVING = "The joint rests: the estimate stays as it is, move the joint to continue."
 
@@ -71,19 +68,16 @@ class OnlineIdentifier:
         self.settings = settings or ParameterSettings()
         _, free = self.settings.applied_to(model)
         self.model, self.options, self.estimator = model, options or OnlineOptions(), estimator
-        self._coordinates = Coordinates(model, free, self.settings.priors)
-        self._watch = MotionWatch(model, self.options.window_s)
-        self._window = SlidingWindow(self.options.window_s)  # samples in motion
-        self._checks = WindowChecks(self.options.window_s, background)
+        coordinates, window_s = Coordinates(model, free, self.settings.priors), self.options.window_s
+        self._task = Task(model, self.settings, self.options, estimator, coordinates)
+        self._watch, self._checks = MotionWatch(model, window_s), WindowChecks(window_s, background)
+        self._window = SlidingWindow(window_s)  # samples in motion
         self._next = -np.inf  # end of the next hop
-        self._fit_next = -np.inf  # earliest end of the next fit of a whole window
-        self._last: Estimate | None = None  # newest fit of a whole window that converged
-        self._follower: Follower | None = None
-        self._restarted = False  # until the first windows agree, where they did not before
-        self._resumed = False  # until the first window in motion after `resume`
-        self._suspended: Estimate | None = None  # fit that shows why the memory does not describe the newest samples
-        self._changes: tuple[ParameterChange, ...] = ()
-        self._told: object = None  # the explanation that is in these changes
+        self._alone: Estimate | None = None  # newest fit that converged, where there is no memory
+        self._situation = Situation.STARTING
+        self._known: Knowledge | None = None  # None while STARTING or RESTARTING
+        self._shown: Estimate | None = None  # while SUSPENDED: the newest fit, which says what is wrong
+        self._fit_next = -np.inf  # while SUSPENDED: earliest end of the next fit
 
     @property
     def remembers(self) -> bool:
@@ -109,10 +103,10 @@ class OnlineIdentifier:
         """
         if not self.remembers:
             raise JointIdError("no estimate is continued without a memory: take innovations, and a memory_s above 0")
-        mean, covariance = known_of(self.model, self.settings, self._options, self._coordinates, estimate, gone_s)
-        now = as_of_now(self.model, self._coordinates, (mean, covariance), estimate)
-        self._follower = self._new_follower(mean, covariance, YOUNG * self.options.window_s)
-        self._last, self._resumed = now, True
+        mean, covariance = known_of(self._task, estimate, gone_s)
+        now = as_of_now(self._task, (mean, covariance), estimate)
+        self._known = Knowledge(self._task, now, mean, covariance, YOUNG * self.options.window_s)
+        self._enter(Situation.RESUMED)
         return now
 
     def update(self, samples: Recording) -> Estimate | None:
@@ -124,211 +118,142 @@ class OnlineIdentifier:
             JointIdError: the samples are not later than those before; they are left out.
         """
         begun = time.perf_counter()
-        recent = self._watch.recent
+        recent, known = self._watch.recent, self._known
         first = recent.end == -np.inf
         recent.append(samples)
         if not len(samples):
             return None
         if first:
-            self._next = recent.start + (self.options.hop_s if self._resumed else self.options.window_s)
-        if first and self._last is not None:  # its origin is that of an earlier run
-            self._last = replace(self._last, origin=samples.origin, source=samples.source, joint=samples.joint)
+            self._next = recent.start + (self.options.window_s if known is None else self.options.hop_s)
+        if first and known is not None:  # its origin is that of an earlier run
+            known.last = replace(known.last, origin=samples.origin, source=samples.source, joint=samples.joint)
         # Half a sample of slack: a window of 1000 samples ends one period before its length.
         due = recent.end >= self._next - 1.5 * samples.duration / max(1, len(samples) - 1)
         if due:
             self._next = recent.end + self.options.hop_s
         if not self.remembers:
-            return self._alone() if due else None
+            return self._without_memory() if due else None
         self._follow(due)
         if not due:
             return None
-        temperature = (self._window if self._watch.moving else recent).mean("temperature")
-        return replace(self._estimate(), elapsed_s=time.perf_counter() - begun, temperature=temperature)
+        estimate, window = (self._in_motion(), self._window) if self._watch.moving else (self._at_rest(), recent)
+        return replace(estimate, elapsed_s=time.perf_counter() - begun, temperature=window.mean("temperature"))
+
+    def _without_memory(self) -> Estimate:
+        """Fit the newest samples by themselves."""
+        estimate = self._task.fit(self._watch.recent.recording(), self._alone)
+        if estimate.converged:
+            self._alone = estimate
+        return estimate
+
+    # --- the situation
+
+    def _enter(self, situation: Situation) -> None:
+        """Go to another situation, or stay in this one."""
+        if situation is self._situation:
+            return
+        self._situation = situation
+        if situation is Situation.RESTARTING:
+            self._known = None
+        elif situation is Situation.SUSPENDED:
+            assert self._known is not None
+            self._shown, self._fit_next = self._known.last, -np.inf
 
     def _follow(self, due: bool) -> None:
         """Pass new samples to the filter."""
         for samples, moves in self._watch.stretches(due):
             if moves:
                 self._window.append(samples)
-            if self._follower is None or self._suspended is not None:
+            known = self._known
+            if known is None or not self._situation.follows:
                 continue
-            if moves and self._resumed and self._window.duration > self.options.window_s - 2.0 * STILL_S:
-                self._settle(self._follower)
+            if moves and self._situation is Situation.RESUMED and self._window_full:
+                self._settle(known)
             if moves:
-                self._follower.move(samples, self._window)
+                known.follower.move(samples, self._window)
             else:
-                self._follower.rest()
+                known.follower.rest()
 
-    def _tracker_of(self, recording: Recording, z: Array) -> Tracker | None:
-        """Return a filter for a recording, at the reference z; None if it cannot be used or has other signals."""
-        last = self._last
-        assert last is not None
-        try:
-            data = prepare(self.model, recording, self.settings, leave_out_rests=True)
-        except UnusableError:
-            return None
-        if set(data.noise_names) != set(last.noise):
-            return None
-        kernel = compile_model(self.model, "tanh", data.freed, self._options.cell)
-        levels = np.square([last.noise[n] for n in data.noise_names])
-        held = frozenset(self.settings.values)
-        return Tracker(data, kernel, self._coordinates, z, levels, last.substeps, held)
+    @property
+    def _window_full(self) -> bool:
+        return self._window.duration > self.options.window_s - 2.0 * STILL_S
 
-    def _settle(self, follower: Follower) -> None:
+    def _settle(self, known: Knowledge) -> None:
         """Learn from the first window in motion after `resume` what an estimate does not hold.
 
         These are the labels that show rest, and the noise levels and integrator steps of today.
         """
-        assert self._last is not None
-        try:
-            data = prepare(self.model, self._window.recording(), self.settings, leave_out_rests=True)
-        except UnusableError:
+        data, follower = self._task.prepared(self._window.recording()), known.follower
+        if data is None:
             return
-        self._resumed = False
-        untested = not follower.memory.blocks and follower.found is Found.AGREES
-        if set(data.noise_names) != set(self._last.noise) or untested:
-            self._suspend()  # other signals than before, or values at which the filter fails
-            return
-        self._watch.noise = seen_by(data.labels, data.y, data.period, self._last.noise)
-        self._checks.begin(-np.inf)  # the first one comes at once
+        same_signals = set(data.noise_names) == set(known.last.noise)
+        runs = bool(follower.memory.blocks) or follower.found is not Found.AGREES  # the filter, at the known values
+        self._enter(self._situation.after_window(same_signals and runs))
+        if self._situation is not Situation.SUSPENDED:
+            self._watch.noise = seen_by(data.labels, data.y, data.period, known.last.noise)
+            self._checks.begin(-np.inf)  # the first one comes at once
 
     # --- estimates
 
-    def _estimate(self) -> Estimate:
-        """Return the estimate at a hop."""
-        end, follower = self._watch.recent.end, self._follower
-        if not self._watch.moving:
-            return self._resting()
-        if follower is not None and self._suspended is None:
-            if follower.found is Found.WRONG_START:
-                self._follower = self._last = None
-                self._fit_next, self._restarted = -np.inf, True
-            elif follower.found is Found.UNEXPLAINED:
-                self._suspend()
-        if self._follower is None or follower is None or self._suspended is not None:
-            if self._window.duration < self.options.window_s - 2.0 * STILL_S and self._suspended is None:
-                return too_short(self.model, self._window, self.options.window_s)
-            if self._suspended is not None and end < self._fit_next:
-                return with_note(self._suspended, self._window)
-            self._fit_next = end + AGAIN_S
-            started = self._started()
-            return with_note(started, self._window) if self._restarted and started.converged else started
-        assert self._last is not None
-        self._restarted = self._restarted and follower.age_s < self.options.window_s
-        if follower.found is Found.CHANGING or follower.lost_s > self.options.window_s or self._restarted:
-            return with_note(self._last, self._window)
-        if self._resumed and not follower.memory.blocks:
-            return self._known(self._last, follower, Status.TOO_SHORT, (UNTESTED,))
-        self._tell_changes(follower)
-        if not self._check(follower):
-            self._suspend()
-            return with_note(self._last, self._window)
-        return self._published(self._last, follower)
+    def _at_rest(self) -> Estimate:
+        """Return the estimate at a hop while the joint rests."""
+        known = self._known
+        if known is None:
+            return at_rest(self.model, self._watch.recent)
+        notes = (MOVING,) if known.follower.found is Found.AGREES else (DISAGREE, MOVING)
+        return known.unchanged(self._window, self._watch.recent, Status.NO_MOTION, notes)
 
-    def _suspend(self) -> None:
-        """Fit the newest windows by themselves: no change of parameters explains the newest samples."""
-        self._suspended, self._fit_next = self._last, -np.inf
+    def _in_motion(self) -> Estimate:
+        """Return the estimate at a hop while the joint moves."""
+        known, window, window_s = self._known, self._window, self.options.window_s
+        if known is not None:
+            follower = known.follower
+            self._enter(self._situation.after_samples(follower.found, follower.age_s >= window_s))
+        if known is None or not self._situation.follows:
+            return self._fitted()
+        if follower.found is Found.CHANGING or follower.lost_s > window_s or self._situation is Situation.ON_TRIAL:
+            return with_note(known.last, window)
+        if self._situation is Situation.RESUMED and not follower.memory.blocks:
+            return known.unchanged(window, self._watch.recent, Status.TOO_SHORT, (UNTESTED,))
+        if known.changes.take(follower):
+            self._checks.begin(window.end)  # a window with the change in it tells nothing
+        if not self._agrees(known):
+            self._enter(self._situation.after_window(agrees=False))
+            return with_note(known.last, window)
+        return known.estimate(window)
 
-    def _tell_changes(self, follower: Follower) -> None:
-        """Take the newest change into what is published."""
-        explanation, since = follower.explanation, follower.since
-        if explanation is None or explanation is self._told:
-            return
-        assert self._last is not None
-        self._told = explanation
-        self._checks.begin(self._window.end)  # a window with the change in it tells nothing
-        recent = {c.name: c for c in self._changes if since - c.since < self.options.window_s}
-        z, covariance = follower.memory.mean, follower.memory.covariance
-        self._changes = changes_of(self._last.free, self._coordinates, explanation.change, z, covariance, since, recent)
-
-    def _resting(self) -> Estimate:
-        recent, follower = self._watch.recent, self._follower
-        if self._last is None or follower is None:
-            return at_rest(self.model, recent)
-        notes = (MOVING,) if follower.found is Found.AGREES else (DISAGREE, MOVING)
-        return self._known(self._last, follower, Status.NO_MOTION, notes)
-
-    def _known(self, last: Estimate, follower: Follower, status: Status, notes: tuple[str, ...]) -> Estimate:
-        """Return what is known, for the newest samples, which add nothing to it."""
-        recent, now = self._watch.recent, follower.now()
-        found = published(self.model, last, self._coordinates, now, self._window, None, ())
-        return replace(found, status=status, message=message(notes), notes=notes, start=recent.start, end=recent.end)
-
-    # --- fits of whole windows
-
-    @property
-    def _options(self) -> Innovations:
-        assert isinstance(self.estimator, Innovations)
-        return self.estimator
-
-    def _fit(self, recording: Recording) -> Estimate:
-        """Fit a window by itself; the search begins at the newest fit."""
-        return fit_innovations(self.model, recording, self.settings, self._options, previous=self._last)
-
-    def _alone(self) -> Estimate:
-        """Fit the window without a memory."""
-        recording = self._watch.recent.recording()
-        if not isinstance(self.estimator, Innovations):
-            return self.estimator.fit(self.model, recording, self.settings)
-        estimate = self._fit(recording)
-        if estimate.converged:
-            self._last = estimate
-        return estimate
-
-    def _started(self) -> Estimate:
-        """Fit the window as a whole and begin a memory with it."""
-        recording = self._window.recording()
-        known = self._suspended is not None
-        estimate = self._fit(recording)
-        if not estimate.converged:
-            if known:
-                self._suspended = estimate
-            return estimate
-        self._last, self._suspended, self._changes = estimate, None, ()
-        after = Belief.after(estimate, self._coordinates)
-        tracker = self._tracker_of(recording, after.mean)
-        pieces = None if tracker is None else tracker.start()
-        if tracker is not None and pieces:
-            self._watch.noise = seen_by(tracker.data.labels, tracker.data.y, tracker.data.period, estimate.noise)
-            before = Belief.before_data(tracker.data, self._coordinates)
-            self._follower = self._new_follower(before.mean, np.asarray(np.linalg.inv(before.precision)))
-            self._follower.begin(tracker, pieces)
-            if tracker.data.rest[-1]:
-                self._follower.rest()
-            estimate = self._published(estimate, self._follower)  # its friction may be sharper than that of the fit
-        else:
-            self._follower = self._new_follower(after.mean, np.asarray(np.linalg.inv(after.precision)))
-        self._checks.begin(self._window.end)
-        if known:
-            notes = (estimate.notes[0], "The joint has changed: what was known is forgotten.", *estimate.notes[1:])
-            return replace(estimate, message=message(notes), notes=notes)
-        return estimate
-
-    def _published(self, last: Estimate, follower: Follower) -> Estimate:
-        """Return the estimate of the memory, with the findings of the last fit of a whole window."""
-        now, white = follower.now(), follower.white
-        return published(self.model, last, self._coordinates, now, self._window, white, self._changes)
-
-    def _new_follower(self, mean: Array, covariance: Array, age_s: float = 0.0) -> Follower:
-        memory = Memory(mean, covariance, self._coordinates.spread)
-        return Follower(memory, self._coordinates, self.options, self._tracker_of, age_s)
-
-    def _check(self, follower: Follower) -> bool:
-        """Take noise levels and findings of a window that was fitted by itself; return whether it agrees."""
-        last = self._last
-        assert last is not None
-        if follower.noise_changed and not self._checks.doubt:
+    def _agrees(self, known: Knowledge) -> bool:
+        """Check the newest window, if it is time for that; return whether it agrees with what is known."""
+        last = known.last
+        if known.follower.noise_changed:
             self._checks.ask()
-        doubt = self._checks.doubt
-        estimate = self._checks.run(self._window, self._fit)
-        if estimate is None:
-            return True
-        self._checks.doubt = False
-        if doubt and not (estimate.converged and agree(estimate, follower.memory, self._coordinates)):
-            return False
-        if not estimate.converged or estimate.free != last.free or set(estimate.noise) != set(last.noise):
-            return True
-        self._last = replace(estimate, noise=mixed(last, estimate, 1.0 if doubt else OWN_SHARE))
-        if follower.tracker is not None:
-            follower.tracker.levels = np.square([self._last.noise[n] for n in follower.tracker.data.noise_names])
-        return True
+        checked = self._checks.run(self._window, lambda recording: self._task.fit(recording, last))
+        return checked is None or known.agrees(checked)
+
+    def _fitted(self) -> Estimate:
+        """Fit the newest window as a whole, without the memory; if this converges, a memory begins with it."""
+        situation, window = self._situation, self._window
+        if situation is Situation.SUSPENDED:
+            assert self._shown is not None
+            if (end := self._watch.recent.end) < self._fit_next:
+                return with_note(self._shown, window)
+            self._fit_next = end + AGAIN_S
+        elif not self._window_full:
+            return too_short(self.model, window, self.options.window_s)
+        recording = window.recording()
+        fit = self._task.fit(recording, None if self._known is None else self._known.last)
+        if not fit.converged:
+            self._shown = fit
+            return fit
+        known = self._known = Knowledge.from_window(self._task, fit, recording)
+        if known.still is not None:
+            self._watch.noise = known.still
+        self._checks.begin(window.end)
+        self._enter(situation.after_fit())
+        # Friction of the memory may be sharper than that of the fit.
+        estimate = known.estimate(window) if known.follower.memory.blocks else fit
+        if situation is Situation.RESTARTING:
+            return with_note(estimate, window)
+        if situation is Situation.SUSPENDED:
+            return forgotten(estimate)
+        return estimate

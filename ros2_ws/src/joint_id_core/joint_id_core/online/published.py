@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -13,24 +12,21 @@ from joint_id_core.estimators.innovations.verdicts import findings, table, verdi
 from joint_id_core.estimators.shared.fit_data import UnusableError, unusable
 from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.models import Model
-from joint_id_core.online.memory import Change
 from joint_id_core.online.window import SlidingWindow
 from joint_id_core.results.estimate import Estimate, ParameterChange, Status
 
 DISAGREE = "The newest samples disagree with what was known: the joint changes, or the model does not describe it."
-SHOWN = 3.0  # standard deviations by which a parameter must have changed to be named
+FORGOTTEN = "The joint has changed: what was known is forgotten."
 
 
 def published(
     model: Model,
-    last: Estimate,
     coordinates: Coordinates,
+    last: Estimate,
     now: tuple[Array, Array],
-    window: SlidingWindow,
-    white: Array | None,
     changes: tuple[ParameterChange, ...],
 ) -> Estimate:
-    """Return the estimate of the memory, with the findings of the last fit of a whole window.
+    """Return the estimate of the memory, with the findings, instants and fit of the last fit of a whole window.
 
     `now` are the coordinates (k,) and their covariance (k, k).
     """
@@ -48,50 +44,11 @@ def published(
     initial = np.array([q.initial for q in last.parameters])
     said = [sentence(Status.CONVERGED.advice), *(c.text for c in changes)]
     notes = (*said, *findings(rows, last.checks.texts, 0))
-    chi2 = last.chi2 if white is None else float(np.nanmean(white**2))
     return replace(
         last, status=Status.CONVERGED, message=message(notes), notes=notes,
-        parameters=table(model, last.free, p, physical, rows, initial), covariance=physical, chi2=chi2,
-        deviance=float("nan"), iterations=0, start=window.start, end=window.end, samples=len(window),
-        predictions=None, changes=changes,
+        parameters=table(model, last.free, p, physical, rows, initial), covariance=physical,
+        deviance=float("nan"), iterations=0, predictions=None, changes=changes,
     )  # fmt: skip
-
-
-def changes_of(
-    free: tuple[str, ...],
-    coordinates: Coordinates,
-    change: Change,
-    z: Array,
-    covariance: Array,
-    since: float,
-    earlier: Mapping[str, ParameterChange],
-) -> tuple[ParameterChange, ...]:
-    """Return the changes of parameters, the most significant first: those that are significant, at least one.
-
-    A parameter whose value had to be learned anew has not always changed: its new value may be the old one.
-    A change that corrects an `earlier` one is told together with it.
-    """
-    before, after = coordinates.values(change.mean), coordinates.values(z)
-    sigma = [
-        coordinates.slope(at) * np.sqrt(np.diag(c)) for at, c in ((change.mean, change.covariance), (z, covariance))
-    ]
-    found = {}
-    for j in (*change.names, *change.likely):
-        name, after_ = free[j], (float(after[j]), float(sigma[1][j]))
-        if j in change.names or abs(z[j] - change.mean[j]) > SHOWN * np.sqrt(
-            covariance[j, j] + change.covariance[j, j]
-        ):
-            found[name] = ParameterChange(name, float(before[j]), float(sigma[0][j]), *after_, since)
-    for name, old in earlier.items():
-        j = free.index(name)
-        found[name] = replace(old, after=float(after[j]), after_std_dev=float(sigma[1][j]))
-    told = sorted(found.values(), key=_size, reverse=True)
-    return tuple(c for c in told if c is told[0] or _size(c) > SHOWN)
-
-
-def _size(change: ParameterChange) -> float:
-    """Return a change in standard deviations of the difference."""
-    return abs(change.after - change.before) / float(np.hypot(change.before_std_dev, change.after_std_dev))
 
 
 def with_note(estimate: Estimate, window: SlidingWindow) -> Estimate:
@@ -106,6 +63,12 @@ def with_note(estimate: Estimate, window: SlidingWindow) -> Estimate:
         end=window.end,
         predictions=None,
     )
+
+
+def forgotten(estimate: Estimate) -> Estimate:
+    """Return the estimate of a window with which a memory begins in place of one that did not describe it."""
+    notes = (estimate.notes[0], FORGOTTEN, *estimate.notes[1:])
+    return replace(estimate, message=message(notes), notes=notes)
 
 
 def too_short(model: Model, window: SlidingWindow, needed_s: float) -> Estimate:

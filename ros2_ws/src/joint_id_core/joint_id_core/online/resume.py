@@ -15,40 +15,31 @@ import numpy as np
 
 from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.shared.fit_data import options_of
-from joint_id_core.estimators.shared.settings import ParameterSettings
-from joint_id_core.models import Model
 from joint_id_core.online.published import published
-from joint_id_core.online.window import SlidingWindow
+from joint_id_core.online.task import Task
 from joint_id_core.results.estimate import Estimate, Status
 
 DRIFT_PER_H = 0.1  # of a positive parameter, or of the prior standard deviation of another one
 SAME = 1e-9  # relative difference up to which two held values are the same
 
 
-def known_of(
-    model: Model,
-    settings: ParameterSettings,
-    options: Innovations,
-    coordinates: Coordinates,
-    estimate: Estimate,
-    gone_s: float,
-) -> tuple[Array, Array]:
+def known_of(task: Task, estimate: Estimate, gone_s: float) -> tuple[Array, Array]:
     """Return mean (k,) and covariance (k, k), in estimation coordinates, that an earlier estimate gives a memory.
 
     The known bias and the excess of the checks are taken off, because every published estimate adds them.
 
     Args:
-        model, settings, options, coordinates: of the identifier that continues.
+        task: of the identifier that continues.
         estimate: what was published of this joint.
         gone_s: time since then in s; inf if it is not known.
 
     Raises:
         JointIdError: the estimate is of another model or other settings, is no good one, or holds impossible numbers.
     """
-    _check_same(model, settings, options, estimate)
+    model, coordinates = task.model, task.coordinates
+    _check_same(task, estimate)
     _check_numbers(estimate)
     assert estimate.checks is not None
     if not gone_s >= 0.0:
@@ -68,20 +59,21 @@ def known_of(
     return coordinates.clip(z + bias), covariance + np.diag(np.minimum(drift, room))
 
 
-def as_of_now(model: Model, coordinates: Coordinates, known: tuple[Array, Array], estimate: Estimate) -> Estimate:
+def as_of_now(task: Task, known: tuple[Array, Array], estimate: Estimate) -> Estimate:
     """Return the estimate with the covariance and the verdicts of `known`, which `known_of` returned."""
-    now = published(model, estimate, coordinates, known, SlidingWindow(1.0), None, estimate.changes)
-    return replace(now, chi2=estimate.chi2, start=estimate.start, end=estimate.end)
+    return replace(published(task.model, task.coordinates, estimate, known, estimate.changes), samples=0)
 
 
-def _check_same(model: Model, settings: ParameterSettings, options: Innovations, estimate: Estimate) -> None:
+def _check_same(task: Task, estimate: Estimate) -> None:
     """Raise an error that names the first difference between an estimate and what is to be identified now."""
+    model, settings, estimator = task.model, task.settings, task.estimator
+    assert isinstance(estimator, Innovations)
     values, free = settings.applied_to(model)
     pairs: list[tuple[str, object, object]] = [("model", estimate.model, model.name)]
     if estimate.model == model.name:
         now = options_of(model)
         pairs += [(n, estimate.model_options.get(n), now.get(n)) for n in sorted({*now, *estimate.model_options})]
-        pairs += [("estimator", estimate.estimator, Innovations.name), ("cell", estimate.cell, options.cell)]
+        pairs += [("estimator", estimate.estimator, estimator.name), ("cell", estimate.cell, estimator.cell)]
         pairs += [("free parameters", list(estimate.free), list(free))]
         pairs += [("parameters", list(estimate.values), list(model.parameter_names))]
     for what, was, is_ in pairs:

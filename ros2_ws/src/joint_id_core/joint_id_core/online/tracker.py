@@ -16,7 +16,6 @@ from joint_id_core.estimators.shared.fit_data import LONGEST_GAP, FitData, witho
 from joint_id_core.estimators.shared.initial_state import rough_states, start_state
 from joint_id_core.estimators.shared.substeps import KINK, MORE_STEPS, MOST_STEPS, steps_to_stand
 
-WARM_UP = 100  # samples from which the filter learns the state of the joint
 LEAST = 10  # samples of the shortest motion that is used
 UNSURE = 1e4  # factor on the covariance of the state where parameters changed
 # Over minutes, the creep of a sticking joint under smoothed friction would bias the estimates by several standard
@@ -159,13 +158,13 @@ class Tracker:
         self.z, self._slope = z, self.coordinates.slope(z)
         self._p[self._index] = self.coordinates.values(z)
 
-    def start(self, first: int = 0) -> list[Piece] | None:
-        """Start in the window, where motion begins, and return what its samples from index `first` on say.
+    def start(self) -> list[Piece] | None:
+        """Start where the window begins, and return what its samples say.
 
         Every motion after a rest is a piece. None if a path diverges.
         """
         data, found = self.data, list[Piece]()
-        edges = np.unique([first, *data.starts[data.starts > first], len(data.time)])
+        edges = np.unique([0, *data.starts, len(data.time)])
         for begin, end in pairwise(edges.tolist()):
             rest = np.flatnonzero(data.rest[begin:end])
             if len(rest):

@@ -1,0 +1,101 @@
+"""What is known of one joint: a fit of a whole window, the memory that follows the samples since, and its changes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from joint_id_core.data.recording import Array, Recording
+from joint_id_core.estimators.innovations.belief import Belief
+from joint_id_core.estimators.shared.sentences import message
+from joint_id_core.estimators.shared.stillness import seen_by
+from joint_id_core.online.changes import Changes
+from joint_id_core.online.checks import OWN_SHARE, Checked, mixed
+from joint_id_core.online.follower import Follower
+from joint_id_core.online.memory import Memory, agree
+from joint_id_core.online.published import published
+from joint_id_core.online.task import Task
+from joint_id_core.online.tracker import Tracker
+from joint_id_core.online.window import SlidingWindow
+from joint_id_core.results.estimate import Estimate, Status
+
+
+class Knowledge:
+    """What is known of one joint.
+
+    Args:
+        task: what is identified.
+        last: fit of a whole window that converged.
+        mean, covariance: with which the memory begins, shapes (k,) and (k, k), in estimation coordinates.
+        age_s: time of motion in s that is in them already.
+
+    Attributes:
+        last: the newest fit of a whole window, with the noise levels of today.
+        follower: memory and filter.
+        changes: of the joint.
+        still: standard deviations of the labels that show rest; None if the window does not say.
+    """
+
+    def __init__(self, task: Task, last: Estimate, mean: Array, covariance: Array, age_s: float = 0.0) -> None:
+        self.last = last
+        self.still: dict[str, float] | None = None
+        self.changes = Changes(last.free, task.coordinates, task.options.window_s)
+        self._task = task
+        memory = Memory(mean, covariance, task.coordinates.spread)
+        self.follower = Follower(memory, task.coordinates, task.options, self._tracker, age_s)
+
+    @classmethod
+    def from_window(cls, task: Task, fit: Estimate, recording: Recording) -> Knowledge:
+        """Begin with a window in motion and its fit."""
+        after = Belief.after(fit, task.coordinates)
+        tracker = task.tracker(recording, after.mean, fit)
+        pieces = None if tracker is None else tracker.start()
+        if tracker is None or not pieces:
+            return cls(task, fit, after.mean, np.asarray(np.linalg.inv(after.precision)))
+        data = tracker.data
+        before = Belief.before_data(data, task.coordinates)
+        known = cls(task, fit, before.mean, np.asarray(np.linalg.inv(before.precision)))
+        known.still = seen_by(data.labels, data.y, data.period, fit.noise)
+        known.follower.begin(tracker, pieces)
+        if data.rest[-1]:
+            known.follower.rest()
+        return known
+
+    def _tracker(self, recording: Recording, z: Array) -> Tracker | None:
+        return self._task.tracker(recording, z, self.last)
+
+    def agrees(self, checked: Checked) -> bool:
+        """Take noise levels and findings of a window that was fitted by itself; return whether it agrees.
+
+        With a doubt, the newest innovations are not those that the noise levels allow: the fit shows whether the noise
+        changed or the joint.
+        """
+        fit, last, tracker = checked.fit, self.last, self.follower.tracker
+        if checked.doubted and not (fit.converged and agree(fit, self.follower.memory, self._task.coordinates)):
+            return False
+        if not fit.converged or fit.free != last.free or set(fit.noise) != set(last.noise):
+            return True
+        self.last = replace(fit, noise=mixed(last, fit, 1.0 if checked.doubted else OWN_SHARE))
+        if tracker is not None:
+            tracker.levels = np.square([self.last.noise[n] for n in tracker.data.noise_names])
+        return True
+
+    def estimate(self, window: SlidingWindow) -> Estimate:
+        """Return the estimate at the end of a window in motion."""
+        white = self.follower.white
+        found = self._published(window, changes=True)
+        chi2 = found.chi2 if white is None else float(np.nanmean(white**2))
+        return replace(found, start=window.start, end=window.end, chi2=chi2)
+
+    def unchanged(
+        self, window: SlidingWindow, recent: SlidingWindow, status: Status, notes: tuple[str, ...]
+    ) -> Estimate:
+        """Return what is known, for the `recent` samples, which add nothing to it."""
+        found = self._published(window, changes=False)
+        return replace(found, status=status, message=message(notes), notes=notes, start=recent.start, end=recent.end)
+
+    def _published(self, window: SlidingWindow, changes: bool) -> Estimate:
+        task, told = self._task, self.changes.told if changes else ()
+        found = published(task.model, task.coordinates, self.last, self.follower.now(), told)
+        return replace(found, samples=len(window))

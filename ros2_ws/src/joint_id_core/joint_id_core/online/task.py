@@ -1,0 +1,56 @@
+"""What is identified online, and how: what stays the same while a joint is watched."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from joint_id_core.cell.kernel import compile_model
+from joint_id_core.data.recording import Array, Recording
+from joint_id_core.estimators import Estimator
+from joint_id_core.estimators.innovations.belief import Coordinates
+from joint_id_core.estimators.innovations.estimator import Innovations
+from joint_id_core.estimators.innovations.fit import fit_innovations
+from joint_id_core.estimators.shared.fit_data import FitData, UnusableError, prepare
+from joint_id_core.estimators.shared.settings import ParameterSettings
+from joint_id_core.models import Model
+from joint_id_core.online.options import OnlineOptions
+from joint_id_core.online.tracker import Tracker
+from joint_id_core.results.estimate import Estimate
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is identified, and how; `coordinates` are those of the free parameters."""
+
+    model: Model
+    settings: ParameterSettings
+    options: OnlineOptions
+    estimator: Estimator
+    coordinates: Coordinates
+
+    def fit(self, recording: Recording, previous: Estimate | None) -> Estimate:
+        """Fit a window by itself; innovations begin their search at the fit of a `previous` window."""
+        if isinstance(self.estimator, Innovations):
+            return fit_innovations(self.model, recording, self.settings, self.estimator, previous=previous)
+        return self.estimator.fit(self.model, recording, self.settings)
+
+    def prepared(self, recording: Recording) -> FitData | None:
+        """Return the signals of a recording without its rests; None if it cannot be used."""
+        try:
+            return prepare(self.model, recording, self.settings, leave_out_rests=True)
+        except UnusableError:
+            return None
+
+    def tracker(self, recording: Recording, z: Array, last: Estimate) -> Tracker | None:
+        """Return a filter for a recording, at the reference z (k,), with noise levels and steps of a fit.
+
+        None if the recording cannot be used or holds other signals than that fit.
+        """
+        data = self.prepared(recording)
+        if data is None or set(data.noise_names) != set(last.noise):
+            return None
+        kernel = compile_model(self.model, "tanh", data.freed, last.cell)
+        levels = np.square([last.noise[n] for n in data.noise_names])
+        return Tracker(data, kernel, self.coordinates, z, levels, last.substeps, frozenset(self.settings.values))
