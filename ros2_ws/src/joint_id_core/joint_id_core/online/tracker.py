@@ -17,6 +17,7 @@ from joint_id_core.estimators.shared.initial_state import rough_states, start_st
 from joint_id_core.estimators.shared.substeps import KINK, MORE_STEPS, MOST_STEPS, steps_to_stand
 
 NUDGE = 0.1  # relative change of a noise variance for a derivative
+SETTLE_S = 0.05  # after a start, in which labels tell the state
 LEAST = 10  # samples of the shortest motion that is used
 UNSURE = 1e4  # factor on the covariance of the state where parameters changed
 # Over minutes, the creep of a sticking joint under smoothed friction would bias the estimates by several standard
@@ -179,11 +180,22 @@ class Tracker:
 
     def move(self, z: Array) -> None:
         """Take other reference parameters; the state follows along its derivatives."""
-        before = self._p[self._index]
+        before = self.z
         self._take(z)
-        kept = self._state.kept.copy()
-        kept[:, 0] += kept[:, 1 + self._n + self._columns] @ (self._p[self._index] - before)
-        self._state = replace(self._state, kept=kept)
+        self._state = replace(self._state, kept=self._moved(self._state.kept, before))
+
+    def _moved(self, kept: Array, z: Array) -> Array:
+        """Return a state at parameters z (k,) as that at the reference, along its derivatives."""
+        moved = kept.copy()
+        moved[:, 0] += kept[:, 1 + self._n + self._columns] @ (self._p[self._index] - self.coordinates.values(z))
+        return moved
+
+    def _unsure(self, kept: Array) -> Array:
+        """Return a state that says little about the one after a change of the parameters."""
+        unsure = kept.copy()
+        unsure[:, 1 + self._n :] = 0.0
+        unsure[:, 1 : 1 + self._n] *= UNSURE
+        return unsure
 
     def _take(self, z: Array) -> None:
         self.z, self._slope = z, self.coordinates.slope(z)
@@ -193,6 +205,9 @@ class Tracker:
         """Start where the window begins, and return what its samples say.
 
         Every motion after a rest is a piece. None if a path diverges.
+
+        The first `SETTLE_S` of each are left out: until labels have told the state, it is that of the prior. But a
+        controller has seen the joint before, so the inputs depend on the errors of this prior, which biases parameters.
         """
         data, found = self.data, list[Piece]()
         edges = np.unique([0, *data.starts, len(data.time)])
@@ -200,7 +215,8 @@ class Tracker:
             rest = np.flatnonzero(data.rest[begin:end])
             if len(rest):
                 end = begin + int(rest[0])
-            if end - begin < LEAST:
+            settled = max(begin + 1, int(np.searchsorted(data.time, data.time[begin] + SETTLE_S)))
+            if end - settled < LEAST:
                 continue
             mean, spread = start_state(data, begin, self._p)
             kept = np.zeros((self._n, 1 + self._n + self._k))
@@ -208,11 +224,13 @@ class Tracker:
             kept[:, 1 : 1 + self._n] = np.diag(spread**2)
             self._noise = STATE_NOISE * spread**2
             self._state = State(kept, float(data.time[begin]), data.u[begin])
-            rows = slice(begin + 1, end)
-            piece = self.run(Samples(data.time[rows], data.u[rows], data.y[rows]))
-            if piece is None:
+            first, then = (
+                self.run(Samples(data.time[rows], data.u[rows], data.y[rows]))
+                for rows in (slice(begin + 1, settled), slice(settled, end))
+            )
+            if first is None or then is None:
                 return None
-            found.append(piece)
+            found.append(then)
         return found
 
     def read(self, samples: Recording) -> Samples | None:
@@ -255,11 +273,8 @@ class Tracker:
             begin = piece.begin
             if k and begin.time == pieces[k - 1].samples.time[-1]:
                 begin = self._state
-            elif changed:
-                kept = begin.kept.copy()
-                kept[:, 1 + self._n :] = 0.0
-                kept[:, 1 : 1 + self._n] *= UNSURE
-                begin = replace(begin, kept=kept)
+            else:
+                begin = replace(begin, kept=self._unsure(begin.kept) if changed else self._moved(begin.kept, piece.z))
             done = self._run(begin, piece.samples)
             if done is None:
                 return None
