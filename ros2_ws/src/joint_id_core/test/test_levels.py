@@ -76,6 +76,11 @@ def test_levels_are_learned_from_all_samples():
     assert np.abs(np.log(shares)).max() < 4.0 / np.sqrt(2.0 * 24.0 * 250.0)
 
 
+def widened(levels, inverse):
+    wider = levels.wider(inverse)
+    return wider @ inverse @ wider.T
+
+
 @given(seed=st.integers(0, 1000), parameters=st.integers(1, 9), levels=st.integers(1, 4))
 def test_uncertain_levels_widen_like_unknown_parameters(seed, parameters, levels):
     """The covariance is the block of the inverse of the whole information matrix."""
@@ -87,7 +92,7 @@ def test_uncertain_levels_widen_like_unknown_parameters(seed, parameters, levels
     found._information, found._cross = whole[k:, k:] - UNKNOWN**-2 * np.eye(levels), whole[:k, k:]
     inverse = np.linalg.inv(whole[:k, :k])
     lost = 1.0 - 1.0 / np.max(np.linalg.eigvals(np.linalg.inv(whole)[:k, :k] @ whole[:k, :k]).real)
-    wider = found.widened(inverse, inverse)
+    wider = widened(found, inverse)
     if lost < MOST_LOST:
         np.testing.assert_allclose(wider, np.linalg.inv(whole)[:k, :k], rtol=1e-6, atol=1e-9)
     assert np.linalg.eigvalsh(wider - inverse).min() > -1e-9
@@ -98,7 +103,7 @@ def test_what_is_forgotten_widens_no_more():
     found._information, found._cross = 50.0 * np.eye(2), 5.0 * np.ones((3, 2))
     inverse = np.diag([0.1, 0.2, 0.3])
     found.forget([1])
-    wider = found.widened(inverse, inverse)
+    wider = widened(found, inverse)
     assert wider[1, 1] == pytest.approx(0.2) and wider[0, 0] > 0.1 and wider[2, 2] > 0.3
     before = found._information.copy()
     found.doubt()

@@ -13,8 +13,9 @@ from joint_id_core.online.learning import Explanation, learn
 from joint_id_core.online.levels import Levels
 from joint_id_core.online.memory import Change, Memory
 from joint_id_core.online.options import OnlineOptions
+from joint_id_core.online.piece import Piece, merged
 from joint_id_core.online.relearn import relearn
-from joint_id_core.online.tracker import Piece, Tracker, merged
+from joint_id_core.online.tracker import Tracker
 from joint_id_core.online.window import SlidingWindow
 
 BLOCK_S = 0.5  # length of the stretches that are added to the memory and tested
@@ -81,6 +82,7 @@ class Follower:
         self.lost_s = 0.0
         self.noise_changed = False
         self._coordinates, self._options, self._make = coordinates, options, make
+        self._wider = np.eye(len(coordinates.unit))  # for the uncertainty of the noise levels
         self._pieces: list[Piece] = []  # of the present block
         self._white: list[Array] = []  # innovations of the last window
         self._moved_since, self._moved_until = np.inf, -np.inf
@@ -95,7 +97,7 @@ class Follower:
         for piece in pieces:
             self.memory.add(piece, self._options.memory_s)
         self._refine(tracker)
-        self.levels.learn(tracker, self.memory.blocks, self._options.memory_s)
+        self._learn_levels(tracker, self.memory.blocks)
 
     def rest(self) -> None:
         """End a stretch of motion: the joint rests."""
@@ -153,8 +155,12 @@ class Follower:
 
     def _covariance(self, more: Array) -> Array:
         """Return the covariance of the parameters with the information matrix `more` of the present block."""
-        memory = self.memory
-        return self.levels.widened(memory.covariance_with(more), memory.inverse_with(more))
+        return np.asarray(self._wider @ self.memory.covariance_with(more) @ self._wider.T)
+
+    def _learn_levels(self, tracker: Tracker, blocks: Sequence[Piece]) -> None:
+        """Learn the noise levels from blocks that the memory describes."""
+        self.levels.learn(tracker, blocks, self._options.memory_s)
+        self._wider = self.levels.wider(self.memory.inverse)
 
     @property
     def white(self) -> Array | None:
@@ -191,7 +197,7 @@ class Follower:
         if change is None:
             self.noise_changed = self._noise_changed()
             self._refine(self.tracker)
-            self.levels.learn(self.tracker, self.memory.blocks[-1:], self._options.memory_s)
+            self._learn_levels(self.tracker, self.memory.blocks[-1:])
         elif self.age_s < YOUNG * self._options.window_s:
             self.found = Found.WRONG_START
         else:
@@ -214,7 +220,7 @@ class Follower:
         if found is None:
             return False
         self._change, self._blocks = change, [blocks[0], *blocks]
-        self._guess = found, self._memory_after(found)
+        self._guess = found, found.memory(self._coordinates.spread, self._options.memory_s)
         return True
 
     def _tested(self, tracker: Tracker) -> Change | None:
@@ -272,23 +278,15 @@ class Follower:
         found = learn(tracker, since, change, self._coordinates) if since else None
         self._guess = None
         if found is not None and seen_s < PATIENT * window_s:
-            self._guess = found, self._memory_after(found)
+            self._guess = found, found.memory(self._coordinates.spread, self._options.memory_s)
         elif seen_s > window_s:
             self.found = Found.UNEXPLAINED
-
-    def _memory_after(self, found: Explanation) -> Memory:
-        """Return the memory of an explained change, with the samples since."""
-        spread = self._coordinates.spread
-        mean, precision = found.change.still_known(spread)
-        memory = Memory(mean, np.asarray(np.linalg.inv(precision)), spread, changed=True)
-        for piece in found.learned.pieces:
-            memory.add(piece, self._options.memory_s)
-        return memory
 
     def _take(self, tracker: Tracker, explanation: Explanation, memory: Memory) -> None:
         """Go on with the memory after a change."""
         self.memory, self.explanation, self.found = memory, explanation, Found.AGREES
         self.levels.forget((*explanation.change.names, *explanation.change.likely))
+        self._learn_levels(tracker, ())
         self.since = explanation.learned.pieces[0].begin.time
         self._change = self._guess = None
         self.lost_s = self._settled_s = 0.0

@@ -22,7 +22,7 @@ from scipy.special import chdtri
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Belief, Coordinates
-from joint_id_core.online.tracker import Piece
+from joint_id_core.online.piece import Piece
 from joint_id_core.results.estimate import Estimate
 
 LENGTHS = (1, 2, 4, 8, 16, 32)  # blocks of the stretches that are tested
@@ -109,12 +109,13 @@ class Memory:
 
     def covariance_with(self, more: Array) -> Array:
         """Return the covariance with the information matrix `more` of samples that are not yet added."""
-        inverse, wider = self.inverse_with(more), self.wider
+        inverse, wider = _inverse(self.matrix + more), self.wider
         return np.asarray(inverse @ (self._noise + more) @ inverse * np.outer(wider, wider))
 
-    def inverse_with(self, more: Array) -> Array:
-        """Return the inverse of the information matrix with that of samples that are not yet added, shape (k, k)."""
-        return _inverse(self.matrix + more)
+    @property
+    def inverse(self) -> Array:
+        """Inverse of the information matrix, shape (k, k)."""
+        return _inverse(self.matrix)
 
     @property
     def wider(self) -> Array:

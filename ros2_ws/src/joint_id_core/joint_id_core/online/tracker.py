@@ -15,6 +15,7 @@ from joint_id_core.estimators.innovations.recursion import STATE_NOISE
 from joint_id_core.estimators.shared.fit_data import LONGEST_GAP, FitData, without_frozen
 from joint_id_core.estimators.shared.initial_state import rough_states, start_state
 from joint_id_core.estimators.shared.substeps import KINK, MORE_STEPS, MOST_STEPS, steps_to_stand
+from joint_id_core.online.piece import Piece, Samples, State
 
 NUDGE = 0.1  # relative change of a noise variance for a derivative
 SETTLE_S = 0.05  # after a start, in which labels tell the state
@@ -24,56 +25,6 @@ UNSURE = 1e4  # factor on the covariance of the state where parameters changed
 # deviations. The filter follows a path that it knows well, so it can have sharper friction than a fit from afar.
 SHARPEST = 0.1
 KNOWN = 0.5  # largest standard deviation of a coordinate at which friction is as smooth as in a fit
-
-
-@dataclass(frozen=True)
-class Samples:
-    """Samples of one joint: instants (T,) in s, inputs (T, inputs), labels (T, labels), NaN where missing."""
-
-    time: Array
-    u: Array
-    y: Array
-
-
-def joined(samples: Sequence[Samples]) -> Samples:
-    """Return consecutive samples as one stretch."""
-    return Samples(*(np.concatenate([getattr(s, name) for s in samples]) for name in ("time", "u", "y")))
-
-
-@dataclass(frozen=True)
-class State:
-    """State of the filter: see `loops.tracking`; `time` and `u` (inputs,) are those of the last sample."""
-
-    kept: Array
-    time: float
-    u: Array
-
-
-@dataclass(frozen=True)
-class Piece:
-    """What a stretch of samples says about the free parameters, in estimation coordinates z.
-
-    Attributes:
-        matrix, vector: information matrix H (k, k) and vector h (k,): the stretch alone says H z = h.
-        white: innovations over their standard deviations, shape (T, labels), NaN where a label is missing.
-        begin: state of the filter before the stretch.
-        samples: the samples.
-        z: parameters at which the filter ran, shape (k,).
-        smoothing: of its friction, relative to that of a fit.
-    """
-
-    matrix: Array
-    vector: Array
-    white: Array
-    begin: State
-    samples: Samples
-    z: Array
-    smoothing: float
-
-    @property
-    def duration(self) -> float:
-        """Length in s."""
-        return float(self.samples.time[-1] - self.begin.time) if len(self.samples.time) else 0.0
 
 
 @dataclass(frozen=True)
@@ -90,35 +41,6 @@ class _Passed:
     shown: Array
     matrix: Array
     score: Array
-
-
-@dataclass(frozen=True)
-class NoiseInformation:
-    """What a stretch of samples says about the logarithms of the noise levels.
-
-    Attributes:
-        score, matrix: score (L,) and information matrix (L, L).
-        cross: derivative of the score of the free parameters by them, in estimation coordinates, shape (k, L).
-    """
-
-    score: Array
-    matrix: Array
-    cross: Array
-
-
-def merged(pieces: Sequence[Piece]) -> Piece:
-    """Return consecutive pieces of the same reference as one."""
-    if len(pieces) == 1:
-        return pieces[0]
-    return Piece(
-        np.sum([piece.matrix for piece in pieces], axis=0),
-        np.sum([piece.vector for piece in pieces], axis=0),
-        np.concatenate([piece.white for piece in pieces]),
-        pieces[0].begin,
-        joined([piece.samples for piece in pieces]),
-        pieces[0].z,
-        max(piece.smoothing for piece in pieces),
-    )
 
 
 class Tracker:
@@ -283,28 +205,42 @@ class Tracker:
             found.append(new)
         return np.array(costs), found
 
-    def noise_information(self, piece: Piece) -> NoiseInformation | None:
-        """Return what a stretch says of the noise levels; None if the path diverges."""
-        levels, z = self.levels, self.z
-        self._take(piece.z)
-        found = self._passed(piece.begin, piece.samples, stored=True)
+    def noise_information(self, piece: Piece) -> tuple[Array, Array] | None:
+        """Return what a stretch says of the logarithms of the noise levels; None if the path diverges.
+
+        These are the score (L,) and the information matrix (L, L).
+        """
+        levels = self.levels
+        found = self._passed_again(piece, levels, stored=True)
         if not np.isfinite(found.cost):
-            self._take(z)
             return None
         score, matrix = np.empty_like(levels), np.empty((len(levels), len(levels)))
         self.kernel.gains.noise_information(
             found.y, self.data.label_states, np.full(len(found.y), -1), found.errors, found.variances,
             found.gains, found.slopes, found.shown, score, matrix,
         )  # fmt: skip
-        cross = np.empty((len(self._columns), len(levels)))
-        for j in range(len(levels)):
-            self.levels = levels.copy()
-            self.levels[j] *= 1.0 + NUDGE
-            change = self._passed(piece.begin, piece.samples).score - found.score
-            cross[:, j] = change[self._columns] * self._slope / np.log1p(NUDGE)
+        return score * levels, matrix * np.outer(levels, levels)
+
+    def cross_information(self, piece: Piece) -> Array:
+        """Return how the score of the parameters in a stretch depends on the noise levels, shape (k, L).
+
+        It is the derivative by the logarithms of the levels, in estimation coordinates.
+        """
+        levels, slope = self.levels, self.coordinates.slope(piece.z)
+        scores = [self._passed_again(piece, by * levels).score for by in 1.0 + NUDGE * np.eye(len(levels))]
+        change = np.array(scores).T - self._passed_again(piece, levels).score[:, None]
+        cross = change[self._columns] * slope[:, None] / np.log1p(NUDGE)
+        return cross if np.isfinite(cross).all() else np.zeros_like(cross)
+
+    def _passed_again(self, piece: Piece, levels: Array, stored: bool = False) -> _Passed:
+        """Run over a stretch at its own reference, with other noise levels; the filter stays where it is."""
+        here = self.levels, self.z
         self.levels = levels
+        self._take(piece.z)
+        found = self._passed(piece.begin, piece.samples, stored)
+        self.levels, z = here
         self._take(z)
-        return NoiseInformation(score * levels, matrix * np.outer(levels, levels), cross)
+        return found
 
     def _run(self, begin: State, samples: Samples, longest: float = np.inf) -> tuple[State, float, Piece] | None:
         """Return state, cost and result; None if the path diverges or a step is longer than `longest` (s)."""
