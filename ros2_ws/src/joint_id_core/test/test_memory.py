@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from joint_id_core.online.memory import RARE, Memory
-from joint_id_core.online.tracker import Piece, Samples, State
+from joint_id_core.online.piece import Piece, Samples, State
 
 K = 4
 SPREAD = np.full(K, 10.0)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import ParameterSettings
 from joint_id_core.estimators.shared.fit_data import UnusableError, prepare
-from joint_id_core.estimators.shared.stillness import STILL_S, seen_by, still
+from joint_id_core.estimators.shared.stillness import STILL_S, WIND_UP_S, seen_by, still, still_link, wound_up
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Status
 from joint_id_core.simulation.sensors import ur_robot_sensors
@@ -96,3 +96,46 @@ def test_noise_of_a_resting_encoder_is_no_motion():
     with pytest.raises(UnusableError, match="move the joint") as error:
         prepare(build("harmonic_drive"), recording, ParameterSettings(), leave_out_rests=True)
     assert error.value.status is Status.NO_MOTION
+
+
+def sticking(stuck_s: float, frozen: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Position and motor velocity of a joint whose motor starts at 1 s, and whose link sticks for longer."""
+    begin = 1.0
+    speed = np.where(begin < TIME, 0.3 - 0.1 * np.cos(9.0 * (TIME - begin)), 0.0)
+    moves = speed * (not frozen) * (begin + stuck_s < TIME)
+    return np.cumsum(moves) * PERIOD, 101.0 * speed
+
+
+def told_nothing(y: np.ndarray, parts: int = 1) -> np.ndarray:
+    """Samples at which the joint or its link rests, found in so many parts."""
+    rest, link, found, before = still(LABELS, y, PERIOD), still_link(LABELS, y, PERIOD), [], None
+    for part in np.array_split(np.arange(len(y)), parts):
+        one, before = wound_up(rest[part], link[part], PERIOD, before)
+        found.append(one)
+    return np.concatenate(found)
+
+
+@pytest.mark.parametrize("stuck_s", [0.0, 0.05, 0.2])
+def test_samples_at_which_the_motor_winds_up_the_gear_tell_nothing(stuck_s):
+    found = told_nothing(measured(*sticking(stuck_s)))
+    last = TIME[np.flatnonzero(found)[-1]]
+    assert found[last > TIME].all()
+    assert 1.0 + stuck_s - 0.01 < last < 1.0 + stuck_s + 0.02
+
+
+def test_a_frozen_encoder_is_no_rest():
+    found = told_nothing(measured(*sticking(0.0, frozen=True)))
+    assert not found[TIME > 1.0 + WIND_UP_S + 0.02].any()
+
+
+@given(stuck_s=st.floats(0.0, 0.5), parts=st.integers(1, 200))
+def test_the_wind_up_is_the_same_in_parts(stuck_s, parts):
+    y = measured(*sticking(stuck_s))
+    np.testing.assert_array_equal(told_nothing(y, parts), told_nothing(y))
+
+
+def test_a_joint_without_a_link_sensor_winds_up_nothing():
+    q, w = sticking(0.2)
+    y = measured(q, w)[:, 1:]
+    rest = still(LABELS[1:], y, PERIOD)
+    np.testing.assert_array_equal(wound_up(rest, still_link(LABELS[1:], y, PERIOD), PERIOD)[0], rest)

@@ -1,4 +1,4 @@
-"""Fits of whole windows beside the recursion, for noise levels and tests of the residuals."""
+"""Fits of whole windows beside the recursion, for tests of the residuals, and for noise levels that are in doubt."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from joint_id_core.online.window import SlidingWindow
 from joint_id_core.results.estimate import Estimate
 
 CHECK_AFTER, CHECK_EVERY = (1, 2, 4), 8  # window lengths after which the newest window is fitted as a whole
-OWN_SHARE = 0.25  # weight of the noise levels of the newest window
 
 Job = Callable[[], Estimate]
 _one_at_a_time = threading.Lock()
@@ -90,8 +89,3 @@ class WindowChecks:
         (done, doubted), self._running = self._running, None
         self._doubt = self._doubt and not doubted
         return Checked(done.result(), doubted)
-
-
-def mixed(last: Estimate, estimate: Estimate, own: float) -> dict[str, float]:
-    """Return noise levels between those of two estimates; `own` is the weight of the second one."""
-    return {n: float(np.exp((1.0 - own) * np.log(v) + own * np.log(estimate.noise[n]))) for n, v in last.noise.items()}

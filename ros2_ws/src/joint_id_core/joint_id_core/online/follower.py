@@ -10,10 +10,12 @@ import numpy as np
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.online.learning import Explanation, learn
+from joint_id_core.online.levels import Levels
 from joint_id_core.online.memory import Change, Memory
 from joint_id_core.online.options import OnlineOptions
+from joint_id_core.online.piece import Piece, merged
 from joint_id_core.online.relearn import relearn
-from joint_id_core.online.tracker import Piece, Tracker, merged
+from joint_id_core.online.tracker import Tracker
 from joint_id_core.online.window import SlidingWindow
 
 BLOCK_S = 0.5  # length of the stretches that are added to the memory and tested
@@ -47,11 +49,12 @@ class Follower:
         memory: what is known.
         coordinates: of the free parameters.
         options: window, forgetting.
+        levels: noise levels, which follow the samples.
         make: returns a filter for a recording, at parameters z (k,); None if the recording cannot be used.
         age_s: time of motion in s that is in the memory already.
 
     Attributes:
-        memory: what is known.
+        memory, levels: what is known of the parameters and of the noise.
         tracker: the filter; None while the joint rests.
         found: what the newest samples say.
         explanation: the newest change that was taken into the memory; None if there is none.
@@ -66,10 +69,11 @@ class Follower:
         memory: Memory,
         coordinates: Coordinates,
         options: OnlineOptions,
+        levels: Levels,
         make: Callable[[Recording, Array], Tracker | None],
         age_s: float = 0.0,
     ) -> None:
-        self.memory = memory
+        self.memory, self.levels = memory, levels
         self.tracker: Tracker | None = None
         self.found = Found.AGREES
         self.explanation: Explanation | None = None
@@ -78,12 +82,14 @@ class Follower:
         self.lost_s = 0.0
         self.noise_changed = False
         self._coordinates, self._options, self._make = coordinates, options, make
+        self._wider = np.eye(len(coordinates.unit))  # for the uncertainty of the noise levels
         self._pieces: list[Piece] = []  # of the present block
         self._white: list[Array] = []  # innovations of the last window
         self._moved_since, self._moved_until = np.inf, -np.inf
         self._change: Change | None = None  # a change whose new values are not known yet
         self._blocks: list[Piece] = []  # since that change, which is in the first one
         self._guess: tuple[Explanation, Memory] | None = None  # what may have changed
+        self._settled_s = 0.0  # time of motion in s since the explanation was taken
 
     def begin(self, tracker: Tracker, pieces: Sequence[Piece]) -> None:
         """Take the pieces of a first window, and the filter that stands at its end."""
@@ -91,6 +97,7 @@ class Follower:
         for piece in pieces:
             self.memory.add(piece, self._options.memory_s)
         self._refine(tracker)
+        self._learn_levels(tracker, self.memory.blocks)
 
     def rest(self) -> None:
         """End a stretch of motion: the joint rests."""
@@ -134,17 +141,26 @@ class Follower:
     def now(self) -> tuple[Array, Array]:
         """Return estimate (k,) and covariance (k, k) with the samples of the present block."""
         memory = self.memory
+        nothing = np.zeros_like(memory.matrix)
         if not self._pieces or self.found is not Found.AGREES:
-            return memory.mean, memory.covariance
+            return memory.mean, self._covariance(nothing)
         block = merged(self._pieces)
         self._pieces = [block]
-        matrix, vector = block.matrix, block.vector
-        mean = np.asarray(np.linalg.solve(memory.matrix + matrix, memory.vector + vector), dtype=float)
-        covariance = memory.covariance_with(matrix)
+        mean = np.asarray(np.linalg.solve(memory.matrix + block.matrix, memory.vector + block.vector), dtype=float)
+        covariance = self._covariance(block.matrix)
         away = np.abs(mean - block.z)
         if np.any((away > LINEAR * self._coordinates.unit) & (away > np.sqrt(np.diag(covariance)))):
-            return memory.mean, memory.covariance  # too far for one linear step: wait for the end of the block
+            return memory.mean, self._covariance(nothing)  # too far for one linear step: wait for the end of the block
         return mean, covariance
+
+    def _covariance(self, more: Array) -> Array:
+        """Return the covariance of the parameters with the information matrix `more` of the present block."""
+        return np.asarray(self._wider @ self.memory.covariance_with(more) @ self._wider.T)
+
+    def _learn_levels(self, tracker: Tracker, blocks: Sequence[Piece]) -> None:
+        """Learn the noise levels from blocks that the memory describes."""
+        self.levels.learn(tracker, blocks, self._options.memory_s)
+        self._wider = self.levels.wider(self.memory.inverse)
 
     @property
     def white(self) -> Array | None:
@@ -176,17 +192,36 @@ class Follower:
         self._white.append(block.white)
         del self._white[: -max(1, round(self._options.window_s / BLOCK_S))]
         self.age_s += block.duration
+        self._settled_s += block.duration
         change = self._tested(self.tracker)
         if change is None:
             self.noise_changed = self._noise_changed()
             self._refine(self.tracker)
+            self._learn_levels(self.tracker, self.memory.blocks[-1:])
         elif self.age_s < YOUNG * self._options.window_s:
             self.found = Found.WRONG_START
         else:
-            self.found, self._change, self._blocks = Found.CHANGING, change, list(change.blocks)
-            self.memory.drop(len(change.blocks))
-            if len(self._blocks) > 1:
-                self._learn(self.tracker, change)
+            self.found = Found.CHANGING
+            if not self._reconsider(self.tracker):
+                self._change, self._blocks = change, list(change.blocks)
+                self.memory.drop(len(change.blocks))
+                if len(self._blocks) > 1:
+                    self._learn(self.tracker, change)
+
+    def _reconsider(self, tracker: Tracker) -> bool:
+        """Explain all samples since a recent change anew: what was taken for its cause may have been another one.
+
+        Returns whether they can be explained; if not, it is another change.
+        """
+        if self.explanation is None or self._settled_s > PATIENT * self._options.window_s:
+            return False
+        change, blocks = self.explanation.change, self.memory.blocks
+        found = learn(tracker, blocks, change, self._coordinates)
+        if found is None:
+            return False
+        self._change, self._blocks = change, [blocks[0], *blocks]
+        self._guess = found, found.memory(self._coordinates.spread, self._options.memory_s)
+        return True
 
     def _tested(self, tracker: Tracker) -> Change | None:
         """Test the newest blocks against the memory; return the change that they show.
@@ -240,24 +275,21 @@ class Follower:
             if memory.test() is None and enough:
                 self._take(tracker, explanation, memory)
                 return
-        spread = self._coordinates.spread
         found = learn(tracker, since, change, self._coordinates) if since else None
         self._guess = None
         if found is not None and seen_s < PATIENT * window_s:
-            mean, precision = found.change.still_known(spread)
-            memory = Memory(mean, np.asarray(np.linalg.inv(precision)), spread, changed=True)
-            for piece in found.learned.pieces:
-                memory.add(piece, self._options.memory_s)
-            self._guess = found, memory
+            self._guess = found, found.memory(self._coordinates.spread, self._options.memory_s)
         elif seen_s > window_s:
             self.found = Found.UNEXPLAINED
 
     def _take(self, tracker: Tracker, explanation: Explanation, memory: Memory) -> None:
         """Go on with the memory after a change."""
         self.memory, self.explanation, self.found = memory, explanation, Found.AGREES
+        self.levels.forget((*explanation.change.names, *explanation.change.likely))
+        self._learn_levels(tracker, ())
         self.since = explanation.learned.pieces[0].begin.time
         self._change = self._guess = None
-        self.lost_s = 0.0
+        self.lost_s = self._settled_s = 0.0
         self._blocks.clear()
         self._white.clear()
         self._refine(tracker)

@@ -11,8 +11,9 @@ from joint_id_core.estimators.innovations.belief import Belief
 from joint_id_core.estimators.shared.sentences import message
 from joint_id_core.estimators.shared.stillness import seen_by
 from joint_id_core.online.changes import Changes
-from joint_id_core.online.checks import OWN_SHARE, Checked, mixed
+from joint_id_core.online.checks import Checked
 from joint_id_core.online.follower import Follower
+from joint_id_core.online.levels import Levels
 from joint_id_core.online.memory import Memory, agree
 from joint_id_core.online.published import published
 from joint_id_core.online.task import Task
@@ -43,7 +44,8 @@ class Knowledge:
         self.changes = Changes(last.free, task.coordinates, task.options.window_s)
         self._task = task
         memory = Memory(mean, covariance, task.coordinates.spread)
-        self.follower = Follower(memory, task.coordinates, task.options, self._tracker, age_s)
+        levels = Levels(np.square(list(last.noise.values())), len(mean))
+        self.follower = Follower(memory, task.coordinates, task.options, levels, self._tracker, age_s)
 
     @classmethod
     def from_window(cls, task: Task, fit: Estimate, recording: Recording) -> Knowledge:
@@ -62,23 +64,28 @@ class Knowledge:
             known.follower.rest()
         return known
 
+    @property
+    def noise(self) -> dict[str, float]:
+        """Noise levels of today: standard deviations by name."""
+        return dict(zip(self.last.noise, np.sqrt(self.follower.levels.values).tolist(), strict=True))
+
     def _tracker(self, recording: Recording, z: Array) -> Tracker | None:
-        return self._task.tracker(recording, z, self.last)
+        return self._task.tracker(recording, z, replace(self.last, noise=self.noise))
 
     def agrees(self, checked: Checked) -> bool:
-        """Take noise levels and findings of a window that was fitted by itself; return whether it agrees.
+        """Take the findings of a window that was fitted by itself; return whether it agrees.
 
         With a doubt, the newest innovations are not those that the noise levels allow: the fit shows whether the noise
-        changed or the joint.
+        changed or the joint. If the noise changed, its levels are learned anew.
         """
-        fit, last, tracker = checked.fit, self.last, self.follower.tracker
+        fit, last = checked.fit, self.last
         if checked.doubted and not (fit.converged and agree(fit, self.follower.memory, self._task.coordinates)):
             return False
         if not fit.converged or fit.free != last.free or set(fit.noise) != set(last.noise):
             return True
-        self.last = replace(fit, noise=mixed(last, fit, 1.0 if checked.doubted else OWN_SHARE))
-        if tracker is not None:
-            tracker.levels = np.square([self.last.noise[n] for n in tracker.data.noise_names])
+        if checked.doubted:
+            self.follower.levels.doubt()
+        self.last = replace(fit, noise={n: fit.noise[n] for n in last.noise})
         return True
 
     def estimate(self, window: SlidingWindow) -> Estimate:
@@ -98,4 +105,4 @@ class Knowledge:
     def _published(self, window: SlidingWindow, changes: bool) -> Estimate:
         task, told = self._task, self.changes.told if changes else ()
         found = published(task.model, task.coordinates, self.last, self.follower.now(), told)
-        return replace(found, samples=len(window))
+        return replace(found, noise=self.noise, samples=len(window))

@@ -14,10 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
+from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Coordinates
-from joint_id_core.online.memory import ALIKE, Change
+from joint_id_core.online.memory import ALIKE, Change, Memory
+from joint_id_core.online.piece import Piece
 from joint_id_core.online.relearn import Learned, relearn
-from joint_id_core.online.tracker import Piece, Tracker
+from joint_id_core.online.tracker import Tracker
 
 UNNEEDED = 0.001  # probability from which a lower cost with more changed parameters counts as noise
 
@@ -33,6 +35,14 @@ class Explanation:
     def all_new(self) -> bool:
         """Whether nothing that was known before is kept."""
         return len(self.change.names) + len(self.change.likely) == len(self.learned.z)
+
+    def memory(self, spread: Array, memory_s: float) -> Memory:
+        """Return a memory of what is still known and of the samples since; `spread` (k,): prior standard deviations."""
+        mean, precision = self.change.still_known(spread)
+        memory = Memory(mean, np.asarray(np.linalg.inv(precision)), spread, changed=True)
+        for piece in self.learned.pieces:
+            memory.add(piece, memory_s)
+        return memory
 
 
 def learn(tracker: Tracker, stretches: Sequence[Piece], change: Change, coordinates: Coordinates) -> Explanation | None:

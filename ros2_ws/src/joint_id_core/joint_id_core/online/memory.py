@@ -22,7 +22,7 @@ from scipy.special import chdtri
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Belief, Coordinates
-from joint_id_core.online.tracker import Piece
+from joint_id_core.online.piece import Piece
 from joint_id_core.results.estimate import Estimate
 
 LENGTHS = (1, 2, 4, 8, 16, 32)  # blocks of the stretches that are tested
@@ -111,6 +111,11 @@ class Memory:
         """Return the covariance with the information matrix `more` of samples that are not yet added."""
         inverse, wider = _inverse(self.matrix + more), self.wider
         return np.asarray(inverse @ (self._noise + more) @ inverse * np.outer(wider, wider))
+
+    @property
+    def inverse(self) -> Array:
+        """Inverse of the information matrix, shape (k, k)."""
+        return _inverse(self.matrix)
 
     @property
     def wider(self) -> Array:

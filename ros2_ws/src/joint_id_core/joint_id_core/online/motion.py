@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Recording
-from joint_id_core.estimators.shared.stillness import STILL_S, still
+from joint_id_core.estimators.shared.stillness import STILL_S, still, still_link, wound_up
 from joint_id_core.models import Model
 from joint_id_core.online.window import SlidingWindow
 
@@ -34,6 +34,7 @@ class MotionWatch:
         self.moved_until = -np.inf
         self._positions = model.state_names
         self._done = -np.inf  # newest sample that was handed on
+        self._wound: int | None = None  # samples since the joint rested, if the link has not moved since
 
     @property
     def moving(self) -> bool:
@@ -50,7 +51,7 @@ class MotionWatch:
         if first == last:
             return
         self._done = float(recent.time[last - 1])
-        at_rest = self._at_rest(recent)[first:last]
+        at_rest = self._at_rest(recent, slice(first, last))
         edges = np.flatnonzero(at_rest[1:] != at_rest[:-1]) + 1
         for begin, end in pairwise([0, *edges.tolist(), last - first]):
             part = recent.slice(first + begin, first + end)
@@ -58,10 +59,16 @@ class MotionWatch:
             if not at_rest[begin]:
                 self.moved_until = float(part.time[-1])
 
-    def _at_rest(self, recent: Recording) -> NDArray[np.bool_]:
-        """Return True for samples at rest, shape (T,)."""
+    def _at_rest(self, recent: Recording, part: slice) -> NDArray[np.bool_]:
+        """Return True for samples of a part at which the joint or its link rests."""
         labels = tuple(n for n in self._positions if n in recent and n not in recent.derived)
         if not labels or len(recent) < 2:
-            return np.zeros(len(recent), dtype=bool)
+            return np.zeros(len(recent), dtype=bool)[part]
         y = np.array([recent.channels[n] for n in labels]).T
-        return still(labels, y, recent.duration / (len(recent) - 1), self.noise)
+        period = recent.duration / (len(recent) - 1)
+        rest = still(labels, y, period, self.noise)[part]
+        if self._wound is None and not rest.any():
+            return rest
+        link_still = still_link(labels, y, period, self.noise)[part]
+        rest, self._wound = wound_up(rest, link_still, period, self._wound)
+        return rest

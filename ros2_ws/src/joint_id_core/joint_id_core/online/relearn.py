@@ -9,7 +9,8 @@ import numpy as np
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.verdicts import COLOURED, MOST_CHI2
-from joint_id_core.online.tracker import Piece, Tracker
+from joint_id_core.online.piece import Piece
+from joint_id_core.online.tracker import Tracker
 
 ITERATIONS = 20
 SETTLED = 0.01  # squared length of the last step in standard deviations

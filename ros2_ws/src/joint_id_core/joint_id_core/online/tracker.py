@@ -15,7 +15,10 @@ from joint_id_core.estimators.innovations.recursion import STATE_NOISE
 from joint_id_core.estimators.shared.fit_data import LONGEST_GAP, FitData, without_frozen
 from joint_id_core.estimators.shared.initial_state import rough_states, start_state
 from joint_id_core.estimators.shared.substeps import KINK, MORE_STEPS, MOST_STEPS, steps_to_stand
+from joint_id_core.online.piece import Piece, Samples, State
 
+NUDGE = 0.1  # relative change of a noise variance for a derivative
+SETTLE_S = 0.05  # after a start, in which labels tell the state
 LEAST = 10  # samples of the shortest motion that is used
 UNSURE = 1e4  # factor on the covariance of the state where parameters changed
 # Over minutes, the creep of a sticking joint under smoothed friction would bias the estimates by several standard
@@ -25,68 +28,19 @@ KNOWN = 0.5  # largest standard deviation of a coordinate at which friction is a
 
 
 @dataclass(frozen=True)
-class Samples:
-    """Samples of one joint: instants (T,) in s, inputs (T, inputs), labels (T, labels), NaN where missing."""
+class _Passed:
+    """Outputs of `loops.tracking.track`, whose first row is the sample before, and its labels."""
 
-    time: Array
-    u: Array
-    y: Array
-
-
-def joined(samples: Sequence[Samples]) -> Samples:
-    """Return consecutive samples as one stretch."""
-    return Samples(*(np.concatenate([getattr(s, name) for s in samples]) for name in ("time", "u", "y")))
-
-
-@dataclass(frozen=True)
-class State:
-    """State of the filter: see `loops.tracking`; `time` and `u` (inputs,) are those of the last sample."""
-
+    cost: float
     kept: Array
-    time: float
-    u: Array
-
-
-@dataclass(frozen=True)
-class Piece:
-    """What a stretch of samples says about the free parameters, in estimation coordinates z.
-
-    Attributes:
-        matrix, vector: information matrix H (k, k) and vector h (k,): the stretch alone says H z = h.
-        white: innovations over their standard deviations, shape (T, labels), NaN where a label is missing.
-        begin: state of the filter before the stretch.
-        samples: the samples.
-        z: parameters at which the filter ran, shape (k,).
-        smoothing: of its friction, relative to that of a fit.
-    """
-
+    y: Array
+    errors: Array
+    variances: Array
+    gains: Array
+    slopes: Array
+    shown: Array
     matrix: Array
-    vector: Array
-    white: Array
-    begin: State
-    samples: Samples
-    z: Array
-    smoothing: float
-
-    @property
-    def duration(self) -> float:
-        """Length in s."""
-        return float(self.samples.time[-1] - self.begin.time) if len(self.samples.time) else 0.0
-
-
-def merged(pieces: Sequence[Piece]) -> Piece:
-    """Return consecutive pieces of the same reference as one."""
-    if len(pieces) == 1:
-        return pieces[0]
-    return Piece(
-        np.sum([piece.matrix for piece in pieces], axis=0),
-        np.sum([piece.vector for piece in pieces], axis=0),
-        np.concatenate([piece.white for piece in pieces]),
-        pieces[0].begin,
-        joined([piece.samples for piece in pieces]),
-        pieces[0].z,
-        max(piece.smoothing for piece in pieces),
-    )
+    score: Array
 
 
 class Tracker:
@@ -148,11 +102,22 @@ class Tracker:
 
     def move(self, z: Array) -> None:
         """Take other reference parameters; the state follows along its derivatives."""
-        before = self._p[self._index]
+        before = self.z
         self._take(z)
-        kept = self._state.kept.copy()
-        kept[:, 0] += kept[:, 1 + self._n + self._columns] @ (self._p[self._index] - before)
-        self._state = replace(self._state, kept=kept)
+        self._state = replace(self._state, kept=self._moved(self._state.kept, before))
+
+    def _moved(self, kept: Array, z: Array) -> Array:
+        """Return a state at parameters z (k,) as that at the reference, along its derivatives."""
+        moved = kept.copy()
+        moved[:, 0] += kept[:, 1 + self._n + self._columns] @ (self._p[self._index] - self.coordinates.values(z))
+        return moved
+
+    def _unsure(self, kept: Array) -> Array:
+        """Return a state that says little about the one after a change of the parameters."""
+        unsure = kept.copy()
+        unsure[:, 1 + self._n :] = 0.0
+        unsure[:, 1 : 1 + self._n] *= UNSURE
+        return unsure
 
     def _take(self, z: Array) -> None:
         self.z, self._slope = z, self.coordinates.slope(z)
@@ -162,6 +127,9 @@ class Tracker:
         """Start where the window begins, and return what its samples say.
 
         Every motion after a rest is a piece. None if a path diverges.
+
+        The first `SETTLE_S` of each are left out: until labels have told the state, it is that of the prior. But a
+        controller has seen the joint before, so the inputs depend on the errors of this prior, which biases parameters.
         """
         data, found = self.data, list[Piece]()
         edges = np.unique([0, *data.starts, len(data.time)])
@@ -169,7 +137,8 @@ class Tracker:
             rest = np.flatnonzero(data.rest[begin:end])
             if len(rest):
                 end = begin + int(rest[0])
-            if end - begin < LEAST:
+            settled = max(begin + 1, int(np.searchsorted(data.time, data.time[begin] + SETTLE_S)))
+            if end - settled < LEAST:
                 continue
             mean, spread = start_state(data, begin, self._p)
             kept = np.zeros((self._n, 1 + self._n + self._k))
@@ -177,11 +146,13 @@ class Tracker:
             kept[:, 1 : 1 + self._n] = np.diag(spread**2)
             self._noise = STATE_NOISE * spread**2
             self._state = State(kept, float(data.time[begin]), data.u[begin])
-            rows = slice(begin + 1, end)
-            piece = self.run(Samples(data.time[rows], data.u[rows], data.y[rows]))
-            if piece is None:
+            first, then = (
+                self.run(Samples(data.time[rows], data.u[rows], data.y[rows]))
+                for rows in (slice(begin + 1, settled), slice(settled, end))
+            )
+            if first is None or then is None:
                 return None
-            found.append(piece)
+            found.append(then)
         return found
 
     def read(self, samples: Recording) -> Samples | None:
@@ -224,11 +195,8 @@ class Tracker:
             begin = piece.begin
             if k and begin.time == pieces[k - 1].samples.time[-1]:
                 begin = self._state
-            elif changed:
-                kept = begin.kept.copy()
-                kept[:, 1 + self._n :] = 0.0
-                kept[:, 1 : 1 + self._n] *= UNSURE
-                begin = replace(begin, kept=kept)
+            else:
+                begin = replace(begin, kept=self._unsure(begin.kept) if changed else self._moved(begin.kept, piece.z))
             done = self._run(begin, piece.samples)
             if done is None:
                 return None
@@ -237,27 +205,75 @@ class Tracker:
             found.append(new)
         return np.array(costs), found
 
+    def noise_information(self, piece: Piece) -> tuple[Array, Array] | None:
+        """Return what a stretch says of the logarithms of the noise levels; None if the path diverges.
+
+        These are the score (L,) and the information matrix (L, L).
+        """
+        levels = self.levels
+        found = self._passed_again(piece, levels, stored=True)
+        if not np.isfinite(found.cost):
+            return None
+        score, matrix = np.empty_like(levels), np.empty((len(levels), len(levels)))
+        self.kernel.gains.noise_information(
+            found.y, self.data.label_states, np.full(len(found.y), -1), found.errors, found.variances,
+            found.gains, found.slopes, found.shown, score, matrix,
+        )  # fmt: skip
+        return score * levels, matrix * np.outer(levels, levels)
+
+    def cross_information(self, piece: Piece) -> Array:
+        """Return how the score of the parameters in a stretch depends on the noise levels, shape (k, L).
+
+        It is the derivative by the logarithms of the levels, in estimation coordinates.
+        """
+        levels, slope = self.levels, self.coordinates.slope(piece.z)
+        scores = [self._passed_again(piece, by * levels).score for by in 1.0 + NUDGE * np.eye(len(levels))]
+        change = np.array(scores).T - self._passed_again(piece, levels).score[:, None]
+        cross = change[self._columns] * slope[:, None] / np.log1p(NUDGE)
+        return cross if np.isfinite(cross).all() else np.zeros_like(cross)
+
+    def _passed_again(self, piece: Piece, levels: Array, stored: bool = False) -> _Passed:
+        """Run over a stretch at its own reference, with other noise levels; the filter stays where it is."""
+        here = self.levels, self.z
+        self.levels = levels
+        self._take(piece.z)
+        found = self._passed(piece.begin, piece.samples, stored)
+        self.levels, z = here
+        self._take(z)
+        return found
+
     def _run(self, begin: State, samples: Samples, longest: float = np.inf) -> tuple[State, float, Piece] | None:
         """Return state, cost and result; None if the path diverges or a step is longer than `longest` (s)."""
-        m, k = len(self.data.labels), self._k
+        steps = np.diff(samples.time, prepend=begin.time)
+        if len(steps) and steps.max() > longest:
+            return None
+        found = self._passed(begin, samples)
+        if not np.isfinite(found.cost):
+            return None
+        H = found.matrix[self._columns[:, None], self._columns] * (self._slope[:, None] * self._slope)
+        g = found.score[self._columns] * self._slope
+        white = np.where(np.isnan(samples.y), np.nan, found.errors[1:] / np.sqrt(found.variances[1:]))
+        last = len(samples.time) > 0
+        state = State(found.kept, float(samples.time[-1]) if last else begin.time, samples.u[-1] if last else begin.u)
+        return state, found.cost, Piece(H, g + H @ self.z, white, begin, samples, self.z, self.smoothing)
+
+    def _passed(self, begin: State, samples: Samples, stored: bool = False) -> _Passed:
+        """Run over samples; keep what `noise_information` needs if `stored`."""
+        m, k, n = len(self.data.labels), self._k, self._n
         time = np.concatenate([[begin.time], samples.time])
         u = np.concatenate([begin.u[None], samples.u])
         y = np.concatenate([np.full((1, m), np.nan), samples.y])
         gap = np.zeros(len(time))
         steps = time[1:] - time[:-1]
-        step = float(steps.max()) if len(steps) else 0.0
-        if step > longest:
-            return None
-        if step > 1.25 * self.data.period:
+        if len(steps) and steps.max() > 1.25 * self.data.period:
             gap[:-1] = np.maximum(np.rint(steps / self.data.period) - 1.0, 0.0)
-        kept, H, g, white = begin.kept.copy(), np.empty((k, k)), np.empty(k), np.empty((len(time), m))
+        T = len(time)
+        rows = T if stored else 1
+        e, S, K, F = np.zeros((T, m)), np.ones((T, m)), np.zeros((rows, m, n)), np.zeros((rows, n, n + u.shape[1]))
+        C = np.empty((rows, m, n) if self.data.model.label_delays else (1, 1, 1))
+        kept, H, g = begin.kept.copy(), np.empty((k, k)), np.empty(k)
         cost = self.kernel.tracking.track(
             kept, time, u, y, self.data.label_states, gap, self.levels[:m], self.levels[m:], self._noise,
-            self._p, self.substeps, self._stiff, self._many, white, H, g,
+            self._p, self.substeps, self._stiff, self._many, e, S, K, F, C, H, g,
         )  # fmt: skip
-        if not np.isfinite(cost):
-            return None
-        H = H[self._columns[:, None], self._columns] * (self._slope[:, None] * self._slope)
-        g = g[self._columns] * self._slope
-        state = State(kept, float(time[-1]), u[-1])
-        return state, cost, Piece(H, g + H @ self.z, white[1:], begin, samples, self.z, self.smoothing)
+        return _Passed(float(cost), kept, y, e, S, K, F, C, H, g)

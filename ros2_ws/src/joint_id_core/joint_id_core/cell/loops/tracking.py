@@ -10,15 +10,17 @@ from collections.abc import Callable
 
 import numpy as np
 
-from joint_id_core.cell.loops.arrays import Indices, Matrix, Vector
+from joint_id_core.cell.loops.arrays import Cube, Indices, Matrix, Vector
 from joint_id_core.cell.loops.innovations import correct, predict, restart, totals
 
 NX: int
+NU: int
 NP: int
 NC: int
 CF: int
 SF: int
 AT_P: int
+DELAYED: bool
 constants: Callable[..., None]
 
 
@@ -36,7 +38,11 @@ def track(
     substeps: int,
     stiff: Vector,
     many: int,
-    white: Matrix,
+    e: Matrix,
+    S: Matrix,
+    K: Cube,
+    F: Cube,
+    C: Cube,
     H: Matrix,
     g: Vector,
 ) -> float:
@@ -50,14 +56,15 @@ def track(
         stiff (NX): speed below which friction makes the cell stiff; negative for states without friction.
 
     Outputs:
-        white (T, NY): innovations over their standard deviations, NaN where a label is missing; row 0 is not used.
+        e, S (T, NY): as in `innovations`; row 0 is not used.
+        K, F, C: as in `innovations`, for `noise_information`; not stored if they have only one row.
         H (NP, NP), g (NP): information matrix and score of the new samples, as in `innovations`.
     """
     c = np.empty(NC)
     constants(p, c)
     V = np.zeros(SF)
-    x, last = np.empty(NX), np.empty(NX)
-    K, C, J, e, S = np.empty((NX, NX)), np.empty((NX, NX)), np.empty((NX, max(NP, 1))), np.empty(NX), np.empty(NX)
+    x, last, J = np.empty(NX), np.empty(NX), np.empty((NX, max(NP, 1)))
+    stored = len(K) > 1
     restart(x, V, Q_x)
     for m in range(NX):
         x[m] = kept[m, 0]
@@ -74,11 +81,16 @@ def track(
                 steps = many
             last[m] = x[m]
         predict(x, V, u[t], u[t + 1], c, time[t + 1] - time[t], steps, gap[t], q, Q_x)
-        cost += correct(x, V, R, y[t + 1], label, u[t], u[t + 1], c, e, S, K, C, J)
+        if stored:
+            for m in range(NX):
+                for n in range(NX + NU):
+                    F[t, m, n] = V[m * CF + NP + n]
+        row = t + 1 if stored else 0
+        cost += correct(
+            x, V, R, y[t + 1], label, u[t], u[t + 1], c, e[t + 1], S[t + 1], K[row], C[row if DELAYED else 0], J
+        )
         if not cost < math.inf:
             return math.nan
-        for k in range(len(label)):
-            white[t + 1, k] = math.nan if math.isnan(y[t + 1, k]) else e[k] / math.sqrt(S[k])
     for m in range(NX):
         kept[m, 0] = x[m]
         for n in range(NX):

@@ -15,7 +15,7 @@ from joint_id_core.data.recording import Array, Recording, any_finite
 from joint_id_core.data.signals import integral_of
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.shared.settings import ParameterSettings
-from joint_id_core.estimators.shared.stillness import still
+from joint_id_core.estimators.shared.stillness import still, still_link, wound_up
 from joint_id_core.filtering.offline import complete
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions, Status, Verdict
@@ -185,7 +185,7 @@ def prepare(
             f"{seen} of these a label ({', '.join(labels)}), a fit needs {MIN_SAMPLES}: look for missing values with "
             "`joint-id info`",
         )
-    at_rest = still(labels, y, period) if leave_out_rests else np.zeros(len(y), dtype=bool)
+    at_rest = _at_rest(labels, y, period) if leave_out_rests else np.zeros(len(y), dtype=bool)
     y[at_rest] = np.nan
     if at_rest.any() and len(time) - np.count_nonzero(at_rest) < MIN_SAMPLES:
         raise UnusableError(Status.NO_MOTION, _resting(recording, labels))
@@ -195,6 +195,12 @@ def prepare(
     if not (data.span > 0.0).any():
         raise UnusableError(Status.NO_MOTION, _resting(recording, labels))
     return data
+
+
+def _at_rest(labels: tuple[str, ...], y: Array, period: float) -> NDArray[np.bool_]:
+    """Return True for samples that tell nothing because the joint or its link rests, shape (T,)."""
+    rest = still(labels, y, period)
+    return wound_up(rest, still_link(labels, y, period), period)[0] if rest.any() else rest
 
 
 def _resting(recording: Recording, labels: tuple[str, ...]) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array
-from joint_id_core.data.signals import CHANNELS
+from joint_id_core.data.signals import CHANNELS, side_of
 from joint_id_core.estimators.shared.initial_state import rough_noise
 
 STILL_S = 0.05  # shortest rest that counts: a reversal is shorter
@@ -22,6 +22,7 @@ LEAST = 5  # samples of a rest
 CREDIBLE = 0.1  # largest slack over the typical size of the signal; a noisier signal says nothing about rest
 BLIND = 3.0  # slack over the range in a moving stretch from which a label cannot tell motion from rest
 NOISY = 8.0  # range of a resting signal over the standard deviation of its noise; of 25 normal numbers it is 4
+WIND_UP_S = 0.3  # longest time in which a motor winds up the gear before the link moves; a frozen encoder lasts longer
 SLOW = 1e-3  # speed of a resting joint over the typical one: creep under load
 
 
@@ -65,6 +66,40 @@ def still(
         return np.zeros(len(y), dtype=bool)
     # a sample is at rest if any quiet stretch of `count` samples holds it
     return np.convolve(quiet, np.ones(count, dtype=int))[: len(y)] > 0
+
+
+def still_link(
+    labels: tuple[str, ...], y: Array, period: float, noise: Mapping[str, float] | None = None
+) -> NDArray[np.bool_]:
+    """Return True for samples at which the link rests, whatever the motor does; see `still`."""
+    link = [k for k, name in enumerate(labels) if side_of(name) == "link"]
+    return still(tuple(labels[k] for k in link), y[:, link], period, noise)
+
+
+def wound_up(
+    rest: NDArray[np.bool_], link_still: NDArray[np.bool_], period: float, before: int | None = None
+) -> tuple[NDArray[np.bool_], int | None]:
+    """Return `rest` (T,) with the samples after it at which the link still sticks, while the motor winds up the gear.
+
+    When the link breaks loose depends on static friction, which is another quantity than the sliding friction of the
+    models. The twist at that moment is not known either. So these samples would tell wrong values with confidence.
+
+    Args:
+        rest: True where the whole joint rests.
+        link_still: True where the link rests.
+        period: of the samples in s.
+        before: number of samples since the joint rested, if the link has not moved since; else None.
+
+    Returns:
+        The samples that tell nothing, and `before` of the samples that follow.
+    """
+    if before is None and not rest.any():
+        return rest, None
+    index, far = np.arange(len(rest)), -len(rest) - round(WIND_UP_S / period) - 2
+    rested = np.maximum.accumulate(np.where(rest, index, far if before is None else -1 - before))
+    moved = np.maximum.accumulate(np.where(rest | link_still, far, index))
+    found = (rested > moved) & (index - rested <= round(WIND_UP_S / period))
+    return found, int(len(rest) - 1 - rested[-1]) if found[-1] else None
 
 
 def _hidden(name: str, values: Array, slack: float, count: int) -> bool:

@@ -1,0 +1,84 @@
+"""Noise levels that follow the samples.
+
+Under a position controller the noise of the sensors reaches the drive. Parameters are then unbiased only with the
+right noise levels: levels 7 % too small moved the inertias of a joint by 5 standard deviations. A window tells its
+levels to some percent, so they are learned from all samples, by scoring steps of the likelihood (recursive maximum
+likelihood, Ljung, System Identification, 2nd ed., ch. 11).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from joint_id_core.data.recording import Array
+from joint_id_core.estimators.innovations.noise import bounded_step
+from joint_id_core.online.piece import Piece
+from joint_id_core.online.tracker import Tracker
+
+MOST_LOST = 0.9  # largest part of the information on a combination of parameters that the levels can take
+# How the parameters depend on the levels takes a pass for each level: it is computed of the first stretches, and then
+# of a part of them, which stand for the others.
+OFTEN, RARELY = 16, 4
+DOUBTED = 0.1  # part of the information that is kept where the newest samples show other levels
+UNKNOWN = 1.0  # standard deviation of the logarithm of a level before any sample
+FARTHEST = 1e4  # factor of a variance between the first window and later ones
+
+
+class Levels:
+    """Noise variances of labels and inputs.
+
+    Args:
+        values: of a fit of a whole window, shape (L,).
+        parameters: number of free parameters, k.
+
+    Attributes:
+        values: those of today.
+    """
+
+    def __init__(self, values: Array, parameters: int) -> None:
+        self.values = values
+        self._lower, self._upper = values / FARTHEST, values * FARTHEST
+        self._information = np.zeros((len(values), len(values)))
+        self._cross = np.zeros((parameters, len(values)))
+        self._seen = 0  # stretches
+
+    def learn(self, tracker: Tracker, pieces: Sequence[Piece], memory_s: float) -> None:
+        """Learn from stretches that are described by the parameters; the filter goes on with the new levels."""
+        for piece in pieces:
+            found = tracker.noise_information(piece)
+            if found is None:
+                continue
+            score, information = found
+            kept = np.exp(-piece.duration / memory_s)
+            self._information = kept * self._information + information
+            self._cross = kept * self._cross
+            often = self._seen < OFTEN
+            if often or self._seen % RARELY == 0:
+                self._cross += (1 if often else RARELY) * tracker.cross_information(piece)
+            self._seen += 1
+            step, _ = bounded_step(tracker.kernel, self.values, self._lower, self._upper, score, self._information)
+            self.values = self.values * np.exp(step)
+            tracker.levels = self.values
+
+    def doubt(self) -> None:
+        """Forget most of what is known of the levels: the newest samples show other ones."""
+        self._information = DOUBTED * self._information
+        self._cross = DOUBTED * self._cross
+
+    def forget(self, changed: Sequence[int]) -> None:
+        """Forget how parameters that changed depended on the levels."""
+        self._cross[list(changed)] = 0.0
+
+    def wider(self, inverse: Array) -> Array:
+        """Return the matrix W (k, k) that widens a covariance C of the parameters for the levels: W C W'.
+
+        Parameters and levels have the information matrix [[H, D], [D', L]]; so the information on the parameters alone
+        is H - D L^-1 D'. `inverse` (k, k) is that of H.
+        """
+        known = self._information + np.diag(np.full(len(self.values), UNKNOWN**-2))
+        root = np.linalg.cholesky(inverse)
+        lost, axes = np.linalg.eigh(root.T @ self._cross @ np.linalg.solve(known, self._cross.T) @ root)
+        factor = 1.0 / np.sqrt(1.0 - np.minimum(lost, MOST_LOST))
+        return np.asarray(root @ (axes * factor) @ axes.T @ np.linalg.inv(root))

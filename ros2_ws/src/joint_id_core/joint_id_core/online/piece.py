@@ -1,0 +1,75 @@
+"""A stretch of samples of one joint, and what it says about the parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from joint_id_core.data.recording import Array
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Samples of one joint: instants (T,) in s, inputs (T, inputs), labels (T, labels), NaN where missing."""
+
+    time: Array
+    u: Array
+    y: Array
+
+
+def joined(samples: Sequence[Samples]) -> Samples:
+    """Return consecutive samples as one stretch."""
+    return Samples(*(np.concatenate([getattr(s, name) for s in samples]) for name in ("time", "u", "y")))
+
+
+@dataclass(frozen=True)
+class State:
+    """State of the filter: see `loops.tracking`; `time` and `u` (inputs,) are those of the last sample."""
+
+    kept: Array
+    time: float
+    u: Array
+
+
+@dataclass(frozen=True)
+class Piece:
+    """What a stretch of samples says about the free parameters, in estimation coordinates z.
+
+    Attributes:
+        matrix, vector: information matrix H (k, k) and vector h (k,): the stretch alone says H z = h.
+        white: innovations over their standard deviations, shape (T, labels), NaN where a label is missing.
+        begin: state of the filter before the stretch.
+        samples: the samples.
+        z: parameters at which the filter ran, shape (k,).
+        smoothing: of its friction, relative to that of a fit.
+    """
+
+    matrix: Array
+    vector: Array
+    white: Array
+    begin: State
+    samples: Samples
+    z: Array
+    smoothing: float
+
+    @property
+    def duration(self) -> float:
+        """Length in s."""
+        return float(self.samples.time[-1] - self.begin.time) if len(self.samples.time) else 0.0
+
+
+def merged(pieces: Sequence[Piece]) -> Piece:
+    """Return consecutive pieces of the same reference as one."""
+    if len(pieces) == 1:
+        return pieces[0]
+    return Piece(
+        np.sum([piece.matrix for piece in pieces], axis=0),
+        np.sum([piece.vector for piece in pieces], axis=0),
+        np.concatenate([piece.white for piece in pieces]),
+        pieces[0].begin,
+        joined([piece.samples for piece in pieces]),
+        pieces[0].z,
+        max(piece.smoothing for piece in pieces),
+    )
