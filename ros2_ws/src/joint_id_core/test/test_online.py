@@ -180,3 +180,16 @@ def test_misuse_is_named_at_once():
         OnlineIdentifier(MODEL, ParameterSettings(priors={"k_9": 0.1}))
     with pytest.raises(JointIdError, match="option window_s = 0"):
         OnlineOptions(window_s=0.0)
+
+
+def test_samples_that_come_at_once_are_followed_like_those_that_come_in_parts():
+    """After the first fit, or a pause of the process, more than a window of samples can wait."""
+    record, first = motion(12.0), 3 * RATE
+    parts = run(record, OnlineIdentifier(MODEL))[-1]
+    identifier = OnlineIdentifier(MODEL)
+    run(record.slice(0, first), identifier)
+    whole = identifier.update(record.slice(first, len(record)))
+    assert parts.converged and whole.converged and whole.end == parts.end
+    for name in TRUTH:
+        assert abs(whole[name].value - parts[name].value) < 0.5 * parts[name].std_dev
+        assert whole[name].std_dev == pytest.approx(parts[name].std_dev, rel=0.2)

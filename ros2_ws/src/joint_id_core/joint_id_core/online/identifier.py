@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -110,14 +111,24 @@ class OnlineIdentifier:
         return now
 
     def update(self, samples: Recording) -> Estimate | None:
-        """Add samples; when a hop has passed, return the estimate, else None.
+        """Add samples; when a hop has passed, return the newest estimate, else None.
 
         Data that cannot be fitted give an estimate whose status says why.
 
         Raises:
             JointIdError: the samples are not later than those before; they are left out.
         """
-        begun = time.perf_counter()
+        begun, newest, starts = time.perf_counter(), None, list[int]()
+        if self.remembers and samples.duration > (part_s := 0.5 * self.options.window_s):
+            # These have waited while a window was fitted: more of them than the window holds would be lost.
+            edges = np.arange(samples.time[0] + part_s, samples.time[-1], part_s)
+            starts = np.searchsorted(samples.time, edges).tolist()
+        for first, last in pairwise([0, *starts, len(samples)]):
+            newest = self._update(samples.slice(first, last)) or newest
+        return None if newest is None else replace(newest, elapsed_s=time.perf_counter() - begun)
+
+    def _update(self, samples: Recording) -> Estimate | None:
+        """Add samples that are much shorter than the window; return the estimate when a hop has passed."""
         recent, known = self._watch.recent, self._known
         first = recent.end == -np.inf
         recent.append(samples)
@@ -137,7 +148,7 @@ class OnlineIdentifier:
         if not due:
             return None
         estimate, window = (self._in_motion(), self._window) if self._watch.moving else (self._at_rest(), recent)
-        return replace(estimate, elapsed_s=time.perf_counter() - begun, temperature=window.mean("temperature"))
+        return replace(estimate, temperature=window.mean("temperature"))
 
     def _without_memory(self) -> Estimate:
         """Fit the newest samples by themselves."""

@@ -22,6 +22,7 @@ MOST_LOST = 0.9  # largest part of the information on a combination of parameter
 # of a part of them, which stand for the others.
 OFTEN, RARELY = 16, 4
 DOUBTED = 0.1  # part of the information that is kept where the newest samples show other levels
+LEAST = 1e-3  # information that keeps a matrix regular
 UNKNOWN = 1.0  # standard deviation of the logarithm of a level before any sample
 FARTHEST = 1e4  # factor of a variance between the first window and later ones
 
@@ -56,7 +57,8 @@ class Levels:
             self._cross = kept * self._cross
             often = self._seen < OFTEN
             if often or self._seen % RARELY == 0:
-                self._cross += (1 if often else RARELY) * tracker.cross_information(piece)
+                cross = _credible(tracker.cross_information(piece), piece.matrix, information)
+                self._cross += (1 if often else RARELY) * cross
             self._seen += 1
             step, _ = bounded_step(tracker.kernel, self.values, self._lower, self._upper, score, self._information)
             self.values = self.values * np.exp(step)
@@ -82,3 +84,15 @@ class Levels:
         lost, axes = np.linalg.eigh(root.T @ self._cross @ np.linalg.solve(known, self._cross.T) @ root)
         factor = 1.0 / np.sqrt(1.0 - np.minimum(lost, MOST_LOST))
         return np.asarray(root @ (axes * factor) @ axes.T @ np.linalg.inv(root))
+
+
+def _credible(cross: Array, matrix: Array, information: Array) -> Array:
+    """Return the `cross` information (k, L) of a stretch, scaled down to what the information on each side allows.
+
+    With too much, [[H, D], [D', L]] would not be positive definite, which is possible where a stretch is not linear.
+    """
+    H = matrix + np.diag(np.full(len(matrix), LEAST))
+    most = np.linalg.eigvals(
+        np.linalg.solve(information + LEAST * np.eye(len(information)), cross.T @ np.linalg.solve(H, cross))
+    )
+    return np.asarray(cross / max(1.0, float(np.sqrt(np.max(most.real)))))

@@ -26,11 +26,18 @@ def joined(samples: Sequence[Samples]) -> Samples:
 
 @dataclass(frozen=True)
 class State:
-    """State of the filter: see `loops.tracking`; `time` and `u` (inputs,) are those of the last sample."""
+    """State of the filter: see `loops.tracking`.
+
+    Attributes:
+        kept: the state with its covariance and its derivatives by the parameters.
+        time, u: of the last sample; u has shape (inputs,).
+        start: state of the prior, and the first samples, that gave this one; None if the start was longer ago.
+    """
 
     kept: Array
     time: float
     u: Array
+    start: tuple[State, Samples] | None = None
 
 
 @dataclass(frozen=True)

@@ -147,12 +147,17 @@ class Tracker:
             self._noise = STATE_NOISE * spread**2
             self._state = State(kept, float(data.time[begin]), data.u[begin])
             first, then = (
-                self.run(Samples(data.time[rows], data.u[rows], data.y[rows]))
+                Samples(data.time[rows], data.u[rows], data.y[rows])
                 for rows in (slice(begin + 1, settled), slice(settled, end))
             )
-            if first is None or then is None:
+            start = self._settled((self._state, first))
+            if start is None:
                 return None
-            found.append(then)
+            self._state = start
+            piece = self.run(then)
+            if piece is None:
+                return None
+            found.append(piece)
         return found
 
     def read(self, samples: Recording) -> Samples | None:
@@ -192,18 +197,27 @@ class Tracker:
         self._take(z)
         costs, found = list[float](), list[Piece]()
         for k, piece in enumerate(pieces):
-            begin = piece.begin
-            if k and begin.time == pieces[k - 1].samples.time[-1]:
-                begin = self._state
-            else:
-                begin = replace(begin, kept=self._unsure(begin.kept) if changed else self._moved(begin.kept, piece.z))
-            done = self._run(begin, piece.samples)
+            goes_on = k and piece.begin.time == pieces[k - 1].samples.time[-1]
+            begin = self._state if goes_on else self._begin(piece, changed)
+            done = None if begin is None else self._run(begin, piece.samples)
             if done is None:
                 return None
             self._state, cost, new = done
             costs.append(cost)
             found.append(new)
         return np.array(costs), found
+
+    def _begin(self, piece: Piece, changed: bool) -> State | None:
+        """Return the state at the begin of a stretch, at the present reference; None if the path diverges."""
+        begin = piece.begin
+        if begin.start is not None:
+            return self._settled(begin.start)
+        return replace(begin, kept=self._unsure(begin.kept) if changed else self._moved(begin.kept, piece.z))
+
+    def _settled(self, start: tuple[State, Samples]) -> State | None:
+        """Return the state after the first samples; None if the path diverges."""
+        done = self._run(*start)
+        return None if done is None else replace(done[0], start=start)
 
     def noise_information(self, piece: Piece) -> tuple[Array, Array] | None:
         """Return what a stretch says of the logarithms of the noise levels; None if the path diverges.
