@@ -123,7 +123,7 @@ def test_the_scripts_run(tmp_path):
 @pytest.mark.long
 def test_three_minutes_of_six_joints_do_not_grow(tmp_path):
     file = tmp_path / "soak.json"
-    script("soak.py", "--minutes", "3", "--json", str(file))
+    script("soak.py", "--minutes", "3", "--warm-up", "240", "--json", str(file))
     found = json.loads(file.read_text())
     for name, use in found["processes"].items():
         assert use["growth"] < 0.03, name

@@ -118,13 +118,14 @@ class OnlineIdentifier:
         Raises:
             JointIdError: the samples are not later than those before; they are left out.
         """
-        begun, newest, starts = time.perf_counter(), None, list[int]()
+        begun, newest, parts = time.perf_counter(), None, [samples]
         if self.remembers and samples.duration > (part_s := 0.5 * self.options.window_s):
             # These have waited while a window was fitted: more of them than the window holds would be lost.
             edges = np.arange(samples.time[0] + part_s, samples.time[-1], part_s)
-            starts = np.searchsorted(samples.time, edges).tolist()
-        for first, last in pairwise([0, *starts, len(samples)]):
-            newest = self._update(samples.slice(first, last)) or newest
+            at = [0, *np.searchsorted(samples.time, edges).tolist(), len(samples)]
+            parts = [samples.slice(first, last) for first, last in pairwise(at)]
+        for part in parts:
+            newest = self._update(part) or newest
         return None if newest is None else replace(newest, elapsed_s=time.perf_counter() - begun)
 
     def _update(self, samples: Recording) -> Estimate | None:
