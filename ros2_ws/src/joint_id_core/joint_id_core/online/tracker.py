@@ -81,7 +81,7 @@ class Tracker:
         self._sharpened: list[int] = []
         for name in model.smoothing.values():
             i = model.parameter_names.index(name)
-            if name not in held and name not in data.free and not model.smoothing_share:
+            if name not in held and name not in data.free:
                 self._sharpened.append(i)
         self._n, self._k = len(model.states), len(kernel.sensitive)
         self._state = State(np.zeros((self._n, 1 + self._n + self._k)), -np.inf, np.zeros(len(model.inputs)))
