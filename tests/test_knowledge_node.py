@@ -13,9 +13,9 @@ from joint_id_core.online.resume import DRIFT_PER_H
 from joint_id_core.results.estimate import Status
 from joint_id_core.simulation.excitation import multisine
 from joint_id_core.simulation.simulator import simulate
+from joint_id_core.stored.state_file import StateFile
 from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples
 from joint_id_ros.qos import LATEST, STREAM_OUT
-from joint_id_ros.state_file import StateFile
 
 RATE = 500
 TRUTH = {"J": 2.0, "c": 8.0, "tau_f": 3.0, "tau_0": 0.7}

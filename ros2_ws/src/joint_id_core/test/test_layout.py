@@ -1,8 +1,9 @@
-"""The rooms of the library stand in floors: a room imports only from rooms below it."""
+"""The rooms of the library stand in floors: a room imports only from rooms below it, and none imports ROS."""
 
 from __future__ import annotations
 
 import ast
+import sys
 from pathlib import Path
 
 import joint_id_core
@@ -19,11 +20,18 @@ FLOORS = (
     ("estimators.innovations", "estimators.hpinn"),
     ("estimators",),
     ("validation", "online"),
-    ("comparison",),
+    ("comparison", "stored"),
     ("emulator",),
     ("cli",),
 )
 LEVEL = {room: level for level, floor in enumerate(FLOORS) for room in floor}
+
+
+# All that the library may import beside itself and what is part of Python: no package of ROS is among them.
+LIBRARIES = {
+    "llvmlite", "matplotlib", "mcap", "numba", "numpy", "rosbags", "rtde_receive", "scipy", "sympy", "torch", "typer",
+    "yaml",
+}  # fmt: skip
 
 
 def room_of(module: str) -> str:
@@ -32,16 +40,22 @@ def room_of(module: str) -> str:
     return next(room for n in (2, 1) if (room := ".".join(parts[:n])) in LEVEL)
 
 
-def imports(file: Path) -> set[str]:
-    """Modules of this library that a file imports, without the package's name, those inside functions too."""
+def modules_of(file: Path) -> set[str]:
+    """Every module that a file imports, and every name that it imports from one, those inside functions too."""
     found = set()
     for node in ast.walk(ast.parse(file.read_text())):
-        if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == ROOT.name:
-            names = [f"{node.module}.{alias.name}" for alias in node.names]
-            found |= {name.partition(".")[2] for name in names}
+        if isinstance(node, ast.ImportFrom):
+            assert node.module and not node.level, f"{file}, line {node.lineno}: write the whole name of the module"
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
         elif isinstance(node, ast.Import):
-            found |= {a.name.partition(".")[2] for a in node.names if a.name.startswith(f"{ROOT.name}.")}
+            found |= {alias.name for alias in node.names}
     return found
+
+
+def imports(file: Path) -> set[str]:
+    """Modules of this library that a file imports, without the package's name."""
+    inside = f"{ROOT.name}."
+    return {name.removeprefix(inside) for name in modules_of(file) if name.startswith(inside)}
 
 
 def test_arrows_run_down_only() -> None:
@@ -54,4 +68,15 @@ def test_arrows_run_down_only() -> None:
         for other in map(room_of, imports(file)):
             if other != here and LEVEL[other] >= LEVEL[here]:
                 wrong.append(f"{module} imports {other}")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_the_library_imports_no_ros() -> None:
+    may = LIBRARIES | sys.stdlib_module_names | {ROOT.name}
+    wrong = [
+        f"{file.relative_to(ROOT)} imports {module}"
+        for file in sorted(ROOT.rglob("*.py"))
+        for module in sorted(modules_of(file))
+        if module.split(".")[0] not in may
+    ]
     assert not wrong, "\n".join(wrong)

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from joint_id_core.stored.knowledge import StoredKnowledge
 from joint_id_msgs.msg import JointEstimate
 from joint_id_ros.baselines import Baselines
 from joint_id_ros.diagnostics import Health
-from joint_id_ros.knowledge import Knowledge
 from joint_id_ros.sources import TOO_LATE_S, Sources
 from joint_id_ros.worker import Worker
 
@@ -28,7 +28,7 @@ class IdentifierHealth:
         fits: Mapping[str, int],
         worker: Worker,
         sources: Sources,
-        knowledge: Knowledge,
+        knowledge: StoredKnowledge,
         baselines: Baselines,
     ) -> Health:
         """Return the report of a node that identifies."""

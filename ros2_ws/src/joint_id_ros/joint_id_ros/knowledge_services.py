@@ -10,10 +10,10 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from joint_id_core.errors import JointIdError
-from joint_id_ros.knowledge import Knowledge
+from joint_id_core.stored.knowledge import StoredKnowledge
 
 
-def serve(node: Node, knowledge: Knowledge, renew: Callable[[], None]) -> None:
+def serve(node: Node, knowledge: StoredKnowledge, renew: Callable[[], None]) -> None:
     """Create the services; every answer is a sentence. `renew` begins a new run with what is known then."""
 
     def answer(name: str, action: Callable[[], str], new_run: bool, _: Any, response: Any) -> Any:

@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from joint_id_core.errors import JointIdError
-from joint_id_ros.bag_file import BagFile
+from joint_id_core.formats.live_bag import LiveBag
 from joint_id_ros.message_types import message_class
 
 DISCOVERY_S = 0.1
@@ -37,7 +37,7 @@ class Recorder(Node):
         except (InvalidTopicNameException, ValueError) as error:
             raise JointIdError(f"topic name: {' '.join(str(error).split())}") from None
         self._output = output
-        self._bag: BagFile | None = None
+        self._bag: LiveBag | None = None
         self._store = get_typestore(Stores.ROS2_JAZZY)
         self._counts: dict[str, int] = {}
         self._refused: set[str] = set()
@@ -106,7 +106,7 @@ class Recorder(Node):
         def write(data: bytes, info: Any) -> None:
             nonlocal number
             if self._bag is None:  # created with the first message: a recording without messages leaves no files
-                self._bag = BagFile(self._output)
+                self._bag = LiveBag(self._output)
             if number is None:
                 number = self._bag.add_topic(topic, type_name, definition, digest, reliable, latched)
             self._bag.write(number, info["received_timestamp"], data)

@@ -16,6 +16,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.formats.topics import SAMPLES
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.results.estimate import Estimate
+from joint_id_core.stored.knowledge import StoredKnowledge
 from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples
 from joint_id_ros import conversions as convert
 from joint_id_ros.baselines import Baselines
@@ -23,7 +24,6 @@ from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.ending import SILENT_S, Ending
 from joint_id_ros.identifier_health import IdentifierHealth
 from joint_id_ros.identifier_setup import IdentifierSetup
-from joint_id_ros.knowledge import Knowledge
 from joint_id_ros.knowledge_services import serve
 from joint_id_ros.lifecycle import ManagedNode
 from joint_id_ros.options.baselines import BaselineOptions
@@ -57,7 +57,7 @@ class IdentifierNode(ManagedNode):
         self._heard_s: float | None = None  # when the last sample came
         self._ending = Ending(self)
         self._diagnostics = Diagnostics(self, self._health, "joint_samples")
-        self._knowledge = Knowledge(self._diagnostics.problem)
+        self._knowledge = StoredKnowledge(self._diagnostics.problem)
         serve(self, self._knowledge, self._renew)
         self._baselines = Baselines(self, self._knowledge.good, self._diagnostics.problem)
         self._publisher = self.create_lifecycle_publisher(JointParams, "joint_params", LATEST)

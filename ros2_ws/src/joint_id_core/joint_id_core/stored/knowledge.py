@@ -14,8 +14,8 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ParameterSettings
 from joint_id_core.online.identifier import OnlineIdentifier
 from joint_id_core.results.estimate import Estimate, Status
-from joint_id_ros.state_file import Known
-from joint_id_ros.state_store import StateStore
+from joint_id_core.stored.state_file import Known
+from joint_id_core.stored.state_store import StateStore
 
 Make = Callable[[str, Recording], OnlineIdentifier]  # from the name of a joint and its first samples
 
@@ -42,10 +42,10 @@ class Restored:
         )  # fmt: skip
 
 
-class Knowledge:
+class StoredKnowledge:
     """The newest good estimate of every joint, stored in a file if there is one.
 
-    A new run continues from it. It is called from the thread of the node and from those of the worker.
+    A new run continues from it. Threads may call `continued`, `add` and `gone` at the same time.
 
     Attributes:
         store: the file.

@@ -30,7 +30,7 @@ class Known:
         estimate: newest good estimate; its times count from `origin_ns`.
         origin_ns: instant in ns on the clock of the samples.
         watched_s: wall-clock time, in s since 1970, until which the estimate was known to hold.
-        settings: `settings_of` the identifier that made it.
+        settings: `settings` of the identifier that made it.
     """
 
     estimate: Estimate

@@ -12,8 +12,8 @@ import pytest
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status, Verdict
-from joint_id_ros import state_file
-from joint_id_ros.state_file import Known, StateFile
+from joint_id_core.stored import state_file
+from joint_id_core.stored.state_file import Known, StateFile
 
 SETTINGS = {"values": {"J": 1.0}, "fixed": [], "freed": [], "priors": {}}
 

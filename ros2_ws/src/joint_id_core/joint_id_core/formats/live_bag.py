@@ -1,4 +1,4 @@
-"""A bag that survives its writer: what was written can be read after a kill, a full disk or a power failure.
+"""A bag written while messages arrive: it can be read after a kill, a full disk or a power failure.
 
 Messages are collected in chunks. `save` ends the chunk and hands it to the operating system, so that it outlives this
 process. A second thread then asks for it to be written to the disk (fdatasync), so that it also outlives the computer;
@@ -20,7 +20,7 @@ from joint_id_core.errors import JointIdError
 FOREVER = {"sec": 2147483647, "nsec": 4294967295}  # as rclcpp writes an infinite duration
 
 
-class BagFile:
+class LiveBag:
     """A new bag of version 9, the version of ROS 2 Jazzy, with mcap storage.
 
     Attributes:

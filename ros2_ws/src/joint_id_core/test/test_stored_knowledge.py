@@ -13,9 +13,9 @@ from joint_id_core.online.identifier import OnlineIdentifier, OnlineOptions
 from joint_id_core.results.estimate import Status
 from joint_id_core.simulation.excitation import multisine
 from joint_id_core.simulation.simulator import simulate
-from joint_id_ros.autosave import Autosave
-from joint_id_ros.knowledge import Knowledge
-from joint_id_ros.state_file import StateFile
+from joint_id_core.stored.autosave import Autosave
+from joint_id_core.stored.knowledge import StoredKnowledge
+from joint_id_core.stored.state_file import StateFile
 
 ORIGIN = 10**18
 
@@ -34,7 +34,7 @@ class Run:
 
     def __init__(self, record, path=""):
         self.record, self.now, self.told = record, 1e9, []
-        self.knowledge = Knowledge(lambda kind, text: self.told.append(text), lambda: self.now)
+        self.knowledge = StoredKnowledge(lambda kind, text: self.told.append(text), lambda: self.now)
         self.knowledge_path = path
         self.knowledge.open(path)
         self.settings = ParameterSettings()

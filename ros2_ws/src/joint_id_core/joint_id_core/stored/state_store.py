@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from joint_id_core.errors import JointIdError
-from joint_id_ros.autosave import Autosave
-from joint_id_ros.state_file import Known, StateFile
+from joint_id_core.stored.autosave import Autosave
+from joint_id_core.stored.state_file import Known, StateFile
 
 
 class StateStore:

@@ -1,0 +1,1 @@
+"""What is known of the joints, kept beyond the end of a run and of the process."""
