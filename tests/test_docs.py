@@ -169,6 +169,13 @@ def test_verdict_limits_in_the_text() -> None:
     assert f"beyond {verdicts.COLOURED:g} in size" in page
 
 
+def test_options_of_a_candidate_in_the_text() -> None:
+    from joint_id_core.models.options import DRIVES, FLAGS
+
+    page = " ".join((ROOT / "docs/tutorials/compare.md").read_text().split())
+    assert f"with the options {', '.join(f'`{name}`' for name in (*FLAGS, *DRIVES))}." in page
+
+
 def test_the_tutorial_model_identifies_its_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (python,) = bodies(ROOT / "docs/tutorials/extend.md", "python")
     path = tmp_path / "tutorial_drag.py"

@@ -3,11 +3,14 @@
 Information adds up: each stretch of samples contributes an information matrix H and a vector h in estimation
 coordinates, and the estimate solves (sum H) z = sum h. Older information is forgotten exponentially.
 
-New samples are tested against what the memory predicts, with the noise levels that it knows. Let (L, l) be the memory
-before a stretch and (H, h) the stretch. If nothing changed, the score v = L (L + H)^-1 (h - H L^-1 l) is normal with
-the covariance M = L (L + H)^-1 H: v' M^-1 v is chi-squared, and v_j / sqrt(M_jj) is standard normal. This is the score
-test of a change of the parameters (Rao 1948), for several lengths of the stretch at once, as in the generalised
-likelihood ratio test (Basseville & Nikiforov, Detection of Abrupt Changes, 1993, ch. 7).
+New samples are tested against what the memory predicts, with the noise levels that it knows. Let z be the estimate
+before a stretch, P its covariance, and (H, h) the stretch. P is that of an exponentially weighted mean: with the sum L
+of information and the covariance B of the sum of the vectors, P^-1 = L B^-1 L. If nothing changed, the score
+v = P^-1 (P^-1 + H)^-1 (h - H z) is normal with the covariance M = P^-1 (P^-1 + H)^-1 H: v' M^-1 v is chi-squared, and
+t_j = v_j / sqrt(M_jj) is standard normal. Where earlier stretches scattered more than that, v' M^-1 v and t_j^2 are
+divided by this excess. Both are tested: this is the score test of a change of the parameters (Rao 1948), for several
+lengths of the stretch at once, as in the generalised likelihood ratio test (Basseville & Nikiforov, Detection of Abrupt
+Changes, 1993, ch. 7).
 """
 
 from __future__ import annotations
@@ -66,7 +69,11 @@ class Change:
 
 @dataclass(frozen=True)
 class _Step:
-    """A block of samples with the memory before it: precision (k, k) and precision times mean (k,)."""
+    """A block of samples with the memory before it.
+
+    `matrix` (k, k), `vector` (k,) and `noise` (k, k) are sums of information, of vectors, and the covariance of these;
+    `precision` (k, k) is the inverse of the covariance of the estimate, and `weighted` (k,) that times the estimate.
+    """
 
     matrix: Array
     vector: Array
