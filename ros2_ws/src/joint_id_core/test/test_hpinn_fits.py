@@ -58,7 +58,7 @@ def brake_record(noise: float = 0.0, samples: int = 400) -> Recording:
 def fitted(*given, **options):
     """Return what `fit_hpinn` does; its message is readable."""
     estimate = fit_hpinn(*given, **options)
-    readable(estimate.message)
+    readable(estimate.message, estimate.source)
     return estimate
 
 

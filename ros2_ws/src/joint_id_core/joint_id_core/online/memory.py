@@ -34,6 +34,7 @@ RARE = 1e-7  # probability of one test to find a change where there is none
 AGAIN = 1e-4  # the same for all stretches since a change: where one parameter changed, others often did
 LEFT = 0.05  # probability from which what is left after the changes of some parameters counts as noise
 ALIKE = 9.0  # difference of the likelihood ratio up to which two explanations are both possible
+SAME = 1e-9  # relative difference of two likelihood ratios that rounding can make: the first parameter is taken
 RANK = 1e-10  # smallest eigenvalue of M, scaled to a unit diagonal, that counts as information
 WINDOW_BLOCKS = 4  # blocks of a stretch for the scatter
 FIRM = 8.0  # stretches without scatter that are assumed before the first one
@@ -280,7 +281,7 @@ def _changed(
     while len(names) < rank:  # at most as many as the samples can tell apart
         rest = [j for j in range(len(score)) if j not in names]
         each = [_chi2(score[[*names, j]], information[np.ix_([*names, j], [*names, j])])[0] for j in rest]
-        best = int(np.argmax(each))
+        best = int(np.argmax(np.array(each) >= (1.0 - SAME) * max(each)))
         names.append(rest[best])
         explained = each[best] / excess[-1]
         if total - explained < chdtri(max(1, rank - len(names)), LEFT):
