@@ -1,4 +1,4 @@
-"""Identify while samples arrive: a window slides over them, and what older windows taught is kept."""
+"""Identify while samples arrive: the first window is fitted, then every sample counts once."""
 
 import joint_id_core as jid
 

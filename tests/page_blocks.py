@@ -8,13 +8,27 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-OUTSIDE_DOCS = ("README.md", "CONTRIBUTING.md", "QUALITY_DECLARATION.md", "bags/README.md", "examples/README.md")
+OUTSIDE_DOCS = (
+    "README.md",
+    "CONTRIBUTING.md",
+    "QUALITY_DECLARATION.md",
+    "CHANGELOG.md",
+    "bags/README.md",
+    "examples/README.md",
+)
 PAGES = [*(ROOT / name for name in OUTSIDE_DOCS), *sorted((ROOT / "docs").rglob("*.md"))]
+RST = sorted((ROOT / "ros2_ws/src").glob("*/doc/*.rst"))  # first pages of what rosdoc2 makes
 
 # A fence, which may be indented inside a list, with the comment on the line before it, if there is one.
 FENCE = re.compile(
     r"^(?:[ ]*<!--[ ](?P<comment>[^\n]*)[ ]-->\n)?(?P<indent>[ ]*)```(?P<language>\w*)\n(?P<body>.*?)^(?P=indent)```$",
     re.DOTALL | re.MULTILINE,
+)
+# The same in reStructuredText, where a comment is `.. not run: REASON`.
+DIRECTIVE = re.compile(
+    r"^(?:\.\.[ ](?P<comment>[^\n:]*not run:[^\n]*)\n\n)?\.\.[ ]code-block::[ ](?P<language>\w+)\n\n"
+    r"(?P<body>(?:[ ]{3}[^\n]*\n|\n)+)",
+    re.MULTILINE,
 )
 # `not run: REASON` excuses the block, `ros2 not run: REASON` its commands that begin with ros2.
 EXCUSE = re.compile(r"(?:(?P<program>\S+) )?not run: (?P<reason>\S.*)")
@@ -47,10 +61,11 @@ class Block:
 
 def blocks(page: Path) -> list[Block]:
     """All blocks of a page, in order."""
-    found = []
-    for match in FENCE.finditer(page.read_text()):
+    found, rst = [], page.suffix == ".rst"
+    for match in (DIRECTIVE if rst else FENCE).finditer(page.read_text()):
         excuse = EXCUSE.fullmatch(match["comment"] or "")
-        body = re.sub(f"^{match['indent']}", "", match["body"], flags=re.MULTILINE)
+        indent = " " * 3 if rst else match["indent"]
+        body = re.sub(f"^{indent}", "", match["body"], flags=re.MULTILINE)
         why = (excuse["program"] or "", excuse["reason"]) if excuse else ("", "")
         found.append(Block(match["language"], body, *why))
     return found

@@ -1,8 +1,8 @@
 """Every command and Python block of the pages is run as written, in order, or the page says why it is not.
 
 A comment on the line before a block says why: `<!-- not run: REASON -->`, or `<!-- ros2 not run: REASON -->` for its
-commands that begin with ros2. A page is run in a folder of its own, in which the recordings that it names are
-simulated (`doc_recordings.py`).
+commands that begin with ros2; in reStructuredText, `.. not run: REASON`. A page is run in a folder of its own, in which
+the recordings that it names are simulated (`doc_recordings.py`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any
 
 import pytest
 from doc_recordings import RECORDINGS
-from page_blocks import PAGES, ROOT, blocks, named
+from page_blocks import PAGES, ROOT, RST, blocks, named
 
 PATIENCE_S = 300.0  # a limit for commands that hang
 LANGUAGES = {"sh", "python", "text", "xml", "math", "mermaid", ""}
@@ -152,7 +152,7 @@ def runnable(page: Path) -> list[tuple[str, str]]:
 QUICK = ("README.md",)
 RUN = [
     pytest.param(page, id=named(page), marks=() if named(page) in QUICK else pytest.mark.long)
-    for page in PAGES
+    for page in (*PAGES, *RST)
     if runnable(page)
 ]
 
@@ -175,11 +175,12 @@ def test_commands_run_as_written(page: Path, opened: Callable[[Path], Page], rob
     run.stop()
 
 
-@pytest.mark.parametrize("page", PAGES, ids=named)
+@pytest.mark.parametrize("page", [*PAGES, *RST], ids=named)
 def test_blocks_have_a_language_and_commands_of_ros_are_marked(page: Path) -> None:
     text = page.read_text()
     found = blocks(page)
-    assert text.count("```") == 2 * len(found), "a block that is not understood"
+    begun = text.count("code-block::") if page.suffix == ".rst" else text.count("```") / 2
+    assert begun == len(found), "a block that is not understood"
     assert {block.language for block in found} <= LANGUAGES
     for block in found:
         assert not (block.reason and block.language not in ("sh", "python")), block.body
@@ -187,7 +188,7 @@ def test_blocks_have_a_language_and_commands_of_ros_are_marked(page: Path) -> No
             for command in block.commands:
                 needs_ros = shlex.split(command)[0] in ("ros2", "rosdep", "colcon")
                 assert block.excuses(command) or not needs_ros, f"{command}: say that it is not run"
-    comments = re.findall(r"<!-- (.*?) -->", text)
+    comments = re.findall(r"^\.\. (.*)$" if page.suffix == ".rst" else r"<!-- (.*?) -->", text, re.MULTILINE)
     marks = [c for c in comments if "not run" in c]
     assert len(marks) == sum(bool(block.reason) for block in found), f"a mark that stands before no block: {marks}"
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import ast
+import importlib
 import importlib.util
 import re
 import sys
 from itertools import chain, pairwise
 from pathlib import Path
 from types import ModuleType
+from unittest.mock import MagicMock
 
 import pytest
 import yaml
-from page_blocks import FENCE, PAGES, ROOT, bodies, command_lines, named
+from page_blocks import FENCE, PAGES, ROOT, RST, bodies, command_lines, named
 
 NODES = ROOT / "ros2_ws/src/joint_id_ros"
 TOPICS = {"joint_params", "diagnostics", "joint_states"}  # that pages read with the tools of ROS
@@ -110,7 +113,7 @@ def test_every_page_is_reached_from_the_readme() -> None:
     assert seen >= set(PAGES)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=named)
+@pytest.mark.parametrize("page", [*PAGES, *RST], ids=named)
 def test_commands_exist_with_the_options_that_are_shown(generator: ModuleType, page: Path) -> None:
     commands = generator.commands()
     for words in command_lines(page):
@@ -137,6 +140,17 @@ def test_commands_exist_with_the_options_that_are_shown(generator: ModuleType, p
             assert given.keys() <= arguments.keys(), words
             assert {name for name, a in arguments.items() if a.default is None} <= given.keys(), words
             assert all(value in arguments[name].choices or not arguments[name].choices for name, value in given.items())
+        elif words[:2] == ["ros2", "param"]:
+            verb, node, name, value = words[2:]
+            assert verb == "set", words
+            taking = [o for o in generator.NODES[node.lstrip("/")] if name in o.__dataclass_fields__]
+            assert taking, f"{node} has no parameter {name}"
+            given_value = yaml.safe_load(value)
+            taking[0](**{name: tuple(given_value) if isinstance(given_value, list) else given_value})
+        elif words[:2] == ["ros2", "service"]:
+            verb, service, kind = words[2:]
+            _, node, name = service.split("/")
+            assert verb == "call" and services(ROOT / f"docs/nodes/{node}.md")[f"~/{name}"] == kind, words
         elif words[:2] in (["ros2", "topic"], ["ros2", "bag"]):
             assert words[2] in ("echo", "record"), words
             assert {w for w in words if w.startswith("-")} <= {"-o", "--qos-durability", "--qos-reliability"}, words
@@ -146,11 +160,45 @@ def test_commands_exist_with_the_options_that_are_shown(generator: ModuleType, p
             assert topics and topics <= TOPICS, words
 
 
-@pytest.mark.parametrize("page", PAGES, ids=named)
+@pytest.mark.parametrize("page", [*PAGES, *RST], ids=named)
 def test_repository_files_that_commands_name_exist(page: Path) -> None:
     for word in chain.from_iterable(command_lines(page)):
         if re.match(r"(bags|config|docs|demo|setup)/", word):
             assert (ROOT / word).exists(), word
+
+
+def services(page: Path) -> dict[str, str]:
+    """Services that the page of a node names, with their types."""
+    section = page.read_text().partition("\n## Services\n")[2].partition("\n## ")[0]
+    return dict(re.findall(r"^\| `(~/\w+)` \| `([\w/]+)` \|", section, re.MULTILINE))
+
+
+def test_the_identifier_has_the_services_of_its_page() -> None:
+    pytest.importorskip("rclpy", reason="needs the built workspace")
+    from joint_id_ros import baselines
+    from joint_id_ros.knowledge_services import serve
+
+    node = MagicMock()
+    serve(node, MagicMock(), lambda: None)
+    baselines.Baselines(node, MagicMock(), MagicMock())
+    made = {name: kind for kind, name, _ in (call.args for call in node.create_service.call_args_list)}
+    kinds = {name: f"{kind.__module__.partition('.')[0]}/srv/{kind.__name__}" for name, kind in made.items()}
+    assert kinds == services(ROOT / "docs/nodes/identifier.md")
+
+
+def public_places() -> set[tuple[str, str]]:
+    """Modules and names that docs/python.md calls public beside the names of `joint_id_core` itself."""
+    rows = re.findall(r"^\| `([\w.]+)`: (.+?) \|", (ROOT / "docs/python.md").read_text(), re.MULTILINE)
+    return {(f"joint_id_core.{module}", name) for module, names in rows for name in re.findall(r"`(\w+)`", names)}
+
+
+def test_what_pages_and_examples_import_from_the_library_is_public() -> None:
+    programs = [text for page in PAGES for text in bodies(page, "python")]
+    programs += [path.read_text() for path in (ROOT / "examples").glob("*.py")]
+    statements = [n for text in programs for n in ast.walk(ast.parse(text)) if isinstance(n, ast.ImportFrom)]
+    used = {(n.module, a.name) for n in statements for a in n.names if (n.module or "").startswith("joint_id_core.")}
+    assert used == public_places(), "docs/python.md names what pages and examples use, and no more"
+    assert all(hasattr(importlib.import_module(module), name) for module, name in used)
 
 
 def test_contributing_names_every_room_of_the_library() -> None:
@@ -167,6 +215,13 @@ def test_verdict_limits_in_the_text() -> None:
     assert f"ratio up to {verdicts.PRIOR_RATIO:g}" in page
     assert f"above {verdicts.NOT_EXCITED_RATIO:g}: this motion cannot" in page
     assert f"beyond {verdicts.COLOURED:g} in size" in page
+
+
+def test_options_of_a_candidate_in_the_text() -> None:
+    from joint_id_core.models.options import DRIVES, FLAGS
+
+    page = " ".join((ROOT / "docs/tutorials/compare.md").read_text().split())
+    assert f"with the options {', '.join(f'`{name}`' for name in (*FLAGS, *DRIVES))}." in page
 
 
 def test_the_tutorial_model_identifies_its_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -94,7 +94,7 @@ class Samples:
         joints = {j.joint: j for j in self.found[-1].joints} if self.found else {}
         return joints.get(name)
 
-    def until(self, condition, what):
+    def until(self, condition, what="an estimate"):
         """Spin until the newest estimate is such."""
         self.probe.until(lambda: self.newest() is not None and condition(self.newest()), what)
         return self.newest()
@@ -174,10 +174,7 @@ def test_kill_9_costs_at_most_two_seconds_of_knowledge(joint):
         assert_restored(joint, joint.found[count], known)
         begun = BEGIN + joint.k * NANO // RATE
         joint.send(1.3)  # shorter than a window
-        good = joint.until(
-            lambda e, begun=begun: e.status == JointEstimate.CONVERGED and instant(e.window_start) >= begun,
-            "an estimate",
-        )
+        good = joint.until(lambda e, t=begun: e.status == JointEstimate.CONVERGED and instant(e.window_start) >= t)
         assert_right(good)
         before = std_devs(joint.found[count].joints[0])
         assert all(deviation < 1.5 * before[n] for n, deviation in std_devs(good).items())

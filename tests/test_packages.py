@@ -1,8 +1,9 @@
-"""package.xml, setup.py and CITATION.cff of the packages agree."""
+"""package.xml, setup.py, LICENSE and CITATION.cff of the packages agree."""
 
 from __future__ import annotations
 
 import ast
+import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Any
@@ -42,8 +43,26 @@ def test_all_packages_have_one_version_licence_and_maintainer(package: Path) -> 
     assert text(package, "version") == citation["version"]
     assert text(package, "license") == citation["license"]
     assert text(package, "maintainer") == text(package, "author") == citation["authors"][0]["name"]
-    urls = {url.text for url in manifest(package).findall("url")}
-    assert urls == {citation[k] for k in ("url", "repository-code") if k in citation}
+
+
+def test_the_packages_are_three_that_agree_and_name_a_maintainer_and_a_licence() -> None:
+    assert [package.name for package in PACKAGES] == ["joint_id_core", "joint_id_msgs", "joint_id_ros"]
+    for tag in ("version", "license", "author", "maintainer"):
+        (said,) = {text(package, tag) for package in PACKAGES}
+        assert said, tag
+    (address,) = {manifest(package).findall("maintainer")[0].get("email") or "" for package in PACKAGES}
+    assert re.fullmatch(r"\S+@\S+\.\S+", address)
+    assert "Apache License" in (ROOT / "LICENSE").read_text() and text(PACKAGES[0], "license") == "Apache-2.0"
+
+
+def test_where_the_packages_are_hosted_is_said_everywhere_or_nowhere() -> None:
+    """Once a host is known, it stands in CITATION.cff and in every manifest, and the declaration says so no longer."""
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    known = {citation[k] for k in ("url", "repository-code") if k in citation}
+    for package in PACKAGES:
+        assert {url.text for url in manifest(package).findall("url")} == known, package.name
+    said = "no public host is known yet" in " ".join((ROOT / "QUALITY_DECLARATION.md").read_text().split())
+    assert said == (not known)
 
 
 @pytest.mark.parametrize("package", IN_PYTHON, ids=lambda p: p.name)

@@ -22,11 +22,12 @@ from joint_id_core.estimators.innovations import (
 )
 from joint_id_core.estimators.shared import fit_data, initial_state, stillness, substeps
 from joint_id_core.models import RigidJoint, dc_motor, transmission
-from joint_id_core.online import follower, learning, memory, tracker
+from joint_id_core.online import checks, follower, learning, levels, memory, resume, tracker
 from joint_id_core.validation import inverse_dynamics, prediction
 
 ROOT = Path(__file__).resolve().parent.parent
 TEXT = (ROOT / "docs/theory.md").read_text()
+BLOCKS = round(10 * 3600 / follower.BLOCK_S)  # in 10 h
 
 
 def test_files_that_the_theory_names_exist() -> None:
@@ -39,7 +40,7 @@ def test_files_that_the_theory_names_exist() -> None:
 
 def test_constants_in_the_theory() -> None:
     """What docs/theory.md quotes is what the code uses: the text is looked up with the constant put in."""
-    words = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six", 8: "eight", 64: "64"}
+    words = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six", 8: "eight", 9: "nine", 64: "64"}
     theory = " ".join(TEXT.split())
     quoted = [
         f"| $N$ | {transmission.GEAR_RATIO:g} |",
@@ -82,18 +83,27 @@ def test_constants_in_the_theory() -> None:
         f"| above {verdicts.NOT_EXCITED_RATIO:g} | `not_excited`",
         f"correlation is beyond {verdicts.STRONG_CORRELATION:g} in size",
         f"at least {1000 * stillness.STILL_S:g} ms in which no position",
+        f"The newest {1000 * stillness.STILL_S:g} ms always wait",
+        f"left out too, up to {stillness.WIND_UP_S:g} s",
+        f"After a start the first {1000 * tracker.SETTLE_S:g} ms tell the state",
+        f"{words[round(10 * (1.0 - levels.DOUBTED))]} tenths of what was known of the levels is forgotten",
+        f"r = {resume.DRIFT_PER_H:g}\\ \\text{{per hour}}",
         f"block of {follower.BLOCK_S:g} s. If it moves by more than {100 * follower.LINEAR:g} %",
         f"by more than {follower.NEAR:g} standard deviations, the newest blocks (up to {memory.HISTORY})",
         f"over {'a tenth' if tracker.SHARPEST == 0.1 else '?'} of the velocity",
         f"$({memory.FIRM:g} + \\sum t_j^2)/({memory.FIRM:g} + n)$",
         f"stretches of {', '.join(map(str, memory.LENGTHS[:-1]))} and {memory.LENGTHS[-1]} blocks",
-        f"with probability $10^{{{round(math.log10(memory.RARE))}}}$",
+        f"each of them alarms with probability $10^{{{round(math.log10(memory.RARE))}}}$",
+        f"of {BLOCKS:,} blocks give at most {2 * len(memory.LENGTHS) * BLOCKS * memory.RARE:.1g} false alarms in 10 h",
+        f"Twelve tests of {BLOCKS:,} blocks" if len(memory.LENGTHS) == 6 else "?",
         f"looks like noise (probability {memory.LEFT:g})",
         f"no worse than a change of all parameters (probability {learning.UNNEEDED:g})",
         f"tested together, with probability $10^{{{round(math.log10(memory.AGAIN))}}}$",
         f"explain them as well (cost within {memory.ALIKE:g})",
         f"nothing confirms new values for {words[round(follower.PATIENT)]} windows",
         f"In the {'first' if follower.YOUNG == 1.0 else '?'} window after the first fit",
+        "first after {} window length, then after {} and {} more, ".format(*checks.CHECK_AFTER)
+        + f"then after every {checks.CHECK_EVERY}",
         f"innovations leaves {follower.QUIETER:g} to {follower.NOISIER:g}",
         f"compared below {inverse_dynamics.DRIVE_BAND_HZ:g} Hz",
         f"for stability and accuracy ($|\\lambda h| \\le {hpinn.STEP_LIMIT:g}$)",

@@ -17,6 +17,8 @@ from joint_id_core.simulation.plants import MotionOptions, PositionControl
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
 from joint_id_core.simulation.sensors import Sensors, ur_robot_sensors
 
+from .readable import readable
+
 MODEL = build("harmonic_drive")
 TRUTH = MODEL.values()
 NOISE = {"link_position": 1e-5, "motor_velocity": 0.1}
@@ -50,9 +52,13 @@ def changing(names: tuple[str, ...], factor: float, before_s=8.0, after_s=8.0) -
 
 
 def watched(recording: Recording, batch: int = 20, **options) -> list:
+    """Every estimate while the recording arrives; each of them says something readable."""
     identifier = OnlineIdentifier(MODEL, options=OnlineOptions(window_s=WINDOW_S, **options))
-    found = (identifier.update(recording.slice(k, k + batch)) for k in range(0, len(recording), batch))
-    return [e for e in found if e is not None]
+    updates = (identifier.update(recording.slice(k, k + batch)) for k in range(0, len(recording), batch))
+    found = [e for e in updates if e is not None]
+    for estimate in found:
+        readable(estimate.message)
+    return found
 
 
 def test_a_load_is_named_alone_by_a_robot_whose_sensors_round():

@@ -22,6 +22,8 @@ from joint_id_core.estimators.shared.fit_data import prepare
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Status, Verdict
 
+from .readable import readable
+
 TABLE_I = {"R": 4.932e-1, "c_b": 2.537e-4, "k_b": 5.794e-2, "k_t": 5.507e-2, "tau_fc": 4.464e-2}
 
 
@@ -53,6 +55,13 @@ def brake_record(noise: float = 0.0, samples: int = 400) -> Recording:
     return Recording(t, {"torque": drive, "link_velocity": v})
 
 
+def fitted(*given, **options):
+    """Return what `fit_hpinn` does; its message is readable."""
+    estimate = fit_hpinn(*given, **options)
+    readable(estimate.message, estimate.source)
+    return estimate
+
+
 def test_training_finds_the_motor_of_table_i():
     """From starts 20 % off, a 12 V step brings the loss down a thousandfold and every parameter nearer."""
     model, recording = build("dc_motor"), motor_step()
@@ -75,7 +84,7 @@ def test_estimator_with_one_label():
     full = motor_step(samples=500)
     partial = Recording(full.time, {n: full[n] for n in ("voltage", "motor_velocity")})
     start = {n: 1.1 * v for n, v in TABLE_I.items()}
-    estimate = fit_hpinn(build("dc_motor"), partial, ParameterSettings(start), options=HPinn(epochs=350))
+    estimate = fitted(build("dc_motor"), partial, ParameterSettings(start), options=HPinn(epochs=350))
     assert set(estimate.nrmse) == {"motor_velocity"} and estimate.nrmse["motor_velocity"] < 0.02
     assert estimate["L"].verdict is Verdict.FIXED
     assert estimate["k_b"].value == pytest.approx(TABLE_I["k_b"], rel=0.03)
@@ -88,8 +97,8 @@ def test_labels_that_are_missing_here_and_there_change_little():
     holes[5::3] = np.nan
     options, fixed = HPinn(epochs=300), ("tau_f", "tau_0")
     values = {"tau_f": 0.0, "J": 1.2, "c": 5.0}
-    a = fit_hpinn(build("rigid_joint"), full, ParameterSettings(values, fixed=fixed), options=options)
-    b = fit_hpinn(
+    a = fitted(build("rigid_joint"), full, ParameterSettings(values, fixed=fixed), options=options)
+    b = fitted(
         build("rigid_joint"),
         full.with_channels({"link_velocity": holes}),
         ParameterSettings(values, fixed=fixed),
@@ -103,7 +112,7 @@ def test_labels_that_are_missing_here_and_there_change_little():
 def test_covariance_is_that_of_least_squares():
     """One white label: sigma^2 (J'J)^-1, with J by finite differences of the closed-form recursion."""
     recording = brake_record(noise=0.01)
-    estimate = fit_hpinn(
+    estimate = fitted(
         build("rigid_joint"), recording, ParameterSettings({"tau_f": 0.0, "J": 1.3, "c": 4.5}, fixed=("tau_f", "tau_0"))
     )
     assert estimate.status is Status.CONVERGED and estimate.free == ("J", "c")
@@ -130,7 +139,7 @@ def test_interval_holds_the_estimate_at_its_bound():
     """An interval that excludes the truth ends with the verdict at_bound, no standard deviation, and the name."""
     options = HPinn(bounds={"c": (4.4, 6.0)})
     fixed = ("tau_f", "tau_0")
-    estimate = fit_hpinn(
+    estimate = fitted(
         build("rigid_joint"),
         brake_record(),
         ParameterSettings({"tau_f": 0.0, "J": 1.3, "c": 5.0}, fixed=fixed),
@@ -144,7 +153,7 @@ def test_interval_holds_the_estimate_at_its_bound():
 def test_too_few_epochs_are_not_called_converged():
     """A loss that still falls is said to fall."""
     start = {n: 1.2 * v for n, v in TABLE_I.items()}
-    estimate = fit_hpinn(build("dc_motor"), motor_step(), ParameterSettings(start), options=HPinn(epochs=15))
+    estimate = fitted(build("dc_motor"), motor_step(), ParameterSettings(start), options=HPinn(epochs=15))
     assert estimate.status is Status.MAX_ITERATIONS and "still falls" in estimate.message
 
 
@@ -152,13 +161,13 @@ def test_a_wrong_model_is_a_poor_fit():
     """A motion that the inputs do not explain is not reported as a success."""
     t = np.arange(300) * 5e-3
     recording = Recording(t, {"torque": np.sin(3 * t), "link_velocity": 5.0 * np.sin(40 * t + 1.0)})
-    assert fit_hpinn(build("rigid_joint"), recording, options=HPinn(epochs=100)).status is Status.POOR_FIT
+    assert fitted(build("rigid_joint"), recording, options=HPinn(epochs=100)).status is Status.POOR_FIT
 
 
 def test_an_unstable_step_is_diverged():
     """RK4 beyond its stability limit overflows; the estimate says so and keeps no numbers."""
     options = HPinn(epochs=5, substeps=1)
-    estimate = fit_hpinn(build("rigid_joint"), brake_record(), ParameterSettings({"c": 2000.0}), options=options)
+    estimate = fitted(build("rigid_joint"), brake_record(), ParameterSettings({"c": 2000.0}), options=options)
     assert estimate.status is Status.DIVERGED and "finite" in estimate.message
 
 
@@ -179,7 +188,7 @@ def test_an_unstable_step_is_diverged():
 def test_misuse_is_named(change, said):
     """Each mistake in options, values or names is answered by one line that names it."""
     with pytest.raises(JointIdError) as error:
-        fit_hpinn(
+        fitted(
             build("dc_motor"),
             motor_step(samples=100),
             ParameterSettings(**{k: v for k, v in change.items() if k != "options"}),
@@ -194,10 +203,10 @@ def test_unusable_data():
     volts = recording["voltage"].copy()
     volts[50] = np.nan
     with pytest.raises(JointIdError, match="1 samples have no voltage"):
-        fit_hpinn(model, recording.with_channels({"voltage": volts}))
+        fitted(model, recording.with_channels({"voltage": volts}))
     without = Recording(recording.time, {"current": recording["current"]})
-    assert fit_hpinn(model, without).status is Status.MISSING_SIGNAL
-    assert fit_hpinn(model, recording.slice(0, 5)).status is Status.TOO_SHORT
+    assert fitted(model, without).status is Status.MISSING_SIGNAL
+    assert fitted(model, recording.slice(0, 5)).status is Status.TOO_SHORT
 
 
 def test_without_torch():

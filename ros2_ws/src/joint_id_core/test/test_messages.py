@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,8 +21,9 @@ from joint_id_core.simulation.excitation import position_reference
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
 from joint_id_core.simulation.sensors import Sensors
 
+from .readable import readable
+
 MODEL = build("rigid_joint")
-LONGEST = 700  # characters of a message: five lines
 SIZES = st.floats(min_value=0.0, allow_infinity=True) | st.just(np.nan)
 
 
@@ -34,15 +34,6 @@ def recorded():
 
 
 DATA = prepare(MODEL, recorded())
-
-
-def readable(message):
-    sentences = re.findall(r"[^.]+(?:\.\d[^.]*)*\.", message)
-    assert 1 <= len(sentences) <= 3, message
-    assert re.search(r"\d{9}", message) is None, message
-    assert len(message) <= LONGEST, message
-    assert message[0].isupper() or message[0].isdigit()
-    assert message.endswith(".") and ".." not in message and "\n" not in message
 
 
 @settings(deadline=None)

@@ -21,6 +21,8 @@ from joint_id_core.simulation.excitation import multisine
 from joint_id_core.simulation.sensors import Sensors
 from joint_id_core.simulation.simulator import simulate
 
+from .readable import readable
+
 MODEL = build("rigid_joint")
 TRUTH = {"J": 1.7, "c": 3.0, "tau_f": 2.0, "tau_0": -0.6}
 RATE, WINDOW_S = 250, 2.0
@@ -57,8 +59,12 @@ def identifier(**options) -> OnlineIdentifier:
 
 
 def run(recording: Recording, one: OnlineIdentifier, size: int = 10) -> list[Estimate]:
-    found = (one.update(recording.slice(k, k + size)) for k in range(0, len(recording), size))
-    return [e for e in found if e is not None]
+    """Every estimate while the recording arrives; each of them says something readable."""
+    updates = (one.update(recording.slice(k, k + size)) for k in range(0, len(recording), size))
+    found = [e for e in updates if e is not None]
+    for estimate in found:
+        readable(estimate.message)
+    return found
 
 
 @functools.cache
@@ -111,6 +117,7 @@ def test_the_standard_deviations_grow_with_the_time_that_passed():
     names, hour = known().free, 3600.0
     for gone_s, added in ((0.0, 0.0), (10.0, 0.1 / 360.0), (hour, 0.1), (2 * hour, 0.2)):
         now = identifier().resume(known(), gone_s)
+        readable(now.message)
         for n in ("J", "c", "tau_f"):  # positive ones: relative
             assert now[n].std_dev == pytest.approx(np.hypot(known()[n].std_dev, added * known()[n].value), rel=1e-6)
     for gone_s in (1e9, np.inf):

@@ -20,6 +20,9 @@ from joint_id_core.estimators.shared.free_run import block_length
 from joint_id_core.estimators.shared.initial_state import busiest, credible_noise
 from joint_id_core.estimators.shared.substeps import steps_of
 from joint_id_core.models import build
+from joint_id_core.online import OnlineIdentifier, OnlineOptions
+from joint_id_core.online.memory import RARE
+from joint_id_core.online.memory import _changed as changed
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status, Verdict
 from joint_id_core.results.report import correlations
 from joint_id_core.simulation.excitation import multisine
@@ -106,6 +109,40 @@ def test_of_partners_that_are_as_strong_the_first_in_the_table_is_named():
         rows = verdicts(MODEL, free, 1e-4 * (other + other.T), coordinates, np.zeros(4))
         named = [rows[name].reason.split("hard to tell from ")[1].split()[0] for name in free]
         assert named == ["c", "J", "J", "J"]
+
+
+def test_of_parameters_whose_changes_explain_as_much_the_first_is_named():
+    """A score and an information that treat three parameters alike."""
+    named = set()
+    for seed in range(20):
+        information = nudged(0.5 * np.ones((3, 3)) + 0.5 * np.eye(3), seed)
+        score = nudged(np.array([30.0, 30.0, 30.0]), seed)
+        found = changed(score, 0.5 * (information + information.T), np.ones(4), RARE)
+        named.add(found[0])
+    assert named == {(0, 1, 2)}
+
+
+def test_what_is_found_online_does_not_hang_on_the_last_bits():
+    """A joint whose inertia changes, watched: the same changes and words, and values that agree."""
+    recording = recorded(count=1800)
+    heavier = np.where(recording.time < 3.0, 1.0, 0.7)  # less torque moves it as before: inertia and friction fell
+    recording = recording.with_channels({"torque": heavier * recording["torque"]})
+
+    def watched(recording):
+        one = OnlineIdentifier(MODEL, options=OnlineOptions(window_s=1.0))
+        updates = [one.update(recording.slice(k, k + 15)) for k in range(0, len(recording), 15)]
+        return [e for e in updates if e is not None]
+
+    expected = watched(recording)
+    assert any(e.changes for e in expected)
+    for seed in range(3):
+        again = watched(Recording(recording.time, {n: nudged(v, seed) for n, v in recording.channels.items()}))
+        assert [(e.status, [c.name for c in e.changes]) for e in again] == [
+            (e.status, [c.name for c in e.changes]) for e in expected
+        ]
+        for one, other in zip(expected, again, strict=True):
+            for name in one.free:
+                assert abs(one[name].value - other[name].value) < 1e-2 * one[name].std_dev, (one.end, name)
 
 
 def test_a_staircase_of_ten_equal_steps_jumps_at_each():

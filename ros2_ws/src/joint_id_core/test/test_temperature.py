@@ -62,7 +62,7 @@ def test_estimates_of_older_files_have_none(warming):
 
 
 def test_a_window_has_its_own_mean(warming):
-    """Also where it extends the fit of an older window; the node passes samples in small batches."""
+    """Also where the samples only pass the filter; the node passes samples in small batches."""
     identifier = OnlineIdentifier(build("rigid_joint"), options=OnlineOptions(window_s=1.0, hop_s=0.1))
     updates = [identifier.update(warming.slice(k, k + 7)) for k in range(0, N, 7)]
     found = [estimate for estimate in updates if estimate is not None]

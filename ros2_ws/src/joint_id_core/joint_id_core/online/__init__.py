@@ -1,4 +1,4 @@
-"""Online identification: fits over sliding windows while the robot moves."""
+"""Online identification: a first window is fitted, then every sample counts once while the robot moves."""
 
 from joint_id_core.online.drift import Drift as Drift
 from joint_id_core.online.drift import DriftMonitor as DriftMonitor

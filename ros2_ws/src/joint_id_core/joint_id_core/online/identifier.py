@@ -44,8 +44,9 @@ class OnlineIdentifier:
     knows. If parameters changed, those are forgotten and the others kept. If that does not explain the samples, the
     newest window is fitted by itself.
 
-    From time to time the newest window is fitted as a whole, without the memory: for noise levels, tests of the
-    residuals, and predictions. While the joint rests nothing is fitted, and the estimate stays.
+    Noise levels are learned from all samples, too. From time to time, and when these levels are in doubt, the newest
+    window is fitted as a whole, without the memory: for predictions and tests of the residuals, and to tell whether the
+    noise changed or the joint. While the joint rests nothing is fitted, and the estimate stays.
 
     Args:
         model: model of the joint.
@@ -191,9 +192,10 @@ class OnlineIdentifier:
         return self._window.duration > self.options.window_s - 2.0 * STILL_S
 
     def _settle(self, known: Knowledge) -> None:
-        """Learn from the first window in motion after `resume` what an estimate does not hold.
+        """Compare the first window in motion after `resume` with what is known, and go on or begin anew.
 
-        These are the labels that show rest, and the noise levels and integrator steps of today.
+        The window tells which labels show rest. The check that comes next gives today's findings on the residuals and
+        the integrator steps. Noise levels follow the samples, from the stored ones on.
         """
         data, follower = self._task.prepared(self._window.recording()), known.follower
         if data is None:

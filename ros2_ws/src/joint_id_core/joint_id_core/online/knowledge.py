@@ -27,12 +27,12 @@ class Knowledge:
 
     Args:
         task: what is identified.
-        last: fit of a whole window that converged.
+        last: fit of a whole window that converged, or an earlier estimate; noise levels begin at its own.
         mean, covariance: with which the memory begins, shapes (k,) and (k, k), in estimation coordinates.
         age_s: time of motion in s that is in them already.
 
     Attributes:
-        last: the newest fit of a whole window, with the noise levels of today.
+        last: the newest fit of a whole window; `noise`, not this fit, has the noise levels of today.
         follower: memory and filter.
         changes: of the joint.
         still: standard deviations of the labels that show rest; None if the window does not say.
@@ -76,7 +76,8 @@ class Knowledge:
         """Take the findings of a window that was fitted by itself; return whether it agrees.
 
         With a doubt, the newest innovations are not those that the noise levels allow: the fit shows whether the noise
-        changed or the joint. If the noise changed, its levels are learned anew.
+        changed or the joint. If the noise changed, most of what is known of its levels is forgotten, so
+        that the next samples move them soon.
         """
         fit, last = checked.fit, self.last
         if checked.doubted and not (fit.converged and agree(fit, self.follower.memory, self._task.coordinates)):

@@ -3,11 +3,14 @@
 Information adds up: each stretch of samples contributes an information matrix H and a vector h in estimation
 coordinates, and the estimate solves (sum H) z = sum h. Older information is forgotten exponentially.
 
-New samples are tested against what the memory predicts, with the noise levels that it knows. Let (L, l) be the memory
-before a stretch and (H, h) the stretch. If nothing changed, the score v = L (L + H)^-1 (h - H L^-1 l) is normal with
-the covariance M = L (L + H)^-1 H: v' M^-1 v is chi-squared, and v_j / sqrt(M_jj) is standard normal. This is the score
-test of a change of the parameters (Rao 1948), for several lengths of the stretch at once, as in the generalised
-likelihood ratio test (Basseville & Nikiforov, Detection of Abrupt Changes, 1993, ch. 7).
+New samples are tested against what the memory predicts, with the noise levels that it knows. Let z be the estimate
+before a stretch, P its covariance, and (H, h) the stretch. P is that of an exponentially weighted mean: with the sum L
+of information and the covariance B of the sum of the vectors, P^-1 = L B^-1 L. If nothing changed, the score
+v = P^-1 (P^-1 + H)^-1 (h - H z) is normal with the covariance M = P^-1 (P^-1 + H)^-1 H: v' M^-1 v is chi-squared, and
+t_j = v_j / sqrt(M_jj) is standard normal. Where earlier stretches scattered more than that, v' M^-1 v and t_j^2 are
+divided by this excess. Both are tested: this is the score test of a change of the parameters (Rao 1948), for several
+lengths of the stretch at once, as in the generalised likelihood ratio test (Basseville & Nikiforov, Detection of Abrupt
+Changes, 1993, ch. 7).
 """
 
 from __future__ import annotations
@@ -31,6 +34,7 @@ RARE = 1e-7  # probability of one test to find a change where there is none
 AGAIN = 1e-4  # the same for all stretches since a change: where one parameter changed, others often did
 LEFT = 0.05  # probability from which what is left after the changes of some parameters counts as noise
 ALIKE = 9.0  # difference of the likelihood ratio up to which two explanations are both possible
+SAME = 1e-9  # relative difference of two likelihood ratios that rounding can make: the first parameter is taken
 RANK = 1e-10  # smallest eigenvalue of M, scaled to a unit diagonal, that counts as information
 WINDOW_BLOCKS = 4  # blocks of a stretch for the scatter
 FIRM = 8.0  # stretches without scatter that are assumed before the first one
@@ -66,7 +70,11 @@ class Change:
 
 @dataclass(frozen=True)
 class _Step:
-    """A block of samples with the memory before it: precision (k, k) and precision times mean (k,)."""
+    """A block of samples with the memory before it.
+
+    `matrix` (k, k), `vector` (k,) and `noise` (k, k) are sums of information, of vectors, and the covariance of these;
+    `precision` (k, k) is the inverse of the covariance of the estimate, and `weighted` (k,) that times the estimate.
+    """
 
     matrix: Array
     vector: Array
@@ -273,7 +281,7 @@ def _changed(
     while len(names) < rank:  # at most as many as the samples can tell apart
         rest = [j for j in range(len(score)) if j not in names]
         each = [_chi2(score[[*names, j]], information[np.ix_([*names, j], [*names, j])])[0] for j in rest]
-        best = int(np.argmax(each))
+        best = int(np.argmax(np.array(each) >= (1.0 - SAME) * max(each)))
         names.append(rest[best])
         explained = each[best] / excess[-1]
         if total - explained < chdtri(max(1, rank - len(names)), LEFT):

@@ -156,8 +156,8 @@ class Estimate:
         source, joint: where the data came from, as in `Recording`.
         temperature: mean temperature of the joint over the data in deg C; NaN where it is not known. Friction depends
             on it.
-        predictions: measured and predicted labels; None for a failed, loaded or extended estimate.
-        checks: findings of the checks of this fit, or of the fit that this estimate extends.
+        predictions: measured and predicted labels; None for a fit that failed, a loaded or an online estimate.
+        checks: findings of the checks of this fit; online, of the newest fit of a whole window.
         notes: all findings as sentences, the most useful first; `message` holds the first ones.
         changes: parameters that changed while the joint was watched, the most significant first.
     """

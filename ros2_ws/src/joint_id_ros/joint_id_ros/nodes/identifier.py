@@ -42,7 +42,7 @@ END_S = 0.5  # period of the checks whether the node to end with has gone
 
 
 class IdentifierNode(ManagedNode):
-    """Fits the model of every joint over sliding windows in a thread, and publishes the latest estimates."""
+    """Identifies every joint from its samples in a thread, and publishes the latest estimates."""
 
     def __init__(self) -> None:
         super().__init__("identifier", IdentifierOptions, OnlineOptions, BaselineOptions, ReadingOptions)

@@ -278,7 +278,8 @@ def unusable(model: Model, estimator: str, error: UnusableError, recording: Reco
         for q in model.parameters
     )
     span = (float(recording.time[0]), float(recording.time[-1])) if len(recording) else (float("nan"), float("nan"))
+    text = str(error).rstrip(".") + "."  # a sentence, as every message
     return Estimate(
-        model.name, estimator, error.status, str(error), rows, start=span[0], end=span[1], samples=len(recording),
-        model_options=options_of(model), notes=(str(error),), **origin_of(recording),
+        model.name, estimator, error.status, text, rows, start=span[0], end=span[1], samples=len(recording),
+        model_options=options_of(model), notes=(text,), **origin_of(recording),
     )  # fmt: skip
