@@ -20,7 +20,7 @@ from joint_id_core.online.tracker import Tracker
 MOST_LOST = 0.9  # largest part of the information on a combination of parameters that the levels can take
 # How the parameters depend on the levels takes a pass for each level: it is computed of the first stretches, and then
 # of a part of them, which stand for the others.
-OFTEN, RARELY = 16, 4
+OFTEN, RARELY = 4, 4
 DOUBTED = 0.1  # part of the information that is kept where the newest samples show other levels
 LEAST = 1e-3  # information that keeps a matrix regular
 UNKNOWN = 1.0  # standard deviation of the logarithm of a level before any sample

@@ -24,6 +24,9 @@ UNSURE = 1e4  # factor on the covariance of the state where parameters changed
 # Over minutes, the creep of a sticking joint under smoothed friction would bias the estimates by several standard
 # deviations. The filter follows a path that it knows well, so it can have sharper friction than a fit from afar.
 SHARPEST = 0.1
+# RK4 needs more steps there while a joint sticks: with too few, a path that had gone unstable came back 70 standard
+# deviations off.
+MOST_SHARP_STEPS = 1024
 KNOWN = 0.5  # largest standard deviation of a coordinate at which friction is as smooth as in a fit
 
 
@@ -97,8 +100,8 @@ class Tracker:
         for velocity, name in model.smoothing.items():
             i = model.parameter_names.index(name)
             self._stiff[model.state_names.index(velocity)] = KINK * self._p[i]
-        stable = steps_to_stand(data, self.kernel, self._p, self._states, self.substeps)
-        self._many = min(MOST_STEPS, max(stable, round(MORE_STEPS * self.substeps / self.smoothing)))
+        stable = steps_to_stand(data, self.kernel, self._p, self._states, self.substeps, MOST_SHARP_STEPS)
+        self._many = max(stable, min(MOST_STEPS, round(MORE_STEPS * self.substeps / self.smoothing)))
 
     def move(self, z: Array) -> None:
         """Take other reference parameters; the state follows along its derivatives."""

@@ -85,10 +85,15 @@ def steps_of(data: FitData, kernel: Kernel, p: Array, states: Array, substeps: i
     return np.where(more, max(substeps, min(many, MOST_STEPS)), substeps).astype(np.int64)
 
 
-def steps_to_stand(data: FitData, kernel: Kernel, p: Array, states: Array, substeps: int) -> int:
-    """Return the steps for a sample close to standstill: those for accuracy, or more if RK4 needs them there."""
+def steps_to_stand(
+    data: FitData, kernel: Kernel, p: Array, states: Array, substeps: int, most: int = MOST_STEPS
+) -> int:
+    """Return the steps for a sample close to standstill, at most `most`.
+
+    They are those for accuracy, or more if RK4 needs them there.
+    """
     many = MORE_STEPS * substeps
     if kernel.cell == "rk4":
         mode = standing_mode(data, kernel, p, states)
-        many = max(many, int(min(np.ceil(mode * data.period / STABLE), MOST_STEPS)))
-    return max(substeps, min(many, MOST_STEPS))
+        many = max(many, int(min(np.ceil(mode * data.period / STABLE), most)))
+    return max(substeps, min(many, most))
