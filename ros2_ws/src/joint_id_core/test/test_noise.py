@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from joint_id_core.cell.kernel import compile_model
@@ -41,6 +41,7 @@ def test_a_step_of_the_levels_is_the_best_within_its_bounds(kernel, seed, size, 
 
 
 @given(begin=st.integers(0, 3000), length=st.integers(250, 1000))
+@example(begin=2993, length=801)  # at the end of the record
 def test_the_busiest_part_holds_the_motion(begin, length):
     """A joint that rests but for one swing, some labels missing: the part found overlaps it by more than half."""
     samples, swing = 4000, length

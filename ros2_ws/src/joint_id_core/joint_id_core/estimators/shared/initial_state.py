@@ -134,7 +134,7 @@ def busiest(data: FitData, length: int) -> int:
 
     Motion is the sum of the variances of inputs and labels, each relative to its variance in the whole record.
     """
-    every = max(1, length // 32)
+    every, last = max(1, length // 32), len(data.time) - length
     signals, length = np.concatenate([data.u[::every], data.y[::every]], axis=1).T, length // every
     known = np.isfinite(signals)
     if known.all():
@@ -147,7 +147,7 @@ def busiest(data: FitData, length: int) -> int:
     stretches = np.lib.stride_tricks.sliding_window_view(scaled, length, axis=1)[:, first]
     motion = stretches.var(axis=2).sum(axis=0)
     most = motion.max() * (1.0 - ALIKE)  # if the motion repeats, take its first period
-    return every * int(first[np.argmax(motion >= most)])
+    return min(every * int(first[np.argmax(motion >= most)]), last)
 
 
 def _slope(data: FitData, name: str, at: int) -> float:
