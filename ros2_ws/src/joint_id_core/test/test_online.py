@@ -193,3 +193,9 @@ def test_samples_that_come_at_once_are_followed_like_those_that_come_in_parts():
     for name in TRUTH:
         assert abs(whole[name].value - parts[name].value) < 0.5 * parts[name].std_dev
         assert whole[name].std_dev == pytest.approx(parts[name].std_dev, rel=0.2)
+
+
+def test_the_first_estimate_comes_with_the_last_sample_of_its_window_even_if_that_comes_alone():
+    identifier, record = OnlineIdentifier(MODEL), motion(2.0)
+    assert identifier.update(record.slice(0, len(record) - 1)) is None
+    assert identifier.update(record.slice(len(record) - 1, len(record))) is not None

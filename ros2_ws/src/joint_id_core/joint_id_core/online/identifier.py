@@ -141,7 +141,7 @@ class OnlineIdentifier:
         if first and known is not None:  # its origin is that of an earlier run
             known.last = replace(known.last, origin=samples.origin, source=samples.source, joint=samples.joint)
         # Half a sample of slack: a window of 1000 samples ends one period before its length.
-        due = recent.end >= self._next - 1.5 * samples.duration / max(1, len(samples) - 1)
+        due = recent.end >= self._next - 1.5 * recent.duration / max(1, len(recent) - 1)
         if due:
             self._next = recent.end + self.options.hop_s
         if not self.remembers:
