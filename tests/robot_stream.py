@@ -2,11 +2,27 @@
 
 from __future__ import annotations
 
+import itertools
 import socket
 import struct
 import threading
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from contextlib import suppress
+
+WAITS = "held back: stamp waits for the clock"  # value of the driver's report: samples that have no stamp
+
+
+def assert_only_held_back(published: Sequence[Hashable], sent: Sequence[Hashable], held: int) -> list[int]:
+    """All that was sent was published, in its order, but for as many as the driver says it held back.
+
+    Returns the numbers of the samples that were published. One of the two may be read a bit further than the other.
+    """
+    number = {sample: k for k, sample in enumerate(sent)}
+    last = max(k for k, sample in enumerate(published) if sample in number)
+    numbers = [number[sample] for sample in published[: last + 1]]
+    assert all(a < b for a, b in itertools.pairwise(numbers))
+    assert numbers[-1] - numbers[0] + 1 - len(numbers) <= held
+    return numbers
 
 
 class Connection:
