@@ -17,7 +17,7 @@ RATE = 500
 TRUTH = {"J": 2.0, "c": 8.0, "tau_f": 3.0, "tau_0": 0.7}
 WORN = {**TRUTH, "c": 12.0, "tau_f": 4.5}
 NOISE = {"link_position": 2e-5, "link_velocity": 1.5e-3, "torque": 0.05}
-STRETCH_S = 4
+STRETCH_S, WINDOW_S, HOP_S = 4, 2.0, 0.5
 BEGIN = 1000 * NANO
 
 
@@ -36,9 +36,12 @@ def motion():
 
 @pytest.fixture
 def publish(probe, motion):
-    """Publish the samples of a stretch of the motion at a pace that a busy machine can follow."""
+    """Publish the samples of a stretch of the motion; each hop waits for the estimate of the one before.
 
-    def send(publisher, stretch, seconds=STRETCH_S):
+    A drift is confirmed by estimates: a busy machine that got the stretch at once would make a single one of it.
+    """
+
+    def send(publisher, found, stretch, seconds=STRETCH_S):
         first = stretch * STRETCH_S * RATE
         for k in range(first, first + seconds * RATE):
             message = JointSamples(name=["elbow"], measured=JointSamples.LINK_POSITION | JointSamples.LINK_VELOCITY)
@@ -47,10 +50,17 @@ def publish(probe, motion):
             for name in NOISE:
                 setattr(message, name, [motion[name][k]])
             publisher.publish(message)
-            if k % 100 == 99:
-                probe.spin(0.02)
+            passed_s = (k + 1) / RATE
+            if passed_s % HOP_S == 0.0 and passed_s > WINDOW_S + HOP_S:
+                probe.until(lambda end_s=passed_s - 1.1 * HOP_S: end_of_newest(found) > end_s, "an estimate of the hop")
 
     return send
+
+
+def end_of_newest(found) -> float:
+    """End of the newest window in s after the first sample, whatever its estimate is."""
+    joints = found[-1].joints if found else []
+    return max((seconds(j.window_end) for j in joints), default=-1.0)
 
 
 def newest(found, after_s=0.0) -> JointEstimate | None:
@@ -77,13 +87,13 @@ def test_a_parameter_that_leaves_its_baseline_is_told_until_it_is_back(start, pr
     refused = set_baseline(probe)
     assert not refused.success and "no good estimate yet" in refused.message and not file.exists()
 
-    publish(samples, 0)
+    publish(samples, found, 0)
     probe.until(lambda: newest(found, 2.0), "an estimate")
     done = set_baseline(probe)
     assert done.success and done.message == f"baseline of elbow: written to {file}"
     assert list(json.loads(file.read_text())["joints"]) == ["elbow"]
 
-    publish(samples, 1)
+    publish(samples, found, 1)
 
     def drifted():
         return {drift.name: drift for drift in newest(found, 7.0).drifts} if newest(found, 7.0) else {}
@@ -101,7 +111,7 @@ def test_a_parameter_that_leaves_its_baseline_is_told_until_it_is_back(start, pr
     assert warning.level == b"\x01" and "elbow: c is" in warning.message
     assert {v.key: v.value for v in warning.values}["joints with a baseline"] == "elbow"
 
-    publish(samples, 2)
+    publish(samples, found, 2)
     probe.until(lambda: newest(found, 11.0) and not newest(found).drifts, "no drift any more")
     probe.diagnostics.clear()
     probe.until(lambda: any(s.level == b"\x00" for s in probe.diagnostics), "a report that all is well")
@@ -118,7 +128,7 @@ def test_baselines_are_read_when_the_node_is_configured(start, probe, publish, t
     assert probe.change("identifier", "configure") and probe.change("identifier", "activate")
     found = probe.collect(JointParams, "joint_params", LATEST)
     samples = probe.source(JointSamples, "joint_samples")
-    publish(samples, 0, 3)
+    publish(samples, found, 0, 3)
     probe.until(lambda: newest(found, 2.0), "an estimate")
     assert set_baseline(probe).success
     for transition in ("deactivate", "cleanup"):
@@ -127,7 +137,7 @@ def test_baselines_are_read_when_the_node_is_configured(start, probe, publish, t
     assert probe.set_parameter("identifier", "fix", ["J=2.0"]).successful
     assert probe.change("identifier", "configure") and probe.change("identifier", "activate")
     assert "watching for drift from the baselines of elbow" in process.text
-    publish(samples, 0, 3)
+    publish(samples, found, 0, 3)
     text = "joint elbow: J was estimated in the baseline and is held now"
     probe.until(lambda: probe.told("identifier", text), "why nothing is compared")
     assert newest(found) is not None and not newest(found).drifts
