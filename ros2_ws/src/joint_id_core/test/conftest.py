@@ -5,6 +5,10 @@ from __future__ import annotations
 import pytest
 
 from joint_id_core.cli import app
+from joint_id_core.emulator.controller import Controller
+from joint_id_core.emulator.robots import build_joints
+
+from .emulator_line import Line
 
 
 @pytest.fixture
@@ -18,3 +22,25 @@ def run(capsys):
         return end.value.code, out, err
 
     return call
+
+
+@pytest.fixture
+def open_line():
+    """A function that opens a line to one emulated robot; at the end all lines are closed."""
+    controller = Controller(build_joints("ur3e"), (), 0.0, (5, 13, 2, 77), ("joint_mode",))
+    held, opened = {}, []
+
+    def call():
+        opened.append(Line(controller, held))
+        return opened[-1]
+
+    yield call
+    for line in opened:
+        line.client.close()
+        line.connection.close()
+
+
+@pytest.fixture
+def line(open_line):
+    """One line to an emulated robot."""
+    return open_line()

@@ -2,18 +2,11 @@
 
 import socket
 import struct
-from contextlib import contextmanager
 
 from joint_id_core.emulator.connection import Connection
-from joint_id_core.emulator.controller import Controller
-from joint_id_core.emulator.robots import build_joints
 
 V2 = b"\x00\x05V\x00\x02"  # 5 bytes, V, version 2
-
-
 V2_ACCEPTED = b"\x00\x04V\x01"
-
-
 START, PAUSE = b"\x00\x03S", b"\x00\x03P"
 
 
@@ -63,22 +56,6 @@ class Line:
         self.controller.advance()
         self.now += 0.002
         return self.read()
-
-
-@contextmanager
-def lines():
-    """A function that opens a line to one emulated robot; at the end all lines are closed."""
-    controller = Controller(build_joints("ur3e"), (), 0.0, (5, 13, 2, 77), ("joint_mode",))
-    held, opened = {}, []
-
-    def call():
-        opened.append(Line(controller, held))
-        return opened[-1]
-
-    yield call
-    for line in opened:
-        line.client.close()
-        line.connection.close()
 
 
 def samples(data):

@@ -7,18 +7,7 @@ import pytest
 
 from joint_id_core.emulator.output import ticks_between
 
-from .emulator_line import PAUSE, START, V2, V2_ACCEPTED, inputs, lines, outputs, samples
-
-
-@pytest.fixture
-def open_line():
-    with lines() as call:
-        yield call
-
-
-@pytest.fixture
-def line(open_line):
-    return open_line()
+from .emulator_line import PAUSE, START, V2, V2_ACCEPTED, inputs, outputs, samples
 
 
 def test_the_handshake_as_the_protocol_has_it(line):

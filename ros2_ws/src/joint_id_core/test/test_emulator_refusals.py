@@ -6,19 +6,7 @@ import struct
 
 import pytest
 
-from .emulator_line import START, V2, V2_ACCEPTED, inputs, lines, outputs, samples
-
-
-@pytest.fixture
-def open_line():
-    with lines() as call:
-        yield call
-
-
-@pytest.fixture
-def line(open_line):
-    return open_line()
-
+from .emulator_line import START, V2, V2_ACCEPTED, inputs, outputs, samples
 
 BAD_REQUESTS = {
     "not RTDE": (b"GET / HTTP/1.1\r\n\r\n", "a packet of kind 84"),

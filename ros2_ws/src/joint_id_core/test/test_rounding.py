@@ -22,7 +22,7 @@ from joint_id_core.estimators.shared.substeps import steps_of
 from joint_id_core.models import build
 from joint_id_core.online import OnlineIdentifier, OnlineOptions
 from joint_id_core.online.memory import RARE
-from joint_id_core.online.memory import _changed as changed
+from joint_id_core.online.score_test import changed_parameters
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status, Verdict
 from joint_id_core.results.report import correlations
 from joint_id_core.simulation.excitation import multisine
@@ -117,7 +117,7 @@ def test_of_parameters_whose_changes_explain_as_much_the_first_is_named():
     for seed in range(20):
         information = nudged(0.5 * np.ones((3, 3)) + 0.5 * np.eye(3), seed)
         score = nudged(np.array([30.0, 30.0, 30.0]), seed)
-        found = changed(score, 0.5 * (information + information.T), np.ones(4), RARE)
+        found = changed_parameters(score, 0.5 * (information + information.T), np.ones(4), RARE)
         named.add(found[0])
     assert named == {(0, 1, 2)}
 

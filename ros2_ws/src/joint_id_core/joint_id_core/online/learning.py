@@ -16,9 +16,10 @@ from scipy.special import chdtri
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Coordinates
-from joint_id_core.online.memory import ALIKE, Change, Memory
+from joint_id_core.online.memory import Change, Memory
 from joint_id_core.online.piece import Piece
 from joint_id_core.online.relearn import Learned, relearn
+from joint_id_core.online.score_test import ALIKE
 from joint_id_core.online.tracker import Tracker
 
 UNNEEDED = 0.001  # probability from which a lower cost with more changed parameters counts as noise

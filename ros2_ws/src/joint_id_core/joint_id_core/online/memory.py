@@ -1,16 +1,7 @@
-"""What the samples so far say about the parameters, and the test of new samples against it.
+"""What the samples so far say about the parameters, and stretches of new samples against it.
 
 Information adds up: each stretch of samples contributes an information matrix H and a vector h in estimation
 coordinates, and the estimate solves (sum H) z = sum h. Older information is forgotten exponentially.
-
-New samples are tested against what the memory predicts, with the noise levels that it knows. Let z be the estimate
-before a stretch, P its covariance, and (H, h) the stretch. P is that of an exponentially weighted mean: with the sum L
-of information and the covariance B of the sum of the vectors, P^-1 = L B^-1 L. If nothing changed, the score
-v = P^-1 (P^-1 + H)^-1 (h - H z) is normal with the covariance M = P^-1 (P^-1 + H)^-1 H: v' M^-1 v is chi-squared, and
-t_j = v_j / sqrt(M_jj) is standard normal. Where earlier stretches scattered more than that, v' M^-1 v and t_j^2 are
-divided by this excess. Both are tested: this is the score test of a change of the parameters (Rao 1948), for several
-lengths of the stretch at once, as in the generalised likelihood ratio test (Basseville & Nikiforov, Detection of Abrupt
-Changes, 1993, ch. 7).
 """
 
 from __future__ import annotations
@@ -26,16 +17,14 @@ from scipy.special import chdtri
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Belief, Coordinates
 from joint_id_core.online.piece import Piece
+from joint_id_core.online.score_test import changed_parameters, chi2, score_of
+from joint_id_core.online.symmetric import inverse_of, solve
 from joint_id_core.results.estimate import Estimate
 
 LENGTHS = (1, 2, 4, 8, 16, 32)  # blocks of the stretches that are tested
 HISTORY = 128  # blocks that can be passed through the filter again, where little is known yet
 RARE = 1e-7  # probability of one test to find a change where there is none
 AGAIN = 1e-4  # the same for all stretches since a change: where one parameter changed, others often did
-LEFT = 0.05  # probability from which what is left after the changes of some parameters counts as noise
-ALIKE = 9.0  # difference of the likelihood ratio up to which two explanations are both possible
-SAME = 1e-9  # relative difference of two likelihood ratios that rounding can make: the first parameter is taken
-RANK = 1e-10  # smallest eigenvalue of M, scaled to a unit diagonal, that counts as information
 WINDOW_BLOCKS = 4  # blocks of a stretch for the scatter
 FIRM = 8.0  # stretches without scatter that are assumed before the first one
 REMEMBERED = 60.0  # stretches after which the scatter of an older one is forgotten
@@ -65,7 +54,7 @@ class Change:
         wide = np.zeros(len(spread))
         changed = [*self.names, *self.likely]
         wide[changed] = spread[changed]
-        return self.mean, _inverse(self.covariance + np.diag(wide**2))
+        return self.mean, inverse_of(self.covariance + np.diag(wide**2))
 
 
 @dataclass(frozen=True)
@@ -108,7 +97,7 @@ class Memory:
     @property
     def mean(self) -> Array:
         """Present estimate, shape (k,)."""
-        return _solve(self.matrix, self.vector)
+        return solve(self.matrix, self.vector)
 
     @property
     def covariance(self) -> Array:
@@ -117,13 +106,13 @@ class Memory:
 
     def covariance_with(self, more: Array) -> Array:
         """Return the covariance with the information matrix `more` of samples that are not yet added."""
-        inverse, wider = _inverse(self.matrix + more), self.wider
+        inverse, wider = inverse_of(self.matrix + more), self.wider
         return np.asarray(inverse @ (self._noise + more) @ inverse * np.outer(wider, wider))
 
     @property
     def inverse(self) -> Array:
         """Inverse of the information matrix, shape (k, k)."""
-        return _inverse(self.matrix)
+        return inverse_of(self.matrix)
 
     @property
     def wider(self) -> Array:
@@ -135,7 +124,7 @@ class Memory:
 
     def add(self, piece: Piece, memory_s: float) -> None:
         """Add a block of samples, after forgetting a part of what is known."""
-        precision = self.matrix @ _solve(self._noise, self.matrix)
+        precision = self.matrix @ solve(self._noise, self.matrix)
         self._blocks.append(_Step(self.matrix, self.vector, self._noise, precision, precision @ self.mean, piece))
         kept = float(np.exp(-piece.duration / memory_s))
         widened = (1.0 - kept) * self._least
@@ -156,15 +145,15 @@ class Memory:
             matrix, vector = matrix + step.block.matrix, vector + step.block.vector
             if count not in LENGTHS:
                 continue
-            score, information, mean = _score(step.precision, step.weighted, matrix, vector)
+            score, information, mean = score_of(step.precision, step.weighted, matrix, vector)
             if count == WINDOW_BLOCKS:
                 window = score, information
             since_change = self._changed and count == len(self._blocks)
-            found = _changed(score, information, excess, AGAIN if since_change else RARE)
+            found = changed_parameters(score, information, excess, AGAIN if since_change else RARE)
             if found is not None and (best is None or found[2] > best[0]):
                 names, likely, likelihood, size = found
                 newest = tuple(s.block for s in list(self._blocks)[-count:])
-                covariance = _inverse(step.precision) * np.outer(np.sqrt(excess[:-1]), np.sqrt(excess[:-1]))
+                covariance = inverse_of(step.precision) * np.outer(np.sqrt(excess[:-1]), np.sqrt(excess[:-1]))
                 best = likelihood, Change(names, likely, newest, mean, covariance, size)
         if best is not None:
             return best[1]
@@ -179,7 +168,7 @@ class Memory:
             return
         self._since = 0
         single = score**2 / np.maximum(np.diag(information), 1e-300)
-        total, rank = _chi2(score, information)
+        total, rank = chi2(score, information)
         kept = np.exp(-1.0 / REMEMBERED)
         self._scatter = kept * self._scatter + np.append(single, total / max(rank, 1))
         self._stretches = kept * self._stretches + 1.0
@@ -197,7 +186,7 @@ class Memory:
     def before(self) -> tuple[Array, Array]:
         """Return mean (k,) and precision (k, k) of what was known before these blocks."""
         first = self._blocks[0]
-        return _solve(first.matrix, first.vector), first.precision
+        return solve(first.matrix, first.vector), first.precision
 
     def replace(self, blocks: Sequence[Piece], memory_s: float) -> None:
         """Take other results of the newest blocks, from another pass of the filter."""
@@ -222,81 +211,7 @@ def agree(estimate: Estimate, memory: Memory, coordinates: Coordinates) -> bool:
     """Return whether an estimate from a window by itself agrees with the memory (Wald test)."""
     alone = Belief.after(estimate, coordinates)
     away = alone.mean - memory.mean
-    covariance = _inverse(alone.precision) + memory.covariance
+    covariance = inverse_of(alone.precision) + memory.covariance
     scale = 1.0 / np.sqrt(np.diag(covariance))
     solved = np.linalg.solve(covariance * np.outer(scale, scale), away * scale)
     return float(away * scale @ solved) < float(chdtri(len(away), RARE))
-
-
-def _solve(matrix: Array, right: Array) -> Array:
-    """Solve a symmetric positive definite system after scaling it to a unit diagonal."""
-    scale = 1.0 / np.sqrt(np.diag(matrix))
-    solved = np.linalg.solve(matrix * np.outer(scale, scale), (right.T * scale).T)
-    return np.asarray((solved.T * scale).T)
-
-
-def _inverse(matrix: Array) -> Array:
-    scale = 1.0 / np.sqrt(np.diag(matrix))
-    return np.asarray(np.linalg.inv(matrix * np.outer(scale, scale)) * np.outer(scale, scale))
-
-
-def _score(precision: Array, weighted: Array, matrix: Array, vector: Array) -> tuple[Array, Array, Array]:
-    """Return score (k,) and information (k, k) of a change, and the mean before it (k,).
-
-    `precision` (k, k), and `weighted` (k,), that times the mean, are the memory before a stretch; `matrix` and `vector`
-    are what the stretch says.
-    """
-    mean = _solve(precision, weighted)
-    r = vector - matrix @ mean
-    solved = _solve(precision + matrix, np.column_stack([r, matrix]))
-    found = precision @ solved
-    information = found[:, 1:]
-    return found[:, 0], 0.5 * (information + information.T), mean
-
-
-def _chi2(score: Array, information: Array) -> tuple[float, int]:
-    """Return v' M^-1 v and the rank of M."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-    size, axes = np.linalg.eigh(information * np.outer(scale, scale))
-    seen = size > RANK * len(size)
-    return float(np.sum((axes[:, seen].T @ (scale * score)) ** 2 / size[seen])), int(np.count_nonzero(seen))
-
-
-def _changed(
-    score: Array, information: Array, excess: Array, rare: float
-) -> tuple[tuple[int, ...], tuple[int, ...], float, float] | None:
-    """Return the parameters that changed, those that may have, the likelihood ratio and the size; None if none changed.
-
-    Parameters are added until what is left looks like noise (forward selection).
-    """
-    total, rank = _chi2(score, information)
-    if not rank:
-        return None
-    total /= excess[-1]
-    single = score**2 / np.maximum(np.diag(information), 1e-300) / excess[:-1]
-    if total < chdtri(rank, rare) and float(single.max()) < chdtri(1, rare / len(score)):
-        return None
-    names: list[int] = []
-    explained = 0.0
-    while len(names) < rank:  # at most as many as the samples can tell apart
-        rest = [j for j in range(len(score)) if j not in names]
-        each = [_chi2(score[[*names, j]], information[np.ix_([*names, j], [*names, j])])[0] for j in rest]
-        best = int(np.argmax(np.array(each) >= (1.0 - SAME) * max(each)))
-        names.append(rest[best])
-        explained = each[best] / excess[-1]
-        if total - explained < chdtri(max(1, rank - len(names)), LEFT):
-            break
-    likely = _alternatives(score, information, names, explained * excess[-1])
-    return tuple(names), tuple(likely), total - rank, float(np.sqrt(single[names[0]]))
-
-
-def _alternatives(score: Array, information: Array, names: list[int], explained: float) -> list[int]:
-    """Return further parameters whose change explains nearly as much in place of one of `names`."""
-    found = []
-    for j in set(range(len(score))).difference(names):
-        for i in range(len(names)):
-            others = [*names[:i], *names[i + 1 :], j]
-            if _chi2(score[others], information[np.ix_(others, others)])[0] > explained - ALIKE:
-                found.append(j)
-                break
-    return found

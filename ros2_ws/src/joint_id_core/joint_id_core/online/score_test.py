@@ -1,0 +1,86 @@
+"""Which parameters changed: the score test of a stretch of samples against what was known before it.
+
+New samples are tested against what the memory predicts, with the noise levels that it knows. Let z be the estimate
+before a stretch, P its covariance, and (H, h) the stretch. P is that of an exponentially weighted mean: with the sum L
+of information and the covariance B of the sum of the vectors, P^-1 = L B^-1 L. If nothing changed, the score
+v = P^-1 (P^-1 + H)^-1 (h - H z) is normal with the covariance M = P^-1 (P^-1 + H)^-1 H: v' M^-1 v is chi-squared, and
+t_j = v_j / sqrt(M_jj) is standard normal. Where earlier stretches scattered more than that, v' M^-1 v and t_j^2 are
+divided by this excess. Both are tested: this is the score test of a change of the parameters (Rao 1948), for several
+lengths of the stretch at once, as in the generalised likelihood ratio test (Basseville & Nikiforov, Detection of Abrupt
+Changes, 1993, ch. 7).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import chdtri
+
+from joint_id_core.data.recording import Array
+from joint_id_core.online.symmetric import solve
+
+LEFT = 0.05  # probability from which what is left after the changes of some parameters counts as noise
+ALIKE = 9.0  # difference of the likelihood ratio up to which two explanations are both possible
+SAME = 1e-9  # relative difference of two likelihood ratios that rounding can make: the first parameter is taken
+RANK = 1e-10  # smallest eigenvalue of M, scaled to a unit diagonal, that counts as information
+
+
+def score_of(precision: Array, weighted: Array, matrix: Array, vector: Array) -> tuple[Array, Array, Array]:
+    """Return score (k,) and information (k, k) of a change, and the mean before it (k,).
+
+    `precision` (k, k), and `weighted` (k,), that times the mean, are the memory before a stretch; `matrix` and `vector`
+    are what the stretch says.
+    """
+    mean = solve(precision, weighted)
+    r = vector - matrix @ mean
+    solved = solve(precision + matrix, np.column_stack([r, matrix]))
+    found = precision @ solved
+    information = found[:, 1:]
+    return found[:, 0], 0.5 * (information + information.T), mean
+
+
+def chi2(score: Array, information: Array) -> tuple[float, int]:
+    """Return v' M^-1 v and the rank of M."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    size, axes = np.linalg.eigh(information * np.outer(scale, scale))
+    seen = size > RANK * len(size)
+    return float(np.sum((axes[:, seen].T @ (scale * score)) ** 2 / size[seen])), int(np.count_nonzero(seen))
+
+
+def changed_parameters(
+    score: Array, information: Array, excess: Array, rare: float
+) -> tuple[tuple[int, ...], tuple[int, ...], float, float] | None:
+    """Return the parameters that changed, those that may have, the likelihood ratio and the size; None if none changed.
+
+    Parameters are added until what is left looks like noise (forward selection).
+    """
+    total, rank = chi2(score, information)
+    if not rank:
+        return None
+    total /= excess[-1]
+    single = score**2 / np.maximum(np.diag(information), 1e-300) / excess[:-1]
+    if total < chdtri(rank, rare) and float(single.max()) < chdtri(1, rare / len(score)):
+        return None
+    names: list[int] = []
+    explained = 0.0
+    while len(names) < rank:  # at most as many as the samples can tell apart
+        rest = [j for j in range(len(score)) if j not in names]
+        each = [chi2(score[[*names, j]], information[np.ix_([*names, j], [*names, j])])[0] for j in rest]
+        best = int(np.argmax(np.array(each) >= (1.0 - SAME) * max(each)))
+        names.append(rest[best])
+        explained = each[best] / excess[-1]
+        if total - explained < chdtri(max(1, rank - len(names)), LEFT):
+            break
+    likely = _alternatives(score, information, names, explained * excess[-1])
+    return tuple(names), tuple(likely), total - rank, float(np.sqrt(single[names[0]]))
+
+
+def _alternatives(score: Array, information: Array, names: list[int], explained: float) -> list[int]:
+    """Return further parameters whose change explains nearly as much in place of one of `names`."""
+    found = []
+    for j in set(range(len(score))).difference(names):
+        for i in range(len(names)):
+            others = [*names[:i], *names[i + 1 :], j]
+            if chi2(score[others], information[np.ix_(others, others)])[0] > explained - ALIKE:
+                found.append(j)
+                break
+    return found
