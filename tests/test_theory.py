@@ -22,7 +22,7 @@ from joint_id_core.estimators.innovations import (
 )
 from joint_id_core.estimators.shared import fit_data, initial_state, stillness, substeps
 from joint_id_core.models import RigidJoint, dc_motor, transmission
-from joint_id_core.online import checks, follower, learning, levels, memory, resume, tracker
+from joint_id_core.online import checks, follower, learning, levels, memory, resume, score_test, tracker
 from joint_id_core.validation import inverse_dynamics, prediction
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -96,10 +96,10 @@ def test_constants_in_the_theory() -> None:
         f"each of them alarms with probability $10^{{{round(math.log10(memory.RARE))}}}$",
         f"of {BLOCKS:,} blocks give at most {2 * len(memory.LENGTHS) * BLOCKS * memory.RARE:.1g} false alarms in 10 h",
         f"Twelve tests of {BLOCKS:,} blocks" if len(memory.LENGTHS) == 6 else "?",
-        f"looks like noise (probability {memory.LEFT:g})",
+        f"looks like noise (probability {score_test.LEFT:g})",
         f"no worse than a change of all parameters (probability {learning.UNNEEDED:g})",
         f"tested together, with probability $10^{{{round(math.log10(memory.AGAIN))}}}$",
-        f"explain them as well (cost within {memory.ALIKE:g})",
+        f"explain them as well (cost within {score_test.ALIKE:g})",
         f"nothing confirms new values for {words[round(follower.PATIENT)]} windows",
         f"In the {'first' if follower.YOUNG == 1.0 else '?'} window after the first fit",
         "first after {} window length, then after {} and {} more, ".format(*checks.CHECK_AFTER)
