@@ -99,18 +99,40 @@ def test_it_goes_on_where_it_was_without_a_first_window():
 
 
 def test_a_restart_in_no_time_changes_nothing_however_often():
-    """Bias and excess that the checks of a fit gave are in an estimate already: they must not be counted again."""
+    """The excess that the checks of a fit gave is in an estimate already: it must not be counted again."""
     values = np.array([known().values[n] if n != "tau_0" else 1.0 for n in known().free])
     excess = 2.0 * known().covariance  # in SI units; that of the checks is in estimation coordinates
-    checks = replace(
-        known().checks, texts=("Something is wrong.",), excess=excess / np.outer(values, values), bias=np.full(4, 1e-3)
-    )
+    checks = replace(known().checks, texts=("Something is wrong.",), excess=excess / np.outer(values, values))
     first = estimate = replace(known(), covariance=known().covariance + excess, checks=checks)
     for _ in range(10):
         estimate = identifier().resume(estimate, 0.0)
     for name in known().free:
         assert estimate[name].value == pytest.approx(first[name].value, rel=1e-9)
     np.testing.assert_allclose(estimate.covariance, first.covariance, rtol=1e-6)
+
+
+def test_short_sessions_one_after_the_other_are_honest():
+    """Each session is too short to tell the noise levels: those that are stored count."""
+    recording, off = motion(seconds=24.0), []
+    for begin_s in np.arange(0.0, 22.0, 0.5):
+        continued = identifier()
+        continued.resume(replace(known(), covariance=100.0 * known().covariance), 0.0)
+        last = run(recording.window(begin_s, begin_s + 1.7), continued)[-1]
+        assert last.converged
+        off.append([(last[n].value - TRUTH[n]) / last[n].std_dev for n in last.free])
+    assert np.sqrt(np.mean(np.square(off))) < 1.4 and np.max(np.abs(off)) < 5.0
+
+
+@pytest.mark.parametrize(("count", "size"), [(1, 50), (1, 400), (3, 50)])
+def test_stray_samples_before_a_pause_are_no_window(count, size):
+    """A publisher may send old samples again: with the pause after them they once counted as a whole window."""
+    recording, begin = motion(), round((AWAY + 4.0) * RATE)
+    stray = recording.slice(begin - 3 * RATE, begin - 3 * RATE + count)
+    continued = resumed()
+    assert run(stray, continued, size) == []
+    found = run(recording.slice(begin, begin + 2 * RATE), continued, size)
+    assert all("is forgotten" not in e.message for e in found)
+    assert found[-1].converged and worst(found[-1]) < 5.0
 
 
 def test_the_standard_deviations_grow_with_the_time_that_passed():
@@ -219,7 +241,6 @@ def spoiled(**changes) -> Estimate:
         lambda: spoiled(status=Status.POOR_FIT),
         lambda: spoiled(checks=None),
         lambda: spoiled(checks=replace(known().checks, excess=np.eye(2))),
-        lambda: spoiled(checks=replace(known().checks, bias=np.zeros(9))),
     ],
 )
 def test_a_damaged_estimate_is_refused_and_the_identifier_begins_anew(estimate):

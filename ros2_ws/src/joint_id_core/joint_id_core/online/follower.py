@@ -9,6 +9,7 @@ import numpy as np
 
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.innovations.belief import Coordinates
+from joint_id_core.online.input_noise import InputNoise
 from joint_id_core.online.learning import Explanation, learn
 from joint_id_core.online.levels import Levels
 from joint_id_core.online.memory import Change, Memory
@@ -83,6 +84,7 @@ class Follower:
         self.noise_changed = False
         self._coordinates, self._options, self._make = coordinates, options, make
         self._wider = np.eye(len(coordinates.unit))  # for the uncertainty of the noise levels
+        self._input_noise = InputNoise(len(coordinates.unit))
         self._pieces: list[Piece] = []  # of the present block
         self._white: list[Array] = []  # innovations of the last window
         self._moved_since, self._moved_until = np.inf, -np.inf
@@ -97,7 +99,7 @@ class Follower:
         for piece in pieces:
             self.memory.add(piece, self._options.memory_s)
         self._refine(tracker)
-        self._learn_levels(tracker, self.memory.blocks)
+        self._learn_noise(tracker, self.memory.blocks)
 
     def rest(self) -> None:
         """End a stretch of motion: the joint rests."""
@@ -119,8 +121,7 @@ class Follower:
             self._stop()
             return
         self._pieces.append(piece)
-        if sum(p.duration for p in self._pieces) > BLOCK_S - 1.5 * self.tracker.data.period:
-            self._add_block()
+        self._add_full_block(self.tracker)
 
     def _start(self, recording: Recording) -> None:
         """Start the filter at the estimate of the memory, with the samples since the joint moves."""
@@ -132,6 +133,7 @@ class Follower:
         pieces = tracker.start()
         if pieces:
             self.tracker, self._pieces = tracker, [pieces[-1]]
+            self._add_full_block(tracker)
 
     def _stop(self) -> None:
         """Stop the filter: the samples that follow are not those after the last one."""
@@ -143,22 +145,26 @@ class Follower:
         memory = self.memory
         nothing = np.zeros_like(memory.matrix)
         if not self._pieces or self.found is not Found.AGREES:
-            return memory.mean, self._covariance(nothing)
+            return self._unbiased(memory.mean, nothing)
         block = merged(self._pieces)
         self._pieces = [block]
         mean = np.asarray(np.linalg.solve(memory.matrix + block.matrix, memory.vector + block.vector), dtype=float)
-        covariance = self._covariance(block.matrix)
-        away = np.abs(mean - block.z)
-        if np.any((away > LINEAR * self._coordinates.unit) & (away > np.sqrt(np.diag(covariance)))):
-            return memory.mean, self._covariance(nothing)  # too far for one linear step: wait for the end of the block
-        return mean, covariance
+        away, sigma = np.abs(mean - block.z), np.sqrt(np.diag(self._covariance(block.matrix)))
+        if np.any((away > LINEAR * self._coordinates.unit) & (away > sigma)):
+            return self._unbiased(memory.mean, nothing)  # too far for one linear step: wait for the end of the block
+        return self._unbiased(mean, block.matrix)
 
     def _covariance(self, more: Array) -> Array:
         """Return the covariance of the parameters with the information matrix `more` of the present block."""
         return np.asarray(self._wider @ self.memory.covariance_with(more) @ self._wider.T)
 
-    def _learn_levels(self, tracker: Tracker, blocks: Sequence[Piece]) -> None:
-        """Learn the noise levels from blocks that the memory describes."""
+    def _unbiased(self, mean: Array, more: Array) -> tuple[Array, Array]:
+        """Return estimate and covariance without the bias from noise of inputs."""
+        return self._input_noise.corrected(mean, self._covariance(more), self.memory.inverse)
+
+    def _learn_noise(self, tracker: Tracker, blocks: Sequence[Piece]) -> None:
+        """Learn the noise levels, and the bias from noise of inputs, from blocks that the memory describes."""
+        self._input_noise.learn(tracker, blocks, self._options.memory_s)
         self.levels.learn(tracker, blocks, self._options.memory_s)
         self._wider = self.levels.wider(self.memory.inverse)
 
@@ -176,6 +182,11 @@ class Follower:
         return False
 
     # --- blocks
+
+    def _add_full_block(self, tracker: Tracker) -> None:
+        """Add the present block once it is long enough."""
+        if sum(p.duration for p in self._pieces) > BLOCK_S - 1.5 * tracker.data.period:
+            self._add_block()
 
     def _add_block(self) -> None:
         """Add the present block to the memory and test it, or use it to learn what changed."""
@@ -197,7 +208,7 @@ class Follower:
         if change is None:
             self.noise_changed = self._noise_changed()
             self._refine(self.tracker)
-            self._learn_levels(self.tracker, self.memory.blocks[-1:])
+            self._learn_noise(self.tracker, self.memory.blocks[-1:])
         elif self.age_s < YOUNG * self._options.window_s:
             self.found = Found.WRONG_START
         else:
@@ -284,9 +295,12 @@ class Follower:
 
     def _take(self, tracker: Tracker, explanation: Explanation, memory: Memory) -> None:
         """Go on with the memory after a change."""
+        changed = (*explanation.change.names, *explanation.change.likely)
+        _, still_known = explanation.change.still_known(self._coordinates.spread)
+        self._input_noise.change(changed, self.memory.inverse, still_known)
         self.memory, self.explanation, self.found = memory, explanation, Found.AGREES
-        self.levels.forget((*explanation.change.names, *explanation.change.likely))
-        self._learn_levels(tracker, ())
+        self.levels.forget(changed)
+        self._learn_noise(tracker, ())
         self.since = explanation.learned.pieces[0].begin.time
         self._change = self._guess = None
         self.lost_s = self._settled_s = 0.0

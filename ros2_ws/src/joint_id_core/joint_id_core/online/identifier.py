@@ -22,10 +22,10 @@ from joint_id_core.online.knowledge import Knowledge
 from joint_id_core.online.motion import MotionWatch
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.published import DISAGREE, at_rest, forgotten, too_short, with_note
-from joint_id_core.online.resume import as_of_now, known_of
+from joint_id_core.online.resume import NOISE_SIGMA, as_of_now, known_of
 from joint_id_core.online.situation import Situation
 from joint_id_core.online.task import Task
-from joint_id_core.online.window import SlidingWindow
+from joint_id_core.online.window import SlidingWindow, pauses
 from joint_id_core.results.estimate import Estimate, Status
 
 AGAIN_S = 1.0  # time between two fits of windows that the memory does not describe
@@ -107,7 +107,7 @@ class OnlineIdentifier:
             raise JointIdError("no estimate is continued without a memory: take innovations, and a memory_s above 0")
         mean, covariance = known_of(self._task, estimate, gone_s)
         now = as_of_now(self._task, (mean, covariance), estimate)
-        self._known = Knowledge(self._task, now, mean, covariance, YOUNG * self.options.window_s)
+        self._known = Knowledge(self._task, now, mean, covariance, YOUNG * self.options.window_s, NOISE_SIGMA)
         self._enter(Situation.RESUMED)
         return now
 
@@ -119,15 +119,24 @@ class OnlineIdentifier:
         Raises:
             JointIdError: the samples are not later than those before; they are left out.
         """
-        begun, newest, parts = time.perf_counter(), None, [samples]
-        if self.remembers and samples.duration > (part_s := 0.5 * self.options.window_s):
-            # These have waited while a window was fitted: more of them than the window holds would be lost.
-            edges = np.arange(samples.time[0] + part_s, samples.time[-1], part_s)
-            at = [0, *np.searchsorted(samples.time, edges).tolist(), len(samples)]
-            parts = [samples.slice(first, last) for first, last in pairwise(at)]
-        for part in parts:
+        begun, newest = time.perf_counter(), None
+        for part in self._parts(samples):
             newest = self._update(part) or newest
         return None if newest is None else replace(newest, elapsed_s=time.perf_counter() - begun)
+
+    def _parts(self, samples: Recording) -> list[Recording]:
+        """Return samples in parts without a pause and, with a memory, much shorter than the window.
+
+        Samples that waited while a window was fitted may be more than the window holds: they would be lost.
+        """
+        at = pauses(samples.time)
+        part_s = 0.5 * self.options.window_s
+        if self.remembers and samples.duration > part_s:
+            edges = np.arange(samples.time[0] + part_s, samples.time[-1], part_s)
+            at = np.union1d(at, np.searchsorted(samples.time, edges))
+        if not len(at):
+            return [samples]
+        return [samples.slice(first, last) for first, last in pairwise([0, *at.tolist(), len(samples)])]
 
     def _update(self, samples: Recording) -> Estimate | None:
         """Add samples that are much shorter than the window; return the estimate when a hop has passed."""

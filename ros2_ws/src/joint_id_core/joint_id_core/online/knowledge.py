@@ -30,6 +30,7 @@ class Knowledge:
         last: fit of a whole window that converged, or an earlier estimate; noise levels begin at its own.
         mean, covariance: with which the memory begins, shapes (k,) and (k, k), in estimation coordinates.
         age_s: time of motion in s that is in them already.
+        noise_sigma: see `Levels`, of the noise levels of `last`.
 
     Attributes:
         last: the newest fit of a whole window; `noise`, not this fit, has the noise levels of today.
@@ -38,13 +39,21 @@ class Knowledge:
         still: standard deviations of the labels that show rest; None if the window does not say.
     """
 
-    def __init__(self, task: Task, last: Estimate, mean: Array, covariance: Array, age_s: float = 0.0) -> None:
+    def __init__(
+        self,
+        task: Task,
+        last: Estimate,
+        mean: Array,
+        covariance: Array,
+        age_s: float = 0.0,
+        noise_sigma: float = np.inf,
+    ) -> None:
         self.last = last
         self.still: dict[str, float] | None = None
         self.changes = Changes(last.free, task.coordinates, task.options.window_s)
         self._task = task
         memory = Memory(mean, covariance, task.coordinates.spread)
-        levels = Levels(np.square(list(last.noise.values())), len(mean))
+        levels = Levels(np.square(list(last.noise.values())), len(mean), noise_sigma)
         self.follower = Follower(memory, task.coordinates, task.options, levels, self._tracker, age_s)
 
     @classmethod
@@ -80,7 +89,7 @@ class Knowledge:
         that the next samples move them soon.
         """
         fit, last = checked.fit, self.last
-        if checked.doubted and not (fit.converged and agree(fit, self.follower.memory, self._task.coordinates)):
+        if checked.doubted and not (fit.converged and agree(fit, self.follower.now(), self._task.coordinates)):
             return False
         if not fit.converged or fit.free != last.free or set(fit.noise) != set(last.noise):
             return True

@@ -33,15 +33,16 @@ class Levels:
     Args:
         values: of a fit of a whole window, shape (L,).
         parameters: number of free parameters, k.
+        sigma: standard deviation of the logarithms of `values` if samples that will not be learned from told them.
 
     Attributes:
         values: those of today.
     """
 
-    def __init__(self, values: Array, parameters: int) -> None:
+    def __init__(self, values: Array, parameters: int, sigma: float = np.inf) -> None:
         self.values = values
         self._lower, self._upper = values / FARTHEST, values * FARTHEST
-        self._information = np.zeros((len(values), len(values)))
+        self._information = np.diag(np.full(len(values), sigma**-2.0))
         self._cross = np.zeros((parameters, len(values)))
         self._seen = 0  # stretches
 

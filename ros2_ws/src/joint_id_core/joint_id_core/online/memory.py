@@ -207,11 +207,11 @@ class Memory:
         self.matrix, self.vector, self._noise = step.matrix, step.vector, step.noise
 
 
-def agree(estimate: Estimate, memory: Memory, coordinates: Coordinates) -> bool:
-    """Return whether an estimate from a window by itself agrees with the memory (Wald test)."""
+def agree(estimate: Estimate, known: tuple[Array, Array], coordinates: Coordinates) -> bool:
+    """Return whether an estimate from a window by itself agrees with mean (k,) and covariance (k, k) (Wald test)."""
     alone = Belief.after(estimate, coordinates)
-    away = alone.mean - memory.mean
-    covariance = inverse_of(alone.precision) + memory.covariance
+    away = alone.mean - known[0]
+    covariance = inverse_of(alone.precision) + known[1]
     scale = 1.0 / np.sqrt(np.diag(covariance))
     solved = np.linalg.solve(covariance * np.outer(scale, scale), away * scale)
     return float(away * scale @ solved) < float(chdtri(len(away), RARE))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators.shared.stillness import STILL_S, still, still_link, wound_up
 from joint_id_core.models import Model
-from joint_id_core.online.window import SlidingWindow
+from joint_id_core.online.window import SlidingWindow, pauses
 
 MOVED_S = 0.5  # a joint counts as moving for so long after its last motion
 BATCH_S = 0.1  # of samples that are handed on together: the work on a batch hardly depends on its length
@@ -52,7 +52,8 @@ class MotionWatch:
             return
         self._done = float(recent.time[last - 1])
         at_rest = self._at_rest(recent, slice(first, last))
-        edges = np.flatnonzero(at_rest[1:] != at_rest[:-1]) + 1
+        turns = np.flatnonzero(at_rest[1:] != at_rest[:-1]) + 1
+        edges = np.union1d(turns, pauses(recent.time[first:last]))
         for begin, end in pairwise([0, *edges.tolist(), last - first]):
             part = recent.slice(first + begin, first + end)
             yield part, not at_rest[begin]
@@ -65,7 +66,7 @@ class MotionWatch:
         if not labels or len(recent) < 2:
             return np.zeros(len(recent), dtype=bool)[part]
         y = np.array([recent.channels[n] for n in labels]).T
-        period = recent.duration / (len(recent) - 1)
+        period = float(np.median(np.diff(recent.time)))
         rest = still(labels, y, period, self.noise)[part]
         if self._wound is None and not rest.any():
             return rest

@@ -31,9 +31,8 @@ def published(
     `now` are the coordinates (k,) and their covariance (k, k).
     """
     assert last.checks is not None
-    bias = 0.0 if last.checks.bias is None else last.checks.bias
-    z, covariance = coordinates.clip(now[0] - bias), now[1]
-    if any(last.checks.texts):  # a bias that is likely but not significant in one window is no reason to widen
+    z, covariance = coordinates.clip(now[0]), now[1]
+    if any(last.checks.texts):  # what is likely but not significant in one window is no reason to widen
         covariance = covariance + last.checks.excess
     rows = verdicts(model, last.free, covariance, coordinates, z, last.checks.together)
     slope = coordinates.slope(z)

@@ -13,7 +13,7 @@ from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.recursion import STATE_NOISE
 from joint_id_core.estimators.shared.fit_data import LONGEST_GAP, FitData, without_frozen
-from joint_id_core.estimators.shared.initial_state import rough_states, start_state
+from joint_id_core.estimators.shared.initial_state import rough_noise, rough_states, start_state
 from joint_id_core.estimators.shared.substeps import KINK, MORE_STEPS, MOST_STEPS, steps_to_stand
 from joint_id_core.online.piece import Piece, Samples, State
 
@@ -90,6 +90,11 @@ class Tracker:
         self._state = State(np.zeros((self._n, 1 + self._n + self._k)), -np.inf, np.zeros(len(model.inputs)))
         self._take(z)
         self._states = rough_states(data)
+        self.input_noise = {
+            i: rough_noise(np.ascontiguousarray(data.u[:, i]))
+            for i, signal in enumerate(model.inputs)
+            if signal.hold == "first" and data.recording.measured(signal.name)
+        }
         self.sharpen(KNOWN)
 
     def sharpen(self, sigma: float) -> None:
@@ -248,6 +253,20 @@ class Tracker:
         change = np.array(scores).T - self._passed_again(piece, levels).score[:, None]
         cross = change[self._columns] * slope[:, None] / np.log1p(NUDGE)
         return cross if np.isfinite(cross).all() else np.zeros_like(cross)
+
+    def attenuation(self, piece: Piece, rng: np.random.Generator) -> Array:
+        """Return the effect of the noise of measured inputs on the score in a stretch, shape (k,).
+
+        The noise is added with both signs and the results are averaged, so that only the second-order effect, the bias,
+        remains. Zero if a pass with added noise diverges.
+        """
+        u, more = piece.samples.u, np.zeros_like(piece.samples.u)
+        for i, variance in self.input_noise.items():
+            more[:, i] = np.sqrt(variance) * rng.standard_normal(len(u))
+        noisier = [replace(piece, samples=replace(piece.samples, u=u + by * more)) for by in (1.0, -1.0)]
+        plus, minus, here = (self._passed_again(p, self.levels).score for p in (*noisier, piece))
+        change = (0.5 * (plus + minus) - here)[self._columns] * self.coordinates.slope(piece.z)
+        return change if np.isfinite(change).all() else np.zeros_like(change)
 
     def _passed_again(self, piece: Piece, levels: Array, stored: bool = False) -> _Passed:
         """Run over a stretch at its own reference, with other noise levels; the filter stays where it is."""

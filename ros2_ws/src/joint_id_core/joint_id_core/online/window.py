@@ -5,17 +5,24 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
+from numpy.typing import NDArray
 
-from joint_id_core.data.recording import Recording
+from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 
-REST = 50.0  # periods of the longest step between two parts that counts as time of the window
+REST = 50.0  # periods of the longest step between two samples that counts as time of the window
+
+
+def pauses(time: Array) -> NDArray[np.intp]:
+    """Return the numbers of the samples before which there was none for so long that the time does not count."""
+    steps = np.diff(time)
+    return np.flatnonzero(steps > REST * np.median(steps)) + 1 if len(steps) else np.zeros(0, dtype=np.intp)
 
 
 class SlidingWindow:
     """Keeps the newest samples of one joint, `length_s` seconds of them.
 
-    Time between two parts that are added, a rest, does not count.
+    Time between two parts that are added, a rest or a pause, does not count; there is none within a part.
     """
 
     def __init__(self, length_s: float) -> None:

@@ -85,14 +85,12 @@ class Checks:
         excess: addition to the covariance of the estimation coordinates (`Belief`), shape (k, k).
         nrmse: as in `Estimate`.
         together: by parameter that enters only in combination with others, what is known instead and what to do.
-        bias: known bias of the estimation coordinates, which was subtracted, shape (k,); None if none is known.
     """
 
     texts: tuple[str, ...]
     excess: Array
     nrmse: Mapping[str, float]
     together: Mapping[str, str]
-    bias: Array | None = None
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,6 @@ def to_dict(estimate: Estimate) -> dict[str, Any]:
             "excess": np.asarray(checks.excess).tolist(),
             "nrmse": {name: _number(v) for name, v in checks.nrmse.items()},
             "together": dict(checks.together),
-            "bias": None if checks.bias is None else np.asarray(checks.bias).tolist(),
         },
     }
 
@@ -135,7 +134,6 @@ def from_dict(content: Mapping[str, Any]) -> Estimate:
                 np.array(checks["excess"], dtype=float).reshape(len(free), len(free)),
                 _values(checks["nrmse"]),
                 dict(checks["together"]),
-                None if checks.get("bias") is None else np.array(checks["bias"], dtype=float),
             ),
         )  # fmt: skip
     except (KeyError, TypeError, ValueError, AttributeError) as error:

@@ -19,7 +19,7 @@ from joint_id_core.models.combinations import Combination, combinations
 from joint_id_core.results.estimate import Checks
 
 
-def run_checks(stages: Stages, found: Minimum, alone: str) -> tuple[Checks, dict[str, Array]]:
+def run_checks(stages: Stages, found: Minimum, alone: str) -> tuple[Checks, Array, dict[str, Array]]:
     """Check a minimum.
 
     Args:
@@ -28,18 +28,19 @@ def run_checks(stages: Stages, found: Minimum, alone: str) -> tuple[Checks, dict
         alone: warning that only one start reached this minimum; empty if another start did, too.
 
     Returns:
-        The findings, and the predicted labels by name, each of shape (T,).
+        The findings, the known bias of the coordinates (k,), and the predicted labels by name, each of shape (T,).
     """
     data, recursion, coordinates = stages.data, stages.recursion, stages.coordinates
     last = recursion.renewed(found.last)
     missing, coloured = misfit(recursion, coordinates, found, last), memory(recursion, coordinates, found, last)
     bias = motion_bias(recursion, coordinates, found, last)
     texts = (missing.text, _step_warning(stages, found), coloured.text, alone, _stall_warning(found))
-    excess = missing.excess + coloured.excess + LEFT**2 * np.outer(bias, bias)
+    excess = missing.excess + coloured.excess
     p, slope = stages.cost.values(found.z), coordinates.slope(found.z)
-    together = _combinations(data, p, (found.covariance + excess) * np.outer(slope, slope))
+    covariance = found.covariance + excess + LEFT**2 * np.outer(bias, bias)
+    together = _combinations(data, p, covariance * np.outer(slope, slope))
     predictions = free_runs(stages.kernel, data, last.states, p, last.steps, stages.options.horizon_s)
-    return Checks(texts, excess, nrmse(data, predictions), together, bias), predictions
+    return Checks(texts, excess, nrmse(data, predictions), together), bias, predictions
 
 
 def _combinations(data: FitData, p: Array, covariance: Array) -> dict[str, str]:

@@ -15,6 +15,7 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.estimators.innovations.belief import Belief
 from joint_id_core.estimators.innovations.checks import run_checks
 from joint_id_core.estimators.innovations.estimator import Innovations
+from joint_id_core.estimators.innovations.input_noise import LEFT
 from joint_id_core.estimators.innovations.search import Outcome, Search
 from joint_id_core.estimators.innovations.verdicts import judge, table, verdicts
 from joint_id_core.estimators.shared.fit_data import UnusableError, options_of, origin_of, prepare, unusable
@@ -69,10 +70,10 @@ def _estimate(outcome: Outcome, begun: float) -> Estimate:
     """Convert the minimum that was found to an `Estimate`."""
     stages, found = outcome.stages, outcome.minimum
     coordinates, data = stages.coordinates, stages.data
-    checks, predictions = run_checks(stages, found, outcome.alone)
-    z = found.z if checks.bias is None else coordinates.clip(found.z - checks.bias)
+    checks, bias, predictions = run_checks(stages, found, outcome.alone)
+    z = coordinates.clip(found.z - bias)
     model, p = data.model, stages.cost.values(z)
-    covariance_z = found.covariance + checks.excess
+    covariance_z = found.covariance + checks.excess + LEFT**2 * np.outer(bias, bias)
     slope = coordinates.slope(z)
     covariance = covariance_z * np.outer(slope, slope)
     rows = verdicts(model, data.free, covariance_z, coordinates, z, checks.together)
