@@ -13,6 +13,7 @@ from joint_id_core.estimators import Innovations, ParameterSettings
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.online import OnlineIdentifier, OnlineOptions, follower
 from joint_id_core.online.follower import BLOCK_S, PATIENT, Follower, Found
+from joint_id_core.online.identifier import TRIAL
 from joint_id_core.online.knowledge import Knowledge
 from joint_id_core.online.relearn import relearn
 from joint_id_core.online.task import Task
@@ -64,9 +65,9 @@ def never_confirmed(monkeypatch):
     return used
 
 
-def heavier() -> Recording:
+def heavier(seconds: float = 20.0) -> Recording:
     """The input that a joint sees from `CHANGES_AT` on is a half of what is shown: all its torques seem doubled."""
-    record = motion()
+    record = motion(seconds)
     return record.with_channels({"torque": record["torque"] * np.where(record.time < CHANGES_AT, 1.0, 2.0)})
 
 
@@ -84,9 +85,11 @@ def test_new_values_that_nothing_confirms_are_given_up_after_four_windows(never_
 
 def test_after_that_the_newest_window_is_fitted_by_itself(never_confirmed):
     identifier = OnlineIdentifier(MODEL, options=OnlineOptions(window_s=WINDOW_S))
-    found = [e for e in map(identifier.update, batches(heavier())) if e is not None]
-    late = [e for e in found if e.end > CHANGES_AT + PATIENT * WINDOW_S + 2.0]
+    found = [e for e in map(identifier.update, batches(heavier(32.0))) if e is not None]
+    end = CHANGES_AT + (PATIENT + TRIAL) * WINDOW_S + 2.0
+    late = [e for e in found if e.end > end]
     assert late and all(e.converged for e in late)
+    assert not any(e.converged for e in found if CHANGES_AT + BLOCK_S < e.end < end - 2.0)
     assert sum("what was known is forgotten" in e.message for e in found) == 1
     assert late[-1]["J"].value == pytest.approx(2.0 * found[0]["J"].value, rel=0.02)
 

@@ -17,15 +17,15 @@ def test_samples_pass_through_the_filter_where_there_is_a_memory_that_describes_
 
 
 @pytest.mark.parametrize("situation", FOLLOWS)
-@pytest.mark.parametrize("window_passed", [False, True])
-def test_what_the_samples_say_decides(situation, window_passed):
-    assert situation.after_samples(Found.WRONG_START, window_passed) is Situation.RESTARTING
-    assert situation.after_samples(Found.UNEXPLAINED, window_passed) is Situation.SUSPENDED
+@pytest.mark.parametrize("agreed", [False, True])
+def test_what_the_samples_say_decides(situation, agreed):
+    assert situation.after_samples(Found.WRONG_START, agreed) is Situation.RESTARTING
+    assert situation.after_samples(Found.UNEXPLAINED, agreed) is Situation.SUSPENDED
     assert situation.after_samples(Found.AGREES, False) is situation
 
 
 @pytest.mark.parametrize("found", [Found.AGREES, Found.CHANGING])
-def test_only_a_trial_ends_with_a_window_of_motion(found):
+def test_only_a_trial_ends_with_enough_motion(found):
     assert Situation.ON_TRIAL.after_samples(found, True) is Situation.FOLLOWING
     assert Situation.RESUMED.after_samples(found, True) is Situation.RESUMED  # its age counts what was seen before
     assert Situation.FOLLOWING.after_samples(found, True) is Situation.FOLLOWING
@@ -37,9 +37,9 @@ def test_what_an_older_memory_says_changes_nothing(situation, found):
     assert situation.after_samples(found, True) is situation
 
 
-def test_only_the_fit_after_a_wrong_start_is_on_trial():
-    assert Situation.RESTARTING.after_fit() is Situation.ON_TRIAL
-    assert Situation.STARTING.after_fit() is Situation.SUSPENDED.after_fit() is Situation.FOLLOWING
+def test_every_new_fit_but_the_first_is_on_trial():
+    assert Situation.RESTARTING.after_fit() is Situation.SUSPENDED.after_fit() is Situation.ON_TRIAL
+    assert Situation.STARTING.after_fit() is Situation.FOLLOWING
 
 
 @pytest.mark.parametrize("situation", [Situation.RESUMED, Situation.FOLLOWING])

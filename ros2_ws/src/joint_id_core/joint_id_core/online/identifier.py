@@ -29,6 +29,9 @@ from joint_id_core.online.window import SlidingWindow, pauses
 from joint_id_core.results.estimate import Estimate, Status
 
 AGAIN_S = 1.0  # time between two fits of windows that the memory does not describe
+# Window lengths of motion that must agree with a new fit where no change of the joint explained the samples: then the
+# model may not describe them, as with a sensor that is late, and a window can be fitted well by parameters far off.
+TRIAL = 4.0
 UNTESTED = "What was known before is not tested yet: move the joint for more than half a second."
 MOVING = "The joint rests: the estimate stays as it is, move the joint to continue."
 
@@ -80,6 +83,7 @@ class OnlineIdentifier:
         self._known: Knowledge | None = None  # None while STARTING or RESTARTING
         self._shown: Estimate | None = None  # while SUSPENDED: the newest fit, which says what is wrong
         self._fit_next = -np.inf  # while SUSPENDED: earliest end of the next fit
+        self._trial_s, self._replaces = window_s, False  # motion of the next trial; whether it replaces a memory
 
     @property
     def remembers(self) -> bool:
@@ -174,12 +178,17 @@ class OnlineIdentifier:
         """Go to another situation, or stay in this one."""
         if situation is self._situation:
             return
-        self._situation = situation
+        before, self._situation = self._situation, situation
         if situation is Situation.RESTARTING:
             self._known = None
         elif situation is Situation.SUSPENDED:
             assert self._known is not None
             self._shown, self._fit_next = self._known.last, -np.inf
+            # What was known of an earlier run is no reason to doubt the model.
+            self._trial_s = 0.0 if before is Situation.RESUMED else TRIAL * self.options.window_s
+            self._replaces = True
+        elif situation is Situation.FOLLOWING:
+            self._trial_s, self._replaces = self.options.window_s, False
 
     def _follow(self, due: bool) -> None:
         """Pass new samples to the filter."""
@@ -229,9 +238,10 @@ class OnlineIdentifier:
     def _in_motion(self) -> Estimate:
         """Return the estimate at a hop while the joint moves."""
         known, window, window_s = self._known, self._window, self.options.window_s
+        replaced = self._situation is Situation.ON_TRIAL and self._replaces
         if known is not None:
             follower = known.follower
-            self._enter(self._situation.after_samples(follower.found, follower.age_s >= window_s))
+            self._enter(self._situation.after_samples(follower.found, follower.age_s >= self._trial_s))
         if known is None or not self._situation.follows:
             return self._fitted()
         if follower.found is Found.CHANGING or follower.lost_s > window_s or self._situation is Situation.ON_TRIAL:
@@ -243,7 +253,7 @@ class OnlineIdentifier:
         if not self._agrees(known):
             self._enter(self._situation.after_window(agrees=False))
             return with_note(known.last, window)
-        return known.estimate(window)
+        return forgotten(known.estimate(window)) if replaced else known.estimate(window)
 
     def _agrees(self, known: Knowledge) -> bool:
         """Check the newest window, if it is time for that; return whether it agrees with what is known."""
@@ -275,8 +285,4 @@ class OnlineIdentifier:
         self._enter(situation.after_fit())
         # Friction of the memory may be sharper than that of the fit.
         estimate = known.estimate(window) if known.follower.memory.blocks else fit
-        if situation is Situation.RESTARTING:
-            return with_note(estimate, window)
-        if situation is Situation.SUSPENDED:
-            return forgotten(estimate)
-        return estimate
+        return estimate if situation is Situation.STARTING else with_note(estimate, window)

@@ -14,7 +14,7 @@ class Situation(Enum):
     RESUMED = "an earlier run is continued, and no whole window of today has been seen yet"
     FOLLOWING = "every sample passes through the filter"
     RESTARTING = "the first windows disagreed: the newest window is fitted anew"
-    ON_TRIAL = "the samples pass through the filter after such a fit, which counts once a window of motion agrees"
+    ON_TRIAL = "the samples pass through the filter after a new fit, which counts once enough motion agrees"
     SUSPENDED = "the memory does not describe the newest samples: the newest windows are fitted by themselves"
 
     @property
@@ -22,12 +22,12 @@ class Situation(Enum):
         """Whether samples pass through the filter."""
         return self in (Situation.RESUMED, Situation.FOLLOWING, Situation.ON_TRIAL)
 
-    def after_samples(self, found: Found, window_passed: bool) -> Situation:
+    def after_samples(self, found: Found, agreed: bool) -> Situation:
         """Return what follows from samples that passed through the filter.
 
         Args:
             found: what they say of the memory.
-            window_passed: whether the memory holds a whole window of motion.
+            agreed: whether the memory holds as much motion as a trial takes.
         """
         if not self.follows:
             return self
@@ -35,7 +35,7 @@ class Situation(Enum):
             return Situation.RESTARTING
         if found is Found.UNEXPLAINED:
             return Situation.SUSPENDED
-        return Situation.FOLLOWING if self is Situation.ON_TRIAL and window_passed else self
+        return Situation.FOLLOWING if self is Situation.ON_TRIAL and agreed else self
 
     def after_window(self, agrees: bool) -> Situation:
         """Return what follows from a whole window that was compared with the memory."""
@@ -43,4 +43,4 @@ class Situation(Enum):
 
     def after_fit(self) -> Situation:
         """Return what follows from the fit of a window with which a memory begins."""
-        return Situation.ON_TRIAL if self is Situation.RESTARTING else Situation.FOLLOWING
+        return Situation.FOLLOWING if self is Situation.STARTING else Situation.ON_TRIAL
