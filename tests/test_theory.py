@@ -22,7 +22,7 @@ from joint_id_core.estimators.innovations import (
 )
 from joint_id_core.estimators.shared import fit_data, initial_state, stillness, substeps
 from joint_id_core.models import RigidJoint, dc_motor, transmission
-from joint_id_core.online import checks, follower, learning, levels, memory, resume, score_test, tracker
+from joint_id_core.online import checks, follower, identifier, learning, levels, memory, resume, score_test, tracker
 from joint_id_core.validation import inverse_dynamics, prediction
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -101,6 +101,8 @@ def test_constants_in_the_theory() -> None:
         f"tested together, with probability $10^{{{round(math.log10(memory.AGAIN))}}}$",
         f"explain them as well (cost within {score_test.ALIKE:g})",
         f"nothing confirms new values for {words[round(follower.PATIENT)]} windows",
+        f"until {words[round(identifier.TRIAL)]} windows of motion agree with the new fit",
+        f"whose logarithms of variances count as known to {resume.NOISE_SIGMA:g}",
         f"In the {'first' if follower.YOUNG == 1.0 else '?'} window after the first fit",
         "first after {} window length, then after {} and {} more, ".format(*checks.CHECK_AFTER)
         + f"then after every {checks.CHECK_EVERY}",
