@@ -108,3 +108,13 @@ def test_what_is_forgotten_widens_no_more():
     before = found._information.copy()
     found.doubt()
     np.testing.assert_allclose(found._information, DOUBTED * before)
+
+
+def test_a_covariance_that_rounding_made_indefinite_is_widened_too():
+    """Seen with an encoder that froze: parameters of very different units, some known only in combination."""
+    one = np.array([1e6, 1.0, -1e-6])
+    inverse = np.outer(one, one) * (1.0 - 1e-15 * np.eye(3))
+    found = Levels(np.ones(2), 3)
+    found._information, found._cross = 50.0 * np.eye(2), 1e-6 * np.ones((3, 2))
+    wider = widened(found, inverse)
+    assert np.isfinite(wider).all() and np.all(np.diag(wider) >= (1.0 - 1e-6) * np.diag(inverse))

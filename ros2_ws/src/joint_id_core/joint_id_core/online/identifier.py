@@ -178,14 +178,15 @@ class OnlineIdentifier:
         """Go to another situation, or stay in this one."""
         if situation is self._situation:
             return
-        before, self._situation = self._situation, situation
+        self._situation = situation
         if situation is Situation.RESTARTING:
             self._known = None
         elif situation is Situation.SUSPENDED:
             assert self._known is not None
             self._shown, self._fit_next = self._known.last, -np.inf
-            # What was known of an earlier run is no reason to doubt the model.
-            self._trial_s = 0.0 if before is Situation.RESUMED else TRIAL * self.options.window_s
+            unexplained = self._known.follower.found is Found.UNEXPLAINED
+            if unexplained or not self._replaces:
+                self._trial_s = TRIAL * self.options.window_s if unexplained else 0.0
             self._replaces = True
         elif situation is Situation.FOLLOWING:
             self._trial_s, self._replaces = self.options.window_s, False

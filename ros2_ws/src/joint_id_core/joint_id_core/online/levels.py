@@ -22,6 +22,7 @@ MOST_LOST = 0.9  # largest part of the information on a combination of parameter
 # of a part of them, which stand for the others.
 OFTEN, RARELY = 4, 4
 DOUBTED = 0.1  # part of the information that is kept where the newest samples show other levels
+ROUNDED = 1e-13  # smallest eigenvalue of a matrix with a unit diagonal that rounding leaves
 LEAST = 1e-3  # information that keeps a matrix regular
 UNKNOWN = 1.0  # standard deviation of the logarithm of a level before any sample
 FARTHEST = 1e4  # factor of a variance between the first window and later ones
@@ -81,10 +82,13 @@ class Levels:
         is H - D L^-1 D'. `inverse` (k, k) is that of H.
         """
         known = self._information + np.diag(np.full(len(self.values), UNKNOWN**-2))
-        root = np.linalg.cholesky(inverse)
+        scale = np.sqrt(np.diag(inverse))
+        size, turned = np.linalg.eigh(inverse / np.outer(scale, scale))
+        size = np.sqrt(np.maximum(size, ROUNDED))
+        root, back = scale[:, None] * turned * size, (turned / size).T / scale
         lost, axes = np.linalg.eigh(root.T @ self._cross @ np.linalg.solve(known, self._cross.T) @ root)
         factor = 1.0 / np.sqrt(1.0 - np.minimum(lost, MOST_LOST))
-        return np.asarray(root @ (axes * factor) @ axes.T @ np.linalg.inv(root))
+        return np.asarray(root @ (axes * factor) @ axes.T @ back)
 
 
 def _credible(cross: Array, matrix: Array, information: Array) -> Array:
