@@ -20,17 +20,21 @@ def test_the_estimate_tells_the_temperature_of_its_window(start, probe, robot):
     start("filter")
     probe.until(lambda: probe.count_subscribers("joint_samples") == 2, "the identifier")
     start("driver", robot_ip=HOST, port=machine.port)
-    probe.until(lambda: len(found) >= 2 and len(signals) >= 4, "estimates and temperatures")
 
+    def both():
+        """Temperatures that were sent and came with samples, in their order."""
+        known = {s.temperature[s.name.index(JOINT)] for s in samples if len(s.temperature)}
+        return [t for message in signals if (t := message.joint_temperatures[INDEX]) in known]
+
+    probe.until(lambda: len(found) >= 2 and len(both()) >= 3, "estimates and temperatures")
     sent = [message.joint_temperatures[INDEX] for message in signals]
     assert len(set(sent)) > 1  # the joint warms up
     known = [s.temperature[s.name.index(JOINT)] for s in samples if len(s.temperature)]
     known = [value for value in known if not math.isnan(value)]
-    both = [value for value in sent if value in known]
-    assert len(both) >= 3
     # This process may have heard the driver later than the filter.
-    known = [value for value in known if both[0] <= value <= both[-1]]
-    assert len(known) > 100 * len(sent) / 4  # every sample has one, though few messages carried it
+    seen = both()
+    known = [value for value in known if seen[0] <= value <= seen[-1]]
+    assert len(known) > 100 * len(seen) / 4  # every sample has one, though few messages carried it
     assert set(known) <= set(sent)
     told = [message.joints[0].temperature for message in found]
     assert all(START < value < max(sent) for value in told)
