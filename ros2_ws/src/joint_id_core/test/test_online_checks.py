@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from joint_id_core.online import OnlineIdentifier
-from joint_id_core.online.checks import Checked, WindowChecks
+from joint_id_core.online.checks import Checked, WindowChecks, at_once
 from joint_id_core.online.window import SlidingWindow
 from joint_id_core.results.estimate import Status
 
@@ -59,7 +59,7 @@ def test_only_the_window_that_was_taken_after_a_doubt_answers_it():
 
     def hop():
         window.append(motion().slice(len(window), len(window) + 50))
-        return checks.run(window, lambda _: None)
+        return checks.run(window, lambda _: None, tested_from=window.end)
 
     checks, window = WindowChecks(0.2, background), SlidingWindow(100.0)
     checks.begin(0.0)
@@ -79,3 +79,20 @@ def test_only_the_window_that_was_taken_after_a_doubt_answers_it():
     assert hop() is None and hop() is None and len(jobs) == 4
     jobs[3].set_result("first")
     assert hop() == Checked("first", doubted=False)
+
+
+def test_the_result_of_a_window_waits_until_samples_after_it_were_tested():
+    """A change at its end, too short for the test of the newest samples, looks like a wrong model."""
+    checks, window = WindowChecks(2.0, at_once), SlidingWindow(2.0)
+    window.append(motion().slice(0, 1000))
+
+    def result(tested_from):
+        return checks.run(window, lambda recording: recording.time[-1], tested_from)
+
+    checks.begin(0.0)
+    assert result(window.end - 0.1) is None
+    assert result(window.end) == Checked(window.end, doubted=False)
+    checks.begin(0.0)
+    assert result(window.end - 0.1) is None
+    checks.begin(window.end)  # the test has found a change
+    assert result(window.end + 0.1) is None

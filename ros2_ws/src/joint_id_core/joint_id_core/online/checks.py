@@ -51,10 +51,22 @@ class Checked:
     doubted: bool
 
 
+@dataclass(frozen=True)
+class _Running:
+    """A fit that was begun, the end of its window in s, and whether it answers a doubt."""
+
+    fit: Future[Estimate]
+    end: float
+    doubted: bool
+
+
 class WindowChecks:
     """Fits the newest window by itself, from time to time or when the noise levels are in doubt.
 
     A doubt is answered by a window that was taken after it arose, not by one whose fit runs already.
+
+    The result of a fit waits until samples that follow its window were tested. A joint that changed near the end of the
+    window leaves residuals that look like a wrong model; the test finds the change, and the result is dropped.
 
     Args:
         window_s: length of the window in s.
@@ -64,7 +76,7 @@ class WindowChecks:
     def __init__(self, window_s: float, background: Background) -> None:
         self._window_s, self._background = window_s, background
         self._count, self._next = 0, np.inf
-        self._running: tuple[Future[Estimate], bool] | None = None  # and whether it answers a doubt
+        self._running: _Running | None = None
         self._doubt = False
 
     def begin(self, end: float) -> None:
@@ -76,16 +88,19 @@ class WindowChecks:
         if not self._doubt:
             self._next, self._doubt = -np.inf, True
 
-    def run(self, window: SlidingWindow, fit: Callable[[Recording], Estimate]) -> Checked | None:
-        """Start a check if one is due; return the result of one that has ended, else None."""
+    def run(self, window: SlidingWindow, fit: Callable[[Recording], Estimate], tested_from: float) -> Checked | None:
+        """Start a check if one is due; return the result of one that has ended, else None.
+
+        The newest stretch of samples that agreed with what is known began at `tested_from`, in s.
+        """
         if self._running is None and window.end >= self._next:
             self._count += 1
             length = CHECK_AFTER[self._count] if self._count < len(CHECK_AFTER) else CHECK_EVERY
             self._next = window.end + length * self._window_s
             recording = window.recording()
-            self._running = self._background(lambda: fit(recording)), self._doubt
-        if self._running is None or not self._running[0].done():
+            self._running = _Running(self._background(lambda: fit(recording)), window.end, self._doubt)
+        running = self._running
+        if running is None or tested_from < running.end or not running.fit.done():
             return None
-        (done, doubted), self._running = self._running, None
-        self._doubt = self._doubt and not doubted
-        return Checked(done.result(), doubted)
+        self._running, self._doubt = None, self._doubt and not running.doubted
+        return Checked(running.fit.result(), running.doubted)

@@ -62,6 +62,7 @@ class Follower:
         since: instant in s at which that change began.
         age_s: time of motion in s that is in the memory.
         lost_s: time of motion in s since a block was added to the memory.
+        tested_from: begin in s of the newest block that agreed with the memory.
         noise_changed: whether the innovations of the last window are far from what the noise levels allow.
     """
 
@@ -81,6 +82,7 @@ class Follower:
         self.since = -np.inf
         self.age_s = age_s
         self.lost_s = 0.0
+        self.tested_from = -np.inf
         self.noise_changed = False
         self._coordinates, self._options, self._make = coordinates, options, make
         self._wider = np.eye(len(coordinates.unit))  # for the uncertainty of the noise levels
@@ -206,6 +208,7 @@ class Follower:
         self._settled_s += block.duration
         change = self._tested(self.tracker)
         if change is None:
+            self.tested_from = block.begin.time
             self.noise_changed = self._noise_changed()
             self._refine(self.tracker)
             self._learn_noise(self.tracker, self.memory.blocks[-1:])

@@ -261,7 +261,8 @@ class OnlineIdentifier:
         last = known.last
         if known.follower.noise_changed:
             self._checks.ask()
-        checked = self._checks.run(self._window, lambda recording: self._task.fit(recording, last))
+        tested_from = known.follower.tested_from
+        checked = self._checks.run(self._window, lambda recording: self._task.fit(recording, last), tested_from)
         return checked is None or known.agrees(checked)
 
     def _fitted(self) -> Estimate:
