@@ -1,9 +1,10 @@
-"""Bias from noise of measured motions that are inputs of the model (errors in variables), as samples arrive.
+"""Bias from noise of sensors whose signals are inputs of the model (errors in variables), as samples arrive.
 
-The filter takes noise of an input for something that moves the joint. Noise of an encoder is in the record and moves
-nothing, which biases the estimates: more and more standard deviations of them, as these shrink. As in a fit of a whole
-window (`estimators.innovations.input_noise`), the same noise is added once more, and the change of the score is
-measured (simulation extrapolation, Cook & Stefanski 1994; Nakamura's corrected score, Biometrika 77, 1990).
+The filter takes noise of an input for something that moves the joint. Noise of an encoder, or of the sensor of the
+current, is in the record and moves nothing, which biases the estimates: more and more standard deviations of them, as
+these shrink. As in a fit of a whole window (`estimators.innovations.input_noise`), the same noise is added once more,
+and the change of the score is measured (simulation extrapolation, Cook & Stefanski 1994; Nakamura's corrected score,
+Biometrika 77, 1990).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from joint_id_core.data.recording import Array
+from joint_id_core.online.noise_effects import attenuation, weight
 from joint_id_core.online.piece import Piece
 from joint_id_core.online.tracker import Tracker
 
@@ -27,19 +29,24 @@ class InputNoise:
     def __init__(self, parameters: int) -> None:
         self._score = np.zeros(parameters)  # sum over the samples, forgotten as the memory forgets
         self._rng = np.random.default_rng(0)
+        self._seen = 0  # stretches
 
     def learn(self, tracker: Tracker, pieces: Sequence[Piece], memory_s: float) -> None:
         """Measure the effect on the score of stretches that were added to the memory."""
         if not tracker.input_noise:
             return
         for piece in pieces:
-            self._score = np.exp(-piece.duration / memory_s) * self._score + tracker.attenuation(piece, self._rng)
+            self._score *= np.exp(-piece.duration / memory_s)
+            if count := weight(self._seen):
+                self._score += count * attenuation(tracker, piece, self._rng)
+            self._seen += 1
 
     def corrected(self, mean: Array, covariance: Array, inverse: Array) -> tuple[Array, Array]:
         """Return mean (k,) and covariance (k, k) without the bias, which counts as uncertain.
 
-        `inverse` (k, k) is that of the information matrix. A third of the bias is left on simulated robots. Another one
-        comes on top, which is not known: the link also answers to what disturbs the motor.
+        `inverse` (k, k) is that of the information matrix. Of the bias from noise of a motion a third is left on
+        simulated robots. Another one comes on top, which is not known: the link also answers to what disturbs the
+        motor. Noise of a drive may be that of its sensor or move the joint: the bias is right, or its double, or zero.
         """
         bias = inverse @ self._score
         return mean - bias, covariance + np.outer(bias, bias)

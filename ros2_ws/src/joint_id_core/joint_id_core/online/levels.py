@@ -14,13 +14,11 @@ import numpy as np
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.noise import bounded_step
+from joint_id_core.online.noise_effects import cross_information, noise_information, weight
 from joint_id_core.online.piece import Piece
 from joint_id_core.online.tracker import Tracker
 
 MOST_LOST = 0.9  # largest part of the information on a combination of parameters that the levels can take
-# How the parameters depend on the levels takes a pass for each level: it is computed of the first stretches, and then
-# of a part of them, which stand for the others.
-OFTEN, RARELY = 4, 4
 DOUBTED = 0.1  # part of the information that is kept where the newest samples show other levels
 ROUNDED = 1e-13  # smallest eigenvalue of a matrix with a unit diagonal that rounding leaves
 LEAST = 1e-3  # information that keeps a matrix regular
@@ -50,17 +48,16 @@ class Levels:
     def learn(self, tracker: Tracker, pieces: Sequence[Piece], memory_s: float) -> None:
         """Learn from stretches that are described by the parameters; the filter goes on with the new levels."""
         for piece in pieces:
-            found = tracker.noise_information(piece)
+            found = noise_information(tracker, piece)
             if found is None:
                 continue
             score, information = found
             kept = np.exp(-piece.duration / memory_s)
             self._information = kept * self._information + information
             self._cross = kept * self._cross
-            often = self._seen < OFTEN
-            if often or self._seen % RARELY == 0:
-                cross = _credible(tracker.cross_information(piece), piece.matrix, information)
-                self._cross += (1 if often else RARELY) * cross
+            if count := weight(self._seen):
+                cross = _credible(cross_information(tracker, piece), piece.matrix, information)
+                self._cross += count * cross
             self._seen += 1
             step, _ = bounded_step(tracker.kernel, self.values, self._lower, self._upper, score, self._information)
             self.values = self.values * np.exp(step)

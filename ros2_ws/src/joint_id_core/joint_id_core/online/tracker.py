@@ -17,7 +17,6 @@ from joint_id_core.estimators.shared.initial_state import rough_noise, rough_sta
 from joint_id_core.estimators.shared.substeps import KINK, MORE_STEPS, MOST_STEPS, steps_to_stand
 from joint_id_core.online.piece import Piece, Samples, State
 
-NUDGE = 0.1  # relative change of a noise variance for a derivative
 SETTLE_S = 0.05  # after a start, in which labels tell the state
 LEAST = 10  # samples of the shortest motion that is used
 UNSURE = 1e4  # factor on the covariance of the state where parameters changed
@@ -31,7 +30,7 @@ KNOWN = 0.5  # largest standard deviation of a coordinate at which friction is a
 
 
 @dataclass(frozen=True)
-class _Passed:
+class Passed:
     """Outputs of `loops.tracking.track`, whose first row is the sample before, and its labels."""
 
     cost: float
@@ -47,7 +46,12 @@ class _Passed:
 
 
 class Tracker:
-    """Runs the filter at parameters that are held, the reference, and returns what new samples say about them."""
+    """Runs the filter at parameters that are held, the reference, and returns what new samples say about them.
+
+    Attributes:
+        columns: of the free parameters in what the filter stores, shape (k,).
+        input_noise: rough noise variance of each measured input, by index.
+    """
 
     def __init__(
         self,
@@ -78,7 +82,7 @@ class Tracker:
             substeps,
         )
         self._index = np.array([model.parameter_names.index(name) for name in data.free])
-        self._columns = np.array([kernel.sensitive.index(name) for name in data.free])
+        self.columns = np.array([kernel.sensitive.index(name) for name in data.free])
         self._p = data.p.copy()
         self._stiff = np.full(len(model.states), -1.0)
         self._sharpened: list[int] = []
@@ -93,7 +97,7 @@ class Tracker:
         self.input_noise = {
             i: rough_noise(np.ascontiguousarray(data.u[:, i]))
             for i, signal in enumerate(model.inputs)
-            if signal.hold == "first" and data.recording.measured(signal.name)
+            if data.recording.measured(signal.name)
         }
         self.sharpen(KNOWN)
 
@@ -117,7 +121,7 @@ class Tracker:
     def _moved(self, kept: Array, z: Array) -> Array:
         """Return a state at parameters z (k,) as that at the reference, along its derivatives."""
         moved = kept.copy()
-        moved[:, 0] += kept[:, 1 + self._n + self._columns] @ (self._p[self._index] - self.coordinates.values(z))
+        moved[:, 0] += kept[:, 1 + self._n + self.columns] @ (self._p[self._index] - self.coordinates.values(z))
         return moved
 
     def _unsure(self, kept: Array) -> Array:
@@ -227,49 +231,11 @@ class Tracker:
         done = self._run(*start)
         return None if done is None else replace(done[0], start=start)
 
-    def noise_information(self, piece: Piece) -> tuple[Array, Array] | None:
-        """Return what a stretch says of the logarithms of the noise levels; None if the path diverges.
+    def passed_again(self, piece: Piece, levels: Array, stored: bool = False) -> Passed:
+        """Run over a stretch at its own reference, with noise levels (L,); the filter stays where it is.
 
-        These are the score (L,) and the information matrix (L, L).
+        With `stored`, keep what `loops.innovations.noise_information` needs.
         """
-        levels = self.levels
-        found = self._passed_again(piece, levels, stored=True)
-        if not np.isfinite(found.cost):
-            return None
-        score, matrix = np.empty_like(levels), np.empty((len(levels), len(levels)))
-        self.kernel.gains.noise_information(
-            found.y, self.data.label_states, np.full(len(found.y), -1), found.errors, found.variances,
-            found.gains, found.slopes, found.shown, score, matrix,
-        )  # fmt: skip
-        return score * levels, matrix * np.outer(levels, levels)
-
-    def cross_information(self, piece: Piece) -> Array:
-        """Return how the score of the parameters in a stretch depends on the noise levels, shape (k, L).
-
-        It is the derivative by the logarithms of the levels, in estimation coordinates.
-        """
-        levels, slope = self.levels, self.coordinates.slope(piece.z)
-        scores = [self._passed_again(piece, by * levels).score for by in 1.0 + NUDGE * np.eye(len(levels))]
-        change = np.array(scores).T - self._passed_again(piece, levels).score[:, None]
-        cross = change[self._columns] * slope[:, None] / np.log1p(NUDGE)
-        return cross if np.isfinite(cross).all() else np.zeros_like(cross)
-
-    def attenuation(self, piece: Piece, rng: np.random.Generator) -> Array:
-        """Return the effect of the noise of measured inputs on the score in a stretch, shape (k,).
-
-        The noise is added with both signs and the results are averaged, so that only the second-order effect, the bias,
-        remains. Zero if a pass with added noise diverges.
-        """
-        u, more = piece.samples.u, np.zeros_like(piece.samples.u)
-        for i, variance in self.input_noise.items():
-            more[:, i] = np.sqrt(variance) * rng.standard_normal(len(u))
-        noisier = [replace(piece, samples=replace(piece.samples, u=u + by * more)) for by in (1.0, -1.0)]
-        plus, minus, here = (self._passed_again(p, self.levels).score for p in (*noisier, piece))
-        change = (0.5 * (plus + minus) - here)[self._columns] * self.coordinates.slope(piece.z)
-        return change if np.isfinite(change).all() else np.zeros_like(change)
-
-    def _passed_again(self, piece: Piece, levels: Array, stored: bool = False) -> _Passed:
-        """Run over a stretch at its own reference, with other noise levels; the filter stays where it is."""
         here = self.levels, self.z
         self.levels = levels
         self._take(piece.z)
@@ -286,15 +252,15 @@ class Tracker:
         found = self._passed(begin, samples)
         if not np.isfinite(found.cost):
             return None
-        H = found.matrix[self._columns[:, None], self._columns] * (self._slope[:, None] * self._slope)
-        g = found.score[self._columns] * self._slope
+        H = found.matrix[self.columns[:, None], self.columns] * (self._slope[:, None] * self._slope)
+        g = found.score[self.columns] * self._slope
         white = np.where(np.isnan(samples.y), np.nan, found.errors[1:] / np.sqrt(found.variances[1:]))
         last = len(samples.time) > 0
         state = State(found.kept, float(samples.time[-1]) if last else begin.time, samples.u[-1] if last else begin.u)
         return state, found.cost, Piece(H, g + H @ self.z, white, begin, samples, self.z, self.smoothing)
 
-    def _passed(self, begin: State, samples: Samples, stored: bool = False) -> _Passed:
-        """Run over samples; keep what `noise_information` needs if `stored`."""
+    def _passed(self, begin: State, samples: Samples, stored: bool = False) -> Passed:
+        """Run over samples; `stored` as in `passed_again`."""
         m, k, n = len(self.data.labels), self._k, self._n
         time = np.concatenate([[begin.time], samples.time])
         u = np.concatenate([begin.u[None], samples.u])
@@ -312,4 +278,4 @@ class Tracker:
             kept, time, u, y, self.data.label_states, gap, self.levels[:m], self.levels[m:], self._noise,
             self._p, self.substeps, self._stiff, self._many, e, S, K, F, C, H, g,
         )  # fmt: skip
-        return _Passed(float(cost), kept, y, e, S, K, F, C, H, g)
+        return Passed(float(cost), kept, y, e, S, K, F, C, H, g)
