@@ -42,13 +42,15 @@ def test_cell_has_order_four():
     assert np.all(np.abs(orders - 4.0) < 0.2), orders
 
 
-def test_substeps_follow_a_straight_input():
-    """With first-order hold, two substeps equal two steps with the input halfway in between."""
+def test_substeps_follow_a_measured_motion():
+    """Two substeps equal two steps with the input halfway: that of the link is on a parabola with its velocities."""
     model = build("motor_side")
     x0, time, u = random_record(model)
     u[:, 0] = 0.01  # the torque is held constant in both
     fine_time = np.sort(np.concatenate([time, (time[1:] + time[:-1]) / 2]))
     fine_u = np.column_stack([np.interp(fine_time, time, column) for column in u.T])
+    q, w_q = (model.input_names.index(name) for name in ("link_position", "link_velocity"))
+    fine_u[1::2, q] -= np.diff(time) * np.diff(u[:, w_q]) / 8.0
     start, values = torch.from_numpy(x0), model.values()
     coarse = HPinnNetwork(model, values, ["J_m"], substeps=2, compiled=False)(start, time, u)
     fine = HPinnNetwork(model, values, ["J_m"], substeps=1, compiled=False)(start, fine_time, fine_u)

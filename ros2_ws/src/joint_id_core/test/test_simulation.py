@@ -7,24 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import simpson, solve_ivp
-from scipy.linalg import expm
 
 from joint_id_core.models import LAWS, DCMotor, Electromechanical, HarmonicDrive, MotorSide, RigidJoint
 from joint_id_core.models.operations import SignOps
 from joint_id_core.simulation.dormand_prince import step
 from joint_id_core.simulation.simulator import JointSimulator, simulate
 
-
-def linear_response(a, b, x, time, u_start, u_end):
-    """States of dx = a x + b u, u a straight line from u_start[k] to u_end[k] within step k (exact)."""
-    n, m = b.shape
-    block = np.zeros((n + 2 * m, n + 2 * m))
-    block[:n, :n], block[:n, n : n + m], block[n : n + m, n + m :] = a, b, np.eye(m)
-    states = [x]
-    for k, dt in enumerate(np.diff(time)):
-        slope = (u_end[k] - u_start[k]) / dt
-        states.append((expm(block * dt) @ np.concatenate([states[-1], u_start[k], slope]))[:n])
-    return np.array(states)
+from .linear_systems import exact_linear
 
 
 def uneven(count, seed=0):
@@ -41,12 +30,12 @@ def test_dc_motor_without_friction_follows_the_matrix_exponential():
     a = np.array([[-p["R"] / p["L"], -p["k_b"] / p["L"]], [p["k_t"] / p["J_r"], -p["c_b"] / p["J_r"]]])
     b = np.diag([1 / p["L"], -1 / p["J_r"]])
     u = np.column_stack([voltage, load])
-    exact = linear_response(a, b, np.zeros(2), time, u[:-1], u[:-1])
+    exact = exact_linear(a, b, np.zeros(2), time, u, [False, False], [None, None])
     np.testing.assert_allclose(r["current"], exact[:, 0], atol=1e-6)
     np.testing.assert_allclose(r["motor_velocity"], exact[:, 1], atol=1e-5)
 
 
-def test_first_order_hold_inputs_run_in_straight_lines_and_zero_order_ones_do_not():
+def test_a_measured_motion_runs_on_between_samples_and_a_drive_is_held():
     time = uneven(60)
     rng = np.random.default_rng(3)
     u = np.column_stack([rng.normal(0, 0.1, time.size), rng.normal(0, 1e-3, time.size), rng.normal(0, 0.1, time.size)])
@@ -57,9 +46,7 @@ def test_first_order_hold_inputs_run_in_straight_lines_and_zero_order_ones_do_no
     n, j = p["N"], p["J_m"]
     a = np.array([[0, 1], [-p["k_1"] / n**2 / j, -(p["c_1"] / n**2 + p["c_m"]) / j]])
     b = np.array([[0, 0, 0], [1 / j, p["k_1"] / n / j, p["c_1"] / n / j]])
-    end = u[1:].copy()
-    end[:, 0] = u[:-1, 0]
-    exact = linear_response(a, b, np.zeros(2), time, u[:-1], end)
+    exact = exact_linear(a, b, np.zeros(2), time, u, [False, True, True], [None, 2, None])
     np.testing.assert_allclose(r["motor_position"], exact[:, 0], atol=1e-6)
     np.testing.assert_allclose(r["motor_velocity"], exact[:, 1], atol=1e-4)
 

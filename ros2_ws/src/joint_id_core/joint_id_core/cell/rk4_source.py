@@ -86,12 +86,14 @@ class _Text:
 
     def _inputs(self, at: str) -> list[str]:
         held = [f"u_{i} = u0[{i}]" for i, s in enumerate(self.model.inputs) if s.hold == "zero" and at == "0.0"]
-        ramps = [
-            f"u_{i} = u0[{i}] + (s + {at}) / substeps * (u1[{i}] - u0[{i}])"
-            for i, s in enumerate(self.model.inputs)
-            if s.hold == "first"
-        ]
-        return held + ramps
+        ramps = [f"u_{i} = {self._between(i)}" for i, s in enumerate(self.model.inputs) if s.hold == "first"]
+        return [*held, f"at = (s + {at}) / substeps", *ramps] if ramps else held
+
+    def _between(self, i: int) -> str:
+        """Return the value of an input a share `at` of the sample after its start."""
+        rate = self.model.rates[i]
+        straight = f"u0[{i}] + at * (u1[{i}] - u0[{i}])"
+        return straight if rate is None else f"{straight} - 0.5 * at * (1.0 - at) * h * (u1[{rate}] - u0[{rate}])"
 
     def _signs(self) -> list[str]:
         show = self.show
@@ -204,11 +206,11 @@ class _Text:
     def point(self) -> list[str]:
         """Return the lines of `inputs`, `slope` and `linearise`, for a cell whose stages are not written out."""
         lines = [
-            "def inputs(u0, u1, at, u):",
-            '    """Fill u with the inputs a share `at` of the sample after its start."""',
+            "def inputs(u0, u1, at, h, u):",
+            '    """Fill u with the inputs a share `at` of the sample, which is h long, after its start."""',
         ]
         for i, signal in enumerate(self.model.inputs):
-            lines.append(f"    u[{i}] = u0[{i}]" + (f" + at * (u1[{i}] - u0[{i}])" if signal.hold == "first" else ""))
+            lines.append(f"    u[{i}] = {self._between(i) if signal.hold == 'first' else f'u0[{i}]'}")
         lines += ["", "", "def slope(x, u, c, f):", '    """Fill f with the derivative of the state."""']
         lines += self._at(self.state_temps) + [f"    f[{i}] = {self.show(e)}" for i, e in enumerate(self.state_f)]
         lines += ["", "", "def linearise(x, u, c, f, A, B, G):", '    """Fill f, df/dx, df/dp and df/du."""']

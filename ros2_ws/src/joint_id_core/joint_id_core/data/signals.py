@@ -19,9 +19,9 @@ LARGEST = 1e9  # no signal of a joint is larger, in its SI unit: a larger value 
 class Signal:
     """A quantity that varies in time: a state, an input or a label.
 
-    `hold` says how an input varies between two samples: "zero" (constant, as a controller sets it) or "first" (linear,
-    for a measured motion). `scale` is a typical magnitude in `unit`, used as the standard deviation of an unknown start
-    value.
+    `hold` says how an input varies between two samples: "zero" (constant, as a controller sets it) or "first" (for a
+    measured motion: linear, or bent if its rate is an input, too; see `models.base.Model.rates`). `scale` is a typical
+    magnitude in `unit`, used as the standard deviation of an unknown start value.
     """
 
     name: str

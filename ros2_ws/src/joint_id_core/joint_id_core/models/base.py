@@ -8,7 +8,7 @@ from functools import cached_property
 from types import SimpleNamespace
 from typing import Any, ClassVar, Protocol
 
-from joint_id_core.data.signals import Parameter, Signal
+from joint_id_core.data.signals import Parameter, Signal, derivative_of
 from joint_id_core.errors import JointIdError
 
 
@@ -123,6 +123,17 @@ class Model:
     def input_names(self) -> tuple[str, ...]:
         """Channel names of the inputs."""
         return tuple(s.name for s in self.inputs)
+
+    @cached_property
+    def rates(self) -> tuple[int | None, ...]:
+        """By input, the index of the input that is its time derivative; None if there is none, or if it is held.
+
+        Between two samples such an input q with the rate v runs along q_0 + a (q_1 - q_0) - a (1 - a) h (v_1 - v_0) / 2
+        at the share a of the step h: on a straight line, a moving link would always be on the inner side of its curve.
+        """
+        names = self.input_names
+        found = (derivative_of(s.name) if s.hold == "first" else None for s in self.inputs)
+        return tuple(names.index(rate) if rate in names else None for rate in found)
 
     @cached_property
     def parameter_names(self) -> tuple[str, ...]:

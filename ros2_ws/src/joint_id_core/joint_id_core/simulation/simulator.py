@@ -53,7 +53,7 @@ class JointSimulator:
         self._atol = [_ABSOLUTE * rtol * s.scale for s in model.states]
         # A model may build these tuples again at every access.
         self._state_names, self._input_names = model.state_names, model.input_names
-        self._optional = model.optional_inputs
+        self._optional, self._rates = model.optional_inputs, model.rates
         self._x = _ordered(model, "state", self._state_names, x0 or {}, frozenset(self._state_names))
         self._friction = self._with(values)
         self._h = _FIRST_STEP
@@ -95,7 +95,7 @@ class JointSimulator:
     def advance(self, dt: float, u: Mapping[str, float], end: Mapping[str, float] | None = None) -> None:
         """Advance by `dt` in s under the inputs `u`, by channel name; optional inputs that are not given are zero.
 
-        Inputs are constant; those with hold "first" change linearly to their value in `end`.
+        Inputs are constant; those with hold "first" change to their value in `end` as `Model.rates` says.
 
         Raises:
             JointIdError: unknown or missing input, a value that is not finite, a solution that is not
@@ -118,10 +118,15 @@ class JointSimulator:
     ) -> list[State]:  # fmt: skip
         """Integrate over `dt`; return the states at `samples`, increasing times in (0, dt)."""
         out: list[State] = []
-        rates = None if u_0 == u_1 else [(b - a) / dt for a, b in zip(u_0, u_1, strict=True)]
+        constant = u_0 == u_1
+        changes = [b - a for a, b in zip(u_0, u_1, strict=True)]
+        bends = [0.0 if rate is None else 0.5 * dt * changes[rate] for rate in self._rates]
 
         def inputs(t: float) -> Sequence[float]:
-            return u_0 if rates is None else [a + r * t for a, r in zip(u_0, rates, strict=True)]
+            if constant:
+                return u_0
+            s = t / dt
+            return [a + s * (c - (1.0 - s) * b) for a, c, b in zip(u_0, changes, bends, strict=True)]
 
         friction, t, steps, begun = self._friction, 0.0, 0, self.time
 
@@ -135,7 +140,7 @@ class JointSimulator:
             while t < dt:
                 if self._slope is None:
                     self._slope = derivative(t, self._x)
-                if rates is None and not any(self._slope):
+                if constant and not any(self._slope):
                     # In equilibrium under constant inputs nothing changes: no integration and no events.
                     out += [list(self._x) for _ in samples[len(out) :]]
                     self.time = begun + dt
@@ -216,7 +221,7 @@ def simulate(
     """Simulate a joint and record its states and inputs, without noise, at the instants `time`.
 
     `time` in s and every input have shape (T,), T >= 2; steps may differ. Between two samples an input with hold "zero"
-    keeps its value, and an input with hold "first" changes linearly.
+    keeps its value, and an input with hold "first" changes as `Model.rates` says.
 
     Raises:
         JointIdError: see `JointSimulator`; also a missing or unknown input, a wrong shape, values that are not

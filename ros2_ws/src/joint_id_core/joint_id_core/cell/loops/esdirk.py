@@ -162,7 +162,7 @@ def step(x: Vector, V: Vector, u0: Vector, u1: Vector, c: Vector, h: float, subs
     hs = h / substeps
     for s in range(substeps):
         for stage in range(6):
-            inputs(u0, u1, (s + NODES[stage]) / substeps, u)
+            inputs(u0, u1, (s + NODES[stage]) / substeps, h, u)
             stages(x, k, stage, hs, u, c, y, space, M, order)
         for i in range(NX):
             x[i] = y[i]  # stiffly accurate: the last argument is the result
@@ -179,7 +179,7 @@ def step_columns(
     hs = h / substeps
     for s in range(substeps):
         for stage in range(6):
-            inputs(u0, u1, (s + NODES[stage]) / substeps, u)
+            inputs(u0, u1, (s + NODES[stage]) / substeps, h, u)
             stages(x, k, stage, hs, u, c, y, space, M, order)
             hg = hs * GAMMA if stage > 0 else 0.0
             linearise(y, u, c, f, A, B, G)

@@ -61,9 +61,13 @@ class RK4Cell(torch.nn.Module):
         super().__init__()
         self.model, self.substeps = model, substeps
         self.ops = _TorchOps(friction)
-        self.register_buffer(
-            "ramp", torch.tensor([float(s.hold == "first") for s in model.inputs], dtype=torch.float64)
-        )
+        first = [float(s.hold == "first") for s in model.inputs]
+        self.register_buffer("ramp", torch.tensor(first, dtype=torch.float64))
+        bend = np.zeros((len(first), len(first)))
+        for i, rate in enumerate(model.rates):
+            if rate is not None:
+                bend[i, rate] = 0.5
+        self.register_buffer("bend", torch.from_numpy(bend))
 
     def forward(
         self, x: torch.Tensor, u: torch.Tensor, u_next: torch.Tensor, dt: float, p: SimpleNamespace
@@ -73,14 +77,16 @@ class RK4Cell(torch.nn.Module):
         Args:
             x: state, shape (n,), SI units.
             u, u_next: inputs at this sample and at the next, shape (nu,). Between them an input is constant (hold
-                "zero") or linear (hold "first").
+                "zero") or runs on to the next value (hold "first"), bent by its rate (`Model.rates`).
             dt: time to the next sample in s.
             p: parameters by attribute.
         """
         h = dt / self.substeps
         slope = self.get_buffer("ramp") * (u_next - u)
+        bend = dt * self.get_buffer("bend") @ (u_next - u)
         for k in range(self.substeps):
-            u_0, u_mid, u_1 = (u + slope * ((k + c) / self.substeps) for c in (0.0, 0.5, 1.0))
+            shares = ((k + c) / self.substeps for c in (0.0, 0.5, 1.0))
+            u_0, u_mid, u_1 = (u + slope * a - bend * (a * (1.0 - a)) for a in shares)
             k_1 = self._derivative(x, u_0, p)
             k_2 = self._derivative(x + 0.5 * h * k_1, u_mid, p)
             k_3 = self._derivative(x + 0.5 * h * k_2, u_mid, p)
