@@ -45,6 +45,22 @@ class Passed:
     score: Array
 
 
+@dataclass(frozen=True)
+class _Friction:
+    """How sharp friction is.
+
+    Attributes:
+        smoothing: factor on the smoothing velocities of a fit.
+        velocities: these velocities, of those that are sharpened.
+        stiff, many: as in `loops.tracking.track`.
+    """
+
+    smoothing: float
+    velocities: Array
+    stiff: Array
+    many: int
+
+
 class Tracker:
     """Runs the filter at parameters that are held, the reference, and returns what new samples say about them.
 
@@ -84,7 +100,6 @@ class Tracker:
         self._index = np.array([model.parameter_names.index(name) for name in data.free])
         self.columns = np.array([kernel.sensitive.index(name) for name in data.free])
         self._p = data.p.copy()
-        self._stiff = np.full(len(model.states), -1.0)
         self._sharpened: list[int] = []
         for name in model.smoothing.values():
             i = model.parameter_names.index(name)
@@ -99,18 +114,33 @@ class Tracker:
             for i, signal in enumerate(model.inputs)
             if data.recording.measured(signal.name)
         }
-        self.sharpen(KNOWN)
+        self._smooth = self._friction(1.0)
+        self._use(self._smooth)
 
     def sharpen(self, sigma: float) -> None:
         """Take friction as sharp as suits the largest standard deviation `sigma` of a coordinate."""
+        self._use(self._friction(float(np.clip(sigma / KNOWN, SHARPEST, 1.0)) if self._sharpened else 1.0))
+
+    def _friction(self, smoothing: float) -> _Friction:
+        """Return friction whose smoothing velocities are those of a fit times `smoothing`, and the steps it needs."""
         model, data = self.data.model, self.data
-        self.smoothing = float(np.clip(sigma / KNOWN, SHARPEST, 1.0)) if self._sharpened else 1.0
-        self._p[self._sharpened] = data.p[self._sharpened] * self.smoothing
+        p = self._p.copy()
+        p[self._sharpened] = data.p[self._sharpened] * smoothing
+        stiff = np.full(len(model.states), -1.0)
         for velocity, name in model.smoothing.items():
-            i = model.parameter_names.index(name)
-            self._stiff[model.state_names.index(velocity)] = KINK * self._p[i]
-        stable = steps_to_stand(data, self.kernel, self._p, self._states, self.substeps, MOST_SHARP_STEPS)
-        self._many = max(stable, min(MOST_STEPS, round(MORE_STEPS * self.substeps / self.smoothing)))
+            stiff[model.state_names.index(velocity)] = KINK * p[model.parameter_names.index(name)]
+        stable = steps_to_stand(data, self.kernel, p, self._states, self.substeps, MOST_SHARP_STEPS)
+        many = max(stable, min(MOST_STEPS, round(MORE_STEPS * self.substeps / smoothing)))
+        return _Friction(smoothing, p[self._sharpened], stiff, many)
+
+    def _use(self, friction: _Friction) -> None:
+        self._now = friction
+        self._p[self._sharpened] = friction.velocities
+
+    @property
+    def smoothing(self) -> float:
+        """Smoothing of friction over that of a fit."""
+        return self._now.smoothing
 
     def move(self, z: Array) -> None:
         """Take other reference parameters; the state follows along its derivatives."""
@@ -227,8 +257,14 @@ class Tracker:
         return replace(begin, kept=self._unsure(begin.kept) if changed else self._moved(begin.kept, piece.z))
 
     def _settled(self, start: tuple[State, Samples]) -> State | None:
-        """Return the state after the first samples; None if the path diverges."""
+        """Return the state after the first samples; None if the path diverges.
+
+        Friction is smooth there. Sharp friction holds a velocity that began near zero, and leaves labels no say in it.
+        """
+        sharp = self._now
+        self._use(self._smooth)
         done = self._run(*start)
+        self._use(sharp)
         return None if done is None else replace(done[0], start=start)
 
     def passed_again(self, piece: Piece, levels: Array, stored: bool = False) -> Passed:
@@ -276,6 +312,6 @@ class Tracker:
         kept, H, g = begin.kept.copy(), np.empty((k, k)), np.empty(k)
         cost = self.kernel.tracking.track(
             kept, time, u, y, self.data.label_states, gap, self.levels[:m], self.levels[m:], self._noise,
-            self._p, self.substeps, self._stiff, self._many, e, S, K, F, C, H, g,
+            self._p, self.substeps, self._now.stiff, self._now.many, e, S, K, F, C, H, g,
         )  # fmt: skip
         return Passed(float(cost), kept, y, e, S, K, F, C, H, g)
