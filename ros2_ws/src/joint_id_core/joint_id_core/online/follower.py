@@ -265,11 +265,11 @@ class Follower:
         sigma = np.sqrt(np.diag(memory.covariance))
         tracker.sharpen(float(np.max(sigma / unit)))
         least = np.maximum(LINEAR * unit, NEAR * sigma)
-        if any(
-            block.smoothing > SHARPER * tracker.smoothing or np.any(np.abs(block.z - mean) > least)
-            for block in memory.blocks
-        ):
-            learned = relearn(tracker, memory.blocks, *memory.before(), weights=memory.weights(self._options.memory_s))
+        blocks = memory.blocks
+        smoothest = max((block.smoothing for block in blocks), default=0.0)
+        away = np.abs(np.array([block.z for block in blocks]).reshape(-1, len(mean)) - mean)
+        if smoothest > SHARPER * tracker.smoothing or np.any(away > least):
+            learned = relearn(tracker, blocks, *memory.before(), weights=memory.weights(self._options.memory_s))
             if learned is not None:
                 memory.replace(learned.pieces, self._options.memory_s)
                 return
