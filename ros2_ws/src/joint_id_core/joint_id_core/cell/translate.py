@@ -168,7 +168,7 @@ class _Translation(Expressions):
                 self._statement(statement)
             except JointIdError:
                 raise
-            except Exception as error:
+            except Exception as error:  # whatever it is: the author of a loop needs its line
                 function = self._here.function
                 raise JointIdError(
                     f"{function.__module__}.{function.__name__}, line {statement.lineno}: {error}"

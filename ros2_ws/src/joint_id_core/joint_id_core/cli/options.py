@@ -37,7 +37,7 @@ def with_options(
         own = [p.replace(annotation=hints[n]) for n, p in signature.parameters.items() if n != argument]
         made = [_parameter(name, group, name in required, len(kinds) > 1) for name, group in chosen.items()]
         ordered = sorted([*own, *made], key=lambda p: p.default is not inspect.Parameter.empty)
-        called.__signature__ = signature.replace(parameters=ordered)  # type: ignore[attr-defined]
+        called.__signature__ = signature.replace(parameters=ordered)  # type: ignore[attr-defined]  # typer reads it
         called.__annotations__ = {p.name: p.annotation for p in ordered} | {"return": None}
         return called
 
@@ -57,6 +57,6 @@ def _parameter(name: str, group: list[tuple[type, Field[Any]]], required: bool, 
     default, decl = group[0][1].default, f"--{name.replace('_', '-')}"
     shown = False if default is MISSING or default in ("", False) or required else str(default)
     settings = typer.Option(decl, help="; ".join(said), show_default=shown)
-    annotation = Annotated[type(default) if required else Optional[type(default)], settings]  # type: ignore[valid-type]
+    annotation = Annotated[type(default) if required else Optional[type(default)], settings]  # type: ignore[valid-type]  # of a field
     end = inspect.Parameter.empty if required else None
     return inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD, default=end, annotation=annotation)

@@ -67,6 +67,22 @@ class Piece:
         return float(self.samples.time[-1] - self.begin.time) if len(self.samples.time) else 0.0
 
 
+@dataclass(frozen=True)
+class Passed:
+    """Outputs of `loops.tracking.track`, whose first row is the sample before, and its labels."""
+
+    cost: float
+    kept: Array
+    y: Array
+    errors: Array
+    variances: Array
+    gains: Array
+    slopes: Array
+    shown: Array
+    matrix: Array
+    score: Array
+
+
 def merged(pieces: Sequence[Piece]) -> Piece:
     """Return consecutive pieces of the same reference as one."""
     if len(pieces) == 1:

@@ -15,7 +15,7 @@ from joint_id_core.estimators.innovations.recursion import STATE_NOISE
 from joint_id_core.estimators.shared.fit_data import LONGEST_GAP, FitData, without_frozen
 from joint_id_core.estimators.shared.initial_state import rough_noise, rough_states, start_state
 from joint_id_core.estimators.shared.substeps import KINK, MORE_STEPS, MOST_STEPS, steps_to_stand
-from joint_id_core.online.piece import Piece, Samples, State
+from joint_id_core.online.piece import Passed, Piece, Samples, State
 
 SETTLE_S = 0.05  # after a start, in which labels tell the state
 LEAST = 10  # samples of the shortest motion that is used
@@ -27,22 +27,6 @@ SHARPEST = 0.1
 # deviations off.
 MOST_SHARP_STEPS = 1024
 KNOWN = 0.5  # largest standard deviation of a coordinate at which friction is as smooth as in a fit
-
-
-@dataclass(frozen=True)
-class Passed:
-    """Outputs of `loops.tracking.track`, whose first row is the sample before, and its labels."""
-
-    cost: float
-    kept: Array
-    y: Array
-    errors: Array
-    variances: Array
-    gains: Array
-    slopes: Array
-    shown: Array
-    matrix: Array
-    score: Array
 
 
 @dataclass(frozen=True)
@@ -90,13 +74,8 @@ class Tracker:
             held: parameters that keep the value of the user, so that their friction is not sharpened.
         """
         model = data.model
-        self.data, self.kernel, self.coordinates, self.levels, self.substeps = (
-            data,
-            kernel,
-            coordinates,
-            levels,
-            substeps,
-        )
+        self.data, self.kernel, self.coordinates = data, kernel, coordinates
+        self.levels, self.substeps = levels, substeps
         self._index = np.array([model.parameter_names.index(name) for name in data.free])
         self.columns = np.array([kernel.sensitive.index(name) for name in data.free])
         self._p = data.p.copy()
