@@ -92,19 +92,36 @@ def robot(args: argparse.Namespace) -> tuple[History, dict[str, JointEstimate], 
             _until(watcher, nodes, screen, lambda half=half: time.monotonic() > half, args.duration)
             if act:
                 emulator.tell(act)
+        # A slow computer still works on the first windows of six joints.
+        _wait(watcher, nodes, screen, lambda: all(_converged(watcher.latest.get(j)) for j in truth), READY_S)
         screen.finish(history)
         return history, watcher.latest, truth, watcher.said_by("driver", "received", "lost", "reconnects")
 
 
 def _until(watcher: Watcher, nodes: Nodes, screen: Screen, condition: Callable[[], bool], patience_s: float) -> None:
-    """Show the estimates until the condition holds."""
+    """Show the estimates until the condition holds.
+
+    Raises:
+        JointIdError: it does not hold in time.
+    """
+    if not _wait(watcher, nodes, screen, condition, patience_s):
+        raise JointIdError(f"no estimate after {patience_s:g} s: see {nodes.logs}")
+
+
+def _wait(watcher: Watcher, nodes: Nodes, screen: Screen, condition: Callable[[], bool], patience_s: float) -> bool:
+    """Show the estimates until the condition holds; return whether it did in time."""
     limit = time.monotonic() + patience_s
     while not condition():
         nodes.check()
         watcher.spin()
         screen.show(watcher.history)
         if time.monotonic() > limit:
-            raise JointIdError(f"no estimate after {patience_s:g} s: see {nodes.logs}")
+            return False
+    return True
+
+
+def _converged(estimate: JointEstimate | None) -> bool:
+    return estimate is not None and estimate.status == JointEstimate.CONVERGED
 
 
 def replay(args: argparse.Namespace, model: Model) -> History:

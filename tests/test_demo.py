@@ -11,7 +11,7 @@ import pytest
 from matplotlib.image import imread
 
 ROOT = Path(__file__).resolve().parent.parent
-PATIENCE_S = 180.0  # a limit for a demo that hangs, not a measure of speed
+PATIENCE_S = 300.0  # a limit for a demo that hangs, not a measure of speed
 ROW = re.compile(r"^  (\w+) +(\S.*?) +(\S+) ± (\S+) +(\S+) +([+-]\S+) σ   (\w[\w ]*)$", re.MULTILINE)
 
 
