@@ -84,6 +84,15 @@ def test_stamps_that_begin_at_zero_by_mistake_cost_no_digits_of_the_true_ones():
     assert [s.instant_ns for s in out][-200:] == [BEGIN + 1 + k * PERIOD_NS for k in range(400)][: len(out) - 1][-200:]
 
 
+def test_a_stray_message_of_another_topic_far_ahead_costs_nothing():
+    aligner = Aligner(INPUTS)
+    aligner.join("motor_states", BEGIN + DAY_NS // 2, columns("a", motor_position=[0.0]))
+    aligner.align()
+    out = run(aligner, BEGIN, 400)
+    stamps = [s.instant_ns for s in out if s.instant_ns < BEGIN + DAY_NS // 4]
+    assert stamps == [BEGIN + k * PERIOD_NS for k in range(len(stamps))] and len(stamps) > 200
+
+
 GOOD = BEGIN + 3 * DAY_NS  # begin of the good messages: far from the stamps of all others
 
 

@@ -73,7 +73,10 @@ class Joiner(Generic[Part]):
             JointIdError: the stamp is missing, out of order, or too late to be joined; the message is left out.
         """
         done: list[tuple[int, dict[str, Part]]] = []
-        if self._orders[topic].restarts(topic, stamp_ns):
+        first = self._orders[topic].last_ns is None
+        restarts = self._orders[topic].restarts(topic, stamp_ns)
+        # One stray message of another topic, far ahead, must not cost all messages of this one.
+        if restarts or (first and self._released is not None and self._released - stamp_ns > BACK_NS):
             done = sorted(self._pending.items())  # messages of the previous run that still waited
             self._start()
             self._orders[topic].restarts(topic, stamp_ns)
