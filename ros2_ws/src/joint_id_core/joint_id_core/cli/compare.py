@@ -30,6 +30,7 @@ from joint_id_core.errors import JointIdError
 
 if TYPE_CHECKING:
     from joint_id_core.comparison.trial import Trial
+    from joint_id_core.estimators.shared.settings import ParameterSettings
 
 MODELS_HELP = (
     f"{GRAMMAR}; repeat it or separate with commas (default: every law of the models that the recording can tell of; "
@@ -71,7 +72,7 @@ def compare(
     with Progress() as progress:
         result = comparison.compare(texts, recording, validation, share, settings, progress)
     best = result.ranking.best
-    again = _fit_arguments(best, set_, fix, free) if best else []
+    again = _fit_arguments(best, settings, set_, fix, free) if best else []
     if json:
         print_json(result.to_dict() | {"fit_arguments": again})
     else:
@@ -86,15 +87,17 @@ def compare(
         raise typer.Exit(BAD_INPUT if all(r.trial.estimate.status in unusable for r in result.ranking.rows) else 1)
 
 
-def _fit_arguments(trial: Trial, set_: Texts, fix: Texts, free: Texts) -> list[str]:
+def _fit_arguments(trial: Trial, settings: ParameterSettings, set_: Texts, fix: Texts, free: Texts) -> list[str]:
     """Return the arguments of `joint-id fit` that repeat the fit of this candidate."""
-    model = trial.candidate.model
+    model, estimate = trial.candidate.model, trial.estimate
+    usual = dict(zip(model.parameter_names, settings.of(model).applied_to(model)[0], strict=True))
+    given = {text.partition("=")[0].strip() for text in (*(set_ or ()), *(fix or ()), *(free or ()))}
+    names = [name for name in model.smoothing.values() if name not in given]
+    names += [name for name in estimate.free if estimate[name].initial != usual[name]]
     words = list(trial.candidate.arguments)
     for option, texts in (("--set", set_), ("--fix", fix), ("--free", free)):
-        own = [text for text in texts or () if text.partition("=")[0].strip() in model.parameter_names]
-        words += [word for text in own for word in (option, text)]
-    given = {text.partition("=")[0].strip() for text in (*(set_ or ()), *(fix or ()), *(free or ()))}
-    for name in model.smoothing.values():
-        if name not in given:
-            words += ["--set", f"{name}={trial.estimate[name].value:.6g}"]
-    return words
+        for text in texts or ():
+            name = text.partition("=")[0].strip()
+            if name in model.parameter_names and not (option == "--set" and name in names):
+                words += [option, text]
+    return words + [word for name in names for word in ("--set", f"{name}={estimate[name].initial:.6g}")]

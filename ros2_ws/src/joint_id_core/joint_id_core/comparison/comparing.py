@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,9 @@ from joint_id_core.comparison.trial import BLOCKS, Trial
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.innovations.fit import fit_innovations
-from joint_id_core.estimators.shared.fit_data import MIN_SAMPLES, UnusableError, unusable
+from joint_id_core.estimators.shared.fit_data import MIN_SAMPLES, UnusableError, options_of, unusable
 from joint_id_core.estimators.shared.settings import ParameterSettings
-from joint_id_core.models import Model
+from joint_id_core.models import LAWS, Model
 from joint_id_core.options import Progress
 from joint_id_core.results.estimate import Estimate, Status
 from joint_id_core.validation.prediction import HORIZON_S, held_out_drive_errors, held_out_errors
@@ -92,17 +92,43 @@ def compare(
         settings.of(c.model).applied_to(c.model)
     fitted, validated = (recording, validation) if validation is not None else split(recording, held_out_share)
     _require_motion(fitted, validated)
+    tells = [_told(progress, f"{k} of {len(candidates)}, {c.label}: ") for k, c in enumerate(candidates, 1)]
+    own = [settings.of(c.model) for c in candidates]
+    estimates = [_fit(c, fitted, its, tell) for c, its, tell in zip(candidates, own, tells, strict=True)]
+    plain = {c.model: e for c, e in zip(candidates, estimates, strict=True)}
     trials = []
-    for k, c in enumerate(candidates, 1):
-
-        def tell(text: str, head: str = f"{k} of {len(candidates)}, {c.label}: ") -> None:
-            if progress:
-                progress(head + text)
-
-        estimate = _fit(c, fitted, settings.of(c.model), tell)
+    for c, its, tell, estimate in zip(candidates, own, tells, estimates, strict=True):
+        found = _better(estimate, plain.get(_plain(c.model)), c, fitted, its, tell)
         tell("predicting")
-        trials.append(_validated(c, estimate, validated))
+        trials.append(_validated(c, found, validated))
     return Comparison(rank(trials), fitted, validated)
+
+
+def _told(progress: Progress | None, head: str) -> Progress:
+    """Return `progress` with a head before every line."""
+    return lambda text: progress(head + text) if progress else None
+
+
+def _plain(model: Model) -> Model:
+    """Return the same model with the law that the other friction laws contain."""
+    has_law = "friction" in options_of(model)
+    return replace(model, friction=LAWS[0]) if has_law else model  # type: ignore[call-arg]  # it has the field
+
+
+def _better(
+    found: Estimate, plain: Estimate | None, c: Candidate, recording: Recording, settings: ParameterSettings,
+    tell: Progress,
+) -> Estimate:  # fmt: skip
+    """Return the more likely of two fits of a law that contains the `plain` one: `found`, and one from plain's values.
+
+    Laws with more parameters have more than one minimum on real records.
+    """
+    if plain is None or plain is found or not plain.converged or found.predictions is None:
+        return found
+    tell("again from the values of plain friction")
+    start = {n: plain[n].value for n in plain.free if n in found.free}
+    again = _fit(c, recording, settings.with_values(start), tell)
+    return again if again.converged and again.deviance < found.deviance else found
 
 
 def split(recording: Recording, held_out_share: float = HELD_OUT_SHARE) -> tuple[Recording, Recording]:
