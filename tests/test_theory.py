@@ -21,7 +21,7 @@ from joint_id_core.estimators.innovations import (
     whiteness,
 )
 from joint_id_core.estimators.shared import fit_data, initial_state, stillness, substeps
-from joint_id_core.models import RigidJoint, dc_motor, transmission
+from joint_id_core.models import dc_motor, transmission
 from joint_id_core.online import checks, follower, identifier, learning, levels, memory, resume, score_test, tracker
 from joint_id_core.validation import inverse_dynamics, prediction
 
@@ -46,7 +46,6 @@ def test_constants_in_the_theory() -> None:
         f"| $N$ | {transmission.GEAR_RATIO:g} |",
         f"| $L$ | {dc_motor.INDUCTANCE:.0e} H".replace("e-0", "e-"),
         f"6e-5 kg m² | the rotor inertia in Table V{'' if dc_motor.ROTOR_INERTIA == 6e-5 else '?'}",
-        f"for `rigid_joint` it is {100 * RigidJoint.smoothing_share:g} % of the peak speed",
         f"$|\\lambda h| \\le {substeps.STABLE:g}$ on the negative real axis",
         f"$|\\lambda h| \\le {substeps.LIMIT:g}$ for the fastest mode of the sliding joint, at most "
         f"{words[substeps.MOST]}.",
@@ -85,7 +84,7 @@ def test_constants_in_the_theory() -> None:
         f"at least {1000 * stillness.STILL_S:g} ms in which no position",
         f"The newest {1000 * stillness.STILL_S:g} ms always wait",
         f"left out too, up to {stillness.WIND_UP_S:g} s",
-        f"After a start the first {1000 * tracker.SETTLE_S:g} ms tell the state",
+        f"After a start the first {1000 * fit_data.SETTLE_S:g} ms tell the state",
         f"{words[round(10 * (1.0 - levels.DOUBTED))]} tenths of what was known of the levels is forgotten",
         f"r = {resume.DRIFT_PER_H:g}\\ \\text{{per hour}}",
         f"block of {follower.BLOCK_S:g} s. If it moves by more than {100 * follower.LINEAR:g} %",

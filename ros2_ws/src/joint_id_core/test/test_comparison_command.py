@@ -53,7 +53,7 @@ def test_json_keeps_the_contract(file, run):
     assert (first["rank"], second["rank"], last["rank"]) == (1, 2, None)
     assert first["delta_bic"] == 0.0 < second["delta_bic"]
     assert first["free_parameters"] == 5
-    assert first["observations"] == result["fitted"]["samples"]
+    assert 0.9 * result["fitted"]["samples"] < first["observations"] < result["fitted"]["samples"]  # less the rests
     assert first["bic"] == pytest.approx(first["aic"] + 5 * (np.log(first["observations"]) - 2.0))
     drive = {h["signal"]: h for h in first["held_out"]}["torque"]
     assert drive["r_squared"] == pytest.approx(1.0 - drive["nrmse"] ** 2)

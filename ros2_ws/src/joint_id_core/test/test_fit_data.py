@@ -73,21 +73,6 @@ def test_columns_of_a_table_are_laid_out_for_the_compiled_cell():
     assert data.time.flags.c_contiguous and data.y.flags.c_contiguous and data.u.flags.c_contiguous
 
 
-def test_smoothing_of_friction_follows_the_speed_unless_it_is_given():
-    w_s = {}
-    for speed in (1e-2, 0.3, 1e3):
-        data = prepare(
-            RIGID, record(link_position=speed / 3 * np.sin(3 * TIME), link_velocity=speed * np.cos(3 * TIME))
-        )
-        w_s[speed] = data.p[RIGID.parameter_names.index("w_s")]
-    nominal = RIGID.parameter("w_s").nominal
-    assert w_s[1e-2] == pytest.approx(0.1 * nominal)
-    assert w_s[0.3] == pytest.approx(0.003)
-    assert w_s[1e3] == pytest.approx(nominal)
-    given = prepare(RIGID, record(), ParameterSettings({"w_s": 0.5}))
-    assert given.p[RIGID.parameter_names.index("w_s")] == 0.5
-
-
 def test_frozen_zeros_of_a_robot_are_no_measurement_but_encoder_steps_are():
     fine = 3 * np.cos(3 * TIME) + 1e-6 * np.random.default_rng(0).standard_normal(200)
     frozen = np.where(np.abs(fine) < 1.0, 0.0, fine)

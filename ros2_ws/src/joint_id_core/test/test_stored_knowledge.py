@@ -24,8 +24,10 @@ ORIGIN = 10**18
 def record():
     time = np.arange(5 * 250) / 250
     torque = multisine(time, 25.0, (0.5, 1.5, 2.5, 4.0), seed=5)
-    moved = simulate(build("rigid_joint"), time, {"torque": torque}, {"J": 1.7, "c": 3.0, "tau_f": 2.0, "tau_0": -0.6})
-    noisy = moved["link_position"] + 1e-5 * np.random.default_rng(0).standard_normal(len(time))
+    rng = np.random.default_rng(0)
+    acting = {"torque": torque + 0.1 * rng.standard_normal(len(time))}
+    moved = simulate(build("rigid_joint"), time, acting, {"J": 1.7, "c": 3.0, "tau_f": 2.0, "tau_0": -0.6})
+    noisy = moved["link_position"] + 1e-5 * rng.standard_normal(len(time))
     return Recording(time, {"link_position": noisy, "torque": torque})
 
 

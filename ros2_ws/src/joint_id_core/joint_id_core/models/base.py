@@ -34,8 +34,6 @@ class Model:
 
     name: ClassVar[str]
     summary: ClassVar[str]
-    # Smoothing velocity of Coulomb friction as a fraction of the record's peak speed; 0 keeps the table's value.
-    smoothing_share: ClassVar[float] = 0.0
 
     @property
     def states(self) -> tuple[Signal, ...]:

@@ -20,7 +20,9 @@ from joint_id_core.models.transmission import (
     gravity_torque,
 )
 
-SMOOTHING = 0.01  # rad/s; presliding in the gear shows up here, because the model has no separate motor
+# rad/s. Axes move at 0.1 m/s or at 3 rad/s, so it is 1 % of the speed at most. With 0.01 rad/s a joint at 1 rad/s that
+# reverses often seemed to have another friction law.
+SMOOTHING = 0.001
 
 
 @dataclass(frozen=True)
@@ -33,10 +35,6 @@ class RigidJoint(Model):
 
     name = "rigid_joint"
     summary = "rigid joint or linear axis with friction and offset, one encoder"
-    # Axes move at 0.1 m/s or at 3 rad/s: no fixed value suits all. On EMPS 10 % of the peak speed (instead of 1 %)
-    # changes the viscous friction by 6 %.
-    smoothing_share = 0.01
-
     actuation: Actuation = "torque"
     friction: str = "coulomb_viscous"
     gravity: bool = False

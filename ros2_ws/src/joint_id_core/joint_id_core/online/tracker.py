@@ -12,12 +12,11 @@ from joint_id_core.cell.kernel import Kernel
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.recursion import STATE_NOISE
-from joint_id_core.estimators.shared.fit_data import LONGEST_GAP, FitData, without_frozen
+from joint_id_core.estimators.shared.fit_data import LONGEST_GAP, SETTLE_S, FitData, without_frozen
 from joint_id_core.estimators.shared.initial_state import rough_noise, rough_states, start_state
 from joint_id_core.estimators.shared.substeps import KINK, MORE_STEPS, MOST_STEPS, steps_to_stand
 from joint_id_core.online.piece import Passed, Piece, Samples, State
 
-SETTLE_S = 0.05  # after a start, in which labels tell the state
 LEAST = 10  # samples of the shortest motion that is used
 UNSURE = 1e4  # factor on the covariance of the state where parameters changed
 # Over minutes, the creep of a sticking joint under smoothed friction would bias the estimates by several standard
@@ -149,8 +148,7 @@ class Tracker:
 
         Every motion after a rest is a piece. None if a path diverges.
 
-        The first `SETTLE_S` of each are left out: until labels have told the state, it is that of the prior. But a
-        controller has seen the joint before, so the inputs depend on the errors of this prior, which biases parameters.
+        The first `SETTLE_S` of each are left out.
         """
         data, found = self.data, list[Piece]()
         edges = np.unique([0, *data.starts, len(data.time)])

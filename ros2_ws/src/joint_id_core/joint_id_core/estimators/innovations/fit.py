@@ -53,7 +53,7 @@ def fit_innovations(
     begun = time.perf_counter()
     tell = progress or (lambda _: None)
     try:
-        data = prepare(model, recording, settings)
+        data = prepare(model, recording, settings, leave_out_rests=True)
     except UnusableError as error:
         return unusable(model, "innovations", error, recording)
     tell(f"preparing the compiled cell of {model.name}")

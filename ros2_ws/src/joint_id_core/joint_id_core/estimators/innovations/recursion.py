@@ -26,7 +26,8 @@ class Pass:
 
     Attributes:
         cost: sum of e^2/S + log S over all labels.
-        errors, variances: innovations e and their variances S, shape (T, labels); 0 and 1 where a label is missing.
+        errors, variances: innovations e and their variances S, shape (T, labels); 0 and 1 where a label is missing. S
+            is infinite where labels tell the state only (`FitData.settling`).
         hessian: Gauss-Newton matrix, shape (free, free): sum s s', s the derivative of a predicted label over sqrt(S).
         gradient: sum s e/sqrt(S), minus half the slope of the cost, shape (free,).
         states: filtered states, shape (T, n).
@@ -111,6 +112,12 @@ class Recursion:
             levels[:m], levels[m:], self.Q_x, self.values(free), steps, X, e, S, self._K, self._F, self._C, self._J,
             H, g,
         )  # fmt: skip
+        if len(rows := a.settling) and np.isfinite(cost):
+            white, J = (e[rows] / np.sqrt(S[rows])).ravel(), self._J[rows].reshape(-1, k)
+            cost -= float(white @ white + np.log(S[rows]).sum())
+            H -= J.T @ J
+            g -= J.T @ white
+            self._J[rows], S[rows] = 0.0, np.inf
         if k > len(free):  # some are held
             H, g = H[self._columns[:, None], self._columns], g[self._columns]
         self._latest = Pass(float(cost), e, S, H, g, X, free, levels, steps)

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array, Recording, any_finite
-from joint_id_core.data.signals import integral_of
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.shared.settings import ParameterSettings
-from joint_id_core.estimators.shared.stillness import still, still_link, wound_up
+from joint_id_core.estimators.shared.stillness import held_still, still_in_record, still_link, wound_up
 from joint_id_core.filtering.offline import complete
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions, Status, Verdict
@@ -23,6 +22,9 @@ from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predicti
 # Longest gap, in samples, over which the state is predicted. The input is unknown in a gap. After a longer one (a lost
 # connection) the state starts again from its prior, with the same parameters.
 LONGEST_GAP = 5
+# After a rest or a long gap labels tell the state, and nothing of the parameters: until then the state is that of the
+# prior, but a controller has seen the joint before, so the inputs depend on the errors of this prior.
+SETTLE_S = 0.05
 MIN_SAMPLES = 50  # fewer samples do not determine several parameters and their covariance
 
 
@@ -91,6 +93,13 @@ class FitData:
         return np.flatnonzero((self.rest[:-1] & ~self.rest[1:]) | (self.gap[:-1] > LONGEST_GAP)) + 1
 
     @cached_property
+    def settling(self) -> NDArray[np.int64]:
+        """Samples less than `SETTLE_S` after `starts`."""
+        ends = np.searchsorted(self.time, self.time[self.starts] + SETTLE_S)
+        rows = [np.arange(begin, end) for begin, end in zip(self.starts, ends, strict=True)]
+        return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *rows]))
+
+    @cached_property
     def table(self) -> Array | None:
         """The labels as rows, shape (labels, T); None if any value is missing."""
         return np.ascontiguousarray(self.y.T) if self.present.all() else None
@@ -142,9 +151,6 @@ def prepare(
         )
     if any(n not in recording for n in model.input_names if n not in model.optional_inputs):
         recording = complete(recording)
-    for name, w_s in _smoothing(model, recording).items():
-        if name not in settings.values:
-            p[model.parameter_names.index(name)] = w_s
     columns = []
     for name in model.input_names:
         if name in recording and any_finite(recording[name]):
@@ -186,6 +192,8 @@ def prepare(
             "`joint-id info`",
         )
     at_rest = _at_rest(labels, y, period) if leave_out_rests else np.zeros(len(y), dtype=bool)
+    if at_rest.any() and not at_rest.all() and held_still(recording):
+        at_rest[:] = False
     y[at_rest] = np.nan
     if at_rest.any() and len(time) - np.count_nonzero(at_rest) < MIN_SAMPLES:
         raise UnusableError(Status.NO_MOTION, _resting(recording, labels))
@@ -199,47 +207,13 @@ def prepare(
 
 def _at_rest(labels: tuple[str, ...], y: Array, period: float) -> NDArray[np.bool_]:
     """Return True for samples that tell nothing because the joint or its link rests, shape (T,)."""
-    rest = still(labels, y, period)
+    rest = still_in_record(labels, y, period)
     return wound_up(rest, still_link(labels, y, period), period)[0] if rest.any() else rest
 
 
 def _resting(recording: Recording, labels: tuple[str, ...]) -> str:
     what = f"{recording.source}: {', '.join(labels)} did not change in this window"
     return f"{what}: move the joint, or check the sensor"
-
-
-def _smoothing(model: Model, recording: Recording) -> dict[str, float]:
-    """Return the smoothing velocities of Coulomb friction for this record, by parameter name.
-
-    Each is a fraction of the peak speed, limited to 0.1 to 1 times the value in the model's table.
-    """
-    found: dict[str, float] = {}
-    if not model.smoothing_share:
-        return found
-    for velocity, name in model.smoothing.items():
-        nominal = model.parameter(name).nominal
-        peak = _peak(recording, velocity)
-        if np.isfinite(peak):
-            found[name] = float(np.clip(model.smoothing_share * peak, 0.1 * nominal, nominal))
-    return found
-
-
-def _peak(recording: Recording, velocity: str) -> float:
-    """Return the largest speed in the record; NaN if neither velocity nor position was measured.
-
-    It is computed from the position if the velocity was not measured.
-    """
-    if recording.measured(velocity):
-        return float(np.fmax.reduce(np.abs(recording[velocity])))
-    position = integral_of(velocity)
-    if position is None or not recording.measured(position):
-        return float("nan")
-    known = np.isfinite(recording[position])
-    time, values = recording.time[known], recording[position][known]
-    if len(time) < 10:
-        return float("nan")
-    # The difference is taken over eight samples, so that encoder resolution does not look like speed.
-    return float(np.max(np.abs((values[8:] - values[:-8]) / (time[8:] - time[:-8]))))
 
 
 def without_frozen(rows: Array) -> Array:

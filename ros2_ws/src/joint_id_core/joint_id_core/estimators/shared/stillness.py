@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from joint_id_core.data.recording import Array
+from joint_id_core.data.recording import Array, Recording
 from joint_id_core.data.signals import CHANNELS, side_of
 from joint_id_core.estimators.shared.initial_state import rough_noise
 
@@ -24,6 +24,7 @@ BLIND = 3.0  # slack over the range in a moving stretch from which a label canno
 NOISY = 8.0  # range of a resting signal over the standard deviation of its noise; of 25 normal numbers it is 4
 WIND_UP_S = 0.3  # longest time in which a motor winds up the gear before the link moves; a frozen encoder lasts longer
 SLOW = 1e-3  # speed of a resting joint over the typical one: creep under load
+HELD = 10.0  # range of a link over the largest one of a link at rest up to which it is shaken, but goes nowhere
 
 
 def still(
@@ -49,7 +50,7 @@ def still(
             continue
         if noise is not None and name not in noise:
             continue
-        slack = NOISY * noise[name] if noise is not None else NOISY * np.sqrt(rough_noise(row)) + 2.0 * _resolution(row)
+        slack = NOISY * noise[name] if noise is not None else _slack(row)
         filled = row if len(row) == len(values) else np.interp(np.arange(len(values)), np.flatnonzero(known), row)
         if slack > CREDIBLE * CHANNELS[name].scale:
             continue
@@ -68,12 +69,37 @@ def still(
     return np.convolve(quiet, np.ones(count, dtype=int))[: len(y)] > 0
 
 
+def still_in_record(labels: tuple[str, ...], y: Array, period: float) -> NDArray[np.bool_]:
+    """Return `still` of a whole record, which may begin or end within a rest: there, `LEAST` samples are enough."""
+    beyond = max(LEAST, round(STILL_S / period) + 1)
+    rest = still(labels, np.pad(y, ((beyond, beyond), (0, 0)), constant_values=np.nan), period)[beyond:-beyond]
+    for part in (rest, rest[::-1]):
+        at_end = len(part) if part.all() else int(np.argmin(part))
+        if at_end < LEAST:
+            part[:at_end] = False
+    return rest
+
+
 def still_link(
     labels: tuple[str, ...], y: Array, period: float, noise: Mapping[str, float] | None = None
 ) -> NDArray[np.bool_]:
     """Return True for samples at which the link rests, whatever the motor does; see `still`."""
     link = [k for k, name in enumerate(labels) if side_of(name) == "link"]
     return still(tuple(labels[k] for k in link), y[:, link], period, noise)
+
+
+def held_still(recording: Recording) -> bool:
+    """Return whether the link goes nowhere in a recording: motion of other joints may shake it.
+
+    The twist of its gear is then all that the recording shows, and it shows that of a rest as well.
+    """
+    sizes = []
+    for name in ("link_position", "link_velocity"):
+        if recording.measured(name):
+            row = recording[name][np.isfinite(recording[name])]
+            creep = SLOW * CHANNELS[name].scale * (STILL_S if name.endswith("_position") else 1.0)
+            sizes.append(float(np.ptp(row)) / (_slack(row) + creep))
+    return bool(sizes) and max(sizes) < HELD
 
 
 def wound_up(
@@ -122,6 +148,11 @@ def seen_by(labels: tuple[str, ...], y: Array, period: float, noise: Mapping[str
             if BLIND * NOISY * noise[name] <= float(np.quantile(size, 0.9)):
                 found[name] = noise[name]
     return found
+
+
+def _slack(row: Array) -> float:
+    """Return the range of a signal at rest: that of its noise and its resolution."""
+    return float(NOISY * np.sqrt(rough_noise(row)) + 2.0 * _resolution(row))
 
 
 def _calm(name: str, slack: float, size: Any, mean: Any, count: int) -> Any:
