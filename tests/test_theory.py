@@ -65,6 +65,7 @@ def test_constants_in_the_theory() -> None:
         f"at least {annealing.SHORTEST} samples long",
         f"up to {words[search.EXTRA_STARTS]} more starts",
         f"their costs differ by less than {search.SAME_COST:g}",
+        f"more than {search.APART:g} standard deviations apart, whose costs differ by less than {search.CLOSE:g}",
         f"the way that is left is longer than {words[stages.STALLED]} standard deviation,",
         f"From {misfit.LIKELY:g} on the bias counts; above {misfit.SIGNIFICANT:g} the message names",
         f"At most {words[misfit.MOST]} shapes are taken together",

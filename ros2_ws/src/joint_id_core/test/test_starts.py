@@ -37,9 +37,10 @@ def record():
 @pytest.fixture
 def ends(monkeypatch):
     """Let a function change how each start ends: change(number of the start, its end)."""
+    real = search.annealed
 
     def changed_by(change):
-        real, count = search.annealed, iter(range(100))
+        count = iter(range(100))
 
         def annealed(stages, z, **options):
             return change(next(count), real(stages, z, **options))
@@ -75,6 +76,22 @@ def test_the_lowest_of_minima_that_disagree_is_taken_and_said_to_be_alone(ends):
     assert any("Only one of 7 starts led to this minimum, the lowest of 7" in note for note in estimate.notes)
     for name in free.free:
         assert abs(estimate[name].value - free[name].value) < 0.2 * free[name].std_dev
+
+
+def test_other_minima_that_are_as_likely_widen_the_standard_deviations(ends):
+    """As in a short stretch of ordinary work, which tells inertias only together."""
+    free = fit(MODEL, record())
+    away = 8.0 * np.array([free[n].std_dev / free[n].value for n in free.free])  # of logarithms
+    ends(lambda k, end: end if k < 2 else replace(end, z=end.z + (k - 4) * away, cost=end.cost + 5.0))
+    ends_alike = fit(MODEL, record())
+    assert ends_alike.converged and "tarts led" not in " ".join(ends_alike.notes)  # two agreed at once
+
+    ends(lambda k, end: end if k % 3 == 0 else replace(end, z=end.z + (k % 3) * away, cost=end.cost + 5.0))
+    several = fit(MODEL, record())
+    assert several.converged and any("Starts led to minima that are as likely" in note for note in several.notes)
+    for name in free.free:
+        assert 8.0 * free[name].std_dev < several[name].std_dev < 24.0 * free[name].std_dev
+        assert abs(several[name].value - free[name].value) < free[name].std_dev
 
 
 def test_ends_within_a_sigma_are_the_same_whatever_their_cost(ends):

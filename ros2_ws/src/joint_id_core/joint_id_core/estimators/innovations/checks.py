@@ -9,6 +9,7 @@ from joint_id_core.estimators.innovations.estimator import MAX_SUBSTEPS
 from joint_id_core.estimators.innovations.gauss_newton import Minimum
 from joint_id_core.estimators.innovations.input_noise import LEFT, motion_bias
 from joint_id_core.estimators.innovations.misfit import misfit
+from joint_id_core.estimators.innovations.search import Outcome
 from joint_id_core.estimators.innovations.stages import STALLED, Stages
 from joint_id_core.estimators.innovations.whiteness import memory
 from joint_id_core.estimators.shared.fit_data import FitData
@@ -19,23 +20,19 @@ from joint_id_core.models.combinations import Combination, combinations
 from joint_id_core.results.estimate import Checks
 
 
-def run_checks(stages: Stages, found: Minimum, alone: str) -> tuple[Checks, Array, dict[str, Array]]:
-    """Check a minimum.
-
-    Args:
-        stages: the stages that reached it.
-        found: the minimum.
-        alone: warning that only one start reached this minimum; empty if another start did, too.
+def run_checks(outcome: Outcome) -> tuple[Checks, Array, dict[str, Array]]:
+    """Check the minimum that a search found.
 
     Returns:
         The findings, the known bias of the coordinates (k,), and the predicted labels by name, each of shape (T,).
     """
+    stages, found = outcome.stages, outcome.minimum
     data, recursion, coordinates = stages.data, stages.recursion, stages.coordinates
     last = recursion.renewed(found.last)
     missing, coloured = misfit(recursion, coordinates, found, last), memory(recursion, coordinates, found, last)
     bias = motion_bias(recursion, coordinates, found, last)
-    texts = (missing.text, _step_warning(stages, found), coloured.text, alone, _stall_warning(found))
-    excess = missing.excess + coloured.excess
+    texts = (missing.text, _step_warning(stages, found), coloured.text, outcome.warning, _stall_warning(found))
+    excess = missing.excess + coloured.excess + outcome.scatter
     p, slope = stages.cost.values(found.z), coordinates.slope(found.z)
     covariance = found.covariance + excess + LEFT**2 * np.outer(bias, bias)
     together = _combinations(data, p, covariance * np.outer(slope, slope))

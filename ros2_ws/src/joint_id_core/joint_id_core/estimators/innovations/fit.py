@@ -70,7 +70,7 @@ def _estimate(outcome: Outcome, begun: float) -> Estimate:
     """Convert the minimum that was found to an `Estimate`."""
     stages, found = outcome.stages, outcome.minimum
     coordinates, data = stages.coordinates, stages.data
-    checks, bias, predictions = run_checks(stages, found, outcome.alone)
+    checks, bias, predictions = run_checks(outcome)
     z = coordinates.clip(found.z - bias)
     model, p = data.model, stages.cost.values(z)
     covariance_z = found.covariance + checks.excess + LEFT**2 * np.outer(bias, bias)

@@ -26,6 +26,8 @@ HEAD = 250  # samples after which the start state of a record has no influence
 SAME_STEPS = 0.02  # shift of an estimate, in spreads of its prior, up to which the step size is kept (mostly 5 %)
 SAME_LEVELS = 0.15  # change of a noise level's logarithm up to which the covariance is kept (at most 8 % of a sigma)
 SAME_COST = 2.0  # two starts whose costs differ by less have found the same minimum
+CLOSE = 8.0  # difference of the costs of two minima up to which both are credible: a factor e^4 in likelihood
+APART = 2.0  # distance in standard deviations from which they are two
 EXTRA_STARTS = 6  # when states are not measured, the cost has several minima
 
 
@@ -38,12 +40,31 @@ class Outcome:
         minimum: the best minimum that was found.
         doubt: why the minimum cannot be trusted; empty if there is no reason.
         alone: warning that only one start reached the minimum; empty if two did.
+        others: minima that are nearly as likely, other than this one.
     """
 
     stages: Stages
     minimum: Minimum
     doubt: str = ""
     alone: str = ""
+    others: tuple[Minimum, ...] = ()
+
+    @property
+    def scatter(self) -> Array:
+        """Mean square distance of the others from the minimum, shape (k, k)."""
+        squares = [np.outer(dz, dz) for dz in (other.z - self.minimum.z for other in self.others)]
+        return np.asarray(sum(squares, np.zeros_like(self.minimum.hessian)) / max(1, len(squares)))
+
+    @property
+    def warning(self) -> str:
+        """What the starts say against the minimum; empty if nothing."""
+        if not self.others:
+            return self.alone
+        away = max(_distance(self.minimum, other) for other in self.others)
+        return (
+            f"starts led to minima that are as likely, up to {away:.2g} standard deviations apart, as they do where "
+            "motion tells too little; the standard deviations contain that distance"
+        )
 
 
 class Search:
@@ -108,7 +129,7 @@ class Search:
             ends.append(end)
             best, agreed = _lowest(ends)
             agreed = agreed or measured
-            if agreed and not explained(data, best.last.residuals).reasons:
+            if agreed and not explained(data, best.last.residuals).reasons and not _others(ends, best):
                 break
         if not ends:
             return None
@@ -120,7 +141,7 @@ class Search:
                 break
         best = min(ends, key=lambda end: end.cost)
         doubt = alone = ""
-        starts = f"of {1 + EXTRA_STARTS} starts"
+        starts, others = f"of {1 + EXTRA_STARTS} starts", _others(ends, best)
         if len(ends) == 1 and not agreed:
             doubt = f"only one {starts} led to a minimum, the others nowhere, so a better one may exist"
         elif not agreed:
@@ -130,7 +151,7 @@ class Search:
             loaded = near.again(best, best.substeps, tolerance)
             if loaded is not None:
                 stages, best = near, loaded
-        return Outcome(stages, stages.refined(best, tolerance), doubt, alone)
+        return Outcome(stages, stages.refined(best, tolerance), doubt, alone, others)
 
     def _starts_loaded(self, z: Array, levels: Array, steps: Steps) -> bool:
         """Choose the relaxed or the loaded start of the gear; return True if loaded.
@@ -152,6 +173,17 @@ class Search:
             costs.append(np.inf if found is None else found.cost)
         relaxed, loaded = costs
         return loaded < relaxed
+
+
+def _distance(best: Minimum, other: Minimum) -> float:
+    """Return how far a minimum is from the best one in standard deviations of that one."""
+    dz = other.z - best.z
+    return float(np.sqrt(dz @ best.hessian @ dz))
+
+
+def _others(ends: list[Minimum], best: Minimum) -> tuple[Minimum, ...]:
+    """Return the minima that are nearly as likely as the best one, and elsewhere."""
+    return tuple(end for end in ends if end.cost - best.cost < CLOSE and _distance(best, end) > APART)
 
 
 def _lowest(ends: list[Minimum]) -> tuple[Minimum, bool]:
