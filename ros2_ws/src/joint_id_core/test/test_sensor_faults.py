@@ -11,6 +11,7 @@ from joint_id_core.cell.kernel import compile_model
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ParameterSettings, fit
+from joint_id_core.estimators.innovations import input_noise
 from joint_id_core.models import build
 from joint_id_core.simulation.excitation import position_reference
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
@@ -134,3 +135,11 @@ def test_the_prior_of_the_drive_gain_is_in_every_interval():
 def test_priors_that_make_no_sense_are_refused(priors, words):
     with pytest.raises(JointIdError, match=words):
         fit(PLAIN, seen(), ParameterSettings(priors=priors))
+
+
+def test_noise_of_the_link_that_would_explain_everything_gives_no_infinite_values(monkeypatch):
+    """As with an encoder that is late in ordinary motion: the bias that would be taken off is beyond all numbers."""
+    monkeypatch.setattr(input_noise, "attenuation", lambda _, __, found, *___: np.full(len(found.z), 1e12))
+    estimate = fit(build("motor_side"), seen(labels=UR))
+    assert np.isfinite([p.value for p in estimate.parameters]).all()
+    assert np.isfinite(estimate.covariance).all()

@@ -43,11 +43,11 @@ def motion_bias(recursion: Recursion, coordinates: Coordinates, found: Minimum, 
     """Return the bias of the coordinates from the noise of measured motions that are inputs, shape (k,).
 
     The level of the noise is what the signal itself shows. A velocity that was computed from a position passed a filter
-    that leaves little noise.
+    that leaves little noise. A bias beyond the spread of the prior is none: there the model does not describe the data.
     """
     data, score = recursion.data, np.zeros_like(found.z)
     for channel, signal in enumerate(data.model.inputs):
         if signal.hold == "first" and data.recording.measured(signal.name):
             variance = rough_noise(np.ascontiguousarray(data.u[:, channel]))
             score += attenuation(recursion, coordinates, found, channel, variance, last)
-    return np.asarray(found.inverse @ score)
+    return np.clip(found.inverse @ score, -coordinates.spread, coordinates.spread)
