@@ -123,10 +123,10 @@ def test_rounding_does_not_decide_what_is_found_of_a_joint_that_stands(log):
 
 @pytest.mark.long
 def test_the_shoulder_as_a_rigid_joint_shows_its_gravity_and_friction(start, probe, bags):
-    """The first half tells them; in the second half much hangs on where the window begins, and the intervals say so.
+    """Much hangs on where the window begins, and the intervals say so.
 
     The joint rests in the first nine seconds. That tells gravity only up to the friction that holds it, so this rest is
-    left out: gravity is known to 8 %.
+    left out. Inertia and gravity are then hard to tell apart, and gravity is known to 7 to 22 %.
     """
     options = {"model": "rigid_joint", "gravity": True, "set": ["N=101", "k_t=0.1"], "fix": [""], "priors": ""}
     first, second = two_windows(start, probe, bags, ["shoulder"], **options)["shoulder"]
@@ -138,4 +138,4 @@ def test_the_shoulder_as_a_rigid_joint_shows_its_gravity_and_friction(start, pro
             (found["tau_f"].value, found["tau_f"], 4.5),
         ):
             assert abs(value - expected) < max(2.0 * p.std_dev, 0.15 * expected)
-    assert next(p for p in first.parameters if p.name == "a_g").std_dev < 0.1 * 16.0
+    assert next(p for p in first.parameters if p.name == "a_g").std_dev < 0.25 * 16.0
