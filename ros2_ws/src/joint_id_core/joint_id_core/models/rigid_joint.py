@@ -35,6 +35,7 @@ class RigidJoint(Model):
 
     name = "rigid_joint"
     summary = "rigid joint or linear axis with friction and offset, one encoder"
+
     actuation: Actuation = "torque"
     friction: str = "coulomb_viscous"
     gravity: bool = False

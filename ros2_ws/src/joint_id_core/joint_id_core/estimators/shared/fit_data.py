@@ -191,9 +191,7 @@ def prepare(
             f"{seen} of these a label ({', '.join(labels)}), a fit needs {MIN_SAMPLES}: look for missing values with "
             "`joint-id info`",
         )
-    at_rest = _at_rest(labels, y, period) if leave_out_rests else np.zeros(len(y), dtype=bool)
-    if at_rest.any() and not at_rest.all() and held_still(recording):
-        at_rest[:] = False
+    at_rest = _at_rest(recording, labels, y, period) if leave_out_rests else np.zeros(len(y), dtype=bool)
     y[at_rest] = np.nan
     if at_rest.any() and len(time) - np.count_nonzero(at_rest) < MIN_SAMPLES:
         raise UnusableError(Status.NO_MOTION, _resting(recording, labels))
@@ -205,10 +203,14 @@ def prepare(
     return data
 
 
-def _at_rest(labels: tuple[str, ...], y: Array, period: float) -> NDArray[np.bool_]:
+def _at_rest(recording: Recording, labels: tuple[str, ...], y: Array, period: float) -> NDArray[np.bool_]:
     """Return True for samples that tell nothing because the joint or its link rests, shape (T,)."""
     rest = still_in_record(labels, y, period)
-    return wound_up(rest, still_link(labels, y, period), period)[0] if rest.any() else rest
+    if not rest.any() or rest.all():
+        return rest
+    if held_still(recording):
+        return np.zeros_like(rest)
+    return wound_up(rest, still_link(labels, y, period), period)[0]
 
 
 def _resting(recording: Recording, labels: tuple[str, ...]) -> str:
