@@ -134,6 +134,11 @@ def std_devs(estimate):
     return {p.name: p.std_dev for p in estimate.parameters if p.name in TRUTH}
 
 
+def widened(std_dev, name, gone_s):
+    """Standard deviation of a parameter that nobody watched for a while."""
+    return np.hypot(std_dev, DRIFT_PER_H * gone_s / 3600.0 * UNITS[name])
+
+
 def assert_restored(joint, published, known):
     """What was published first after a restart: the stored estimate with its age, not called tested."""
     first = published.joints[0]
@@ -145,8 +150,7 @@ def assert_restored(joint, published, known):
     assert instant(first.parameters_end) == pytest.approx(known.origin_ns + known.estimate.end * NANO, abs=1000)
     assert {p.name: p.value for p in first.parameters} == pytest.approx(known.estimate.values)
     for name, deviation in std_devs(first).items():
-        drift = DRIFT_PER_H * first.age / 3600.0 * UNITS[name]
-        assert deviation == pytest.approx(np.hypot(known.estimate[name].std_dev, drift), rel=1e-3)
+        assert deviation == pytest.approx(widened(known.estimate[name].std_dev, name, first.age), rel=1e-3)
 
 
 def assert_lost_little(joint, seen, known):
@@ -176,8 +180,9 @@ def test_kill_9_costs_at_most_two_seconds_of_knowledge(joint):
         joint.send(1.3)  # shorter than a window
         good = joint.until(lambda e, t=begun: e.status == JointEstimate.CONVERGED and instant(e.window_start) >= t)
         assert_right(good)
-        before = std_devs(joint.found[count].joints[0])
-        assert all(deviation < 1.5 * before[n] for n, deviation in std_devs(good).items())
+        gone_s = time.time() - known.watched_s  # a slow computer takes longer to hear the first sample
+        for name, deviation in std_devs(good).items():
+            assert deviation < 1.2 * widened(known.estimate[name].std_dev, name, gone_s)
 
 
 @pytest.mark.long
