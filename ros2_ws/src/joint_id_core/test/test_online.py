@@ -199,3 +199,11 @@ def test_the_first_estimate_comes_with_the_last_sample_of_its_window_even_if_tha
     identifier, record = OnlineIdentifier(MODEL), motion(2.0)
     assert identifier.update(record.slice(0, len(record) - 1)) is None
     assert identifier.update(record.slice(len(record) - 1, len(record))) is not None
+
+
+def test_a_pause_of_the_samples_is_no_rest():
+    record, identifier = motion(12.0), OnlineIdentifier(MODEL, options=OnlineOptions(hop_s=0.1))
+    run(record.slice(0, 4 * RATE), identifier)
+    after = run(record.slice(8 * RATE, 9 * RATE), identifier, size=5)
+    assert len(after) > 8
+    assert Status.NO_MOTION not in {e.status for e in after}

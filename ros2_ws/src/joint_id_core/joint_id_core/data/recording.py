@@ -124,7 +124,7 @@ class Recording:
 
     def slice(self, i: int, j: int) -> Recording:
         """Return the samples i to j (exclusive)."""
-        return replace(self, time=self.time[i:j], channels={n: v[i:j] for n, v in self.channels.items()})
+        return self.trusted(self.time[i:j], {n: v[i:j] for n, v in self.channels.items()}, self.derived)
 
     def trusted(self, time: Array, channels: Mapping[str, Array], derived: frozenset[str]) -> Recording:
         """Build a recording of the same source from samples that were already checked, without a new check."""

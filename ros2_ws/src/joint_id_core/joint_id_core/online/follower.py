@@ -63,6 +63,7 @@ class Follower:
         age_s: time of motion in s that is in the memory.
         lost_s: time of motion in s since a block was added to the memory.
         tested_from: begin in s of the newest block that agreed with the memory.
+        chi2: mean squared normalised innovation of the last window; None before the first block.
         noise_changed: whether the innovations of the last window are far from what the noise levels allow.
     """
 
@@ -83,6 +84,7 @@ class Follower:
         self.age_s = age_s
         self.lost_s = 0.0
         self.tested_from = -np.inf
+        self.chi2: float | None = None
         self.noise_changed = False
         self._coordinates, self._options, self._make = coordinates, options, make
         self._wider = np.eye(len(coordinates.unit))  # for the uncertainty of the noise levels
@@ -145,35 +147,32 @@ class Follower:
     def now(self) -> tuple[Array, Array]:
         """Return estimate (k,) and covariance (k, k) with the samples of the present block."""
         memory = self.memory
-        nothing = np.zeros_like(memory.matrix)
         if not self._pieces or self.found is not Found.AGREES:
-            return self._unbiased(memory.mean, nothing)
+            return self._unbiased(memory.mean, self._covariance(None))
         block = merged(self._pieces)
         self._pieces = [block]
         mean = np.asarray(np.linalg.solve(memory.matrix + block.matrix, memory.vector + block.vector), dtype=float)
-        away, sigma = np.abs(mean - block.z), np.sqrt(np.diag(self._covariance(block.matrix)))
-        if np.any((away > LINEAR * self._coordinates.unit) & (away > sigma)):
-            return self._unbiased(memory.mean, nothing)  # too far for one linear step: wait for the end of the block
-        return self._unbiased(mean, block.matrix)
+        away, covariance = np.abs(mean - block.z), self._covariance(block.matrix)
+        if np.any((away > LINEAR * self._coordinates.unit) & (away > np.sqrt(np.diag(covariance)))):
+            # too far for one linear step: wait for the end of the block
+            return self._unbiased(memory.mean, self._covariance(None))
+        return self._unbiased(mean, covariance)
 
-    def _covariance(self, more: Array) -> Array:
+    def _covariance(self, more: Array | None) -> Array:
         """Return the covariance of the parameters with the information matrix `more` of the present block."""
-        return np.asarray(self._wider @ self.memory.covariance_with(more) @ self._wider.T)
+        memory = self.memory
+        covariance = memory.covariance if more is None else memory.covariance_with(more)
+        return np.asarray(self._wider @ covariance @ self._wider.T)
 
-    def _unbiased(self, mean: Array, more: Array) -> tuple[Array, Array]:
+    def _unbiased(self, mean: Array, covariance: Array) -> tuple[Array, Array]:
         """Return estimate and covariance without the bias from noise of inputs."""
-        return self._input_noise.corrected(mean, self._covariance(more), self.memory.inverse)
+        return self._input_noise.corrected(mean, covariance, self.memory.inverse)
 
     def _learn_noise(self, tracker: Tracker, blocks: Sequence[Piece]) -> None:
         """Learn the noise levels, and the bias from noise of inputs, from blocks that the memory describes."""
         self._input_noise.learn(tracker, blocks, self._options.memory_s)
         self.levels.learn(tracker, blocks, self._options.memory_s)
         self._wider = self.levels.wider(self.memory.inverse)
-
-    @property
-    def white(self) -> Array | None:
-        """Innovations of the last window over their standard deviations, shape (T, labels); None if there are none."""
-        return np.concatenate(self._white) if self._white else None
 
     def _noise_changed(self) -> bool:
         """Return whether the innovations of the last window are far from what the noise levels allow."""
@@ -204,6 +203,7 @@ class Follower:
         self.lost_s = 0.0
         self._white.append(block.white)
         del self._white[: -max(1, round(self._options.window_s / BLOCK_S))]
+        self.chi2 = float(np.nanmean(np.concatenate(self._white) ** 2))
         self.age_s += block.duration
         self._settled_s += block.duration
         change = self._tested(self.tracker)
@@ -309,4 +309,5 @@ class Follower:
         self.lost_s = self._settled_s = 0.0
         self._blocks.clear()
         self._white.clear()
+        self.chi2 = None
         self._refine(tracker)

@@ -19,7 +19,7 @@ from joint_id_core.online.published import published
 from joint_id_core.online.task import Task
 from joint_id_core.online.tracker import Tracker
 from joint_id_core.online.window import SlidingWindow
-from joint_id_core.results.estimate import Estimate, Status
+from joint_id_core.results.estimate import Estimate, ParameterChange, Status
 
 
 class Knowledge:
@@ -100,19 +100,18 @@ class Knowledge:
 
     def estimate(self, window: SlidingWindow) -> Estimate:
         """Return the estimate at the end of a window in motion."""
-        white = self.follower.white
-        found = self._published(window, changes=True)
-        chi2 = found.chi2 if white is None else float(np.nanmean(white**2))
-        return replace(found, start=window.start, end=window.end, chi2=chi2)
+        chi2 = self.last.chi2 if self.follower.chi2 is None else self.follower.chi2
+        return self._published(self.changes.told, samples=len(window), start=window.start, end=window.end, chi2=chi2)
 
     def unchanged(
         self, window: SlidingWindow, recent: SlidingWindow, status: Status, notes: tuple[str, ...]
     ) -> Estimate:
         """Return what is known, for the `recent` samples, which add nothing to it."""
-        found = self._published(window, changes=False)
-        return replace(found, status=status, message=message(notes), notes=notes, start=recent.start, end=recent.end)
+        found = self._published((), samples=len(window), start=recent.start, end=recent.end, chi2=self.last.chi2)
+        return replace(found, status=status, message=message(notes), notes=notes)
 
-    def _published(self, window: SlidingWindow, changes: bool) -> Estimate:
-        task, told = self._task, self.changes.told if changes else ()
-        found = published(task.model, task.coordinates, self.last, self.follower.now(), told)
-        return replace(found, noise=self.noise, samples=len(window))
+    def _published(
+        self, changes: tuple[ParameterChange, ...], samples: int, start: float, end: float, chi2: float
+    ) -> Estimate:
+        last = replace(self.last, noise=self.noise, samples=samples, start=start, end=end, chi2=chi2)
+        return published(self._task.model, self._task.coordinates, last, self.follower.now(), changes)

@@ -93,26 +93,35 @@ class Memory:
         self._scatter = np.zeros(len(z) + 1)  # sums of squares of normal numbers: of each parameter, and of all
         self._stretches = 0.0
         self._since = 0
+        self._solved: tuple[Array, Array] | None = None  # mean and inverse of `matrix`
+
+    def _solve(self) -> tuple[Array, Array]:
+        if self._solved is None:
+            self._solved = solve(self.matrix, self.vector), inverse_of(self.matrix)
+        return self._solved
 
     @property
     def mean(self) -> Array:
         """Present estimate, shape (k,)."""
-        return solve(self.matrix, self.vector)
+        return self._solve()[0]
 
     @property
     def covariance(self) -> Array:
         """Covariance of the estimate, shape (k, k), widened by the scatter of stretches that share no sample."""
-        return self.covariance_with(np.zeros_like(self.matrix))
+        return self._covariance(self.inverse, self._noise)
 
     def covariance_with(self, more: Array) -> Array:
         """Return the covariance with the information matrix `more` of samples that are not yet added."""
-        inverse, wider = inverse_of(self.matrix + more), self.wider
-        return np.asarray(inverse @ (self._noise + more) @ inverse * np.outer(wider, wider))
+        return self._covariance(inverse_of(self.matrix + more), self._noise + more)
+
+    def _covariance(self, inverse: Array, noise: Array) -> Array:
+        wider = self.wider
+        return np.asarray(inverse @ noise @ inverse * wider[:, None] * wider)
 
     @property
     def inverse(self) -> Array:
         """Inverse of the information matrix, shape (k, k)."""
-        return inverse_of(self.matrix)
+        return self._solve()[1]
 
     @property
     def wider(self) -> Array:
@@ -132,6 +141,7 @@ class Memory:
         self._noise = kept * kept * self._noise + (1.0 - kept * kept) * self._least + piece.matrix
         self.matrix = kept * self.matrix + widened + piece.matrix
         self.vector = kept * self.vector + widened @ mean + piece.vector
+        self._solved = None
 
     def test(self) -> Change | None:
         """Test the newest blocks against the memory before them."""
@@ -205,6 +215,7 @@ class Memory:
         for _ in range(count):
             step = self._blocks.pop()
         self.matrix, self.vector, self._noise = step.matrix, step.vector, step.noise
+        self._solved = None
 
 
 def agree(estimate: Estimate, known: tuple[Array, Array], coordinates: Coordinates) -> bool:

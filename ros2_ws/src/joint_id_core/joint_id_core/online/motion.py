@@ -13,7 +13,7 @@ from joint_id_core.estimators.shared.stillness import STILL_S, still, still_link
 from joint_id_core.models import Model
 from joint_id_core.online.window import SlidingWindow, pauses
 
-MOVED_S = 0.5  # a joint counts as moving for so long after its last motion
+MOVED_S = 0.5  # a joint counts as moving until it has been seen at rest for so long; a pause of the samples is no rest
 BATCH_S = 0.1  # of samples that are handed on together: the work on a batch hardly depends on its length
 
 
@@ -25,21 +25,20 @@ class MotionWatch:
     Attributes:
         recent: the newest samples, whether the joint moves or not.
         noise: standard deviations of the labels that show rest; None takes them from the samples.
-        moved_until: instant of the newest sample in motion that was handed on, in s.
     """
 
     def __init__(self, model: Model, window_s: float) -> None:
         self.recent = SlidingWindow(max(window_s, 8.0 * STILL_S))
         self.noise: dict[str, float] | None = None
-        self.moved_until = -np.inf
+        self._rested_s = np.inf  # time at rest since the newest sample in motion
         self._positions = model.state_names
         self._done = -np.inf  # newest sample that was handed on
         self._wound: int | None = None  # samples since the joint rested, if the link has not moved since
 
     @property
     def moving(self) -> bool:
-        """Whether the joint moved in the last half second."""
-        return self.recent.end - self.moved_until < MOVED_S
+        """Whether the joint has moved, and was not seen at rest for half a second since."""
+        return self._rested_s < MOVED_S
 
     def stretches(self, now: bool) -> Iterator[tuple[Recording, bool]]:
         """Yield new stretches and whether the joint moves there; nothing while few samples wait, unless `now`."""
@@ -51,22 +50,24 @@ class MotionWatch:
         if first == last:
             return
         self._done = float(recent.time[last - 1])
-        at_rest = self._at_rest(recent, slice(first, last))
+        steps = recent.time[1:] - recent.time[:-1]
+        # A median, in a tenth of the time of `np.median`.
+        period = float(np.partition(steps, len(steps) // 2)[len(steps) // 2]) if len(steps) else 0.0
+        at_rest = self._at_rest(recent, slice(first, last), period)
         turns = np.flatnonzero(at_rest[1:] != at_rest[:-1]) + 1
-        edges = np.union1d(turns, pauses(recent.time[first:last]))
+        gaps = pauses(recent.time[first:last])
+        edges = np.union1d(turns, gaps) if len(gaps) else turns
         for begin, end in pairwise([0, *edges.tolist(), last - first]):
             part = recent.slice(first + begin, first + end)
             yield part, not at_rest[begin]
-            if not at_rest[begin]:
-                self.moved_until = float(part.time[-1])
+            self._rested_s = self._rested_s + part.duration + period if at_rest[begin] else 0.0
 
-    def _at_rest(self, recent: Recording, part: slice) -> NDArray[np.bool_]:
+    def _at_rest(self, recent: Recording, part: slice, period: float) -> NDArray[np.bool_]:
         """Return True for samples of a part at which the joint or its link rests."""
         labels = tuple(n for n in self._positions if n in recent and n not in recent.derived)
         if not labels or len(recent) < 2:
             return np.zeros(len(recent), dtype=bool)[part]
         y = np.array([recent.channels[n] for n in labels]).T
-        period = float(np.median(np.diff(recent.time)))
         rest = still(labels, y, period, self.noise)[part]
         if self._wound is None and not rest.any():
             return rest

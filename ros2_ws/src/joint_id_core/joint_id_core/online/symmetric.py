@@ -9,12 +9,12 @@ from joint_id_core.data.recording import Array
 
 def solve(matrix: Array, right: Array) -> Array:
     """Solve a symmetric positive definite system (n, n), scaled to a unit diagonal, for `right`, (n,) or (n, m)."""
-    scale = 1.0 / np.sqrt(np.diag(matrix))
-    solved = np.linalg.solve(matrix * np.outer(scale, scale), (right.T * scale).T)
+    scale = 1.0 / np.sqrt(matrix.diagonal())
+    solved = np.linalg.solve(matrix * scale[:, None] * scale, (right.T * scale).T)
     return np.asarray((solved.T * scale).T)
 
 
 def inverse_of(matrix: Array) -> Array:
     """Invert one in the same way."""
-    scale = 1.0 / np.sqrt(np.diag(matrix))
-    return np.asarray(np.linalg.inv(matrix * np.outer(scale, scale)) * np.outer(scale, scale))
+    scale = 1.0 / np.sqrt(matrix.diagonal())
+    return np.asarray(np.linalg.inv(matrix * scale[:, None] * scale) * scale[:, None] * scale)

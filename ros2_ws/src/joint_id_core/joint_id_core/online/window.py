@@ -82,8 +82,12 @@ class SlidingWindow:
 
     def mean(self, name: str) -> float:
         """Return the mean of the values of a channel in the window; NaN if there are none."""
-        parts = [part[name][np.searchsorted(part.time, self.start) :] for part in self._parts if name in part]
-        values = np.concatenate([np.zeros(0), *parts])
+        parts = [part.channels[name] for part in self._parts if name in part.channels]
+        if not parts:
+            return np.nan
+        if name in self._parts[0].channels:
+            parts[0] = parts[0][np.searchsorted(self._parts[0].time, self.start) :]
+        values = np.concatenate(parts)
         known = values[np.isfinite(values)]
         return float(known.mean()) if len(known) else np.nan
 
@@ -97,7 +101,8 @@ class SlidingWindow:
                 start = max(since, float(part.time[0]) + surplus - 1e-9 * abs(surplus))
             if part.time[-1] < start:
                 break
-            parts.append((part, slice(int(np.searchsorted(part.time, start)), None)))
+            first = int(np.searchsorted(part.time, start)) if part.time[0] < start else 0
+            parts.append((part, slice(first, None)))
         parts.reverse()
         if not parts:
             parts.append((self._parts[-1], slice(len(self._parts[-1]), None)))
@@ -106,7 +111,9 @@ class SlidingWindow:
             names |= dict.fromkeys(part.channels)
         derived = frozenset().union(*(part.derived for part, _ in parts))
         channels = {
-            n: np.concatenate([p.channels[n][rows] if n in p else np.full(len(p), np.nan)[rows] for p, rows in parts])
+            n: np.concatenate(
+                [p.channels[n][rows] if n in p.channels else np.full(len(p), np.nan)[rows] for p, rows in parts]
+            )
             for n in names
         }
         # the parts and their order were already checked
