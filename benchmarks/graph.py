@@ -31,6 +31,7 @@ from cpu_time import cpu_s
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 
 from joint_id_core.emulator.process import EmulatorProcess
 from joint_id_core.emulator.robots import ROBOTS, build_joints
@@ -97,7 +98,7 @@ def _measure(case: str, model: str, hop: float, duration: float) -> dict[str, An
         watcher.spin_for(duration)
         took = time.monotonic() - begun
         shares = {name: (cpu_s(p.pid) - before[name]) / took for name, p in processes.items()}
-        latencies = 1e-6 * np.array([published - stamp for stamp, published in watcher.times])
+        latencies = 1e-6 * np.array(watcher.latencies_ns())
     figures = {
         "case": case,
         "model": model,
@@ -117,15 +118,14 @@ class _Watcher(Node):
 
     def __init__(self) -> None:
         super().__init__("watcher")
-        self.times: list[tuple[int, int]] = []
+        self.found: list[tuple[bytes, int]] = []  # messages, and when they were published
         self._received: dict[str, list[tuple[float, int]]] = {}  # by node, when and what it said to have received
         qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
         self.create_subscription(JointParams, "joint_params", self._on_params, qos, raw=True)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
     def _on_params(self, message: bytes, info: Any) -> None:
-        seconds, nanoseconds = np.frombuffer(message, "<u4", 2, offset=4)
-        self.times.append((int(seconds) * 10**9 + int(nanoseconds), info["source_timestamp"]))
+        self.found.append((message, info["source_timestamp"]))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -134,8 +134,23 @@ class _Watcher(Node):
 
     def clear(self) -> None:
         """Forget what was received so far."""
-        self.times.clear()
+        self.found.clear()
         self._received.clear()
+
+    def latencies_ns(self) -> list[int]:
+        """Return for each estimate the time from its newest sample to its publication, in ns.
+
+        A message holds the newest estimates of all joints; those that an earlier message held are left out.
+        """
+        seen: dict[str, int] = {}
+        found = []
+        for data, published_ns in self.found:
+            for joint in deserialize_message(data, JointParams).joints:
+                end_ns = joint.window_end.sec * 10**9 + joint.window_end.nanosec
+                if joint.joint in seen and end_ns > seen[joint.joint]:
+                    found.append(published_ns - end_ns)
+                seen[joint.joint] = end_ns
+        return found
 
     def rates(self) -> dict[str, float]:
         """Return the samples a second that each node has received."""
@@ -151,7 +166,7 @@ class _Watcher(Node):
     def wait_for_estimates(self) -> None:
         """Wait until estimates come."""
         end = time.monotonic() + PATIENCE_S
-        while not self.times:
+        while not self.found:
             rclpy.spin_once(self, timeout_sec=0.1)
             if time.monotonic() > end:
                 raise SystemExit(f"no estimate within {PATIENCE_S:g} s")

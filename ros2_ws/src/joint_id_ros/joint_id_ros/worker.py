@@ -20,7 +20,10 @@ from joint_id_core.results.estimate import Estimate
 from joint_id_ros.raw_messages import RawMessage
 from joint_id_ros.samples import to_recordings
 
-POLL_S = 0.02  # time between two checks for new samples: well below a hop, well above a sampling period
+IDLE_S = 0.02  # time between two checks for new samples if nobody calls `wake`
+# A batch that takes longer holds fits of whole windows: other threads help, and each estimate is published at once.
+# Quick updates are slower with several threads, which take the interpreter from each other.
+LONG_S = 0.05
 
 LONGEST_STEP_NS = NANO  # a longer one between two samples is a pause or a clock that was set
 QUEUE_S = 10.0  # of samples at most wait for a running fit ...
@@ -35,12 +38,13 @@ class Callbacks:
     """Callbacks of a worker, called from its threads."""
 
     estimated: Callable[[str, Estimate, int], None]  # joint, estimate, origin of its times in ns
+    publish: Callable[[], None]  # publish what was estimated since the last call
     gone: Callable[[str], None]  # joint that is not in the samples any more
     problem: Callable[[str, str], None]  # kind, text
 
 
 class Worker:
-    """One `OnlineIdentifier` per joint in a background thread; with several joints, up to one thread per core.
+    """One `OnlineIdentifier` per joint in a background thread; for fits of several joints, up to one thread per core.
 
     All samples that arrived during a fit go into one update. So if fits take longer than a hop, windows are skipped and
     the results stay current. No more than `QUEUE_S` of samples wait; beyond that the oldest are left out.
@@ -85,7 +89,7 @@ class Worker:
         self._origin_ns: int | None = None
         self._begun: dict[str, float] = {}
         self._working = False
-        self._stop = threading.Event()
+        self._stop, self._arrived = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="identifier", daemon=True)
         self._thread.start()
 
@@ -142,6 +146,10 @@ class Worker:
             count += 1
         return count
 
+    def wake(self) -> None:
+        """Use the samples that were added now."""
+        self._arrived.set()
+
     def restart(self) -> None:
         """Forget all earlier samples: a new run begins with the next sample."""
         with self._lock:
@@ -151,10 +159,15 @@ class Worker:
     def stop(self) -> None:
         """End the thread. A fit or a compilation that takes longer than `STOP_S` is abandoned."""
         self._stop.set()
+        self._arrived.set()
         self._thread.join(STOP_S)
 
     def _run(self) -> None:
-        while not self._stop.wait(POLL_S):
+        while True:
+            self._arrived.wait(IDLE_S)
+            self._arrived.clear()
+            if self._stop.is_set():
+                return
             with self._lock:
                 batch, new_run, self._working = list(self._pending), self._new_run, True
                 self._pending.clear()
@@ -191,16 +204,24 @@ class Worker:
         for joint, _ in work:
             self._done_ns.setdefault(joint, batch[0][0])
         count = min(len(work), os.cpu_count() or 1)
+        newest_ns, begun, done = batch[-1][0], time.monotonic(), threading.Event()
         # daemon threads, like this one: a compilation must not delay the end of the process
-        newest_ns = batch[-1][0]
         helpers = [
-            threading.Thread(target=self._fit_all, args=(work, newest_ns), daemon=True) for _ in range(count - 1)
+            threading.Thread(target=self._help, args=(done, work, newest_ns, begun), daemon=True)
+            for _ in range(count - 1)
         ]
         for helper in helpers:
             helper.start()
-        self._fit_all(work, newest_ns)
+        self._fit_all(work, newest_ns, begun)
+        done.set()
         for helper in helpers:
             helper.join()
+        self._callbacks.publish()
+
+    def _help(self, done: threading.Event, work: deque[tuple[str, Recording]], newest_ns: int, begun: float) -> None:
+        """Take part in a batch that takes long."""
+        if not done.wait(LONG_S):
+            self._fit_all(work, newest_ns, begun)
 
     def _forget_the_gone(self, joints: Collection[str], newest_ns: int) -> None:
         """End the identification of joints that the samples do not name any more."""
@@ -210,8 +231,11 @@ class Worker:
                 known.pop(joint, None)
             self._callbacks.gone(joint)
 
-    def _fit_all(self, work: deque[tuple[str, Recording]], newest_ns: int) -> None:
-        """Fit joints, with samples up to this age, until none is left; several threads run this at the same time."""
+    def _fit_all(self, work: deque[tuple[str, Recording]], newest_ns: int, begun: float) -> None:
+        """Fit joints, with samples up to this age, until none is left; several threads run this at the same time.
+
+        The batch was begun at the instant `begun`.
+        """
         origin_ns = self._origin_ns
         assert origin_ns is not None
         while not self._stop.is_set():
@@ -222,6 +246,8 @@ class Worker:
             self._fit(joint, recording, origin_ns)
             self._done_ns[joint] = newest_ns
             self._longest_lag_s = max(self._longest_lag_s, (self._newest_ns - newest_ns) / NANO)
+            if time.monotonic() - begun > LONG_S:
+                self._callbacks.publish()
 
     def _fit(self, joint: str, recording: Recording, origin_ns: int) -> None:
         try:
@@ -240,15 +266,17 @@ class Worker:
             if estimate is not None and not self._stop.is_set():
                 self._callbacks.estimated(joint, estimate, origin_ns)
             if estimate is not None:
-                with self._lock:
-                    self.missed += max(0, round(_covered_s(recording) / self._hop_s) - 1)
+                self._count_missed(recording)
         finally:
             self._begun.pop(joint, None)
 
-
-def _covered_s(recording: Recording) -> float:
-    """Return the time in s that the samples cover, without gaps."""
-    return len(recording) * float(np.median(np.diff(recording.time))) if len(recording) > 1 else 0.0
+    def _count_missed(self, recording: Recording) -> None:
+        """Count the hops that the samples of one estimate cover, without gaps, but the first."""
+        if recording.duration < 1.4 * self._hop_s:
+            return
+        covered_s = len(recording) * float(np.median(np.diff(recording.time)))
+        with self._lock:
+            self.missed += max(0, round(covered_s / self._hop_s) - 1)
 
 
 def _where(error: Exception) -> str:

@@ -110,7 +110,7 @@ def test_the_filter_goes_on_after_any_messages(ros):
 def test_the_identifier_goes_on_after_any_samples(ros):
     node = ros(IdentifierNode, model="rigid_joint", actuation="torque", window_s=0.5, hop_s=0.1, autostart="false")
     assert node.start()
-    out = node._publisher = Published()
+    out = node._latest._publisher = Published()
 
     def drained():
         end = time.monotonic() + 120.0

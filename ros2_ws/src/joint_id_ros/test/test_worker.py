@@ -1,5 +1,6 @@
 """The thread of the identifier when fits are slower than the samples come."""
 
+import os
 import threading
 import time
 
@@ -30,19 +31,22 @@ class Slow:
 def working():
     """A worker with slow identifiers, and all that it calls back."""
     gate, told, made = threading.Event(), [], {}
+    stuck = threading.Event()
 
     def make(joint, samples):
-        made[joint] = Slow(gate)
+        made[joint] = Slow(stuck if joint == "stuck" else gate)
         return made[joint]
 
     callbacks = Callbacks(
         lambda joint, estimate, origin_ns: told.append(("estimated", joint)),
+        lambda: told.append(("published", "")),
         lambda joint: told.append(("gone", joint)),
         lambda kind, text: told.append((kind, text)),
     )
     worker = Worker(make, (), (), callbacks, hop_s=0.5)
     yield worker, gate, told, made
     gate.set()
+    stuck.set()
     worker.stop()
 
 
@@ -85,7 +89,27 @@ def test_who_keeps_up_misses_nothing(working):
         add(worker, k, k + 40)
         until(lambda: worker.idle)
     assert worker.missed == worker.left_out == 0
-    assert {kind for kind, _ in told} == {"estimated"}
+    assert {kind for kind, _ in told} == {"estimated", "published"}
+
+
+def test_estimates_that_come_together_are_published_together(working):
+    worker, gate, told, _ = working
+    gate.set()
+    add(worker, 0, 10, ("a", "b"))
+    until(lambda: worker.idle)
+    batches = len(told) // 3  # the thread may have looked before the last sample was there
+    assert told == batches * [("estimated", "a"), ("estimated", "b"), ("published", "")]
+
+
+@pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="on one core, joints are fitted one after the other")
+def test_a_fit_that_takes_long_holds_up_no_other_joint(working):
+    worker, gate, told, made = working
+    gate.set()
+    add(worker, 0, 10, ("stuck", "a"))
+    until(lambda: told)
+    until(lambda: told[-1] == ("published", ""))
+    assert told[0] == ("estimated", "a")
+    assert made["stuck"].begun.is_set() and not made["stuck"].batches
 
 
 def test_a_new_run_forgets_what_waits(working):

@@ -17,7 +17,7 @@ from joint_id_core.formats.topics import SAMPLES
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.results.estimate import Estimate
 from joint_id_core.stored.knowledge import StoredKnowledge
-from joint_id_msgs.msg import JointEstimate, JointParams, JointSamples
+from joint_id_msgs.msg import JointSamples
 from joint_id_ros import conversions as convert
 from joint_id_ros.baselines import Baselines
 from joint_id_ros.diagnostics import Diagnostics, Health
@@ -25,13 +25,13 @@ from joint_id_ros.ending import SILENT_S, Ending
 from joint_id_ros.identifier_health import IdentifierHealth
 from joint_id_ros.identifier_setup import IdentifierSetup
 from joint_id_ros.knowledge_services import serve
+from joint_id_ros.latest_estimates import LatestEstimates
 from joint_id_ros.lifecycle import ManagedNode
 from joint_id_ros.options.baselines import BaselineOptions
 from joint_id_ros.options.identifier import IdentifierOptions
 from joint_id_ros.options.reading import ReadingOptions
 from joint_id_ros.parameters import read
 from joint_id_ros.preparation import Preparation
-from joint_id_ros.qos import FLUSH, LATEST
 from joint_id_ros.raw_messages import RawMessage
 from joint_id_ros.sources import Sources
 from joint_id_ros.streams import Streams
@@ -51,7 +51,7 @@ class IdentifierNode(ManagedNode):
         self._worker: Worker | None = None
         self._sources: Sources | None = None
         self._order = StampOrder()
-        self._latest: dict[str, JointEstimate] = {}
+        self._latest = LatestEstimates(self)
         self._fits: Counter[str] = Counter()
         self._report = IdentifierHealth()
         self._heard_s: float | None = None  # when the last sample came
@@ -60,7 +60,6 @@ class IdentifierNode(ManagedNode):
         self._knowledge = StoredKnowledge(self._diagnostics.problem)
         serve(self, self._knowledge, self._renew)
         self._baselines = Baselines(self, self._knowledge.good, self._diagnostics.problem)
-        self._publisher = self.create_lifecycle_publisher(JointParams, "joint_params", LATEST)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(END_S, self._end_with_its_leader, clock=steady)
         self._starter = self.create_timer(START_S, self._start_by_itself, clock=steady)
@@ -107,28 +106,27 @@ class IdentifierNode(ManagedNode):
         reliability, topics = read(self, ReadingOptions).reliability, {SAMPLES.name: JointSamples}
         self._begin_run()
         self._sources = Sources(self, topics, reliability, self._diagnostics, self._on_source)
-        self.streams = Streams(self, topics, self._on_samples, self._sources, reliability)
+        self.streams = Streams(self, topics, self._on_samples, self._sources, reliability, self._on_batch)
         self.get_logger().info(f"identifying {self._setup.model.model} with {self._setup.model.estimator}")
 
     def _begin_run(self) -> None:
         options, hop_s = self._setup.model, self._setup.online.hop_s
         self._knowledge.begin(options.joints, self._setup.possible)
-        self._latest = {
+        restored = {
             joint: convert.to_estimate_message(joint, one.newest, one.estimate, one.origin_ns)
             for joint, one in self._knowledge.restored.items()
         }
-        if self._latest:
-            self._publish()
-        callbacks = Callbacks(self._on_estimate, self._on_gone, self._diagnostics.problem)
+        self._latest.begin(restored)
+        self._latest.publish()
+        callbacks = Callbacks(self._on_estimate, self._latest.publish, self._on_gone, self._diagnostics.problem)
         make = partial(self._knowledge.continued, self._setup.begin)
-        self._worker = Worker(make, options.joints, options.expected, callbacks, hop_s, tuple(self._latest))
+        self._worker = Worker(make, options.joints, options.expected, callbacks, hop_s, tuple(restored))
 
     def _renew(self) -> None:
         """Begin a new run with what is known now."""
         if self._worker is not None:
             self._worker.stop()
             self._begin_run()
-            self._publish()
 
     def close(self) -> None:
         """End the subscription and the thread."""
@@ -156,6 +154,10 @@ class IdentifierNode(ManagedNode):
             self._restart(self._worker, f"{SAMPLES.name}: time jumped back")
         self._worker.add(message)
 
+    def _on_batch(self) -> None:
+        if self._worker is not None:
+            self._worker.wake()
+
     def _on_source(self, topic: str, event: SourceEvent) -> None:
         if event.kind == RATE and self._worker is not None:
             self._restart(self._worker, event.text)
@@ -166,23 +168,19 @@ class IdentifierNode(ManagedNode):
         self._knowledge.forget_run()
 
     def _on_estimate(self, joint: str, estimate: Estimate, origin_ns: int) -> None:
-        """Publish an estimate; called from the worker's thread."""
+        """Take an estimate, to be published; called from the worker's threads."""
         good = self._knowledge.add(joint, estimate, origin_ns)
         message = convert.to_estimate_message(joint, estimate, good, origin_ns)
         message.drifts = self._baselines.drifts(joint, estimate, origin_ns)
-        self._latest[joint] = message
+        self._latest.put(joint, message)
         self._fits[estimate.status.value] += 1
-        self._publish()
 
     def _on_gone(self, joint: str) -> None:
         """Take back what was published of a joint that disappeared; called from the worker's thread."""
         self._diagnostics.problem("joint gone", f"joint {joint} is not in {SAMPLES.name} any more: it is left out")
         self._knowledge.gone(joint)
-        if self._latest.pop(joint, None) is not None:
-            self._publish()
-
-    def _publish(self) -> None:
-        self._publisher.publish(convert.to_params_message(self._latest))
+        self._latest.drop(joint)
+        self._latest.publish()
 
     def _end_with_its_leader(self) -> None:
         """End when the node that this one follows has gone and all its samples have been used."""
@@ -190,7 +188,7 @@ class IdentifierNode(ManagedNode):
         if not self._ending.due(self.get_parameter("end_with").value, self._heard_s is not None) or not silent:
             return
         if self._worker is None or (self._worker.idle and self._sources is not None and not self._sources.published):
-            self._publisher.wait_for_all_acked(FLUSH)
+            self._latest.wait()
             self.finished.set_result(None)
 
     def _health(self) -> Health:
@@ -198,4 +196,4 @@ class IdentifierNode(ManagedNode):
         if self.not_ready or worker is None or sources is None:
             level = DiagnosticStatus.ERROR if self._preparation is None else DiagnosticStatus.WARN
             return Health(level, self.not_ready or "stopped")
-        return self._report.report(self._latest.copy(), self._fits, worker, sources, self._knowledge, self._baselines)
+        return self._report.report(self._latest.messages, self._fits, worker, sources, self._knowledge, self._baselines)
