@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping
 
 from joint_id_msgs.msg import JointEstimate, JointParams
@@ -20,6 +21,7 @@ class LatestEstimates:
         self._publisher = node.create_lifecycle_publisher(JointParams, "joint_params", LATEST)
         self._messages: dict[str, JointEstimate] = {}
         self._new = False
+        self._lock = threading.Lock()  # of two messages, the newer one is published last
 
     def begin(self, messages: Mapping[str, JointEstimate]) -> None:
         """Replace all messages."""
@@ -35,9 +37,10 @@ class LatestEstimates:
 
     def publish(self) -> None:
         """Publish, if there is anything new."""
-        if self._new:
-            self._new = False
-            self._publisher.publish(to_params_message(self.messages))
+        with self._lock:
+            if self._new:
+                self._new = False
+                self._publisher.publish(to_params_message(self.messages))
 
     def wait(self) -> None:
         """Wait until the readers have what was published."""

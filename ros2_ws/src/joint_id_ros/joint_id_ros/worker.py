@@ -216,7 +216,8 @@ class Worker:
         done.set()
         for helper in helpers:
             helper.join()
-        self._callbacks.publish()
+        if not self._stop.is_set():
+            self._callbacks.publish()
 
     def _help(self, done: threading.Event, work: deque[tuple[str, Recording]], newest_ns: int, begun: float) -> None:
         """Take part in a batch that takes long."""
@@ -246,7 +247,7 @@ class Worker:
             self._fit(joint, recording, origin_ns)
             self._done_ns[joint] = newest_ns
             self._longest_lag_s = max(self._longest_lag_s, (self._newest_ns - newest_ns) / NANO)
-            if time.monotonic() - begun > LONG_S:
+            if time.monotonic() - begun > LONG_S and not self._stop.is_set():
                 self._callbacks.publish()
 
     def _fit(self, joint: str, recording: Recording, origin_ns: int) -> None:
