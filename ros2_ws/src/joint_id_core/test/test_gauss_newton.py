@@ -10,7 +10,7 @@ from joint_id_core.estimators.innovations.belief import Belief, Coordinates
 from joint_id_core.estimators.innovations.gauss_newton import MAX_STEP, Cost, minimise
 from joint_id_core.estimators.innovations.likelihood_search import REACH, most_likely, passes_each
 from joint_id_core.estimators.innovations.noise import NoiseLevels
-from joint_id_core.estimators.innovations.recursion import Pass
+from joint_id_core.estimators.innovations.recursion import NoiseInformation, Pass
 from joint_id_core.models import build
 
 MODEL = build("rigid_joint")
@@ -34,7 +34,7 @@ class Line:
         return last
 
     def noise_information(self, last):
-        return np.zeros(1), np.full((1, 1), INFORMATION)
+        return NoiseInformation(np.zeros(1), np.full((1, 1), INFORMATION), np.zeros((1, 1)))
 
     def run(self, free, levels, steps):
         self.passes += 1

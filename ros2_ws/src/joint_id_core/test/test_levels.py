@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from joint_id_core.data.recording import Recording
-from joint_id_core.estimators import ParameterSettings
+from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.models import build
 from joint_id_core.online import OnlineIdentifier
 from joint_id_core.online.levels import DOUBTED, MOST_LOST, UNKNOWN, Levels
@@ -28,11 +28,14 @@ TORQUE_NOISE = 0.003  # Nm
 
 @dataclass(frozen=True)
 class Steps:
-    """Moves of 0.4 s and rests of 0.3 s, to and fro, over distances that change."""
+    """Moves of 0.4 s and rests of 0.3 s, to and fro, over distances that change; or smaller and slower ones."""
+
+    size: float = 1.0
+    tempo: float = 1.0
 
     def _place(self, time):
-        k, t = divmod(time, 0.7)
-        begin, end = np.sin(5.0 * k), np.sin(5.0 * (k + 1.0))
+        k, t = divmod(self.tempo * time, 0.7)
+        begin, end = self.size * np.sin(5.0 * k), self.size * np.sin(5.0 * (k + 1.0))
         return begin, end - begin, min(1.0, t / 0.4)
 
     def value(self, time):
@@ -41,20 +44,28 @@ class Steps:
 
     def rate(self, time):
         _, way, x = self._place(time)
-        return way / 0.4 * 30.0 * x * x * (1.0 - x) ** 2
+        return self.tempo * way / 0.4 * 30.0 * x * x * (1.0 - x) ** 2
+
+
+STEPS = Steps()
+
+
+def ordinary(seed, samples, reference=STEPS):
+    """Return what the sensors of a controlled joint show, and its parameters."""
+    rng = np.random.default_rng(seed)
+    truth = {n: MODEL.values(KNOWN)[n] * rng.uniform(0.9, 1.1) for n in FREE}
+    record = simulate_closed_loop(
+        MODEL, PositionController(), reference, np.arange(samples) * 2e-3, {**KNOWN, **truth},
+        torque_noise=TORQUE_NOISE, seed=seed, sensors=SENSORS,
+    )  # fmt: skip
+    return Recording(record.time, {n: record[n] for n in ("link_position", "motor_velocity", "current")}), truth
 
 
 def test_parameters_of_a_controlled_joint_in_ordinary_motion_are_within_their_intervals():
     """The controller feeds the noise of the sensors back; levels 7 % too small moved inertias by 5 sigma."""
     errors = []
     for seed in range(3):
-        rng = np.random.default_rng(seed)
-        truth = {n: MODEL.values(KNOWN)[n] * rng.uniform(0.9, 1.1) for n in FREE}
-        record = simulate_closed_loop(
-            MODEL, PositionController(), Steps(), np.arange(10_000) * 2e-3, {**KNOWN, **truth},
-            torque_noise=TORQUE_NOISE, seed=seed, sensors=SENSORS,
-        )  # fmt: skip
-        shown = Recording(record.time, {n: record[n] for n in ("link_position", "motor_velocity", "current")})
+        shown, truth = ordinary(seed, 10_000)
         identifier = OnlineIdentifier(MODEL, ParameterSettings(KNOWN))
         found = [e for e in map(identifier.update, batches(shown, 50)) if e is not None]
         last = [e for e in found if e.converged][-1]
@@ -64,6 +75,23 @@ def test_parameters_of_a_controlled_joint_in_ordinary_motion_are_within_their_in
         assert not last.changes
     assert np.max(np.abs(errors)) < 4.0
     assert np.sqrt(np.mean(np.square(errors))) < 1.5
+
+
+def test_intervals_of_a_fit_are_those_of_the_likelihood_in_slow_motion():
+    """Held z standard deviations off, a parameter costs z^2 (Wilks), with all others and the noise levels fitted again.
+
+    In slow motion much of what is known comes from how the joint answers to noise. At known levels, standard deviations
+    would be so small that it costs 0.4 z^2.
+    """
+    off, costs = 1.5, []
+    for seed in (0, 1, 3):
+        record, _ = ordinary(seed, 2000, Steps(size=0.3, tempo=0.5))
+        best = fit(MODEL, record, ParameterSettings(KNOWN))
+        start = {n: best[n].value for n in FREE}
+        for by in (-off, off):
+            held = start | {"J_m": best["J_m"].value + by * best["J_m"].std_dev}
+            costs.append(fit(MODEL, record, ParameterSettings(KNOWN | held, fixed=("J_m",))).deviance - best.deviance)
+    assert 0.6 < np.mean(costs) / off**2 < 1.5
 
 
 def test_levels_are_learned_from_all_samples():

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from joint_id_core.cell.kernel import compile_model
 from joint_id_core.data.recording import Recording
-from joint_id_core.estimators.innovations.noise import LARGEST_CHANGE, RIDGE, bounded_step
+from joint_id_core.estimators.innovations.noise import LARGEST_CHANGE, RIDGE, UNKNOWN, bounded_step, unknown_levels
 from joint_id_core.estimators.shared.fit_data import prepare
 from joint_id_core.estimators.shared.initial_state import busiest
 from joint_id_core.models import build
@@ -60,3 +60,14 @@ def test_the_busiest_part_holds_the_motion(begin, length):
     part = data.part(first, first + length)
     np.testing.assert_array_equal(part.time, data.time[first : first + length])
     assert part.y.flags.c_contiguous and len(part.u) == len(part.gap) == length
+
+
+@given(seed=st.integers(0, 1000), parameters=st.integers(1, 9), levels=st.integers(1, 4))
+def test_unknown_levels_widen_like_unknown_parameters(seed, parameters, levels):
+    """With what is added, the covariance is the block of the inverse of the whole information matrix."""
+    k = parameters
+    root = np.random.default_rng(seed).standard_normal((k + levels, 2 * (k + levels)))
+    whole = root @ root.T
+    inverse = np.linalg.inv(whole[:k, :k])
+    added = unknown_levels(inverse, whole[k:, k:] - UNKNOWN**-2 * np.eye(levels), whole[:k, k:])
+    np.testing.assert_allclose(inverse + added, np.linalg.inv(whole)[:k, :k], rtol=1e-6, atol=1e-9)

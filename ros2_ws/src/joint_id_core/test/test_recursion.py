@@ -34,11 +34,11 @@ def discrete(p, dt):
     return whole[:2, :2], whole[:2, 2:]
 
 
-def make_problem(seed=0, samples=250):
+def make_problem(seed=0, samples=250, volts=6.0):
     """The motor without Coulomb friction, so linear: noisy inputs and labels, some missing, two gaps."""
     rng = np.random.default_rng(seed)
     time = np.arange(samples) * 1e-3
-    u = np.column_stack([6 * np.sign(np.sin(60 * time)) + 6, 0.02 * rng.standard_normal(samples)])
+    u = np.column_stack([volts * np.sign(np.sin(60 * time)) + volts, 0.02 * rng.standard_normal(samples)])
     x = np.zeros((samples, 2))
     A, B = discrete(TRUTH, 1e-3)
     for k in range(samples - 1):
@@ -126,7 +126,9 @@ def test_after_a_long_gap_the_record_begins_anew():
     assert found.cost == pytest.approx(sum(part.cost for part in each), rel=1e-12)
     np.testing.assert_allclose(found.hessian, sum(part.hessian for part in each), rtol=1e-9)
     np.testing.assert_allclose(found.gradient, sum(part.gradient for part in each), rtol=1e-9)
-    noise, *of_each = (r.noise_information(p) for r, p in zip((both, *alone), (found, *each), strict=True))
+    noise, *of_each = (
+        r.noise_information(p, with_parameters=True) for r, p in zip((both, *alone), (found, *each), strict=True)
+    )
     for whole_part, parts in zip(noise, zip(*of_each, strict=True), strict=True):
         np.testing.assert_allclose(whole_part, sum(parts), rtol=1e-9)
 
@@ -178,7 +180,7 @@ def cost_at(recursion, levels):
 
 
 def test_score_is_the_derivative_of_the_likelihood_by_the_noise_levels(recursion):
-    score, _ = recursion.noise_information(recursion.run(free_values(), LEVELS, SUBSTEPS))
+    score = recursion.noise_information(recursion.run(free_values(), LEVELS, SUBSTEPS)).score
     for k, step in enumerate(np.diag(1e-4 * LEVELS)):
         slope = (cost_at(recursion, LEVELS + step) - cost_at(recursion, LEVELS - step)) / 2e-4
         assert -2.0 * score[k] == pytest.approx(slope, rel=1e-5)
@@ -189,14 +191,36 @@ def test_information_of_the_noise_levels_is_the_mean_curvature_of_the_likelihood
     curvature, information = np.zeros((4, 4)), np.zeros((4, 4))
     for seed in range(6):
         r = Recursion(make_problem(seed, 600), compile_model(MODEL))
-        information += r.noise_information(r.run(free_values(), LEVELS, 8))[1]
+        information += r.noise_information(r.run(free_values(), LEVELS, 8)).matrix
         for k, step in enumerate(np.diag(0.01 * LEVELS)):
             up, down = (
-                r.noise_information(r.run(free_values(), LEVELS + d, 8))[0] / (LEVELS + d) for d in (step, -step)
+                r.noise_information(r.run(free_values(), LEVELS + d, 8)).score / (LEVELS + d) for d in (step, -step)
             )
             curvature[k] -= (up - down) / 0.02 * LEVELS
     shown = np.sqrt(np.diag(information))
     np.testing.assert_allclose(curvature / np.outer(shown, shown), information / np.outer(shown, shown), atol=0.15)
+
+
+def test_information_on_parameters_and_levels_together_is_the_mean_slope_of_the_score():
+    """How the gradient of the parameters falls with the logarithm of each level, averaged over records.
+
+    Noise alone moves the motor: only then does it matter.
+    """
+    slope, cross, hessian, matrix = np.zeros((len(FREE), 4)), np.zeros((len(FREE), 4)), 0.0, 0.0
+    for seed in range(20):
+        r = Recursion(make_problem(seed, 600, volts=0.0), compile_model(MODEL))
+        for k, step in enumerate(np.diag(np.full(4, 0.01))):
+            up, down = (r.run(free_values(), LEVELS * np.exp(by), 8).gradient for by in (step, -step))
+            slope[:, k] -= (up - down) / 0.02
+        here = r.run(free_values(), LEVELS, 8)
+        found = r.noise_information(here, with_parameters=True)
+        hessian, matrix, cross = hessian + here.hessian, matrix + found.matrix, cross + found.cross
+        whole = np.block([[here.hessian, found.cross], [found.cross.T, found.matrix]])
+        scale = 1.0 / np.sqrt(np.diag(whole))
+        assert np.linalg.eigvalsh(whole * np.outer(scale, scale)).min() > -1e-9
+    size = np.sqrt(np.outer(np.diag(hessian), np.diag(matrix)))
+    np.testing.assert_allclose(slope / size, cross / size, atol=0.05)
+    assert np.max(np.abs(cross / size)) > 0.2  # there is something to compare
 
 
 def test_noise_information_is_refused_for_an_older_pass(recursion):

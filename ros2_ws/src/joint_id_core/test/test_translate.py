@@ -126,13 +126,13 @@ def test_noise_statistics_in_python_and_compiled(monkeypatch):
     channel, courses = np.zeros(8, dtype=np.int64), rng.normal(size=(T, 8))
     both = []
     for run in (lambda f: f, as_machine_code):
-        score, info = np.empty(3), np.empty((3, 3))
-        run(noise.noise_information)(y, label, begin, e, S, K, F, C, score, info)
+        score, info, shared = np.empty(3), np.empty((3, 3)), np.empty((p, 3))
+        run(noise.noise_information)(y, label, begin, e, S, K, F, C, J, score, info, shared)
         step, level = np.empty(3), np.ones(3)
         length = run(noise.bounded_step)(score, info, level, 0.9 * level, 1.5 * level, 20.0, 1e-3, step)
         cross, total, moved = np.empty((p, 8)), np.empty((8, 8)), np.empty(8)
         run(noise.disturbances)(y, label, begin, e, S, K, F, C, J, channel, courses, cross, total, moved)
-        both.append((score, info, step, length, cross, total, moved))
+        both.append((score, info, shared, step, length, cross, total, moved))
     for python, machine in zip(*both, strict=True):
         np.testing.assert_allclose(machine, python, rtol=1e-12, atol=1e-13)
 

@@ -88,6 +88,7 @@ class Follower:
         self.noise_changed = False
         self._coordinates, self._options, self._make = coordinates, options, make
         self._wider = np.eye(len(coordinates.unit))  # for the uncertainty of the noise levels
+        self._shifted = np.zeros(len(coordinates.unit))  # the mean, by new noise levels, since the blocks were passed
         self._input_noise = InputNoise(len(coordinates.unit))
         self._pieces: list[Piece] = []  # of the present block
         self._white: list[Array] = []  # innovations of the last window
@@ -103,7 +104,7 @@ class Follower:
         for piece in pieces:
             self.memory.add(piece, self._options.memory_s)
         self._refine(tracker)
-        self._learn_noise(tracker, self.memory.blocks)
+        self._learn_noise(tracker, self.memory.blocks, anew=True)
 
     def rest(self) -> None:
         """End a stretch of motion: the joint rests."""
@@ -168,10 +169,16 @@ class Follower:
         """Return estimate and covariance without the bias from noise of inputs."""
         return self._input_noise.corrected(mean, covariance, self.memory.inverse)
 
-    def _learn_noise(self, tracker: Tracker, blocks: Sequence[Piece]) -> None:
-        """Learn the noise levels, and the bias from noise of inputs, from blocks that the memory describes."""
-        self._input_noise.learn(tracker, blocks, self._options.memory_s)
-        self.levels.learn(tracker, blocks, self._options.memory_s)
+    def _learn_noise(self, tracker: Tracker, new: Sequence[Piece], anew: bool) -> None:
+        """Learn the noise levels, and the bias from noise of inputs, from new blocks that the memory describes.
+
+        With `anew`, the levels are learned from all blocks of the memory.
+        """
+        memory, memory_s = self.memory, self._options.memory_s
+        self._input_noise.learn(tracker, new, memory_s)
+        more = self.levels.learn(tracker, memory.blocks if anew else new, memory.mean, memory_s, anew)
+        memory.shift(more)
+        self._shifted = self._shifted + memory.inverse @ more
         self._wider = self.levels.wider(self.memory.inverse)
 
     def _noise_changed(self) -> bool:
@@ -210,8 +217,8 @@ class Follower:
         if change is None:
             self.tested_from = block.begin.time
             self.noise_changed = self._noise_changed()
-            self._refine(self.tracker)
-            self._learn_noise(self.tracker, self.memory.blocks[-1:])
+            passed_again = self._refine(self.tracker)
+            self._learn_noise(self.tracker, self.memory.blocks[-1:], passed_again and self.memory.whole)
         elif self.age_s < YOUNG * self._options.window_s:
             self.found = Found.WRONG_START
         else:
@@ -258,8 +265,11 @@ class Follower:
         tracker.again(memory.blocks[-1:], z)
         return change
 
-    def _refine(self, tracker: Tracker) -> None:
-        """Move the reference to the estimate; if it moved far, pass the newest blocks through the filter again."""
+    def _refine(self, tracker: Tracker) -> bool:
+        """Move the reference to the estimate; if it moved far, pass the newest blocks through the filter again.
+
+        Returns whether they were passed again.
+        """
         memory, unit = self.memory, self._coordinates.unit
         mean = self._coordinates.clip(memory.mean)
         sigma = np.sqrt(np.diag(memory.covariance))
@@ -268,12 +278,15 @@ class Follower:
         blocks = memory.blocks
         smoothest = max((block.smoothing for block in blocks), default=0.0)
         away = np.abs(np.array([block.z for block in blocks]).reshape(-1, len(mean)) - mean)
-        if smoothest > SHARPER * tracker.smoothing or np.any(away > least):
+        far = np.any(away > least) or np.any(np.abs(self._shifted) > least)
+        if smoothest > SHARPER * tracker.smoothing or far:
             learned = relearn(tracker, blocks, *memory.before(), weights=memory.weights(self._options.memory_s))
             if learned is not None:
                 memory.replace(learned.pieces, self._options.memory_s)
-                return
+                self._shifted = np.zeros_like(mean)
+                return True
         tracker.move(mean)
+        return False
 
     # --- changes
 
@@ -303,7 +316,7 @@ class Follower:
         self._input_noise.change(changed, self.memory.inverse, still_known)
         self.memory, self.explanation, self.found = memory, explanation, Found.AGREES
         self.levels.forget(changed)
-        self._learn_noise(tracker, ())
+        self._wider, self._shifted = self.levels.wider(memory.inverse), np.zeros_like(self._shifted)
         self.since = explanation.learned.pieces[0].begin.time
         self._change = self._guess = None
         self.lost_s = self._settled_s = 0.0

@@ -13,16 +13,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from joint_id_core.data.recording import Array
-from joint_id_core.estimators.innovations.noise import bounded_step
-from joint_id_core.online.noise_effects import cross_information, noise_information, weight
+from joint_id_core.estimators.innovations.noise import UNKNOWN, bounded_step
+from joint_id_core.online.noise_effects import noise_information
 from joint_id_core.online.piece import Piece
 from joint_id_core.online.tracker import Tracker
 
 MOST_LOST = 0.9  # largest part of the information on a combination of parameters that the levels can take
 DOUBTED = 0.1  # part of the information that is kept where the newest samples show other levels
 ROUNDED = 1e-13  # smallest eigenvalue of a matrix with a unit diagonal that rounding leaves
-LEAST = 1e-3  # information that keeps a matrix regular
-UNKNOWN = 1.0  # standard deviation of the logarithm of a level before any sample
 FARTHEST = 1e4  # factor of a variance between the first window and later ones
 
 
@@ -43,34 +41,62 @@ class Levels:
         self._lower, self._upper = values / FARTHEST, values * FARTHEST
         self._information = np.diag(np.full(len(values), sigma**-2.0))
         self._cross = np.zeros((parameters, len(values)))
-        self._seen = 0  # stretches
+        self._mean: Array | None = None  # parameters of the newest step
+        self._begin()
 
-    def learn(self, tracker: Tracker, pieces: Sequence[Piece], memory_s: float) -> None:
-        """Learn from stretches that are described by the parameters; the filter goes on with the new levels."""
+    def _begin(self) -> None:
+        """Take what is known for what stretches are added to."""
+        self._before = self.values, self._information, self._cross, self._mean
+        self._doubted = False  # then not all samples are of today's levels
+
+    def learn(
+        self, tracker: Tracker, pieces: Sequence[Piece], mean: Array, memory_s: float, anew: bool = False
+    ) -> Array:
+        """Learn from stretches that were added to the memory; the filter goes on with the new levels.
+
+        Levels and parameters take their steps in turn, each at the newest values of the other (Gauss-Seidel).
+
+        Args:
+            tracker: that ran over them.
+            pieces: the stretches, at parameters near the mean.
+            mean: estimate with these stretches, shape (k,).
+            memory_s: time constant of forgetting.
+            anew: whether these are all stretches since the first one, or since a change.
+
+        Returns:
+            How the new levels change the vector of the memory, shape (k,).
+        """
+        score = np.zeros_like(self.values)
+        if anew and not self._doubted:
+            values, self._information, self._cross, self._mean = self._before
+            score -= self._information @ np.log(self.values / values)
+        if self._mean is not None:
+            score -= self._cross.T @ (mean - self._mean)
         for piece in pieces:
             found = noise_information(tracker, piece)
             if found is None:
                 continue
-            score, information = found
             kept = np.exp(-piece.duration / memory_s)
-            self._information = kept * self._information + information
-            self._cross = kept * self._cross
-            if count := weight(self._seen):
-                cross = _credible(cross_information(tracker, piece), piece.matrix, information)
-                self._cross += count * cross
-            self._seen += 1
-            step, _ = bounded_step(tracker.kernel, self.values, self._lower, self._upper, score, self._information)
-            self.values = self.values * np.exp(step)
-            tracker.levels = self.values
+            score = kept * score + found.score - found.cross.T @ (mean - piece.z)
+            self._information = kept * self._information + found.matrix
+            self._cross = kept * self._cross + found.cross
+        step, _ = bounded_step(tracker.kernel, self.values, self._lower, self._upper, score, self._information)
+        self.values = self.values * np.exp(step)
+        self._mean = mean
+        tracker.levels = self.values
+        return np.asarray(-self._cross @ step)
 
     def doubt(self) -> None:
         """Forget most of what is known of the levels: the newest samples show other ones."""
         self._information = DOUBTED * self._information
         self._cross = DOUBTED * self._cross
+        self._doubted = True
 
     def forget(self, changed: Sequence[int]) -> None:
         """Forget how parameters that changed depended on the levels."""
+        self._cross = self._cross.copy()
         self._cross[list(changed)] = 0.0
+        self._begin()
 
     def wider(self, inverse: Array) -> Array:
         """Return the matrix W (k, k) that widens a covariance C of the parameters for the levels: W C W'.
@@ -86,15 +112,3 @@ class Levels:
         lost, axes = np.linalg.eigh(root.T @ self._cross @ np.linalg.solve(known, self._cross.T) @ root)
         factor = 1.0 / np.sqrt(1.0 - np.minimum(lost, MOST_LOST))
         return np.asarray(root @ (axes * factor) @ axes.T @ back)
-
-
-def _credible(cross: Array, matrix: Array, information: Array) -> Array:
-    """Return the `cross` information (k, L) of a stretch, scaled down to what the information on each side allows.
-
-    With too much, [[H, D], [D', L]] would not be positive definite, which is possible where a stretch is not linear.
-    """
-    H = matrix + np.diag(np.full(len(matrix), LEAST))
-    most = np.linalg.eigvals(
-        np.linalg.solve(information + LEAST * np.eye(len(information)), cross.T @ np.linalg.solve(H, cross))
-    )
-    return np.asarray(cross / max(1.0, float(np.sqrt(np.max(most.real)))))

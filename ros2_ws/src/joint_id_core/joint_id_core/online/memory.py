@@ -143,6 +143,11 @@ class Memory:
         self.vector = kept * self.vector + widened @ mean + piece.vector
         self._solved = None
 
+    def shift(self, more: Array) -> None:
+        """Add to the vector: the noise levels changed, and with them what the samples say."""
+        self.vector = self.vector + more
+        self._solved = None
+
     def test(self) -> Change | None:
         """Test the newest blocks against the memory before them."""
         excess = self._excess()
@@ -187,6 +192,11 @@ class Memory:
     def blocks(self) -> list[Piece]:
         """The newest blocks, which can be passed through the filter again."""
         return [step.block for step in self._blocks]
+
+    @property
+    def whole(self) -> bool:
+        """Whether these are all blocks since the begin."""
+        return len(self._blocks) < HISTORY
 
     def weights(self, memory_s: float) -> list[float]:
         """Return for each of these blocks how much of it is not forgotten yet."""

@@ -10,13 +10,13 @@ from dataclasses import replace
 import numpy as np
 
 from joint_id_core.data.recording import Array
+from joint_id_core.estimators.innovations.recursion import NoiseInformation
 from joint_id_core.online.piece import Piece
 from joint_id_core.online.tracker import Tracker
 
-# How the parameters depend on noise takes a pass for each source of it: it is computed of the first stretches, and then
-# of a part of them, which stand for the others.
+# What noise of the inputs does to the parameters takes three passes: it is computed of the first stretches, and then of
+# a part of them, which stand for the others.
 OFTEN, RARELY = 4, 4
-NUDGE = 0.1  # relative change of a noise variance for a derivative
 # Part of the noise of the drive that is taken for that of its sensor. All of it moves the joint, or nothing: which of
 # the two, only long records can tell.
 OF_SENSOR = 0.5
@@ -29,33 +29,22 @@ def weight(seen: int) -> int:
     return RARELY if seen % RARELY == 0 else 0
 
 
-def noise_information(tracker: Tracker, piece: Piece) -> tuple[Array, Array] | None:
+def noise_information(tracker: Tracker, piece: Piece) -> NoiseInformation | None:
     """Return what a stretch says of the logarithms of the noise levels; None if the path diverges.
 
-    These are the score (L,) and the information matrix (L, L).
+    The parameters are those of the estimation coordinates.
     """
     levels, data = tracker.levels, tracker.data
     found = tracker.passed_again(piece, levels, stored=True)
     if not np.isfinite(found.cost):
         return None
     score, matrix = np.empty_like(levels), np.empty((len(levels), len(levels)))
+    cross = np.empty((found.sensitivities.shape[2], len(levels)))
     tracker.kernel.gains.noise_information(
         found.y, data.label_states, np.full(len(found.y), -1), found.errors, found.variances, found.gains,
-        found.slopes, found.shown, score, matrix,
+        found.slopes, found.shown, found.sensitivities, score, matrix, cross,
     )  # fmt: skip
-    return score * levels, matrix * np.outer(levels, levels)
-
-
-def cross_information(tracker: Tracker, piece: Piece) -> Array:
-    """Return how the score of the parameters in a stretch depends on the noise levels, shape (k, L).
-
-    It is the derivative by the logarithms of the levels, in estimation coordinates.
-    """
-    levels = tracker.levels
-    scores = [tracker.passed_again(piece, by * levels).score for by in 1.0 + NUDGE * np.eye(len(levels))]
-    change = np.array(scores).T - tracker.passed_again(piece, levels).score[:, None]
-    cross = _free(tracker, piece, change) / np.log1p(NUDGE)
-    return cross if np.isfinite(cross).all() else np.zeros_like(cross)
+    return NoiseInformation(score * levels, matrix * np.outer(levels, levels), _free(tracker, piece, cross * levels))
 
 
 def attenuation(tracker: Tracker, piece: Piece, rng: np.random.Generator) -> Array:

@@ -79,6 +79,7 @@ class Passed:
     gains: Array
     slopes: Array
     shown: Array
+    sensitivities: Array
     matrix: Array
     score: Array
 

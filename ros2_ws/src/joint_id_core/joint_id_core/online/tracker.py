@@ -286,9 +286,10 @@ class Tracker:
         rows = T if stored else 1
         e, S, K, F = np.zeros((T, m)), np.ones((T, m)), np.zeros((rows, m, n)), np.zeros((rows, n, n + u.shape[1]))
         C = np.empty((rows, m, n) if self.data.model.label_delays else (1, 1, 1))
+        J = np.zeros((rows, m, k))
         kept, H, g = begin.kept.copy(), np.empty((k, k)), np.empty(k)
         cost = self.kernel.tracking.track(
             kept, time, u, y, self.data.label_states, gap, self.levels[:m], self.levels[m:], self._noise,
-            self._p, self.substeps, self._now.stiff, self._now.many, e, S, K, F, C, H, g,
+            self._p, self.substeps, self._now.stiff, self._now.many, e, S, K, F, C, J, H, g,
         )  # fmt: skip
-        return Passed(float(cost), kept, y, e, S, K, F, C, H, g)
+        return Passed(float(cost), kept, y, e, S, K, F, C, J, H, g)

@@ -30,21 +30,25 @@ def noise_information(
     K: Cube,
     F: Cube,
     C: Cube,
+    J: Cube,
     score: Vector,
     info: Matrix,
+    cross: Matrix,
 ) -> None:
     """Compute score and information of the noise levels (R, then q) from the arrays that `innovations` stored.
 
     score (L), with L = NY + NU, is minus half the derivative of the cost by the levels. info (L, L) is the matrix
     sum dS dS' / (2 S^2) + de de' / S (Harvey, Forecasting, Structural Time Series Models and the Kalman Filter, 1989,
-    section 3.4.5). The derivatives are propagated forward with the filter; the derivative of the linearisation is
-    neglected.
+    section 3.4.5). cross (NP, L) is the same of parameters and levels, - sum s de' / sqrt(S): how much the score of the
+    parameters falls with the levels. The derivatives are propagated forward with the filter; the derivative of the
+    linearisation is neglected.
     """
-    # One array, as in the steps: derivatives of P, of A P, of x, of column i of P, of S and e, then the two results.
-    NY = len(label)
+    # One array, as in the steps: derivatives of P, of A P, of x, of column i of P, of S and e, then the three results.
+    NY, NP = len(label), J.shape[2]
     P, M, x, P_i = 0, NX * NX * CL, 2 * NX * NX * CL, (2 * NX * NX + NX) * CL
     S_, e_, sums, products = P_i + NX * CL, P_i + (NX + 1) * CL, P_i + (NX + 2) * CL, P_i + (NX + 3) * CL
-    d = np.zeros((2 * NX * NX + 2 * NX + 3 + CL) * CL)
+    cross_ = products + CL * CL
+    d = np.zeros((2 * NX * NX + 2 * NX + 3 + CL + NP) * CL)
     for t in range(len(y)):
         if begin[t] >= 0:
             for j in range(NX * NX * CL):
@@ -85,6 +89,11 @@ def noise_information(
                 along, level = 0.5 * w * w * d[S_ + b], w * d[e_ + b]
                 for a in range(CL):
                     d[products + b * CL + a] += along * d[S_ + a] + level * d[e_ + a]
+            root = math.sqrt(w)
+            for b in range(NP):
+                row = J[t, k, b] * root
+                for a in range(CL):
+                    d[cross_ + b * CL + a] -= row * d[e_ + a]
             for m in range(NX):
                 gain = K[t, k, m]
                 for a in range(CL):
@@ -130,6 +139,8 @@ def noise_information(
         score[a] = d[sums + a]
         for b in range(NY + NU):
             info[a, b] = d[products + a * CL + b]
+        for b in range(NP):
+            cross[b, a] = d[cross_ + b * CL + a]
 
 
 def bounded_step(

@@ -43,6 +43,7 @@ def track(
     K: Cube,
     F: Cube,
     C: Cube,
+    J: Cube,
     H: Matrix,
     g: Vector,
 ) -> float:
@@ -57,13 +58,13 @@ def track(
 
     Outputs:
         e, S (T, NY): as in `innovations`; row 0 is not used.
-        K, F, C: as in `innovations`, for `noise_information`; not stored if they have only one row.
+        K, F, C, J: as in `innovations`, for `noise_information`; not stored if they have only one row.
         H (NP, NP), g (NP): information matrix and score of the new samples, as in `innovations`.
     """
     c = np.empty(NC)
     constants(p, c)
     V = np.zeros(SF)
-    x, last, J = np.empty(NX), np.empty(NX), np.empty((NX, max(NP, 1)))
+    x, last = np.empty(NX), np.empty(NX)
     stored = len(K) > 1
     restart(x, V, Q_x)
     for m in range(NX):
@@ -87,7 +88,7 @@ def track(
                     F[t, m, n] = V[m * CF + NP + n]
         row = t + 1 if stored else 0
         cost += correct(
-            x, V, R, y[t + 1], label, u[t], u[t + 1], c, e[t + 1], S[t + 1], K[row], C[row if DELAYED else 0], J
+            x, V, R, y[t + 1], label, u[t], u[t + 1], c, e[t + 1], S[t + 1], K[row], C[row if DELAYED else 0], J[row]
         )
         if not cost < math.inf:
             return math.nan

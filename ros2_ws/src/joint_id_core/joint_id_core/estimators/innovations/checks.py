@@ -9,6 +9,7 @@ from joint_id_core.estimators.innovations.estimator import MAX_SUBSTEPS
 from joint_id_core.estimators.innovations.gauss_newton import Minimum
 from joint_id_core.estimators.innovations.input_noise import LEFT, motion_bias
 from joint_id_core.estimators.innovations.misfit import misfit
+from joint_id_core.estimators.innovations.noise import unknown_levels
 from joint_id_core.estimators.innovations.search import Outcome
 from joint_id_core.estimators.innovations.stages import STALLED, Stages
 from joint_id_core.estimators.innovations.whiteness import memory
@@ -20,11 +21,12 @@ from joint_id_core.models.combinations import Combination, combinations
 from joint_id_core.results.estimate import Checks
 
 
-def run_checks(outcome: Outcome) -> tuple[Checks, Array, dict[str, Array]]:
+def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]]:
     """Check the minimum that a search found.
 
     Returns:
-        The findings, the known bias of the coordinates (k,), and the predicted labels by name, each of shape (T,).
+        The findings; the covariance (k, k) of the coordinates with all that these and the noise levels add to it; the
+        known bias of the coordinates (k,); and the predicted labels by name, each of shape (T,).
     """
     stages, found = outcome.stages, outcome.minimum
     data, recursion, coordinates = stages.data, stages.recursion, stages.coordinates
@@ -32,12 +34,14 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, dict[str, Array]]:
     missing, coloured = misfit(recursion, coordinates, found, last), memory(recursion, coordinates, found, last)
     bias = motion_bias(recursion, coordinates, found, last)
     texts = (missing.text, _step_warning(stages, found), coloured.text, outcome.warning, _stall_warning(found))
-    excess = missing.excess + coloured.excess + outcome.scatter
     p, slope = stages.cost.values(found.z), coordinates.slope(found.z)
-    covariance = found.covariance + excess + LEFT**2 * np.outer(bias, bias)
+    noise = recursion.noise_information(recursion.renewed(last), with_parameters=True)
+    of_levels = unknown_levels(found.inverse, noise.matrix, noise.cross * coordinates.slope_at(last.free)[:, None])
+    excess = missing.excess + coloured.excess + outcome.scatter
+    covariance = found.covariance + of_levels + excess + LEFT**2 * np.outer(bias, bias)
     together = _combinations(data, p, covariance * np.outer(slope, slope))
     predictions = free_runs(stages.kernel, data, last.states, p, last.steps, stages.options.horizon_s)
-    return Checks(texts, excess, nrmse(data, predictions), together), bias, predictions
+    return Checks(texts, excess, nrmse(data, predictions), together), covariance, bias, predictions
 
 
 def _combinations(data: FitData, p: Array, covariance: Array) -> dict[str, str]:

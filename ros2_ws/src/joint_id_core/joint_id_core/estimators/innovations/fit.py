@@ -15,7 +15,6 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.estimators.innovations.belief import Belief
 from joint_id_core.estimators.innovations.checks import run_checks
 from joint_id_core.estimators.innovations.estimator import Innovations
-from joint_id_core.estimators.innovations.input_noise import LEFT
 from joint_id_core.estimators.innovations.search import Outcome, Search
 from joint_id_core.estimators.innovations.verdicts import judge, table, verdicts
 from joint_id_core.estimators.shared.fit_data import UnusableError, options_of, origin_of, prepare, unusable
@@ -70,10 +69,9 @@ def _estimate(outcome: Outcome, begun: float) -> Estimate:
     """Convert the minimum that was found to an `Estimate`."""
     stages, found = outcome.stages, outcome.minimum
     coordinates, data = stages.coordinates, stages.data
-    checks, bias, predictions = run_checks(outcome)
+    checks, covariance_z, bias, predictions = run_checks(outcome)
     z = coordinates.clip(found.z - bias)
     model, p = data.model, stages.cost.values(z)
-    covariance_z = found.covariance + checks.excess + LEFT**2 * np.outer(bias, bias)
     slope = coordinates.slope(z)
     covariance = covariance_z * np.outer(slope, slope)
     rows = verdicts(model, data.free, covariance_z, coordinates, z, checks.together)

@@ -39,7 +39,7 @@ def most_likely(cost: Cost, bounds: NoiseLevels, found: Minimum, iterations: int
         return found
     count = len(found.z)
     coordinates = cost.coordinates
-    _, information = cost.recursion.noise_information(cost.recursion.renewed(found.last))
+    information = cost.recursion.noise_information(cost.recursion.renewed(found.last)).matrix
     unit = np.concatenate([np.diag(found.hessian), np.maximum(np.diag(information), LEAST_INFORMATION)]) ** -0.5
     lowest = np.concatenate([coordinates.lower, np.log(bounds.lower)])
     highest = np.concatenate([coordinates.upper, np.log(bounds.upper)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,21 @@ class Pass:
         return np.asarray(self.errors / np.sqrt(self.variances))
 
 
+class NoiseInformation(NamedTuple):
+    """What a record says of the logarithms of the noise levels.
+
+    Attributes:
+        score: minus half the slope of the cost, shape (L,).
+        matrix: information matrix, shape (L, L).
+        cross: information on the free parameters, by their physical values, and the levels together, shape (free, L);
+            (0, L) where it was not asked for.
+    """
+
+    score: Array
+    matrix: Array
+    cross: Array
+
+
 class Recursion:
     """The compiled innovations recursion on fixed data, called with parameters and noise levels.
 
@@ -82,7 +98,7 @@ class Recursion:
         T, n, m = len(data.time), len(self.x0), len(data.labels)
         self._K, self._F = np.empty((T, m, n)), np.empty((T, n, n + data.u.shape[1]))
         self._C = np.empty((T, m, n) if data.model.label_delays else (1, 1, 1))
-        self._J = np.empty((T, m, len(kernel.sensitive)))
+        self._J, self._no_parameters = np.empty((T, m, len(kernel.sensitive))), np.empty((T, m, 0))
         self._F[-1] = 0.0
         self._latest: Pass | None = None
 
@@ -183,10 +199,8 @@ class Recursion:
         if result is not self._latest:
             raise JointIdError("this is known of the latest pass only: run it again")
 
-    def noise_information(self, result: Pass) -> tuple[Array, Array]:
-        """Return score (L,) and information matrix (L, L) of the logarithms of the noise levels.
-
-        The score is minus half the slope of the cost.
+    def noise_information(self, result: Pass, with_parameters: bool = False) -> NoiseInformation:
+        """Return what the record says of the logarithms of the noise levels, `with_parameters` also `cross`.
 
         Raises:
             JointIdError: `result` is not the latest pass, the only one whose gains are kept.
@@ -194,7 +208,11 @@ class Recursion:
         self._require_latest(result)
         a, levels = self.data, result.levels
         score, matrix = np.empty_like(levels), np.empty((len(levels), len(levels)))
+        J = self._J if with_parameters else self._no_parameters
+        cross = np.empty((J.shape[2], len(levels)))
         self.kernel.gains.noise_information(
-            a.y, a.label_states, self._begin, result.errors, result.variances, self._K, self._F, self._C, score, matrix
-        )
-        return score * levels, matrix * np.outer(levels, levels)
+            a.y, a.label_states, self._begin, result.errors, result.variances, self._K, self._F, self._C, J,
+            score, matrix, cross,
+        )  # fmt: skip
+        cross = cross[self._columns] * levels if with_parameters else cross
+        return NoiseInformation(score * levels, matrix * np.outer(levels, levels), cross)
