@@ -14,6 +14,7 @@ from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.models import build
 from joint_id_core.online import OnlineIdentifier
 from joint_id_core.online.levels import DOUBTED, MOST_LOST, UNKNOWN, Levels
+from joint_id_core.online.noise_effects import noise_information
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
 from joint_id_core.simulation.sensors import Sensors
 
@@ -102,6 +103,20 @@ def test_levels_are_learned_from_all_samples():
         found = [e for e in map(identifier.update, batches(motion(24.0, seed))) if e is not None]
         shares.append(found[-1].noise["link_position"] / NOISE)
     assert np.abs(np.log(shares)).max() < 4.0 / np.sqrt(2.0 * 24.0 * 250.0)
+
+
+def test_doubted_levels_learn_once_from_each_sample():
+    """What the samples before showed is kept in part, so these are not learned from again."""
+    identifier = OnlineIdentifier(build("rigid_joint"))
+    for batch in batches(motion(6.0, 0)):
+        identifier.update(batch)
+    follower = identifier._known.follower
+    tracker, levels, newest = follower.tracker, follower.levels, follower.memory.blocks[-1]
+    levels.doubt()
+    before, more = levels._information, noise_information(tracker, newest).matrix
+    follower._learn_noise(tracker, [newest], anew=True)
+    kept = np.exp(-newest.duration / identifier.options.memory_s)
+    np.testing.assert_allclose(levels._information, kept * before + more, rtol=1e-9)
 
 
 def widened(levels, inverse):

@@ -172,9 +172,10 @@ class Follower:
     def _learn_noise(self, tracker: Tracker, new: Sequence[Piece], anew: bool) -> None:
         """Learn the noise levels, and the bias from noise of inputs, from new blocks that the memory describes.
 
-        With `anew`, the levels are learned from all blocks of the memory.
+        With `anew`, the levels are learned from all blocks, if the memory has them all.
         """
         memory, memory_s = self.memory, self._options.memory_s
+        anew = anew and memory.whole and not self.levels.doubted
         self._input_noise.learn(tracker, new, memory_s)
         more = self.levels.learn(tracker, memory.blocks if anew else new, memory.mean, memory_s, anew)
         memory.shift(more)
@@ -218,7 +219,7 @@ class Follower:
             self.tested_from = block.begin.time
             self.noise_changed = self._noise_changed()
             passed_again = self._refine(self.tracker)
-            self._learn_noise(self.tracker, self.memory.blocks[-1:], passed_again and self.memory.whole)
+            self._learn_noise(self.tracker, self.memory.blocks[-1:], anew=passed_again)
         elif self.age_s < YOUNG * self._options.window_s:
             self.found = Found.WRONG_START
         else:
@@ -260,7 +261,7 @@ class Follower:
             other = memory.copy()
             other.replace(learned.pieces, self._options.memory_s)
             if other.test() is None:
-                self.memory = other
+                self.memory, self._shifted = other, np.zeros_like(self._shifted)
                 return None
         tracker.again(memory.blocks[-1:], z)
         return change

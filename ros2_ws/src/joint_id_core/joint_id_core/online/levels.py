@@ -34,6 +34,7 @@ class Levels:
 
     Attributes:
         values: those of today.
+        doubted: whether samples showed other levels than those before; only the later ones then tell today's levels.
     """
 
     def __init__(self, values: Array, parameters: int, sigma: float = np.inf) -> None:
@@ -47,7 +48,7 @@ class Levels:
     def _begin(self) -> None:
         """Take what is known for what stretches are added to."""
         self._before = self.values, self._information, self._cross, self._mean
-        self._doubted = False  # then not all samples are of today's levels
+        self.doubted = False
 
     def learn(
         self, tracker: Tracker, pieces: Sequence[Piece], mean: Array, memory_s: float, anew: bool = False
@@ -61,13 +62,14 @@ class Levels:
             pieces: the stretches, at parameters near the mean.
             mean: estimate with these stretches, shape (k,).
             memory_s: time constant of forgetting.
-            anew: whether these are all stretches since the first one, or since a change.
+            anew: whether these are all stretches since the first one, or since a change, learned before at other
+                parameters; not where levels are doubted.
 
         Returns:
             How the new levels change the vector of the memory, shape (k,).
         """
         score = np.zeros_like(self.values)
-        if anew and not self._doubted:
+        if anew:
             values, self._information, self._cross, self._mean = self._before
             score -= self._information @ np.log(self.values / values)
         if self._mean is not None:
@@ -90,7 +92,7 @@ class Levels:
         """Forget most of what is known of the levels: the newest samples show other ones."""
         self._information = DOUBTED * self._information
         self._cross = DOUBTED * self._cross
-        self._doubted = True
+        self.doubted = True
 
     def forget(self, changed: Sequence[int]) -> None:
         """Forget how parameters that changed depended on the levels."""

@@ -30,7 +30,7 @@ def weight(seen: int) -> int:
 
 
 def noise_information(tracker: Tracker, piece: Piece) -> NoiseInformation | None:
-    """Return what a stretch says of the logarithms of the noise levels; None if the path diverges.
+    """Return what a stretch says of the logarithms of the noise levels; None if the path or its derivatives diverge.
 
     The parameters are those of the estimation coordinates.
     """
@@ -44,7 +44,10 @@ def noise_information(tracker: Tracker, piece: Piece) -> NoiseInformation | None
         found.y, data.label_states, np.full(len(found.y), -1), found.errors, found.variances, found.gains,
         found.slopes, found.shown, found.sensitivities, score, matrix, cross,
     )  # fmt: skip
-    return NoiseInformation(score * levels, matrix * np.outer(levels, levels), _free(tracker, piece, cross * levels))
+    cross = _free(tracker, piece, cross)
+    if not all(np.isfinite(a).all() for a in (score, matrix, cross)):
+        return None
+    return NoiseInformation(score * levels, matrix * np.outer(levels, levels), cross * levels)
 
 
 def attenuation(tracker: Tracker, piece: Piece, rng: np.random.Generator) -> Array:

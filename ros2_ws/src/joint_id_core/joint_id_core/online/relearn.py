@@ -13,7 +13,8 @@ from joint_id_core.online.piece import Piece
 from joint_id_core.online.tracker import Tracker
 
 ITERATIONS = 20
-SETTLED = 0.01  # squared length of the last step in standard deviations
+SETTLED = 0.5  # squared length of the last step in standard deviations
+RISE = 1.0  # of the cost in that step: its gradient lacks the slope of the variances of the innovations
 LONGEST = 1.0  # longest step of a coordinate: a factor e in a positive parameter
 
 
@@ -60,25 +61,23 @@ def relearn(
     if here is None:
         return None
     share = np.ones(len(stretches)) if weights is None else np.array(weights)
-    pieces = here[1]
-    cost = float(here[0] @ share + (z - mean) @ precision @ (z - mean))
+    cost, pieces = float(here[0] @ share + (z - mean) @ precision @ (z - mean)), here[1]
     for _ in range(ITERATIONS):
         information = np.tensordot(share, [piece.matrix for piece in pieces], 1)
         matrix = precision + information
         gradient = share @ np.array([piece.vector for piece in pieces]) - information @ z - precision @ (z - mean)
-        damped = matrix + damping * np.diag(np.diag(matrix))
-        step = np.linalg.solve(damped, gradient)
+        step = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), gradient)
         longest = float(np.max(np.abs(step) / coordinates.unit))
         if longest > LONGEST:
             step *= LONGEST / longest
         moved = coordinates.clip(z + step)
         there = tracker.again(stretches, moved, changed)
         worth = np.inf if there is None else float(there[0] @ share + (moved - mean) @ precision @ (moved - mean))
-        small = step @ matrix @ step
-        if worth < cost or (small < SETTLED and worth < cost + 1.0):
+        last = step @ matrix @ step < SETTLED and worth < cost + RISE
+        if last or worth < cost:
             assert there is not None
             z, cost, pieces, damping = moved, worth, there[1], max(0.1 * damping, 1e-9)
-            if small < SETTLED:
+            if last:
                 break
         else:
             damping *= 10.0
