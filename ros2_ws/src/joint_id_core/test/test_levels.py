@@ -105,14 +105,14 @@ def test_levels_are_learned_from_all_samples():
     assert np.abs(np.log(shares)).max() < 4.0 / np.sqrt(2.0 * 24.0 * 250.0)
 
 
-def test_doubted_levels_learn_once_from_each_sample():
-    """What the samples before showed is kept in part, so these are not learned from again."""
+def test_doubted_levels_are_learned_anew_from_the_samples_since_then():
+    """What those before showed is kept in part, so these are not learned from again."""
     identifier = OnlineIdentifier(build("rigid_joint"))
     for batch in batches(motion(6.0, 0)):
         identifier.update(batch)
     follower = identifier._known.follower
     tracker, levels, newest = follower.tracker, follower.levels, follower.memory.blocks[-1]
-    levels.doubt()
+    levels.doubt(since=newest.begin.time)
     before, more = levels._information, noise_information(tracker, newest).matrix
     follower._learn_noise(tracker, [newest], anew=True)
     kept = np.exp(-newest.duration / identifier.options.memory_s)
@@ -149,7 +149,7 @@ def test_what_is_forgotten_widens_no_more():
     wider = widened(found, inverse)
     assert wider[1, 1] == pytest.approx(0.2) and wider[0, 0] > 0.1 and wider[2, 2] > 0.3
     before = found._information.copy()
-    found.doubt()
+    found.doubt(since=0.0)
     np.testing.assert_allclose(found._information, DOUBTED * before)
 
 

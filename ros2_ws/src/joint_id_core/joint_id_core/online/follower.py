@@ -175,7 +175,7 @@ class Follower:
         With `anew`, the levels are learned from all blocks, if the memory has them all.
         """
         memory, memory_s = self.memory, self._options.memory_s
-        anew = anew and memory.whole and not self.levels.doubted
+        anew = anew and memory.whole
         self._input_noise.learn(tracker, new, memory_s)
         more = self.levels.learn(tracker, memory.blocks if anew else new, memory.mean, memory_s, anew)
         memory.shift(more)

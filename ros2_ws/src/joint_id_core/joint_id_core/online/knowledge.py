@@ -94,7 +94,7 @@ class Knowledge:
         if not fit.converged or fit.free != last.free or set(fit.noise) != set(last.noise):
             return True
         if checked.doubted:
-            self.follower.levels.doubt()
+            self.follower.levels.doubt(since=fit.start)
         self.last = replace(fit, noise={n: fit.noise[n] for n in last.noise})
         return True
 

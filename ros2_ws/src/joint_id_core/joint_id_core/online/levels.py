@@ -34,7 +34,6 @@ class Levels:
 
     Attributes:
         values: those of today.
-        doubted: whether samples showed other levels than those before; only the later ones then tell today's levels.
     """
 
     def __init__(self, values: Array, parameters: int, sigma: float = np.inf) -> None:
@@ -45,10 +44,9 @@ class Levels:
         self._mean: Array | None = None  # parameters of the newest step
         self._begin()
 
-    def _begin(self) -> None:
-        """Take what is known for what stretches are added to."""
-        self._before = self.values, self._information, self._cross, self._mean
-        self.doubted = False
+    def _begin(self, since: float = -np.inf) -> None:
+        """Take what is known for what stretches are added to that begin at `since` (s) or later."""
+        self._before, self._since = (self.values, self._information, self._cross, self._mean), since
 
     def learn(
         self, tracker: Tracker, pieces: Sequence[Piece], mean: Array, memory_s: float, anew: bool = False
@@ -62,8 +60,8 @@ class Levels:
             pieces: the stretches, at parameters near the mean.
             mean: estimate with these stretches, shape (k,).
             memory_s: time constant of forgetting.
-            anew: whether these are all stretches since the first one, or since a change, learned before at other
-                parameters; not where levels are doubted.
+            anew: whether these are all stretches since the first one, or since a change, which were learned from before
+                at other parameters.
 
         Returns:
             How the new levels change the vector of the memory, shape (k,).
@@ -72,6 +70,7 @@ class Levels:
         if anew:
             values, self._information, self._cross, self._mean = self._before
             score -= self._information @ np.log(self.values / values)
+            pieces = [piece for piece in pieces if piece.begin.time >= self._since]
         if self._mean is not None:
             score -= self._cross.T @ (mean - self._mean)
         for piece in pieces:
@@ -86,13 +85,13 @@ class Levels:
         self.values = self.values * np.exp(step)
         self._mean = mean
         tracker.levels = self.values
-        return np.asarray(-self._cross @ step)
+        return np.asarray(-self._cross @ np.expm1(step))  # what noise does is linear in its variance
 
-    def doubt(self) -> None:
-        """Forget most of what is known of the levels: the newest samples show other ones."""
+    def doubt(self, since: float) -> None:
+        """Forget most of what is known of the levels: samples from `since` (s) on show other ones."""
         self._information = DOUBTED * self._information
         self._cross = DOUBTED * self._cross
-        self.doubted = True
+        self._begin(since)
 
     def forget(self, changed: Sequence[int]) -> None:
         """Forget how parameters that changed depended on the levels."""

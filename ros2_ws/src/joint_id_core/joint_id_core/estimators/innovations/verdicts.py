@@ -32,6 +32,9 @@ COLOURED = 0.3
 MOST_CHI2 = 1.5
 # Correlations that differ by less count as equal.
 SAME_CORRELATION = 1e-6
+# Standard deviation of a logarithm above which the data tell a positive parameter by its order of magnitude only. Value
+# and standard deviation are no interval then: the truth may lie ten standard deviations above.
+MAGNITUDE = 0.5
 # nrmse of a prediction that is as bad as a constant.
 CONSTANT_NRMSE = 1.0
 
@@ -57,6 +60,8 @@ def verdicts(
     together: Mapping[str, str] | None = None,
 ) -> dict[str, Shown]:
     """Return a verdict for every parameter, from the ratio of posterior to prior standard deviation.
+
+    A positive parameter is not `estimated` either while only its order of magnitude is known.
 
     The prior is the spread in `coordinates` (the model's table, or the user's priors), also after a warm start.
     `together` says, by parameter that enters only in combination, what is known instead.
@@ -93,6 +98,10 @@ def verdicts(
                 upper = float(coordinates.values(z)[i] * np.exp(2.0 * deviation[i]))
                 text += f": it lies below about {upper:.2g} {row.unit}, more is not known"
             found[name] = Shown(Verdict.PRIOR, text + apart)
+        elif row.positive and deviation[i] > MAGNITUDE:
+            middle, factor = float(coordinates.values(z)[i]), np.exp(2.0 * deviation[i])
+            text = f"the data tell only its order of magnitude: it lies between {middle / factor:.2g} and "
+            found[name] = Shown(Verdict.PRIOR, f"{text}{middle * factor:.2g} {row.unit}{apart}")
         else:
             found[name] = Shown(Verdict.ESTIMATED, f"the data narrow what was believed before {1 / r:.2g} times{apart}")
     return found
