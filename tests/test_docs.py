@@ -215,6 +215,7 @@ def test_verdict_limits_in_the_text() -> None:
     assert f"ratio up to {verdicts.PRIOR_RATIO:g}" in page
     assert f"above {verdicts.NOT_EXCITED_RATIO:g}: this motion cannot" in page
     assert f"beyond {verdicts.COLOURED:g} in size" in page
+    assert f"is then below {verdicts.MAGNITUDE:g})" in page
 
 
 def test_options_of_a_candidate_in_the_text() -> None:

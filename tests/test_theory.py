@@ -81,6 +81,7 @@ def test_constants_in_the_theory() -> None:
         f"| above {verdicts.CONSTANT_NRMSE:g} |",
         f"| up to {verdicts.PRIOR_RATIO:g} | `estimated` |",
         f"| above {verdicts.NOT_EXCITED_RATIO:g} | `not_excited`",
+        f"above {verdicts.MAGNITUDE:g} for a positive parameter | `prior`",
         f"correlation is beyond {verdicts.STRONG_CORRELATION:g} in size",
         f"at least {1000 * stillness.STILL_S:g} ms in which no position",
         f"The newest {1000 * stillness.STILL_S:g} ms always wait",

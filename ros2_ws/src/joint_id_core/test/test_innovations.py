@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.estimators.innovations.fit import fit_innovations
+from joint_id_core.estimators.innovations.verdicts import MAGNITUDE
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Status, Verdict
 from joint_id_core.simulation.excitation import multisine, position_reference
@@ -201,8 +203,13 @@ def test_what_the_motion_does_not_show_is_named():
     for name in unseen:
         assert name in next(note for note in estimate.notes if "does not show" in note)
     for name in unseen:
-        spread = RIGID.parameter(name).spread * (estimate[name].value if RIGID.parameter(name).positive else 1.0)
-        assert estimate[name].std_dev > 0.5 * spread
+        row, value = RIGID.parameter(name), estimate[name].value
+        known = min(0.5 * row.spread, MAGNITUDE) * value if row.positive else 0.5 * row.spread
+        assert estimate[name].std_dev > known
+    low, high = map(
+        float, re.search("order of magnitude: it lies between (.*) and (.*) Nm", estimate["c"].reason).groups()
+    )
+    assert low < truth["c"] < high
 
 
 def test_a_drive_that_does_not_cause_the_motion_is_a_poor_fit():

@@ -33,7 +33,7 @@ class InputNoise:
 
     def learn(self, tracker: Tracker, pieces: Sequence[Piece], memory_s: float) -> None:
         """Measure the effect on the score of stretches that were added to the memory."""
-        if not tracker.input_noise:
+        if not tracker.shown_noise:
             return
         for piece in pieces:
             self._score *= np.exp(-piece.duration / memory_s)
@@ -44,9 +44,7 @@ class InputNoise:
     def corrected(self, mean: Array, covariance: Array, inverse: Array) -> tuple[Array, Array]:
         """Return mean (k,) and covariance (k, k) without the bias, which counts as uncertain.
 
-        `inverse` (k, k) is that of the information matrix. Of the bias from noise of a motion a third is left on
-        simulated robots. Another one comes on top, which is not known: the link also answers to what disturbs the
-        motor. Noise of a drive may be that of its sensor or move the joint: the bias is right, or its double, or zero.
+        `inverse` (k, k) is that of the information matrix. Why it is uncertain: see `sensor_bias` of a fit.
         """
         bias = inverse @ self._score
         return mean - bias, covariance + np.outer(bias, bias)

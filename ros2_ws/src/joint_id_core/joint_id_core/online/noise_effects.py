@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from joint_id_core.data.recording import Array
+from joint_id_core.estimators.innovations.input_noise import sensor_noise
 from joint_id_core.estimators.innovations.recursion import NoiseInformation
 from joint_id_core.online.piece import Piece
 from joint_id_core.online.tracker import Tracker
@@ -17,9 +18,6 @@ from joint_id_core.online.tracker import Tracker
 # What noise of the inputs does to the parameters takes three passes: it is computed of the first stretches, and then of
 # a part of them, which stand for the others.
 OFTEN, RARELY = 4, 4
-# Part of the noise of the drive that is taken for that of its sensor. All of it moves the joint, or nothing: which of
-# the two, only long records can tell.
-OF_SENSOR = 0.5
 
 
 def weight(seen: int) -> int:
@@ -58,25 +56,13 @@ def attenuation(tracker: Tracker, piece: Piece, rng: np.random.Generator) -> Arr
     """
     u, levels = piece.samples.u, tracker.levels
     more = np.zeros_like(u)
-    for i, variance in _of_sensors(tracker).items():
+    model, of_inputs = tracker.data.model, levels[len(tracker.data.labels) :]
+    for i, variance in sensor_noise(model, tracker.shown_noise, of_inputs).items():
         more[:, i] = np.sqrt(variance) * rng.standard_normal(len(u))
     noisier = [replace(piece, samples=replace(piece.samples, u=u + by * more)) for by in (1.0, -1.0)]
     plus, minus, here = (tracker.passed_again(p, levels).score for p in (*noisier, piece))
     change = _free(tracker, piece, (0.5 * (plus + minus) - here)[:, None])[:, 0]
     return change if np.isfinite(change).all() else np.zeros_like(change)
-
-
-def _of_sensors(tracker: Tracker) -> dict[int, float]:
-    """Return the noise variance of the sensor of each measured input, by index.
-
-    That of a motion is what the signal shows. That of a drive is not more than the filter sees; a controller that
-    follows noisy sensors makes a drive that is not smooth.
-    """
-    found, of_inputs = dict[int, float](), tracker.levels[len(tracker.data.labels) :]
-    for i, variance in tracker.input_noise.items():
-        motion = tracker.data.model.inputs[i].hold == "first"
-        found[i] = variance if motion else OF_SENSOR * min(variance, float(of_inputs[i]))
-    return found
 
 
 def _free(tracker: Tracker, piece: Piece, score: Array) -> Array:

@@ -11,9 +11,10 @@ import numpy as np
 from joint_id_core.cell.kernel import Kernel
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.innovations.belief import Coordinates
+from joint_id_core.estimators.innovations.input_noise import shown_noise
 from joint_id_core.estimators.innovations.recursion import STATE_NOISE
 from joint_id_core.estimators.shared.fit_data import LONGEST_GAP, SETTLE_S, FitData, without_frozen
-from joint_id_core.estimators.shared.initial_state import rough_noise, rough_states, start_state
+from joint_id_core.estimators.shared.initial_state import rough_states, start_state
 from joint_id_core.estimators.shared.substeps import KINK, MORE_STEPS, MOST_STEPS, steps_to_stand
 from joint_id_core.online.piece import Passed, Piece, Samples, State
 
@@ -49,7 +50,7 @@ class Tracker:
 
     Attributes:
         columns: of the free parameters in what the filter stores, shape (k,).
-        input_noise: rough noise variance of each measured input, by index.
+        shown_noise: noise variance that each measured input shows, by index.
     """
 
     def __init__(
@@ -87,11 +88,7 @@ class Tracker:
         self._state = State(np.zeros((self._n, 1 + self._n + self._k)), -np.inf, np.zeros(len(model.inputs)))
         self._take(z)
         self._states = rough_states(data)
-        self.input_noise = {
-            i: rough_noise(np.ascontiguousarray(data.u[:, i]))
-            for i, signal in enumerate(model.inputs)
-            if data.recording.measured(signal.name)
-        }
+        self.shown_noise = shown_noise(data)
         self._smooth = self._friction(1.0)
         self._use(self._smooth)
 

@@ -7,7 +7,7 @@ import numpy as np
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.estimator import MAX_SUBSTEPS
 from joint_id_core.estimators.innovations.gauss_newton import Minimum
-from joint_id_core.estimators.innovations.input_noise import LEFT, motion_bias
+from joint_id_core.estimators.innovations.input_noise import sensor_bias
 from joint_id_core.estimators.innovations.misfit import misfit
 from joint_id_core.estimators.innovations.noise import unknown_levels
 from joint_id_core.estimators.innovations.search import Outcome
@@ -32,13 +32,13 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
     data, recursion, coordinates = stages.data, stages.recursion, stages.coordinates
     last = recursion.renewed(found.last)
     missing, coloured = misfit(recursion, coordinates, found, last), memory(recursion, coordinates, found, last)
-    bias = motion_bias(recursion, coordinates, found, last)
+    bias = sensor_bias(recursion, coordinates, found, last)
     texts = (missing.text, _step_warning(stages, found), coloured.text, outcome.warning, _stall_warning(found))
     p, slope = stages.cost.values(found.z), coordinates.slope(found.z)
     noise = recursion.noise_information(recursion.renewed(last), with_parameters=True)
     of_levels = unknown_levels(found.inverse, noise.matrix, noise.cross * coordinates.slope_at(last.free)[:, None])
     excess = missing.excess + coloured.excess + outcome.scatter
-    covariance = found.covariance + of_levels + excess + LEFT**2 * np.outer(bias, bias)
+    covariance = found.covariance + of_levels + excess + np.outer(bias, bias)
     together = _combinations(data, p, covariance * np.outer(slope, slope))
     predictions = free_runs(stages.kernel, data, last.states, p, last.steps, stages.options.horizon_s)
     return Checks(texts, excess, nrmse(data, predictions), together), covariance, bias, predictions

@@ -8,46 +8,85 @@ score is measured.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.gauss_newton import Minimum
 from joint_id_core.estimators.innovations.recursion import Pass, Recursion
+from joint_id_core.estimators.shared.fit_data import FitData
 from joint_id_core.estimators.shared.initial_state import rough_noise
+from joint_id_core.models import Model
 
-LEFT = 0.5  # of the bias that counts as uncertain after its correction; on simulated robots a third is left
+# Part of the noise of the drive that is taken for that of its sensor. All of it moves the joint, or nothing: which of
+# the two, only long records can tell.
+OF_SENSOR = 0.5
+
+
+def shown_noise(data: FitData) -> dict[int, float]:
+    """Return the noise variance that each measured input itself shows, by index.
+
+    A velocity that was computed from a position passed a filter that leaves little noise.
+    """
+    return {
+        i: rough_noise(np.ascontiguousarray(data.u[:, i]))
+        for i, signal in enumerate(data.model.inputs)
+        if data.recording.measured(signal.name)
+    }
+
+
+def sensor_noise(model: Model, shown: Mapping[int, float], of_inputs: Array) -> dict[int, float]:
+    """Return the noise variance of the sensor of each input, by index.
+
+    That of a motion is what the signal shows. That of a drive is not more than the filter sees; a controller that
+    follows noisy sensors makes a drive that is not smooth.
+
+    Args:
+        model: with these inputs.
+        shown: see `shown_noise`.
+        of_inputs: noise variances of the inputs in the filter, shape (inputs,).
+    """
+    return {
+        i: variance if model.inputs[i].hold == "first" else OF_SENSOR * min(variance, float(of_inputs[i]))
+        for i, variance in shown.items()
+    }
 
 
 def attenuation(
-    recursion: Recursion, coordinates: Coordinates, found: Minimum, channel: int, variance: float, last: Pass
+    recursion: Recursion, coordinates: Coordinates, found: Minimum, variances: Mapping[int, float], last: Pass
 ) -> Array:
-    """Return the effect of noise of an input's sensor on the score of the coordinates, shape (k,).
+    """Return the effect of noise of the sensors of inputs on the score of the coordinates, shape (k,).
 
-    The noise is added with both signs and the results are averaged, so that only the second-order effect, the bias,
-    remains. Zero if a pass with added noise diverges.
+    `variances` are those of the noise, by index of the input. The noise is added with both signs and the results are
+    averaged, so that only the second-order effect, the bias, remains. Zero if a pass with added noise diverges.
     """
-    noise = np.sqrt(variance) * np.random.default_rng(0).standard_normal(len(recursion.data.time))
-    scores = []
-    for more in (noise, -noise):
-        u = recursion.data.u.copy()
-        u[:, channel] += more
-        noisier = recursion.with_inputs(u).run(last.free, last.levels, last.steps)
+    data, rng, scores = recursion.data, np.random.default_rng(0), list[Array]()
+    noise = np.zeros_like(data.u)
+    for channel, variance in variances.items():
+        noise[:, channel] = np.sqrt(variance) * rng.standard_normal(len(data.time))
+    for by in (1.0, -1.0):
+        noisier = recursion.with_inputs(data.u + by * noise).run(last.free, last.levels, last.steps)
         if not np.isfinite(noisier.cost):
             return np.zeros_like(found.z)
         scores.append(noisier.gradient)
     return np.asarray((0.5 * (scores[0] + scores[1]) - last.gradient) * coordinates.slope(found.z))
 
 
-def motion_bias(recursion: Recursion, coordinates: Coordinates, found: Minimum, last: Pass) -> Array:
-    """Return the bias of the coordinates from the noise of measured motions that are inputs, shape (k,).
+def sensor_bias(recursion: Recursion, coordinates: Coordinates, found: Minimum, last: Pass) -> Array:
+    """Return the bias of the coordinates from the noise of measured inputs, shape (k,).
 
-    The level of the noise is what the signal itself shows. A velocity that was computed from a position passed a filter
-    that leaves little noise. A bias beyond the spread of the prior is none: there the model does not describe the data.
+    Zero without a measured motion among the inputs: noise of the sensor of a drive alone is tested (`misfit`).
+
+    It counts as uncertain. Of the bias from noise of a motion a third is left on simulated robots; another one comes on
+    top that is not known, as the link also answers to what disturbs the motor; and noise of a drive may be that of its
+    sensor or move the joint. A bias beyond the spread of the prior is none: there the model does not describe the data.
     """
-    data, score = recursion.data, np.zeros_like(found.z)
-    for channel, signal in enumerate(data.model.inputs):
-        if signal.hold == "first" and data.recording.measured(signal.name):
-            variance = rough_noise(np.ascontiguousarray(data.u[:, channel]))
-            score += attenuation(recursion, coordinates, found, channel, variance, last)
+    data = recursion.data
+    shown = shown_noise(data)
+    if not any(data.model.inputs[i].hold == "first" for i in shown):
+        return np.zeros_like(found.z)
+    variances = sensor_noise(data.model, shown, found.levels[len(data.labels) :])
+    score = attenuation(recursion, coordinates, found, variances, last)
     return np.clip(found.inverse @ score, -coordinates.spread, coordinates.spread)

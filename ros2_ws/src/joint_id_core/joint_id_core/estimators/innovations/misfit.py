@@ -164,7 +164,7 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
     for k in set(taken).difference(torques):
         sensor = candidates[k].channel
         level = float(found.levels[len(data.labels) + sensor])
-        bias = found.inverse @ attenuation(recursion, coordinates, found, sensor, level, last)
+        bias = found.inverse @ attenuation(recursion, coordinates, found, {sensor: level}, last)
         excess += np.outer(bias, bias)
     return Misfit(tuple((candidates[k], size) for k, size in zip(taken, sizes, strict=True)), excess)
 
