@@ -82,12 +82,14 @@ def test_intervals_of_a_fit_are_those_of_the_likelihood_in_slow_motion():
     """Held z standard deviations off, a parameter costs z^2 (Wilks), with all others and the noise levels fitted again.
 
     In slow motion much of what is known comes from how the joint answers to noise. At known levels, standard deviations
-    would be so small that it costs 0.4 z^2.
+    would be so small that it costs 0.4 z^2. The records are of those with one credible minimum: where there are more,
+    the intervals contain the distance between them, and are wider.
     """
     off, costs = 1.5, []
-    for seed in (0, 1, 3):
+    for seed in (3, 6, 9):
         record, _ = ordinary(seed, 2000, Steps(size=0.3, tempo=0.5))
         best = fit(MODEL, record, ParameterSettings(KNOWN))
+        assert not any("starts led to minima" in note for note in best.notes)
         start = {n: best[n].value for n in FREE}
         for by in (-off, off):
             held = start | {"J_m": best["J_m"].value + by * best["J_m"].std_dev}

@@ -49,6 +49,22 @@ def annealed(stages: Stages, z: Array, whole: bool = True, tolerance: float | No
     return stages.parameters_and_noise(stages.started(z, levels, states), tolerance)
 
 
+def direct(stages: Stages, z: Array, feedback: float, tolerance: float | None = None) -> Minimum | None:
+    """Fit parameters and noise levels from z at once; return None if no pass gives a finite cost.
+
+    Args:
+        stages: the stages to fit with.
+        z: start coordinates, shape (k,), near the truth.
+        feedback: first variance of input noise over its rough level.
+        tolerance: as in `annealed`.
+    """
+    rough = stages.noise.rough
+    levels = stages.noise.clip(np.where(np.arange(len(rough)) >= len(stages.data.labels), feedback * rough, rough))
+    first = stages.started(z, levels, stages.rough_states, even=True)
+    start = None if first is None else stages.started(z, levels, first.last.states)
+    return stages.parameters_and_noise(start, tolerance)
+
+
 def _on_excerpt(stages: Stages, z: Array) -> Minimum | None:
     """Fit the part of the record with the most motion; return None if it is too short or its fit does not converge.
 

@@ -9,7 +9,7 @@ import numpy as np
 from joint_id_core.cell.kernel import Kernel
 from joint_id_core.cell.rollout import Steps
 from joint_id_core.data.recording import Array
-from joint_id_core.estimators.innovations.annealing import annealed
+from joint_id_core.estimators.innovations.annealing import annealed, direct
 from joint_id_core.estimators.innovations.belief import Belief, Coordinates
 from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.innovations.gauss_newton import Cost, Minimum
@@ -26,9 +26,15 @@ HEAD = 250  # samples after which the start state of a record has no influence
 SAME_STEPS = 0.02  # shift of an estimate, in spreads of its prior, up to which the step size is kept (mostly 5 %)
 SAME_LEVELS = 0.15  # change of a noise level's logarithm up to which the covariance is kept (at most 8 % of a sigma)
 SAME_COST = 2.0  # two starts whose costs differ by less have found the same minimum
-CLOSE = 8.0  # difference of the costs of two minima up to which both are credible: a factor e^4 in likelihood
+CLOSE = 22.0  # difference of the costs of two minima up to which both are credible: 95 % of chi2 with 13 unknowns
 APART = 2.0  # distance in standard deviations from which they are two
-EXTRA_STARTS = 6  # when states are not measured, the cost has several minima
+# When states are not measured, the cost has several minima. Feedback of the extra starts, that of labels from which the
+# noise levels are fitted: from the prior mean, and from the best minimum so far. In ordinary motion each way finds the
+# lowest minimum of some records where the others end elsewhere. The last start is at random, as are
+# those without a minimum to start from.
+FROM_PRIOR, FROM_BEST = (1e4, 1e2), (1e4, 1e2, 1.0)
+EXTRA_STARTS = len(FROM_PRIOR) + len(FROM_BEST) + 1
+UNSURE = 0.3  # standard deviation of a coordinate above which all starts are tried: there minima lie side by side
 
 
 @dataclass(frozen=True)
@@ -106,30 +112,25 @@ class Search:
         return Outcome(stages, stages.refined(found))
 
     def cold(self) -> Outcome | None:
-        """Start from the prior mean, then from random starts near it; return None if none gives a finite cost.
+        """Start from the prior mean and in other ways (`FROM_PRIOR`); return None if no start gives a finite cost.
 
         If all states are measured, it ends with the first fit that describes the data. With unmeasured states the best
-        minimum must also have been reached from two starts.
+        minimum must also have been reached from two starts, and the data must tell all parameters.
         """
         stages, data = self._stages, self._stages.data
         measured = len(data.labels) == len(data.model.states)  # usually one minimum
         tolerance = None if measured else TOLERANCE  # the costs of several minima are compared
         ends: list[Minimum] = []
         agreed = False
-        rng: np.random.Generator | None = None  # built when needed: that takes as long as a pass over an excerpt
         for k in range(1 + EXTRA_STARTS):
-            z = self._belief.mean
-            if k:
-                rng = rng or np.random.default_rng(0)
-                stages.tell(f"start {k + 1} of {1 + EXTRA_STARTS}")
-                z = stages.coordinates.clip(z + 0.5 * stages.coordinates.spread * rng.uniform(-1.0, 1.0, len(z)))
-            end = annealed(stages, z, whole=measured and k > 0, tolerance=tolerance)
+            end = self._end(k, _lowest(ends)[0].z if ends else None, measured, tolerance)
             if end is None:
                 continue
             ends.append(end)
             best, agreed = _lowest(ends)
             agreed = agreed or measured
-            if agreed and not explained(data, best.last.residuals).reasons and not _others(ends, best):
+            sure = agreed and not explained(data, best.last.residuals).reasons and not _others(ends, best)
+            if sure and (measured or np.max(np.sqrt(np.diag(best.covariance)) / stages.coordinates.unit) < UNSURE):
                 break
         if not ends:
             return None
@@ -152,6 +153,20 @@ class Search:
             if loaded is not None:
                 stages, best = near, loaded
         return Outcome(stages, stages.refined(best, tolerance), doubt, alone, others)
+
+    def _end(self, k: int, best: Array | None, measured: bool, tolerance: float | None) -> Minimum | None:
+        """Return where start k ends, `best` (k,) being where the best one ended; None if it gives no finite cost."""
+        stages, z, after = self._stages, self._belief.mean, k - 1 - len(FROM_PRIOR)
+        if k:
+            stages.tell(f"start {k + 1} of {1 + EXTRA_STARTS}")
+        if 0 < k <= len(FROM_PRIOR):
+            return direct(stages, z, FROM_PRIOR[k - 1], tolerance)
+        if best is not None and 0 <= after < len(FROM_BEST):
+            return direct(stages, best, FROM_BEST[after], tolerance)
+        if k:
+            off = np.random.default_rng(k).uniform(-1.0, 1.0, len(z))
+            z = stages.coordinates.clip(z + 0.5 * stages.coordinates.spread * off)
+        return annealed(stages, z, whole=measured and k > 0, tolerance=tolerance)
 
     def _starts_loaded(self, z: Array, levels: Array, steps: Steps) -> bool:
         """Choose the relaxed or the loaded start of the gear; return True if loaded.
@@ -194,5 +209,5 @@ def _lowest(ends: list[Minimum]) -> tuple[Minimum, bool]:
 
 def _same(one: Minimum, other: Minimum) -> bool:
     """Return whether two starts reached the same minimum: by cost, or within one sigma if an iteration stalled."""
-    sigma = np.sqrt(np.diag(one.covariance + other.covariance))
+    sigma = np.sqrt(np.diag(one.inverse + other.inverse))
     return abs(one.cost - other.cost) < SAME_COST or bool(np.all(np.abs(one.z - other.z) < sigma))
