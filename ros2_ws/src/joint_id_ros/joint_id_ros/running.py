@@ -75,7 +75,7 @@ def run(name: str, kind: str) -> int:
         node = make()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        spinning, next_turn = True, 0.0
+        spinning, next_turn, next_reading = True, 0.0, 0.0
         while not signals and not node.finished.done():
             if node.streams is None:
                 executor.spin_once(timeout_sec=POLL_S)
@@ -84,7 +84,9 @@ def run(name: str, kind: str) -> int:
             if time.monotonic() >= next_turn:
                 executor.spin_once(timeout_sec=0.0)
                 next_turn = time.monotonic() + TURN_S
-            time.sleep(READ_S)
+            now = time.monotonic()
+            next_reading = max(next_reading + READ_S, now)
+            time.sleep(next_reading - now)
         if node.finished.done() and node.finished.result() is not None:
             raise node.finished.result()
         return 0

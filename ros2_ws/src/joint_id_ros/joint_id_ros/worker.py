@@ -8,7 +8,7 @@ import time
 import traceback
 from collections import deque
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from joint_id_ros.raw_messages import RawMessage
 from joint_id_ros.samples import to_recordings
 
 IDLE_S = 0.02  # time between two checks for new samples if nobody calls `wake`
+GATHER_S = 0.02  # of samples, or a hop, that a batch holds at least while more arrive: its cost hardly depends on that
+READING_S = 0.004  # by how much two readings may differ that follow at equal intervals
 # A batch that takes longer holds fits of whole windows: other threads help, and each estimate is published at once.
 # Quick updates are slower with several threads, which take the interpreter from each other.
 LONG_S = 0.05
@@ -41,6 +43,21 @@ class Callbacks:
     publish: Callable[[], None]  # publish what was estimated since the last call
     gone: Callable[[str], None]  # joint that is not in the samples any more
     problem: Callable[[str, str], None]  # kind, text
+
+
+@dataclass
+class _Batch:
+    """Samples that are being used: recordings that wait, by joint, age of the newest sample, and when it was begun."""
+
+    work: deque[tuple[str, Recording]]
+    newest_ns: int
+    begun_s: float
+    helpers: list[threading.Thread] = field(default_factory=list)
+
+    @property
+    def long(self) -> bool:
+        """Whether it takes long."""
+        return time.monotonic() - self.begun_s > LONG_S
 
 
 class Worker:
@@ -75,8 +92,11 @@ class Worker:
         """
         self.missed = self.left_out = 0
         self._hop_s = hop_s
+        self._enough_ns = int((min(hop_s, GATHER_S) - READING_S) * NANO)
         self._lock = threading.Lock()  # for the queue
         self._last_stamp_ns: int | None = None
+        self._taken_ns = 0  # newest sample that is not in the queue any more
+        self._batch: _Batch | None = None  # guarded by the lock
         self._newest_ns = 0  # age of the newest sample in the time that samples cover: a clock that is set adds nothing
         self._done_ns: dict[str, int] = {}  # newest sample that an identifier has taken, by joint
         self._named_ns: dict[str, int] = {}  # newest sample in which a joint was named
@@ -147,7 +167,15 @@ class Worker:
         return count
 
     def wake(self) -> None:
-        """Use the samples that were added now."""
+        """Use the samples that were added now; start threads that help if those before take long."""
+        with self._lock:
+            batch = self._batch
+            if batch is not None and batch.long and not batch.helpers:
+                for _ in range(min(len(batch.work), (os.cpu_count() or 1) - 1)):
+                    # daemon threads, like the first one: a compilation must not delay the end of the process
+                    helper = threading.Thread(target=self._fit_all, args=(batch,), name="identifier", daemon=True)
+                    batch.helpers.append(helper)
+                    helper.start()
         self._arrived.set()
 
     def restart(self) -> None:
@@ -164,11 +192,14 @@ class Worker:
 
     def _run(self) -> None:
         while True:
-            self._arrived.wait(IDLE_S)
+            more = self._arrived.wait(IDLE_S)
             self._arrived.clear()
             if self._stop.is_set():
                 return
             with self._lock:
+                if more and not self._new_run and self._newest_ns - self._taken_ns < self._enough_ns:
+                    continue
+                self._taken_ns = self._newest_ns
                 batch, new_run, self._working = list(self._pending), self._new_run, True
                 self._pending.clear()
                 self._new_run = False
@@ -203,26 +234,16 @@ class Worker:
         work = deque((joint, r) for joint, r in recordings.items() if not self._wanted or joint in self._wanted)
         for joint, _ in work:
             self._done_ns.setdefault(joint, batch[0][0])
-        count = min(len(work), os.cpu_count() or 1)
-        newest_ns, begun, done = batch[-1][0], time.monotonic(), threading.Event()
-        # daemon threads, like this one: a compilation must not delay the end of the process
-        helpers = [
-            threading.Thread(target=self._help, args=(done, work, newest_ns, begun), daemon=True)
-            for _ in range(count - 1)
-        ]
-        for helper in helpers:
-            helper.start()
-        self._fit_all(work, newest_ns, begun)
-        done.set()
-        for helper in helpers:
+        current = _Batch(work, batch[-1][0], time.monotonic())
+        with self._lock:
+            self._batch = current
+        self._fit_all(current)
+        with self._lock:
+            self._batch = None
+        for helper in current.helpers:
             helper.join()
         if not self._stop.is_set():
             self._callbacks.publish()
-
-    def _help(self, done: threading.Event, work: deque[tuple[str, Recording]], newest_ns: int, begun: float) -> None:
-        """Take part in a batch that takes long."""
-        if not done.wait(LONG_S):
-            self._fit_all(work, newest_ns, begun)
 
     def _forget_the_gone(self, joints: Collection[str], newest_ns: int) -> None:
         """End the identification of joints that the samples do not name any more."""
@@ -232,22 +253,19 @@ class Worker:
                 known.pop(joint, None)
             self._callbacks.gone(joint)
 
-    def _fit_all(self, work: deque[tuple[str, Recording]], newest_ns: int, begun: float) -> None:
-        """Fit joints, with samples up to this age, until none is left; several threads run this at the same time.
-
-        The batch was begun at the instant `begun`.
-        """
+    def _fit_all(self, batch: _Batch) -> None:
+        """Fit the joints of a batch until none is left; several threads run this at the same time."""
         origin_ns = self._origin_ns
         assert origin_ns is not None
         while not self._stop.is_set():
             try:
-                joint, recording = work.popleft()
+                joint, recording = batch.work.popleft()
             except IndexError:
                 return
             self._fit(joint, recording, origin_ns)
-            self._done_ns[joint] = newest_ns
-            self._longest_lag_s = max(self._longest_lag_s, (self._newest_ns - newest_ns) / NANO)
-            if time.monotonic() - begun > LONG_S and not self._stop.is_set():
+            self._done_ns[joint] = batch.newest_ns
+            self._longest_lag_s = max(self._longest_lag_s, (self._newest_ns - batch.newest_ns) / NANO)
+            if batch.long and not self._stop.is_set():
                 self._callbacks.publish()
 
     def _fit(self, joint: str, recording: Recording, origin_ns: int) -> None:

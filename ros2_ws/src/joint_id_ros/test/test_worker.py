@@ -106,8 +106,13 @@ def test_a_fit_that_takes_long_holds_up_no_other_joint(working):
     worker, gate, told, made = working
     gate.set()
     add(worker, 0, 10, ("stuck", "a"))
-    until(lambda: told)
-    until(lambda: told[-1] == ("published", ""))
+    until(lambda: made.get("stuck") and made["stuck"].begun.is_set())
+
+    def published_while_samples_arrive():
+        worker.wake()
+        return told and told[-1] == ("published", "")
+
+    until(published_while_samples_arrive)
     assert told[0] == ("estimated", "a")
     assert made["stuck"].begun.is_set() and not made["stuck"].batches
 

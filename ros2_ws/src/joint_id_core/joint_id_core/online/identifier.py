@@ -163,7 +163,7 @@ class OnlineIdentifier:
         if not due:
             return None
         estimate, window = (self._in_motion(), self._window) if self._watch.moving else (self._at_rest(), recent)
-        return replace(estimate, temperature=window.mean("temperature"))
+        return replace(estimate, temperature=window.temperature)
 
     def _without_memory(self) -> Estimate:
         """Fit the newest samples by themselves."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -110,8 +111,7 @@ class Knowledge:
         found = self._published((), samples=len(window), start=recent.start, end=recent.end, chi2=self.last.chi2)
         return replace(found, status=status, message=message(notes), notes=notes)
 
-    def _published(
-        self, changes: tuple[ParameterChange, ...], samples: int, start: float, end: float, chi2: float
-    ) -> Estimate:
-        last = replace(self.last, noise=self.noise, samples=samples, start=start, end=end, chi2=chi2)
-        return published(self._task.model, self._task.coordinates, last, self.follower.now(), changes)
+    def _published(self, changes: tuple[ParameterChange, ...], **fields: Any) -> Estimate:
+        """Return the estimate of now, with these other `fields`."""
+        task, fields = self._task, fields | {"noise": self.noise}
+        return published(task.model, task.coordinates, self.last, self.follower.now(), changes, fields)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -25,8 +27,9 @@ def published(
     last: Estimate,
     now: tuple[Array, Array],
     changes: tuple[ParameterChange, ...],
+    fields: Mapping[str, Any],
 ) -> Estimate:
-    """Return the estimate of the memory, with the findings, instants and fit of the last fit of a whole window.
+    """Return the estimate of the memory, with the findings of the last fit of a whole window, and these other `fields`.
 
     `now` are the coordinates (k,) and their covariance (k, k).
     """
@@ -46,7 +49,7 @@ def published(
     return replace(
         last, status=Status.CONVERGED, message=message(notes), notes=notes,
         parameters=table(model, last.free, p, physical, rows, initial), covariance=physical,
-        deviance=float("nan"), iterations=0, predictions=None, changes=changes,
+        deviance=float("nan"), iterations=0, predictions=None, changes=changes, **fields,
     )  # fmt: skip
 
 

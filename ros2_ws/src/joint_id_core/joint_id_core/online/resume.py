@@ -63,7 +63,7 @@ def known_of(task: Task, estimate: Estimate, gone_s: float) -> tuple[Array, Arra
 
 def as_of_now(task: Task, known: tuple[Array, Array], estimate: Estimate) -> Estimate:
     """Return the estimate with the covariance and the verdicts of `known`, which `known_of` returned."""
-    return replace(published(task.model, task.coordinates, estimate, known, estimate.changes), samples=0)
+    return published(task.model, task.coordinates, estimate, known, estimate.changes, {"samples": 0})
 
 
 def _check_same(task: Task, estimate: Estimate) -> None:

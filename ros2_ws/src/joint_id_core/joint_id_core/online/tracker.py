@@ -256,8 +256,7 @@ class Tracker:
 
     def _run(self, begin: State, samples: Samples, longest: float = np.inf) -> tuple[State, float, Piece] | None:
         """Return state, cost and result; None if the path diverges or a step is longer than `longest` (s)."""
-        steps = np.diff(samples.time, prepend=begin.time)
-        if len(steps) and steps.max() > longest:
+        if longest < np.inf and _longest_step(begin.time, samples.time) > longest:
             return None
         found = self._passed(begin, samples)
         if not np.isfinite(found.cost):
@@ -290,3 +289,10 @@ class Tracker:
             self._p, self.substeps, self._now.stiff, self._now.many, e, S, K, F, C, J, H, g,
         )  # fmt: skip
         return Passed(float(cost), kept, y, e, S, K, F, C, J, H, g)
+
+
+def _longest_step(begin: float, time: Array) -> float:
+    """Return the longest step between `begin` and instants (T,) in s."""
+    if not len(time):
+        return 0.0
+    return max(float(time[0]) - begin, float((time[1:] - time[:-1]).max(initial=0.0)))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 
+NONE = np.zeros(0)
 REST = 50.0  # periods of the longest step between two samples that counts as time of the window
 
 
@@ -31,6 +32,7 @@ class SlidingWindow:
         self._length = length_s
         self._parts: deque[Recording] = deque()
         self._durations: deque[float] = deque()
+        self._warmth: deque[tuple[float, int]] = deque()  # sum and number of the temperatures in each part
         self._period = self._duration = 0.0
         self._count = 0
 
@@ -62,12 +64,16 @@ class SlidingWindow:
             self._period = samples.duration / (len(samples) - 1)
         step = float(samples.time[0]) - end
         self._parts.append(samples)
+        warm = samples.channels.get("temperature", NONE)
+        known = warm[np.isfinite(warm)]
+        self._warmth.append((float(known.sum()), len(known)))
         self._durations.append(samples.duration + (step if step < REST * self._period else self._period))
         self._duration += self._durations[-1]
         self._count += len(samples)
         while self._duration - self._durations[0] > self._length:
             self._count -= len(self._parts.popleft())
             self._duration -= self._durations.popleft()
+            self._warmth.popleft()
 
     def __len__(self) -> int:
         """Number of samples that are kept."""
@@ -80,16 +86,11 @@ class SlidingWindow:
         """Time in s that the samples cover."""
         return self._duration
 
-    def mean(self, name: str) -> float:
-        """Return the mean of the values of a channel in the window; NaN if there are none."""
-        parts = [part.channels[name] for part in self._parts if name in part.channels]
-        if not parts:
-            return np.nan
-        if name in self._parts[0].channels:
-            parts[0] = parts[0][np.searchsorted(self._parts[0].time, self.start) :]
-        values = np.concatenate(parts)
-        known = values[np.isfinite(values)]
-        return float(known.mean()) if len(known) else np.nan
+    @property
+    def temperature(self) -> float:
+        """Mean temperature of the joint in the parts that are kept; NaN if it is not known."""
+        total, count = np.sum(self._warmth, axis=0) if self._warmth else (0.0, 0)
+        return float(total / count) if count else np.nan
 
     def recording(self, since: float = -np.inf) -> Recording:
         """Return the samples of the window from `since` (s) on as one recording, NaN where a part lacks a channel."""
