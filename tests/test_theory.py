@@ -22,12 +22,23 @@ from joint_id_core.estimators.innovations import (
 )
 from joint_id_core.estimators.shared import fit_data, initial_state, stillness, substeps
 from joint_id_core.models import dc_motor, transmission
-from joint_id_core.online import checks, follower, identifier, learning, levels, memory, resume, score_test, tracker
+from joint_id_core.online import (
+    checks,
+    follower,
+    identifier,
+    learning,
+    levels,
+    memory,
+    pending_change,
+    resume,
+    score_test,
+    tracker,
+)
 from joint_id_core.validation import inverse_dynamics, prediction
 
 ROOT = Path(__file__).resolve().parent.parent
 TEXT = (ROOT / "docs/theory.md").read_text()
-BLOCKS = round(10 * 3600 / follower.BLOCK_S)  # in 10 h
+BLOCKS = round(10 * 3600 / memory.BLOCK_S)  # in 10 h
 
 
 def test_files_that_the_theory_names_exist() -> None:
@@ -89,8 +100,8 @@ def test_constants_in_the_theory() -> None:
         f"After a start the first {1000 * fit_data.SETTLE_S:g} ms tell the state",
         f"{words[round(10 * (1.0 - levels.DOUBTED))]} tenths of what was known of the levels is forgotten",
         f"r = {resume.DRIFT_PER_H:g}\\ \\text{{per hour}}",
-        f"block of {follower.BLOCK_S:g} s. If it moves by more than {100 * follower.LINEAR:g} %",
-        f"by more than {follower.NEAR:g} standard deviations, the newest blocks (up to {memory.HISTORY})",
+        f"block of {memory.BLOCK_S:g} s. If it moves by more than {100 * follower.LINEAR:g} %",
+        f"by more than {follower.LINEAR_SIGMA:g} standard deviations, the newest blocks (up to {memory.HISTORY})",
         f"over {'a tenth' if tracker.SHARPEST == 0.1 else '?'} of the velocity",
         f"$({memory.FIRM:g} + \\sum t_j^2)/({memory.FIRM:g} + n)$",
         f"stretches of {', '.join(map(str, memory.LENGTHS[:-1]))} and {memory.LENGTHS[-1]} blocks",
@@ -101,7 +112,7 @@ def test_constants_in_the_theory() -> None:
         f"no worse than a change of all parameters (probability {learning.UNNEEDED:g})",
         f"tested together, with probability $10^{{{round(math.log10(memory.AGAIN))}}}$",
         f"explain them as well (cost within {score_test.ALIKE:g})",
-        f"nothing confirms new values for {words[round(follower.PATIENT)]} windows",
+        f"nothing confirms new values for {words[round(pending_change.PATIENT)]} windows",
         f"until {words[round(identifier.TRIAL)]} windows of motion agree with the new fit",
         f"whose logarithms of variances count as known to {resume.NOISE_SIGMA:g}",
         f"In the {'first' if follower.YOUNG == 1.0 else '?'} window after the first fit",

@@ -11,10 +11,12 @@ import pytest
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import Innovations, ParameterSettings
 from joint_id_core.estimators.innovations.belief import Coordinates
-from joint_id_core.online import OnlineIdentifier, OnlineOptions, follower
-from joint_id_core.online.follower import BLOCK_S, PATIENT, Follower, Found
+from joint_id_core.online import OnlineIdentifier, OnlineOptions, follower, learning, pending_change
+from joint_id_core.online.follower import Follower, Found
 from joint_id_core.online.identifier import TRIAL
 from joint_id_core.online.knowledge import Knowledge
+from joint_id_core.online.memory import BLOCK_S
+from joint_id_core.online.pending_change import PATIENT
 from joint_id_core.online.relearn import relearn
 from joint_id_core.online.task import Task
 from joint_id_core.online.window import SlidingWindow
@@ -50,7 +52,7 @@ def follow(one: Follower, recording: Recording, begin: float, end: float) -> Non
 @pytest.fixture
 def never_confirmed(monkeypatch):
     """New values are always found, but wrong, so that the next samples refute them; the numbers of blocks in use."""
-    used, learn = [], follower.learn
+    used, learn = [], learning.learn
 
     def wrong(tracker, stretches, change, coordinates):
         used.append(len(stretches))
@@ -61,7 +63,8 @@ def never_confirmed(monkeypatch):
         pieces = [replace(p, vector=p.vector + p.matrix @ off) for p in found.learned.pieces]
         return replace(found, learned=replace(found.learned, pieces=pieces))
 
-    monkeypatch.setattr(follower, "learn", wrong)
+    for module in (follower, pending_change):
+        monkeypatch.setattr(module, "learn", wrong)
     return used
 
 

@@ -12,22 +12,21 @@ from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.online.input_noise import InputNoise
 from joint_id_core.online.learning import Explanation, learn
 from joint_id_core.online.levels import Levels
-from joint_id_core.online.memory import Change, Memory
+from joint_id_core.online.memory import BLOCK_S, Change, Memory
 from joint_id_core.online.options import OnlineOptions
+from joint_id_core.online.pending_change import PATIENT, PendingChange
 from joint_id_core.online.piece import Piece, merged
 from joint_id_core.online.relearn import relearn
 from joint_id_core.online.tracker import Tracker
 from joint_id_core.online.window import SlidingWindow
 
-BLOCK_S = 0.5  # length of the stretches that are added to the memory and tested
 LINEAR = 0.02  # change of a coordinate up to which the result of a block is kept,
-NEAR = 0.3  # or in standard deviations
+LINEAR_SIGMA = 0.3  # or in standard deviations
 SHARPER = 1.5  # smoothing of friction of a block over that of today up to which its result is kept
 JUMP = 300.0  # innovation, in standard deviations, from which a sensor jumped: the filter starts again
 NOISIER = 1.5  # mean squared innovation of a label from which its noise is no longer that of the memory
 QUIETER = 0.6  # the same, below which
 YOUNG = 1.0  # window lengths of motion before which a disagreement is not taken for a change of the joint
-PATIENT = 4.0  # window lengths of motion after which new values that nothing confirms are given up
 ENOUGH = 100  # samples for a mean square
 
 
@@ -42,9 +41,6 @@ class Found(Enum):
 
 class Follower:
     """Memory and filter of one joint.
-
-    A change is taken into the memory when two stretches agree on it: the new values are learned from one, and the next
-    block of samples is what they predict.
 
     Args:
         memory: what is known.
@@ -93,9 +89,7 @@ class Follower:
         self._pieces: list[Piece] = []  # of the present block
         self._white: list[Array] = []  # innovations of the last window
         self._moved_since, self._moved_until = np.inf, -np.inf
-        self._change: Change | None = None  # a change whose new values are not known yet
-        self._blocks: list[Piece] = []  # since that change, which is in the first one
-        self._guess: tuple[Explanation, Memory] | None = None  # what may have changed
+        self._pending: PendingChange | None = None
         self._settled_s = 0.0  # time of motion in s since the explanation was taken
 
     def begin(self, tracker: Tracker, pieces: Sequence[Piece]) -> None:
@@ -130,7 +124,8 @@ class Follower:
 
     def _start(self, recording: Recording) -> None:
         """Start the filter at the estimate of the memory, with the samples since the joint moves."""
-        memory = self.memory if self._guess is None else self._guess[1]
+        pending = self._pending
+        memory = self.memory if pending is None or pending.guess is None else pending.guess[1]
         tracker = self._make(recording, self._coordinates.clip(memory.mean))
         if tracker is None:
             return
@@ -203,9 +198,9 @@ class Follower:
         if not pieces or self.tracker is None or self.found in (Found.UNEXPLAINED, Found.WRONG_START):
             return
         block = merged(pieces)
-        if self._change is not None:
-            self._blocks.append(block)
-            self._learn(self.tracker, self._change)
+        if self._pending is not None:
+            self._pending.blocks.append(block)
+            self._pursue(self.tracker, self._pending)
             return
         self.memory.add(block, self._options.memory_s)
         self.lost_s = 0.0
@@ -225,10 +220,8 @@ class Follower:
         else:
             self.found = Found.CHANGING
             if not self._reconsider(self.tracker):
-                self._change, self._blocks = change, list(change.blocks)
                 self.memory.drop(len(change.blocks))
-                if len(self._blocks) > 1:
-                    self._learn(self.tracker, change)
+                self._pursue(self.tracker, PendingChange(change, list(change.blocks), self._coordinates, self._options))
 
     def _reconsider(self, tracker: Tracker) -> bool:
         """Explain all samples since a recent change anew: what was taken for its cause may have been another one.
@@ -241,8 +234,8 @@ class Follower:
         found = learn(tracker, blocks, change, self._coordinates)
         if found is None:
             return False
-        self._change, self._blocks = change, [blocks[0], *blocks]
-        self._guess = found, found.memory(self._coordinates.spread, self._options.memory_s)
+        self._pending = PendingChange(change, [blocks[0], *blocks], self._coordinates, self._options)
+        self._pending.guess = found, found.memory(self._coordinates.spread, self._options.memory_s)
         return True
 
     def _tested(self, tracker: Tracker) -> Change | None:
@@ -275,7 +268,7 @@ class Follower:
         mean = self._coordinates.clip(memory.mean)
         sigma = np.sqrt(np.diag(memory.covariance))
         tracker.sharpen(float(np.max(sigma / unit)))
-        least = np.maximum(LINEAR * unit, NEAR * sigma)
+        least = np.maximum(LINEAR * unit, LINEAR_SIGMA * sigma)
         blocks = memory.blocks
         smoothest = max((block.smoothing for block in blocks), default=0.0)
         away = np.abs(np.array([block.z for block in blocks]).reshape(-1, len(mean)) - mean)
@@ -291,23 +284,13 @@ class Follower:
 
     # --- changes
 
-    def _learn(self, tracker: Tracker, change: Change) -> None:
-        """Take a change into the memory once it is confirmed; else learn it from all blocks since it happened."""
-        since, window_s = self._blocks[1:], self._options.window_s
-        seen_s = sum(block.duration for block in since)
-        if self._guess is not None:
-            explanation, memory = self._guess
-            memory.add(self._blocks[-1], self._options.memory_s)
-            # Where nothing is kept, new values need a window of motion, as the first ones do.
-            enough = not explanation.all_new or seen_s > window_s - BLOCK_S
-            if memory.test() is None and enough:
-                self._take(tracker, explanation, memory)
-                return
-        found = learn(tracker, since, change, self._coordinates) if since else None
-        self._guess = None
-        if found is not None and seen_s < PATIENT * window_s:
-            self._guess = found, found.memory(self._coordinates.spread, self._options.memory_s)
-        elif seen_s > window_s:
+    def _pursue(self, tracker: Tracker, pending: PendingChange) -> None:
+        """Learn a change from the blocks since it happened, and take it into the memory once it is confirmed."""
+        self._pending = pending
+        confirmed = pending.learn(tracker)
+        if confirmed is not None:
+            self._take(tracker, *confirmed)
+        elif pending.unexplained:
             self.found = Found.UNEXPLAINED
 
     def _take(self, tracker: Tracker, explanation: Explanation, memory: Memory) -> None:
@@ -319,9 +302,8 @@ class Follower:
         self.levels.forget(changed)
         self._wider, self._shifted = self.levels.wider(memory.inverse), np.zeros_like(self._shifted)
         self.since = explanation.learned.pieces[0].begin.time
-        self._change = self._guess = None
+        self._pending = None
         self.lost_s = self._settled_s = 0.0
-        self._blocks.clear()
         self._white.clear()
         self.chi2 = None
         self._refine(tracker)

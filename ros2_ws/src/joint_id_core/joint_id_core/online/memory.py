@@ -21,6 +21,7 @@ from joint_id_core.online.score_test import changed_parameters, chi2, score_of
 from joint_id_core.online.symmetric import inverse_of, solve
 from joint_id_core.results.estimate import Estimate
 
+BLOCK_S = 0.5  # length of a block
 LENGTHS = (1, 2, 4, 8, 16, 32)  # blocks of the stretches that are tested
 HISTORY = 128  # blocks that can be passed through the filter again, where little is known yet
 RARE = 1e-7  # probability of one test to find a change where there is none
