@@ -32,6 +32,7 @@ from joint_id_core.online import (
     pending_change,
     resume,
     score_test,
+    second_look,
     tracker,
 )
 from joint_id_core.validation import inverse_dynamics, prediction
@@ -112,6 +113,8 @@ def test_constants_in_the_theory() -> None:
         f"no worse than a change of all parameters (probability {learning.UNNEEDED:g})",
         f"tested together, with probability $10^{{{round(math.log10(memory.AGAIN))}}}$",
         f"explain them as well (cost within {score_test.ALIKE:g})",
+        f"after {second_look.AFTER[0]}, {second_look.AFTER[1]} and {second_look.AFTER[2]} window lengths of motion",
+        f"mean square distance of their estimates is above {second_look.APART:g}",
         f"nothing confirms new values for {words[round(pending_change.PATIENT)]} windows",
         f"until {words[round(identifier.TRIAL)]} windows of motion agree with the new fit",
         f"whose logarithms of variances count as known to {resume.NOISE_SIGMA:g}",

@@ -27,6 +27,8 @@ def test_a_window_from_before_a_doubt_does_not_answer_it(status):
     def background(job):
         done = Future()
         done.set_result(job())
+        if done.result().start < 1.0:
+            return done  # a second look, at all samples since the start
         began.append(done.result().end)
         if not 7.0 < began[-1] < NOISIER_AT:
             return done

@@ -23,6 +23,7 @@ from joint_id_core.online.motion import MotionWatch
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.published import DISAGREE, at_rest, forgotten, too_short, with_note
 from joint_id_core.online.resume import NOISE_SIGMA, as_of_now, known_of
+from joint_id_core.online.second_look import SecondLook, apart
 from joint_id_core.online.situation import Situation
 from joint_id_core.online.task import Task
 from joint_id_core.online.window import SlidingWindow, pauses
@@ -46,6 +47,8 @@ class OnlineIdentifier:
     Every half second, stretches of the newest samples are tested against the memory, with the noise levels that it
     knows. If parameters changed, those are forgotten and the others kept. If that does not explain the samples, the
     newest window is fitted by itself.
+
+    While little is known, all samples since the start are fitted again, in a search that begins anew.
 
     Noise levels are learned from all samples, too. From time to time, and when these levels are in doubt, the newest
     window is fitted as a whole, without the memory: for predictions and tests of the residuals, and to tell whether the
@@ -77,6 +80,7 @@ class OnlineIdentifier:
         self._task = Task(model, self.settings, self.options, estimator, coordinates)
         self._watch, self._checks = MotionWatch(model, window_s), WindowChecks(window_s, background)
         self._window = SlidingWindow(window_s)  # samples in motion
+        self._second_look = SecondLook(window_s, background)
         self._next = -np.inf  # end of the next hop
         self._alone: Estimate | None = None  # newest fit that converged, where there is no memory
         self._situation = Situation.STARTING
@@ -113,6 +117,7 @@ class OnlineIdentifier:
         now = as_of_now(self._task, (mean, covariance), estimate)
         self._known = Knowledge(self._task, now, mean, covariance, YOUNG * self.options.window_s, NOISE_SIGMA)
         self._enter(Situation.RESUMED)
+        self._second_look.end()
         return now
 
     def update(self, samples: Recording) -> Estimate | None:
@@ -183,6 +188,7 @@ class OnlineIdentifier:
             self._known = None
         elif situation is Situation.SUSPENDED:
             assert self._known is not None
+            self._second_look.end()
             self._shown, self._fit_next = self._known.last, -np.inf
             unexplained = self._known.follower.found is Found.UNEXPLAINED
             if unexplained or not self._replaces:
@@ -196,6 +202,7 @@ class OnlineIdentifier:
         for samples, moves in self._watch.stretches(due):
             if moves:
                 self._window.append(samples)
+                self._second_look.append(samples)
             known = self._known
             if known is None or not self._situation.follows:
                 continue
@@ -251,10 +258,22 @@ class OnlineIdentifier:
             return known.unchanged(window, self._watch.recent, Status.TOO_SHORT, (UNTESTED,))
         if known.changes.take(follower):
             self._checks.begin(window.end)  # a window with the change in it tells nothing
+            self._second_look.end()
+        known = self._looked_again(known)
         if not self._agrees(known):
             self._enter(self._situation.after_window(agrees=False))
             return with_note(known.last, window)
         return forgotten(known.estimate(window)) if replaced else known.estimate(window)
+
+    def _looked_again(self, known: Knowledge) -> Knowledge:
+        """Fit all samples since the start, if it is time for that; begin anew with a fit that ends elsewhere."""
+        look = self._second_look.run(lambda recording: self._task.fit(recording, None))
+        if look is None or not look.fit.converged or look.fit.free != known.last.free:
+            return known
+        if apart(look.fit, known.follower.now(), self._task.coordinates):
+            known = self._known = Knowledge.from_window(self._task, look.fit, look.samples)
+            self._checks.begin(self._window.end)
+        return known
 
     def _agrees(self, known: Knowledge) -> bool:
         """Check the newest window, if it is time for that; return whether it agrees with what is known."""
