@@ -28,9 +28,11 @@ from joint_id_core.cli.output import Progress, print_json
 from joint_id_core.estimators import ESTIMATORS
 from joint_id_core.models.options import ModelOptions
 
+SHOWN = ("cell", "substeps", "band_hz", "lag_s", "epochs", "learning_rate")  # of the options of the estimators
+
 
 @with_options("model_options", (ModelOptions,), required=("model",))
-@with_options("estimator_options", tuple(ESTIMATORS.values()), only=("cell", "substeps", "epochs", "learning_rate"))
+@with_options("estimator_options", tuple(ESTIMATORS.values()), only=SHOWN)
 def fit(
     file: FileArgument,
     model_options: dict[str, Any],
@@ -40,7 +42,7 @@ def fit(
     fix: FixOption = None,
     free: FreeOption = None,
     map_: MapOption = None,
-    estimator: Annotated[str, typer.Option(help=f"{' or '.join(ESTIMATORS)} (needs torch)")] = "innovations",
+    estimator: Annotated[str, typer.Option(help=f"{', '.join(ESTIMATORS)} (needs torch)")] = "innovations",
     prior: PriorOption = None,
     start: StartOption = None,
     end: EndOption = None,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.hpinn.estimator import HPinn
 from joint_id_core.estimators.innovations.estimator import Innovations
+from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.options import Progress
 
@@ -15,7 +16,17 @@ if TYPE_CHECKING:
     from joint_id_core.models import Model
     from joint_id_core.results.estimate import Estimate
 
-__all__ = ["DEFAULT", "ESTIMATORS", "Estimator", "HPinn", "Innovations", "ParameterSettings", "build", "fit"]
+__all__ = [
+    "DEFAULT",
+    "ESTIMATORS",
+    "Estimator",
+    "HPinn",
+    "Innovations",
+    "ParameterSettings",
+    "Regression",
+    "build",
+    "fit",
+]
 
 
 class Estimator(Protocol):
@@ -39,7 +50,9 @@ class Estimator(Protocol):
         """Return whether `compile` only has to load."""
 
 
-ESTIMATORS: dict[str, type[Innovations] | type[HPinn]] = {kind.name: kind for kind in (Innovations, HPinn)}
+ESTIMATORS: dict[str, type[Innovations] | type[Regression] | type[HPinn]] = {
+    kind.name: kind for kind in (Innovations, Regression, HPinn)
+}
 DEFAULT = Innovations()
 
 
@@ -56,7 +69,7 @@ def fit(
         model: from `models.build`, or your own model.
         recording: inputs and at least one measured state.
         settings: start values, fixed and freed parameters, priors; None takes the model's table as it is.
-        estimator: `Innovations()` or `HPinn()`, each with its own options.
+        estimator: `Innovations()`, `Regression()` or `HPinn()`, each with its own options.
         progress: called with a line of text from time to time.
 
     Returns:
@@ -68,7 +81,7 @@ def fit(
     return estimator.fit(model, recording, settings, progress)
 
 
-def build(name: str, **options: object) -> Innovations | HPinn:
+def build(name: str, **options: object) -> Innovations | Regression | HPinn:
     """Build the estimator called `name` with its options.
 
     Raises:

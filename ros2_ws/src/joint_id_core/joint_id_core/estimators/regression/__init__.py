@@ -1,0 +1,1 @@
+"""Inverse-dynamics regression: linear least squares on the equations of motion."""

@@ -1,0 +1,51 @@
+"""Covariance of least squares whose residuals have a memory (Newey and West, Econometrica 55, 1987)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from joint_id_core.data.recording import Array
+
+# 97.5 % quantile of t with a Bartlett kernel that reaches over the share b of the samples: 1.96 + 2.97 b + ...
+# (Kiefer and Vogelsang, Econometric Theory 21, 2005).
+FIXED_B = np.array([1.96, 2.9694, 0.4160, -0.5324])
+LONGEST_SHARE = 0.25  # of a record: a longer memory cannot be told from a trend
+
+
+def automatic_lag(scores: Array) -> float:
+    """Return the lag in samples from first-order autoregressions of the scores (T, k) (Andrews, Econometrica 59, 1991).
+
+    It is that of the parameter with the longest memory, at least 1.
+    """
+    before, after = scores[:-1], scores[1:]
+    energy = np.sum(before**2, axis=0)
+    rho = np.clip(np.sum(before * after, axis=0) / np.where(energy > 0.0, energy, 1.0), -0.97, 0.97)
+    memory = 4.0 * rho**2 / ((1.0 - rho) ** 2 * (1.0 + rho) ** 2)
+    return max(1.0, float(np.max(1.1447 * (memory * len(scores)) ** (1.0 / 3.0))))
+
+
+def newey_west(columns: Array, residuals: Array, pieces: NDArray[np.int64], lag: float) -> Array:
+    """Return the covariance (k, k) of least squares with columns (T, k) and residuals (T,).
+
+    Args:
+        columns, residuals: of the fit.
+        pieces: number of the stretch of each sample, shape (T,): samples of different stretches are independent.
+        lag: in samples, over which the weights of a Bartlett kernel fall to zero.
+    """
+    count, parameters = columns.shape
+    scale = np.sqrt(np.mean(columns**2, axis=0))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    scaled = columns / scale
+    scores = scaled * residuals[:, None]
+    lag = min(lag, LONGEST_SHARE * count)
+    middle = scores.T @ scores
+    for k in range(1, int(np.ceil(lag))):
+        same = pieces[k:] == pieces[:-k]
+        cross = scores[k:][same].T @ scores[:-k][same]
+        middle += (1.0 - k / lag) * (cross + cross.T)
+    inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
+    share = lag / count
+    wider = float(np.polynomial.polynomial.polyval(share, FIXED_B)) / FIXED_B[0]
+    freedom = count / max(1, count - parameters)
+    return np.asarray(inverse @ middle @ inverse * (freedom * wider**2) / np.outer(scale, scale))

@@ -1,0 +1,77 @@
+"""Linear least squares of one equation, with the bounds of positive parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from joint_id_core.data.recording import Array
+from joint_id_core.estimators.regression.covariance import automatic_lag, newey_west
+
+# What is certain at best, as a part of y: between two samples the equations are not exact where friction reverses.
+ACCURACY = 1e-3
+UNKNOWN = 1e-12  # smallest singular value of columns of unit length that rounding does not make
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Values (k,) and covariance (k, k) of the parameters of an equation.
+
+    Attributes:
+        held: True for positive parameters that the data pull below zero, shape (k,); their values are zero.
+        unseen: True for parameters whose column is zero or follows from the others, shape (k,).
+        r_squared: share of the mean square of y about its mean that is explained.
+        lag: memory of the residuals in samples.
+    """
+
+    values: Array
+    covariance: Array
+    held: NDArray[np.bool_]
+    unseen: NDArray[np.bool_]
+    r_squared: float
+    lag: float
+
+
+def solve(y: Array, columns: Array, positive: Sequence[bool], pieces: NDArray[np.int64], lag: float = 0.0) -> Solution:
+    """Fit y (T,) with columns (T, k); `positive` parameters do not get below zero.
+
+    A positive parameter that least squares makes negative is held at zero, the most negative one first, and the
+    others are fitted again. `lag` in samples is that of the covariance; 0 finds it.
+    """
+    count = columns.shape[1]
+    held, unseen = np.zeros(count, dtype=bool), _unseen(columns)
+    while True:
+        free = np.flatnonzero(~held & ~unseen)
+        values = np.zeros(count)
+        values[free] = np.linalg.lstsq(columns[:, free], y, rcond=None)[0]
+        residuals = y - columns @ values
+        memory = lag or automatic_lag(columns[:, free] * residuals[:, None])
+        covariance = np.full((count, count), np.nan)
+        covariance[np.ix_(free, free)] = newey_west(columns[:, free], residuals, pieces, memory)
+        size = np.sqrt(np.mean(columns[:, free] ** 2, axis=0) / np.mean(y**2))
+        covariance[free, free] += (ACCURACY / size) ** 2
+        below = np.where(np.array(positive) & ~held & ~unseen, values / np.sqrt(np.diag(covariance)), np.inf)
+        if not len(free) or below.min() >= 0.0:
+            break
+        held[int(np.argmin(below))] = True
+    spread = float(np.mean((y - y.mean()) ** 2))
+    explained = 1.0 - float(np.mean(residuals**2)) / spread if spread > 0.0 else np.nan
+    return Solution(values, covariance, held, unseen, explained, memory)
+
+
+def _unseen(columns: Array) -> NDArray[np.bool_]:
+    """Return which columns are zero, or a combination of those before them."""
+    unseen = np.zeros(columns.shape[1], dtype=bool)
+    basis = np.zeros((len(columns), 0))
+    for k, column in enumerate(columns.T):
+        length = float(np.linalg.norm(column))
+        rest = column - basis @ (basis.T @ column)
+        rest = rest - basis @ (basis.T @ rest)
+        if length == 0.0 or np.linalg.norm(rest) < np.sqrt(UNKNOWN) * length:
+            unseen[k] = True
+        else:
+            basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
+    return unseen

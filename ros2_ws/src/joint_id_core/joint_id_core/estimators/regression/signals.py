@@ -1,0 +1,130 @@
+"""The motion in a recording, and the band and the samples in which the equations are compared."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from joint_id_core.data.recording import Array, Recording
+from joint_id_core.data.signals import derivative_of
+from joint_id_core.estimators.regression.equations import Motion
+from joint_id_core.estimators.shared.fit_data import FitData, UnusableError
+from joint_id_core.filtering.offline import FilterOptions, complete, differentiate
+from joint_id_core.results.estimate import Status
+
+NYQUIST_SHARE = 0.8  # highest cutoff over half of the sampling rate
+MOVES = 0.99  # share of the power of the velocity that lies below the frequency of the motion
+TIMES = 10.0  # band of the equations over this frequency: beyond it, friction is no more what the law says
+NOISE_SHARE = 1e-4  # largest power of the noise of the acceleration in the band over that of the acceleration
+LEAST_HZ = 1.0
+MARGIN = 1.0  # of a stretch that is left out at both ends, in periods of the band: the filter lacks samples there
+# A longer rest is left out: the torque of a joint that sticks may have any value. The short ones of a reversal stay: on
+# a UR10e, c is 12 % smaller without them, because friction is no straight line over all speeds.
+REST_S = 1.0
+PER_PERIOD = 5.0  # samples that are kept in one period of the band
+
+
+def band(data: FitData) -> float:
+    """Return the band in Hz: ten times the frequency below which the joint moves, but no higher than its noise allows.
+
+    The acceleration is the weakest signal, and its noise makes inertias smaller by its share of the power.
+    """
+    time, period = data.time, data.period
+    highest = NYQUIST_SHARE * 0.5 / period
+    wanted = []
+    for name in data.labels:
+        times = {"position": 1, "velocity": 0}.get(name.rpartition("_")[2])
+        if times is None:
+            continue
+        even = np.arange(time[0], time[-1], period)
+        known = np.isfinite(data.recording[name])
+        row = np.interp(even, data.recording.time[known], data.recording[name][known])
+        size = min(len(row), max(64, round(8.0 / period)))
+        row = scipy.signal.detrend(row)
+        f, power = scipy.signal.welch(row, 1.0 / period, nperseg=size)
+        noise = float(np.median(power[f > 0.5 * f[-1]]))
+        signal = np.maximum(power - noise, 0.0) * f ** (2 * times)
+        total = np.cumsum(signal)
+        moves = float(f[np.searchsorted(total, MOVES * total[-1])])
+        clear = f[np.cumsum(noise * f ** (2 * times + 2)) < NOISE_SHARE * np.sum(signal * f**2)]
+        wanted.append(min(TIMES * moves, float(clear[-1]) if len(clear) else LEAST_HZ))
+    return float(np.clip(max(wanted, default=LEAST_HZ), LEAST_HZ, highest))
+
+
+def motion(data: FitData) -> Motion:
+    """Return states, inputs and rates at all samples.
+
+    Raises:
+        UnusableError: a state is neither measured nor follows from a measured position.
+    """
+    model, recording = data.model, data.recording
+    options = FilterOptions(cutoff_hz=NYQUIST_SHARE * 0.5 / data.period)  # lower, it would blur where friction reverses
+    raw = Recording(
+        recording.time, {n: v for n, v in recording.channels.items() if n not in recording.derived},
+        source=recording.source,
+    )  # fmt: skip
+    known = complete(raw, options)
+    x, rates = {}, {}
+    for name in model.state_names:
+        if name not in known:
+            raise UnusableError(
+                Status.MISSING_SIGNAL,
+                f"{recording.source} has no {name}: the regression needs every state of {model.name}, measured or as "
+                "the derivative of a measured position; use the estimator innovations, or another model",
+            )
+        smooth, rate = differentiate(known.time, known[name], options, 1)
+        x[name] = smooth
+        rates[name] = known.channels.get(derivative_of(name) or "", rate)
+    zero = np.zeros(len(known))
+    u = {s.name: known.channels.get(s.name, recording.channels.get(s.name, zero)) for s in model.inputs}
+    return Motion(x, {s.name: _at_samples(u[s.name]) if s.hold == "zero" else u[s.name] for s in model.inputs}, rates)
+
+
+def _at_samples(held: Array) -> Array:
+    """Return what an input that is constant from each sample to the next does at the instants of the samples.
+
+    Such an input acts half a period late, with the gain sinc(w T / 2). The weights have this gain up to (w T)^4.
+    """
+    before = np.concatenate([held[:1], held[:1], held, held[-1:]])
+    return np.asarray((13.0 * (before[2:-1] + before[1:-2]) - before[3:] - before[:-3]) / 24.0)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Samples at which equations are compared: indices (R,), and the number of the stretch of each, (R,)."""
+
+    index: NDArray[np.int64]
+    pieces: NDArray[np.int64]
+
+
+def smoothed(time: Array, values: Array, band_hz: float) -> Array:
+    """Return columns (T, k) behind the low-pass of the band, all by the same filter."""
+    options = FilterOptions(cutoff_hz=band_hz)
+    return np.array([differentiate(time, row, options, 0)[0] for row in values.T]).T
+
+
+def rows(data: FitData, usable: NDArray[np.bool_], band_hz: float) -> Rows:
+    """Return the usable samples (T,) in motion away from the ends of every stretch, as many as the band needs."""
+    time = data.recording.time
+    moving = usable.copy()
+    for begin, end in _runs(data.rest):
+        if data.time[end - 1] - data.time[begin] > REST_S:
+            moving &= (time < data.time[begin]) | (time > data.time[end - 1])
+    index, pieces = [], []
+    step = max(1, int(1.0 / (PER_PERIOD * band_hz * data.period)))
+    for number, (begin, end) in enumerate(_runs(moving)):
+        part = np.arange(begin, end)
+        inner = part[(time[part] > time[begin] + MARGIN / band_hz) & (time[part] < time[end - 1] - MARGIN / band_hz)]
+        index.append(inner[::step])
+        pieces.append(np.full(len(index[-1]), number))
+    none = np.zeros(0, dtype=np.int64)
+    return Rows(np.concatenate([none, *index]), np.concatenate([none, *pieces]))
+
+
+def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return begin and end of every run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
+    return [(begin, end) for begin, end in edges.reshape(-1, 2).tolist()]

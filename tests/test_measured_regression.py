@@ -1,0 +1,81 @@
+"""Regression on public measurements: published values, and recordings that agree within their intervals.
+
+The data are not part of the project; they are expected beside it, in ../shared/data.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+
+from joint_id_core.data.recording import Recording
+from joint_id_core.estimators import Regression, fit
+from joint_id_core.models import build
+from joint_id_core.results.estimate import Estimate, Status, Verdict
+
+DATA = Path(__file__).resolve().parents[2] / "shared/data"
+EMPS, UR10E = DATA / "emps/DATA_EMPS.mat", DATA / "ur10e"
+PER_AMPERE = {1: 11.8, 4: 10.7, 5: 10.6, 6: 10.7}  # Nm at the link: config/ur10e.yaml times the gear ratio
+ALL_JOINTS = ("ur-20_02_12-40sec_12harm", "ur-20_02_12-50sec_12harm", "ur-20_02_19_14harm50sec")
+
+pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"measured data are not there: {DATA}")
+
+
+def ur10e(name: str, joint: int) -> Recording:
+    table = np.genfromtxt(UR10E / f"{name}.csv", delimiter=",")
+    table = table[np.concatenate([[True], np.diff(table[:, 0]) > 0.0])]  # some stamps repeat
+    torque = PER_AMPERE[joint] * table[:, 12 + joint]
+    return Recording(table[:, 0], {"link_position": table[:, joint], "torque": torque}, source=name)
+
+
+def found(recording: Recording, gravity: bool = False) -> Estimate:
+    return fit(build("rigid_joint", gravity=gravity), recording, estimator=Regression())
+
+
+def test_emps_has_the_published_parameters():
+    """Janot, Gautier and Brunot 2019."""
+    record = scipy.io.loadmat(EMPS)
+    force = record["vir"].ravel() * record["gtau"].item()
+    result = found(Recording(record["t"].ravel(), {"link_position": record["qm"].ravel(), "torque": force}))
+    assert result.converged
+    for name, published in {"J": 95.1089, "c": 203.5034, "tau_f": 20.3935, "tau_0": -3.1648}.items():
+        assert abs(result[name].value - published) < min(2.0 * result[name].std_dev, 0.03 * abs(published))
+
+
+def agreement(estimates: list[Estimate], names: tuple[str, ...] = ("c", "tau_f")) -> list[bool]:
+    """Whether the 95 % interval of the difference holds zero, for every pair of recordings."""
+    agree = []
+    for name in names:
+        assert {e[name].verdict for e in estimates} == {Verdict.ESTIMATED}
+        values = [(e[name].value, e[name].std_dev) for e in estimates]
+        agree += [abs(a[0] - b[0]) < 1.96 * np.hypot(a[1], b[1]) for a, b in combinations(values, 2)]
+    return agree
+
+
+def test_thirds_of_a_record_of_one_joint_agree_within_their_intervals():
+    """Their means are those of the data's authors (joint 1, least squares) and of the whole arm (joint 4)."""
+    agree = []
+    for joint, gravity, c, tau_f in ((1, False, 25.9, 16.1), (4, True, 3.6, 2.8)):
+        record = ur10e(f"ur-20_01_22-joint_{joint}", joint)
+        count = len(record) // 3
+        thirds = [found(record.slice(k * count, (k + 1) * count), gravity) for k in range(3)]
+        assert np.mean([e["c"].value for e in thirds]) == pytest.approx(c, rel=0.05)
+        assert np.mean([e["tau_f"].value for e in thirds]) == pytest.approx(tau_f, rel=0.05)
+        assert np.median([e[n].std_dev / e[n].value for e in thirds for n in ("c", "tau_f")]) < 0.05
+        agree += agreement(thirds)
+    assert np.mean(agree) > 0.8
+
+
+def test_recordings_with_all_joints_moving_agree_within_their_intervals():
+    """Base and last two wrists, whose loads the other joints change least; Newey-West, not white residuals."""
+    agree = [a for j in (1, 5, 6) for a in agreement([found(ur10e(name, j)) for name in ALL_JOINTS])]
+    assert np.mean(agree) > 0.8
+
+
+def test_a_wrist_without_gravity_is_a_poor_fit():
+    result = found(ur10e("ur-20_01_22-joint_4", 4))
+    assert result.status is Status.POOR_FIT and "--gravity" in result.message
