@@ -298,8 +298,8 @@ class Follower:
         changed = (*explanation.change.names, *explanation.change.likely)
         _, still_known = explanation.change.still_known(self._coordinates.spread)
         self._input_noise.change(changed, self.memory.inverse, still_known)
+        self.levels.forget(changed, self.memory.inverse, still_known)
         self.memory, self.explanation, self.found = memory, explanation, Found.AGREES
-        self.levels.forget(changed)
         self._wider, self._shifted = self.levels.wider(memory.inverse), np.zeros_like(self._shifted)
         self.since = explanation.learned.pieces[0].begin.time
         self._pending = None

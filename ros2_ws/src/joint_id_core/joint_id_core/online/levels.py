@@ -93,10 +93,14 @@ class Levels:
         self._cross = DOUBTED * self._cross
         self._begin(since)
 
-    def forget(self, changed: Sequence[int]) -> None:
-        """Forget how parameters that changed depended on the levels."""
-        self._cross = self._cross.copy()
-        self._cross[list(changed)] = 0.0
+    def forget(self, changed: Sequence[int], inverse: Array, precision: Array) -> None:
+        """Forget how parameters that changed depended on the levels; the others depend on them as before.
+
+        `inverse` (k, k) is that of the information matrix before, `precision` (k, k) that of what is still known.
+        """
+        slope = -inverse @ self._cross
+        slope[list(changed)] = 0.0
+        self._cross = -precision @ slope
         self._begin()
 
     def wider(self, inverse: Array) -> Array:
