@@ -170,7 +170,7 @@ def _judge(
     worst = min(fitted, key=lambda f: f.solution.r_squared)
     r_squared = worst.solution.r_squared
     bounds = [n for n, row in found.items() if row.verdict is Verdict.AT_BOUND]
-    explained = f"{100.0 * r_squared:.3g} % of the forces below {band_hz:.3g} Hz are explained"
+    explained = f"{100.0 * r_squared:.3g} % of the torque below {band_hz:.3g} Hz are explained"
     if not r_squared > LEAST_R_SQUARED:
         status, said = Status.POOR_FIT, [f"only {explained}", Status.POOR_FIT.advice]
     elif worst.gravity > EXPLAINED:
