@@ -64,9 +64,7 @@ class SlidingWindow:
             self._period = samples.duration / (len(samples) - 1)
         step = float(samples.time[0]) - end
         self._parts.append(samples)
-        warm = samples.channels.get("temperature", NONE)
-        known = warm[np.isfinite(warm)]
-        self._warmth.append((float(known.sum()), len(known)))
+        self._warmth.append(_warmth(samples))
         self._durations.append(samples.duration + (step if step < REST * self._period else self._period))
         self._duration += self._durations[-1]
         self._count += len(samples)
@@ -88,9 +86,13 @@ class SlidingWindow:
 
     @property
     def temperature(self) -> float:
-        """Mean temperature of the joint in the parts that are kept; NaN if it is not known."""
-        total, count = np.sum(self._warmth, axis=0) if self._warmth else (0.0, 0)
-        return float(total / count) if count else np.nan
+        """Mean temperature of the joint in the window; NaN if it is not known."""
+        if not self._parts:
+            return np.nan
+        first = self._parts[0]
+        sums = [_warmth(first, int(np.searchsorted(first.time, self.start))), *list(self._warmth)[1:]]
+        count = sum(n for _, n in sums)
+        return sum(total for total, _ in sums) / count if count else np.nan
 
     def recording(self, since: float = -np.inf) -> Recording:
         """Return the samples of the window from `since` (s) on as one recording, NaN where a part lacks a channel."""
@@ -119,3 +121,10 @@ class SlidingWindow:
         }
         # the parts and their order were already checked
         return parts[-1][0].trusted(np.concatenate([p.time[rows] for p, rows in parts]), channels, derived)
+
+
+def _warmth(samples: Recording, first: int = 0) -> tuple[float, int]:
+    """Return sum and number of the known temperatures from a sample on."""
+    warm = samples.channels.get("temperature", NONE)[first:]
+    known = warm[np.isfinite(warm)]
+    return float(known.sum()), len(known)
