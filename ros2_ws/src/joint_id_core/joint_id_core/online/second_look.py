@@ -18,8 +18,8 @@ from joint_id_core.online.window import SlidingWindow
 from joint_id_core.results.estimate import Estimate
 
 AFTER = (2, 4, 8)  # window lengths of motion after which all samples so far are fitted
-# Mean square distance of a fit and the memory, in standard deviations of the memory, from which it begins anew with the
-# fit. Both have seen the same samples, so the distance is much smaller unless their minima differ.
+# Mean square distance of a fit and the memory, in the standard deviations of either, from which the memory begins anew
+# with the fit. Both have seen the same samples, so the distance is smaller unless their minima differ.
 APART = 1.0
 
 
@@ -70,5 +70,6 @@ class SecondLook:
 
 def apart(fit: Estimate, known: tuple[Array, Array], coordinates: Coordinates) -> bool:
     """Return whether a fit and mean (k,) and covariance (k, k) of the memory are in different minima."""
-    away = Belief.after(fit, coordinates).mean - known[0]
-    return float(away @ solve(known[1], away)) > APART * len(away)
+    alone = Belief.after(fit, coordinates)
+    away = alone.mean - known[0]
+    return min(float(away @ solve(known[1], away)), float(away @ alone.precision @ away)) > APART * len(away)
