@@ -235,5 +235,5 @@ def test_an_identifier_that_is_stopped_for_five_seconds(graph):
     graph.told("identifier", "this node did not run for")
     graph.told("identifier", "behind the newest sample")
     assert graph.probe.told("identifier", "behind the newest sample").level == b"\x02"
-    graph.told("identifier", "estimates were left out, because fits take longer than hop_s")
+    # How many estimates are left out while it catches up depends on the computer; `test_worker.py` tests their count.
     graph.right_again()
