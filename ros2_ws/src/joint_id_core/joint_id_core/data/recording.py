@@ -130,8 +130,7 @@ class Recording:
         """Build a recording of the same source from samples that were already checked, without a new check."""
         made = object.__new__(Recording)
         new = {"time": time, "channels": channels, "derived": derived, "_steps": time[1:] - time[:-1]}
-        for name, value in (self.__dict__ | new).items():
-            object.__setattr__(made, name, value)
+        made.__dict__.update(self.__dict__, **new)
         return made
 
     def with_channels(self, changes: Mapping[str, Array], derived: bool = False) -> Recording:

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from joint_id_core.data.recording import Recording
+from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.shared.stillness import STILL_S, still, still_link, wound_up
 from joint_id_core.models import Model
 from joint_id_core.online.window import SlidingWindow, pauses
@@ -54,13 +54,19 @@ class MotionWatch:
         # A median, in a tenth of the time of `np.median`.
         period = float(np.partition(steps, len(steps) // 2)[len(steps) // 2]) if len(steps) else 0.0
         at_rest = self._at_rest(recent, slice(first, last), period)
-        turns = np.flatnonzero(at_rest[1:] != at_rest[:-1]) + 1
-        gaps = pauses(recent.time[first:last])
-        edges = np.union1d(turns, gaps) if len(gaps) else turns
-        for begin, end in pairwise([0, *edges.tolist(), last - first]):
+        edges = [0, *self._turns(at_rest, recent.time[first:last]), last - first]
+        for begin, end in pairwise(edges):
             part = recent.slice(first + begin, first + end)
             yield part, not at_rest[begin]
             self._rested_s = self._rested_s + part.duration + period if at_rest[begin] else 0.0
+
+    def _turns(self, at_rest: NDArray[np.bool_], time: Array) -> list[int]:
+        """Return the numbers of the samples (T,) with which a rest, a motion, or what follows a pause begins."""
+        gaps = pauses(time)
+        changes = at_rest[1:] != at_rest[:-1]
+        if not changes.any():  # nearly always
+            return gaps.tolist() if len(gaps) else []
+        return np.union1d(np.flatnonzero(changes) + 1, gaps).tolist()
 
     def _at_rest(self, recent: Recording, part: slice, period: float) -> NDArray[np.bool_]:
         """Return True for samples of a part at which the joint or its link rests."""

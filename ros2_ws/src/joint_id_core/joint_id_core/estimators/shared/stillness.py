@@ -19,6 +19,7 @@ from joint_id_core.estimators.shared.initial_state import rough_noise
 
 STILL_S = 0.05  # shortest rest that counts: a reversal is shorter
 LEAST = 5  # samples of a rest
+MOTION = ("_position", "_velocity")  # ends of the names of labels that show motion
 CREDIBLE = 0.1  # largest slack over the typical size of the signal; a noisier signal says nothing about rest
 BLIND = 3.0  # slack over the range in a moving stretch from which a label cannot tell motion from rest
 NOISY = 8.0  # range of a resting signal over the standard deviation of its noise; of 25 normal numbers it is 4
@@ -44,20 +45,20 @@ def still(
     if len(y) < count:
         return np.zeros(len(y), dtype=bool)
     for name, values in zip(labels, y.T, strict=True):
+        if not name.endswith(MOTION) or (noise is not None and name not in noise):
+            continue
         known = np.isfinite(values)
-        row = values[known]
-        if name.rpartition("_")[2] not in ("position", "velocity") or len(row) < count:
+        row = values if known.all() else values[known]
+        if len(row) < count:
             continue
-        if noise is not None and name not in noise:
-            continue
-        slack = NOISY * noise[name] if noise is not None else _slack(row)
+        slack, scale = NOISY * noise[name] if noise is not None else _slack(row), CHANNELS[name].scale
         filled = row if len(row) == len(values) else np.interp(np.arange(len(values)), np.flatnonzero(known), row)
-        if slack > CREDIBLE * CHANNELS[name].scale:
+        if slack > CREDIBLE * scale:
             continue
         if noise is None and _hidden(name, filled, slack, count):
             continue
         # The first and the last sample of a stretch already tell most motion from rest.
-        if np.all(np.abs(filled[count - 1 :] - filled[: 1 - count]) > slack + SLOW * CHANNELS[name].scale):
+        if (np.abs(filled[count - 1 :] - filled[: 1 - count]) > slack + SLOW * scale).all():
             return np.zeros(len(y), dtype=bool)
         views = np.lib.stride_tricks.sliding_window_view(filled, count)
         size = views.max(axis=1) - views.min(axis=1)
