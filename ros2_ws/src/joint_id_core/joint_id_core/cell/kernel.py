@@ -26,7 +26,7 @@ from typing import Any, TextIO
 
 from joint_id_core import models
 from joint_id_core.cell import CELLS
-from joint_id_core.cell.loops import arrays, innovations, newton, noise, simulate, tracking
+from joint_id_core.cell.loops import arrays, information, innovations, newton, noise, simulate, tracking
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import Model
 
@@ -41,6 +41,7 @@ _SENSITIVITIES: _Functions = (simulate.rollout_sensitivities,)
 _GAINS: _Functions = (
     noise.noise_information, noise.bounded_step, noise.disturbances, newton.with_prior, newton.damped_step,
 )  # fmt: skip
+_INFORMATION: _Functions = (information.inverse, information.newest)
 
 
 @dataclass(frozen=True)
@@ -265,6 +266,13 @@ def _gains(states: int, inputs: int, delayed: bool) -> ModuleType:
     what = f"noise statistics of {states} states and {inputs} inputs"
     path = cache_directory() / f"gains-{_hash(sizes)}" / "gains.py"
     return _loaded(path, what, lambda: _module_source(what, sizes, _GAINS), _GAINS)
+
+
+@lru_cache(maxsize=1)
+def compile_information() -> ModuleType:
+    """Return the compiled `loops.information`, which all models share; see `compile_model`."""
+    path = cache_directory() / f"information-{_hash()}" / "information.py"
+    return _loaded(path, "information", lambda: _module_source("information matrices", "", _INFORMATION), _INFORMATION)
 
 
 def _loaded(path: Path, what: str, source: Callable[[], str], functions: _Functions) -> ModuleType:

@@ -15,7 +15,7 @@ from joint_id_core.online.levels import Levels
 from joint_id_core.online.memory import BLOCK_S, Change, Memory
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.pending_change import PATIENT, PendingChange
-from joint_id_core.online.piece import Piece, merged
+from joint_id_core.online.piece import Block, Piece, merged
 from joint_id_core.online.relearn import relearn
 from joint_id_core.online.tracker import Tracker
 from joint_id_core.online.window import SlidingWindow
@@ -83,10 +83,11 @@ class Follower:
         self.chi2: float | None = None
         self.noise_changed = False
         self._coordinates, self._options, self._make = coordinates, options, make
+        self._nothing = Block(len(coordinates.unit))
         self._wider = np.eye(len(coordinates.unit))  # for the uncertainty of the noise levels
         self._shifted = np.zeros(len(coordinates.unit))  # the mean, by new noise levels, since the blocks were passed
         self._input_noise = InputNoise(len(coordinates.unit))
-        self._pieces: list[Piece] = []  # of the present block
+        self._block = Block(len(coordinates.unit))  # the present one
         self._white: list[Array] = []  # innovations of the last window
         self._moved_since, self._moved_until = np.inf, -np.inf
         self._pending: PendingChange | None = None
@@ -119,7 +120,7 @@ class Follower:
         if piece is None or np.any(np.abs(piece.white) > JUMP):
             self._stop()
             return
-        self._pieces.append(piece)
+        self._block.add(piece)
         self._add_full_block(self.tracker)
 
     def _start(self, recording: Recording) -> None:
@@ -132,37 +133,24 @@ class Follower:
         tracker.sharpen(float(np.max(np.sqrt(np.diag(memory.covariance)) / self._coordinates.unit)))
         pieces = tracker.start()
         if pieces:
-            self.tracker, self._pieces = tracker, [pieces[-1]]
+            self.tracker, self._block = tracker, Block(len(pieces[-1].z), pieces[-1:])
             self._add_full_block(tracker)
 
     def _stop(self) -> None:
         """Stop the filter: the samples that follow are not those after the last one."""
-        self.tracker, self._pieces = None, []
+        self.tracker, self._block = None, Block(len(self._shifted))
         self._moved_since = np.inf
 
     def now(self) -> tuple[Array, Array]:
         """Return estimate (k,) and covariance (k, k) with the samples of the present block."""
-        memory = self.memory
-        if not self._pieces or self.found is not Found.AGREES:
-            return self._unbiased(memory.mean, self._covariance(None))
-        block = merged(self._pieces)
-        self._pieces = [block]
-        mean = np.asarray(np.linalg.solve(memory.matrix + block.matrix, memory.vector + block.vector), dtype=float)
-        away, covariance = np.abs(mean - block.z), self._covariance(block.matrix)
-        if np.any((away > LINEAR * self._coordinates.unit) & (away > np.sqrt(np.diag(covariance)))):
+        memory, block, bias = self.memory, self._block, self._input_noise.bias(self.memory.inverse)
+        if block.pieces and self.found is Found.AGREES:
+            mean, covariance = memory.with_block(block.matrix, block.vector, self._wider, bias)
+            away, sigma = np.abs(mean + bias - block.pieces[0].z), np.sqrt(covariance.diagonal() - bias**2)
+            if not ((away > LINEAR * self._coordinates.unit) & (away > sigma)).any():
+                return mean, covariance
             # too far for one linear step: wait for the end of the block
-            return self._unbiased(memory.mean, self._covariance(None))
-        return self._unbiased(mean, covariance)
-
-    def _covariance(self, more: Array | None) -> Array:
-        """Return the covariance of the parameters with the information matrix `more` of the present block."""
-        memory = self.memory
-        covariance = memory.covariance if more is None else memory.covariance_with(more)
-        return np.asarray(self._wider @ covariance @ self._wider.T)
-
-    def _unbiased(self, mean: Array, covariance: Array) -> tuple[Array, Array]:
-        """Return estimate and covariance without the bias from noise of inputs."""
-        return self._input_noise.corrected(mean, covariance, self.memory.inverse)
+        return memory.with_block(self._nothing.matrix, self._nothing.vector, self._wider, bias)
 
     def _learn_noise(self, tracker: Tracker, new: Sequence[Piece], anew: bool) -> None:
         """Learn the noise levels, and the bias from noise of inputs, from new blocks that the memory describes.
@@ -189,12 +177,12 @@ class Follower:
 
     def _add_full_block(self, tracker: Tracker) -> None:
         """Add the present block once it is long enough."""
-        if sum(p.duration for p in self._pieces) > BLOCK_S - 1.5 * tracker.data.period:
+        if self._block.duration > BLOCK_S - 1.5 * tracker.data.period:
             self._add_block()
 
     def _add_block(self) -> None:
         """Add the present block to the memory and test it, or use it to learn what changed."""
-        pieces, self._pieces = self._pieces, []
+        pieces, self._block = self._block.pieces, Block(len(self._shifted))
         if not pieces or self.tracker is None or self.found in (Found.UNEXPLAINED, Found.WRONG_START):
             return
         block = merged(pieces)

@@ -131,7 +131,7 @@ class OnlineIdentifier:
         begun, newest = time.perf_counter(), None
         for part in self._parts(samples):
             newest = self._update(part) or newest
-        return None if newest is None else replace(newest, elapsed_s=time.perf_counter() - begun)
+        return None if newest is None else newest.updated(elapsed_s=time.perf_counter() - begun)
 
     def _parts(self, samples: Recording) -> list[Recording]:
         """Return samples in parts without a pause and, with a memory, much shorter than the window.
@@ -168,7 +168,7 @@ class OnlineIdentifier:
         if not due:
             return None
         estimate, window = (self._in_motion(), self._window) if self._watch.moving else (self._at_rest(), recent)
-        return replace(estimate, temperature=window.temperature)
+        return estimate.updated(temperature=window.temperature)
 
     def _without_memory(self) -> Estimate:
         """Fit the newest samples by themselves."""

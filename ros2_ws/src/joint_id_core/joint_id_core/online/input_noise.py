@@ -41,19 +41,18 @@ class InputNoise:
                 self._score += count * attenuation(tracker, piece, self._rng)
             self._seen += 1
 
-    def corrected(self, mean: Array, covariance: Array, inverse: Array) -> tuple[Array, Array]:
-        """Return mean (k,) and covariance (k, k) without the bias, which counts as uncertain.
+    def bias(self, inverse: Array) -> Array:
+        """Return the bias of the parameters, shape (k,), which counts as uncertain once it is taken off.
 
         `inverse` (k, k) is that of the information matrix. Why it is uncertain: see `sensor_bias` of a fit.
         """
-        bias = inverse @ self._score
-        return mean - bias, covariance + np.outer(bias, bias)
+        return np.asarray(inverse @ self._score)
 
     def change(self, changed: Sequence[int], inverse: Array, precision: Array) -> None:
         """Keep the effect on what is still known when parameters changed.
 
         `inverse` (k, k) is that of the information matrix before, `precision` (k, k) that of what is still known.
         """
-        bias = inverse @ self._score
+        bias = self.bias(inverse)
         bias[list(changed)] = 0.0
         self._score = precision @ bias

@@ -16,7 +16,7 @@ from joint_id_core.online.checks import Checked
 from joint_id_core.online.follower import Follower
 from joint_id_core.online.levels import Levels
 from joint_id_core.online.memory import Memory, agree
-from joint_id_core.online.published import published
+from joint_id_core.online.published import Said, published, said
 from joint_id_core.online.task import Task
 from joint_id_core.online.tracker import Tracker
 from joint_id_core.online.window import SlidingWindow
@@ -52,6 +52,7 @@ class Knowledge:
         self.last = last
         self.still: dict[str, float] | None = None
         self.changes = Changes(last.free, task.coordinates, task.options.window_s)
+        self._words: tuple[tuple[object, ...], Said] | None = None  # with what they tell of
         self._task = task
         memory = Memory(mean, covariance, task.coordinates.spread)
         levels = Levels(np.square(list(last.noise.values())), len(mean), noise_sigma)
@@ -109,9 +110,22 @@ class Knowledge:
     ) -> Estimate:
         """Return what is known, for the `recent` samples, which add nothing to it."""
         found = self._published((), samples=len(window), start=recent.start, end=recent.end, chi2=self.last.chi2)
-        return replace(found, status=status, message=message(notes), notes=notes)
+        return found.updated(status=status, message=message(notes), notes=notes)
 
     def _published(self, changes: tuple[ParameterChange, ...], **fields: Any) -> Estimate:
         """Return the estimate of now, with these other `fields`."""
-        task, fields = self._task, fields | {"noise": self.noise}
-        return published(task.model, task.coordinates, self.last, self.follower.now(), changes, fields)
+        coordinates, now = self._task.coordinates, self.follower.now()
+        fields |= {"noise": self.noise, "changes": changes}
+        return published(coordinates, self.last, now, self._in_words(now, changes), fields)
+
+    def _in_words(self, now: tuple[Array, Array], changes: tuple[ParameterChange, ...]) -> Said:
+        """Return what is said of what is known.
+
+        Words are made anew only when the memory has got a block or lost some, or something else happened: within half a
+        second verdicts hardly change, and to find words takes longer than to find the estimate.
+        """
+        basis = (self.follower.memory.newest, self.last, changes)
+        if self._words is None or any(old is not new for old, new in zip(self._words[0], basis, strict=True)):
+            task = self._task
+            self._words = basis, said(task.model, task.coordinates, self.last, now, changes)
+        return self._words[1]

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
+from joint_id_core.cell.kernel import compile_information
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Belief, Coordinates
 from joint_id_core.online.piece import Piece
@@ -111,13 +112,23 @@ class Memory:
         """Covariance of the estimate, shape (k, k), widened by the scatter of stretches that share no sample."""
         return self._covariance(self.inverse, self._noise)
 
-    def covariance_with(self, more: Array) -> Array:
-        """Return the covariance with the information matrix `more` of samples that are not yet added."""
-        return self._covariance(inverse_of(self.matrix + more), self._noise + more)
-
     def _covariance(self, inverse: Array, noise: Array) -> Array:
         wider = self.wider
         return np.asarray(inverse @ noise @ inverse * wider[:, None] * wider)
+
+    def with_block(self, matrix: Array, vector: Array, widened: Array, bias: Array) -> tuple[Array, Array]:
+        """Return estimate (k,) and covariance (k, k) with samples that are not added yet.
+
+        Args:
+            matrix, vector: what these samples say, shapes (k, k) and (k,).
+            widened: from `Levels.wider`, shape (k, k).
+            bias: that is taken off, and counts as uncertain, shape (k,).
+        """
+        mean, covariance = np.empty_like(self.vector), np.empty_like(self.matrix)
+        compile_information().newest(
+            self.matrix, self.vector, self._noise, matrix, vector, self.wider, widened, bias, mean, covariance
+        )
+        return mean, covariance
 
     @property
     def inverse(self) -> Array:
@@ -193,6 +204,11 @@ class Memory:
     def blocks(self) -> list[Piece]:
         """The newest blocks, which can be passed through the filter again."""
         return [step.block for step in self._blocks]
+
+    @property
+    def newest(self) -> Piece | None:
+        """The newest block; None before the first one."""
+        return self._blocks[-1].block if self._blocks else None
 
     @property
     def whole(self) -> bool:

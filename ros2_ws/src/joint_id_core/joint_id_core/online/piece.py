@@ -84,6 +84,31 @@ class Passed:
     score: Array
 
 
+class Block:
+    """Consecutive pieces of the same reference that grow to a block of the memory.
+
+    Attributes:
+        pieces: in their order.
+        matrix, vector: their sums, shapes (k, k) and (k,).
+        duration: of all in s.
+    """
+
+    def __init__(self, parameters: int, pieces: Sequence[Piece] = ()) -> None:
+        """Begin with some pieces, of this number of free parameters."""
+        self.pieces: list[Piece] = []
+        self.matrix, self.vector = np.zeros((parameters, parameters)), np.zeros(parameters)
+        self.duration = 0.0
+        for piece in pieces:
+            self.add(piece)
+
+    def add(self, piece: Piece) -> None:
+        """Add the next piece."""
+        self.pieces.append(piece)
+        self.matrix += piece.matrix
+        self.vector += piece.vector
+        self.duration += piece.duration
+
+
 def merged(pieces: Sequence[Piece]) -> Piece:
     """Return consecutive pieces of the same reference as one."""
     if len(pieces) == 1:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,42 +15,74 @@ from joint_id_core.estimators.shared.fit_data import UnusableError, unusable
 from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.models import Model
 from joint_id_core.online.window import SlidingWindow
-from joint_id_core.results.estimate import Estimate, ParameterChange, Status
+from joint_id_core.results.estimate import Estimate, ParameterChange, ParameterEstimate, Status
 
 DISAGREE = "The newest samples disagree with what was known: the joint changes, or the model does not describe it."
 FORGOTTEN = "The joint has changed: what was known is forgotten."
 
 
-def published(
+@dataclass(frozen=True)
+class Said:
+    """What is said in words of what is known: notes, and the rows of the parameters, with values of that time."""
+
+    notes: tuple[str, ...]
+    message: str
+    rows: tuple[ParameterEstimate, ...]
+
+
+def said(
     model: Model,
     coordinates: Coordinates,
     last: Estimate,
     now: tuple[Array, Array],
     changes: tuple[ParameterChange, ...],
-    fields: Mapping[str, Any],
+) -> Said:
+    """Return in words what is known.
+
+    Args:
+        model, coordinates: what is identified.
+        last: the newest fit of a whole window.
+        now: coordinates (k,) and their covariance (k, k).
+        changes: of the joint.
+    """
+    assert last.checks is not None
+    z, covariance = coordinates.clip(now[0]), _with_excess(last, now[1])
+    found = verdicts(model, last.free, covariance, coordinates, z, last.checks.together)
+    told = [sentence(Status.CONVERGED.advice), *(c.text for c in changes)]
+    notes = (*told, *findings(found, last.checks.texts, 0))
+    p = np.array(list(last.values.values()))
+    initial = np.array([q.initial for q in last.parameters])
+    return Said(notes, message(notes), table(model, last.free, p, covariance, found, initial))
+
+
+def published(
+    coordinates: Coordinates, last: Estimate, now: tuple[Array, Array], words: Said, fields: Mapping[str, Any]
 ) -> Estimate:
     """Return the estimate of the memory, with the findings of the last fit of a whole window, and these other `fields`.
 
-    `now` are the coordinates (k,) and their covariance (k, k).
+    For `now` see `said`; `words` may be some samples older.
     """
-    assert last.checks is not None
-    z, covariance = coordinates.clip(now[0]), now[1]
-    if any(last.checks.texts):  # what is likely but not significant in one window is no reason to widen
-        covariance = covariance + last.checks.excess
-    rows = verdicts(model, last.free, covariance, coordinates, z, last.checks.together)
-    slope = coordinates.slope(z)
-    physical = covariance * np.outer(slope, slope)
-    p = np.array(list(last.values.values()))
-    index = [model.parameter_names.index(n) for n in last.free]
-    p[index] = coordinates.values(z)
-    initial = np.array([q.initial for q in last.parameters])
-    said = [sentence(Status.CONVERGED.advice), *(c.text for c in changes)]
-    notes = (*said, *findings(rows, last.checks.texts, 0))
-    return replace(
-        last, status=Status.CONVERGED, message=message(notes), notes=notes,
-        parameters=table(model, last.free, p, physical, rows, initial), covariance=physical,
-        deviance=float("nan"), iterations=0, predictions=None, changes=changes, **fields,
+    values = coordinates.values(coordinates.clip(now[0]))
+    slope = coordinates.slope_at(values)
+    physical = _with_excess(last, now[1]) * (slope[:, None] * slope)
+    known = dict(zip(last.free, zip(values.tolist(), np.sqrt(physical.diagonal()).tolist(), strict=True), strict=True))
+    rows = tuple(
+        ParameterEstimate(row.name, row.unit, *known[row.name], row.verdict, row.initial, row.reason)
+        if row.name in known
+        else row
+        for row in words.rows
+    )
+    return last.updated(
+        status=Status.CONVERGED, message=words.message, notes=words.notes, parameters=rows, covariance=physical,
+        deviance=float("nan"), iterations=0, predictions=None, **fields,
     )  # fmt: skip
+
+
+def _with_excess(last: Estimate, covariance: Array) -> Array:
+    """Return the covariance of the coordinates, widened by what the checks of a window have found."""
+    assert last.checks is not None
+    # what is likely but not significant in one window is no reason to widen
+    return covariance + last.checks.excess if any(last.checks.texts) else covariance
 
 
 def with_note(estimate: Estimate, window: SlidingWindow) -> Estimate:

@@ -190,11 +190,19 @@ class Tracker:
         seen = [name for name in model.state_names if name in samples and name not in samples.derived]
         if any(name not in labels for name in seen):
             return None
-        u = np.array(columns).T.copy()
-        y = np.array([samples.channels[n] if n in seen else np.full(count, np.nan) for n in labels])
+        u = np.empty((count, len(columns)))
+        for k, values in enumerate(columns):
+            u[:, k] = values
+        y = np.full((len(labels), count), np.nan)
+        for k, name in enumerate(labels):
+            if name in seen:
+                y[k] = samples.channels[name]
         y, time = without_frozen(y).T.copy(), samples.time
-        usable = np.isfinite(u).all(axis=1)
-        return Samples(time, u, y) if usable.all() else Samples(time[usable], u[usable], y[usable])
+        usable = np.isfinite(u)
+        if usable.all():
+            return Samples(time, u, y)
+        rows = usable.all(axis=1)
+        return Samples(time[rows], u[rows], y[rows])
 
     def run(self, samples: Samples) -> Piece | None:
         """Run over new samples; None if the path diverges or a gap is too long: then start a new tracker."""
@@ -261,9 +269,13 @@ class Tracker:
         found = self._passed(begin, samples)
         if not np.isfinite(found.cost):
             return None
-        H = found.matrix[self.columns[:, None], self.columns] * (self._slope[:, None] * self._slope)
-        g = found.score[self.columns] * self._slope
-        white = np.where(np.isnan(samples.y), np.nan, found.errors[1:] / np.sqrt(found.variances[1:]))
+        columns, slope = self.columns, self._slope
+        H = found.matrix[columns[:, None], columns] * (slope[:, None] * slope)
+        g = found.score[columns] * slope
+        white = found.errors[1:] / np.sqrt(found.variances[1:])
+        missing = np.isnan(samples.y)
+        if missing.any():
+            white[missing] = np.nan
         last = len(samples.time) > 0
         state = State(found.kept, float(samples.time[-1]) if last else begin.time, samples.u[-1] if last else begin.u)
         return state, found.cost, Piece(H, g + H @ self.z, white, begin, samples, self.z, self.smoothing)
