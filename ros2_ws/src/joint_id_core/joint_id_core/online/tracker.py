@@ -86,6 +86,7 @@ class Tracker:
                 self._sharpened.append(i)
         self._n, self._k = len(model.states), len(kernel.sensitive)
         self._state = State(np.zeros((self._n, 1 + self._n + self._k)), -np.inf, np.zeros(len(model.inputs)))
+        self._unstored = self._room(1)
         self._take(z)
         self._states = rough_states(data)
         self.shown_noise = shown_noise(data)
@@ -280,21 +281,25 @@ class Tracker:
         state = State(found.kept, float(samples.time[-1]) if last else begin.time, samples.u[-1] if last else begin.u)
         return state, found.cost, Piece(H, g + H @ self.z, white, begin, samples, self.z, self.smoothing)
 
+    def _room(self, rows: int) -> tuple[Array, Array, Array, Array]:
+        """Return gains, slopes, derivatives of the readings and sensitivities for `track` to fill."""
+        m, k, n = len(self.data.labels), self._k, self._n
+        shown = (rows, m, n) if self.data.model.label_delays else (1, 1, 1)
+        slopes = (rows, n, n + len(self.data.model.inputs))
+        return np.zeros((rows, m, n)), np.zeros(slopes), np.empty(shown), np.zeros((rows, m, k))
+
     def _passed(self, begin: State, samples: Samples, stored: bool = False) -> Passed:
         """Run over samples; `stored` as in `passed_again`."""
-        m, k, n = len(self.data.labels), self._k, self._n
-        time = np.concatenate([[begin.time], samples.time])
-        u = np.concatenate([begin.u[None], samples.u])
-        y = np.concatenate([np.full((1, m), np.nan), samples.y])
-        gap = np.zeros(len(time))
+        m, k, inputs = len(self.data.labels), self._k, len(self.data.model.inputs)
+        T = len(samples.time) + 1
+        time, u, y, gap = np.empty(T), np.empty((T, inputs)), np.empty((T, m)), np.zeros(T)
+        time[0], u[0], y[0] = begin.time, begin.u, np.nan
+        time[1:], u[1:], y[1:] = samples.time, samples.u, samples.y
         steps = time[1:] - time[:-1]
         if len(steps) and steps.max() > 1.25 * self.data.period:
             gap[:-1] = np.maximum(np.rint(steps / self.data.period) - 1.0, 0.0)
-        T = len(time)
-        rows = T if stored else 1
-        e, S, K, F = np.zeros((T, m)), np.ones((T, m)), np.zeros((rows, m, n)), np.zeros((rows, n, n + u.shape[1]))
-        C = np.empty((rows, m, n) if self.data.model.label_delays else (1, 1, 1))
-        J = np.zeros((rows, m, k))
+        e, S = np.zeros((T, m)), np.ones((T, m))
+        K, F, C, J = self._room(T) if stored else self._unstored
         kept, H, g = begin.kept.copy(), np.empty((k, k)), np.empty(k)
         cost = self.kernel.tracking.track(
             kept, time, u, y, self.data.label_states, gap, self.levels[:m], self.levels[m:], self._noise,

@@ -224,8 +224,10 @@ def without_frozen(rows: Array) -> Array:
     Robots report a velocity of exactly zero below a threshold. These zeros are not measurements: used as labels, they
     would drive the estimated noise of the sensor to zero. Signals of a quantised sensor are not changed.
     """
-    changes = np.count_nonzero(rows[:, 1:] != rows[:, :-1], axis=1)
-    for k in np.flatnonzero(changes <= 0.98 * rows.shape[1] - 1.0):
+    repeats = rows[:, 1:] == rows[:, :-1]
+    if not repeats.any():
+        return rows
+    for k in np.flatnonzero(np.count_nonzero(repeats, axis=1) >= 0.02 * rows.shape[1]):
         row = rows[k]
         steps = np.abs(row[1:] - row[:-1])
         moving = steps[steps > 0.0]

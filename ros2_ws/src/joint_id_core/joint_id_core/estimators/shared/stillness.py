@@ -41,9 +41,9 @@ def still(
             this record, such as a coarse encoder's, is then left out.
     """
     count = max(LEAST, round(STILL_S / period) + 1)
-    quiet: NDArray[np.bool_] | None = None
     if len(y) < count:
         return np.zeros(len(y), dtype=bool)
+    shown: list[tuple[str, Array, float]] = []
     for name, values in zip(labels, y.T, strict=True):
         if not name.endswith(MOTION) or (noise is not None and name not in noise):
             continue
@@ -60,12 +60,14 @@ def still(
         # The first and the last sample of a stretch already tell most motion from rest.
         if (np.abs(filled[count - 1 :] - filled[: 1 - count]) > slack + SLOW * scale).all():
             return np.zeros(len(y), dtype=bool)
+        shown.append((name, filled, slack))
+    if not shown:
+        return np.zeros(len(y), dtype=bool)
+    quiet = np.ones(len(y) - count + 1, dtype=bool)
+    for name, filled, slack in shown:
         views = np.lib.stride_tricks.sliding_window_view(filled, count)
         size = views.max(axis=1) - views.min(axis=1)
-        calm = _calm(name, slack, size, views.mean(axis=1), count)
-        quiet = calm if quiet is None else quiet & calm
-    if quiet is None:
-        return np.zeros(len(y), dtype=bool)
+        quiet &= _calm(name, slack, size, views.mean(axis=1), count)
     # a sample is at rest if any quiet stretch of `count` samples holds it
     return np.convolve(quiet, np.ones(count, dtype=int))[: len(y)] > 0
 
