@@ -16,7 +16,7 @@ from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.shared.fit_data import options_of
-from joint_id_core.online.published import published
+from joint_id_core.online.published import published, said
 from joint_id_core.online.task import Task
 from joint_id_core.results.estimate import Estimate, Status
 
@@ -62,7 +62,8 @@ def known_of(task: Task, estimate: Estimate, gone_s: float) -> tuple[Array, Arra
 
 def as_of_now(task: Task, known: tuple[Array, Array], estimate: Estimate) -> Estimate:
     """Return the estimate with the covariance and the verdicts of `known`, which `known_of` returned."""
-    return published(task.model, task.coordinates, estimate, known, estimate.changes, {"samples": 0})
+    words = said(task.model, task.coordinates, estimate, known, estimate.changes)
+    return published(task.coordinates, estimate, known, words, {"samples": 0})
 
 
 def _check_same(task: Task, estimate: Estimate) -> None:
