@@ -140,7 +140,10 @@ class SlidingWindow:
         if surplus <= 0.0:
             return self._first
         part = self._time[self._first : self._first + self._parts[0].rows]
-        return self._first + int(part.searchsorted(part[0] + surplus - ROUNDING * surplus))
+        begin = self._first + int(part.searchsorted(part[0] + surplus - ROUNDING * surplus))
+        return min(
+            begin, self._last - 1
+        )  # the time before the first sample of the only part may be all that is too much
 
     @property
     def duration(self) -> float:

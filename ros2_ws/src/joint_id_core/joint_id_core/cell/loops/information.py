@@ -1,0 +1,129 @@
+"""Small symmetric positive definite matrices of information, compiled like `loops.noise`.
+
+In NumPy, an estimate from ten parameters takes some twenty calls of a few microseconds each.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from joint_id_core.cell.loops.arrays import Matrix, Vector
+
+ROUNDED = 1e-14  # smallest pivot of a matrix with a unit diagonal that rounding leaves
+
+
+def inverse(matrix: Matrix, found: Matrix) -> float:
+    """Invert a matrix (k, k) into `found` (k, k); return the smallest pivot (Cholesky, scaled to a unit diagonal).
+
+    Parameters have very different units. A matrix that is singular by rounding gets a pivot of `ROUNDED`.
+    """
+    k = len(matrix)
+    scale, L = np.empty(k), np.zeros((k, k))
+    least = 1.0
+    for i in range(k):
+        scale[i] = 1.0 / math.sqrt(matrix[i, i])
+    for j in range(k):
+        for i in range(j, k):
+            total = matrix[i, j] * scale[i] * scale[j]
+            for m in range(j):
+                total -= L[i, m] * L[j, m]
+            if i == j:
+                least = min(least, total)
+                L[j, j] = math.sqrt(max(total, ROUNDED))
+            else:
+                L[i, j] = total / L[j, j]
+    for j in range(k):  # the inverse of L, in place
+        L[j, j] = 1.0 / L[j, j]
+        for i in range(j + 1, k):
+            total = 0.0
+            for m in range(j, i):
+                total -= L[i, m] * L[m, j]
+            L[i, j] = total / L[i, i]
+    for i in range(k):
+        for j in range(i + 1):
+            total = 0.0
+            for m in range(i, k):
+                total += L[m, i] * L[m, j]
+            found[i, j] = total * scale[i] * scale[j]
+            found[j, i] = found[i, j]
+    return least
+
+
+def newest(
+    matrix: Matrix,
+    vector: Vector,
+    noise: Matrix,
+    more: Matrix,
+    more_vector: Vector,
+    wider: Vector,
+    widened: Matrix,
+    bias: Vector,
+    mean: Vector,
+    covariance: Matrix,
+) -> None:
+    """Estimate from a memory and samples that are not in it yet.
+
+    Inputs:
+        matrix (k, k), vector (k), noise (k, k): of the memory: sums of information, of vectors, and the covariance of
+            these.
+        more (k, k), more_vector (k): information and vector of the further samples.
+        wider (k): factors on the standard deviations, as in `Memory.wider`.
+        widened (k, k): as from `Levels.wider`.
+        bias (k): that is taken off, and counts as uncertain.
+
+    Outputs:
+        mean (k), covariance (k, k).
+    """
+    k = len(vector)
+    A, P, M, N = np.empty((k, k)), np.empty((k, k)), np.empty((k, k)), np.empty((k, k))
+    left = np.empty(k)
+    for i in range(k):
+        for j in range(k):
+            A[i, j] = matrix[i, j] + more[i, j]
+            N[i, j] = noise[i, j] + more[i, j]
+    _ = inverse(A, P)
+    for i in range(k):
+        mean[i] = 0.0
+        for j in range(k):
+            mean[i] += P[i, j] * (vector[j] + more_vector[j])
+    for i in range(k):  # one step of iterative refinement
+        left[i] = vector[i] + more_vector[i]
+        for j in range(k):
+            left[i] -= A[i, j] * mean[j]
+    for i in range(k):
+        for j in range(k):
+            mean[i] += P[i, j] * left[j]
+        mean[i] -= bias[i]
+    product(P, N, M)
+    product_transposed(M, P, N)
+    for i in range(k):
+        for j in range(k):
+            N[i, j] *= wider[i] * wider[j]
+    product(widened, N, M)
+    product_transposed(M, widened, covariance)
+    for i in range(k):
+        for j in range(k):
+            covariance[i, j] += bias[i] * bias[j]
+
+
+def product(A: Matrix, B: Matrix, found: Matrix) -> None:
+    """Write A B to `found`, all (k, k)."""
+    k = len(A)
+    for i in range(k):
+        for j in range(k):
+            found[i, j] = 0.0
+        for m in range(k):
+            for j in range(k):
+                found[i, j] += A[i, m] * B[m, j]
+
+
+def product_transposed(A: Matrix, B: Matrix, found: Matrix) -> None:
+    """Write A B' to `found`, all (k, k)."""
+    k = len(A)
+    for i in range(k):
+        for j in range(k):
+            found[i, j] = 0.0
+            for m in range(k):
+                found[i, j] += A[i, m] * B[j, m]
