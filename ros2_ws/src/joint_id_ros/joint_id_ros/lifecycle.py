@@ -16,6 +16,7 @@ from rclpy.task import Future
 from joint_id_core.errors import JointIdError
 from joint_id_core.options import check_value
 from joint_id_ros.parameters import declare, from_ros
+from joint_id_ros.running import spare_the_collector
 from joint_id_ros.streams import Streams
 
 SUCCESS, FAILURE, ERROR = (getattr(TransitionCallbackReturn, name) for name in ("SUCCESS", "FAILURE", "ERROR"))
@@ -78,6 +79,7 @@ class ManagedNode(LifecycleNode):
         result = self._step(self.begin)
         if result == SUCCESS:
             self.not_ready = ""
+            spare_the_collector()  # now what was loaded to configure is there, too
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
