@@ -173,6 +173,19 @@ def test_sliding_window_keeps_its_length_and_fills_holes_with_nan():
     assert np.isnan(held["link_position"][-10:]).all()
 
 
+def test_an_estimate_at_every_sample_is_as_good_as_one_from_batches():
+    record, last = motion(4.0), round(3.0 * RATE)
+    singly = OnlineIdentifier(MODEL, options=OnlineOptions(hop_s=1.0 / RATE))
+    found = run(record.slice(0, last), singly, size=1)
+    assert len(found) == pytest.approx(1.0 * RATE, abs=2)
+    assert all(e.converged for e in found)
+    batched = run(record.slice(0, last), OnlineIdentifier(MODEL), size=25)[-1]
+    same = min(found, key=lambda e: abs(e.end - batched.end))
+    for name in TRUTH:
+        assert abs(same[name].value - batched[name].value) < 0.1 * batched[name].std_dev
+        assert same[name].std_dev == pytest.approx(batched[name].std_dev, rel=0.05)
+
+
 def test_misuse_is_named_at_once():
     with pytest.raises(JointIdError, match="no parameter 'k_9'"):
         OnlineIdentifier(MODEL, ParameterSettings({"k_9": 1.0}))

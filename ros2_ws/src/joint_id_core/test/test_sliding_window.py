@@ -73,3 +73,11 @@ def test_its_memory_does_not_grow():
     held = window.recording()
     assert len(held) <= 111
     assert len(held["torque"].base) <= 600
+
+
+def test_samples_that_come_one_by_one_cover_time_too():
+    window = SlidingWindow(1.0)
+    for part in recordings([(1, 0.0, {"torque"})] * 300):
+        window.append(part)
+    assert len(window) in (100, 101)
+    np.testing.assert_allclose(window.end - window.start, 1.0, atol=1.5 * PERIOD)

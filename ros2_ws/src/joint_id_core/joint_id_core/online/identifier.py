@@ -18,6 +18,7 @@ from joint_id_core.estimators.shared.stillness import STILL_S, seen_by
 from joint_id_core.models import Model
 from joint_id_core.online.checks import Background, WindowChecks, at_once
 from joint_id_core.online.follower import YOUNG, Found
+from joint_id_core.online.hops import Hops
 from joint_id_core.online.knowledge import Knowledge
 from joint_id_core.online.motion import MotionWatch
 from joint_id_core.online.options import OnlineOptions
@@ -81,7 +82,7 @@ class OnlineIdentifier:
         self._watch, self._checks = MotionWatch(model, window_s), WindowChecks(window_s, background)
         self._window = SlidingWindow(window_s)  # samples in motion
         self._second_look = SecondLook(window_s, background)
-        self._next = -np.inf  # end of the next hop
+        self._hops = Hops(self.options.hop_s)
         self._alone: Estimate | None = None  # newest fit that converged, where there is no memory
         self._situation = Situation.STARTING
         self._known: Knowledge | None = None  # None while STARTING or RESTARTING
@@ -155,13 +156,10 @@ class OnlineIdentifier:
         if not len(samples):
             return None
         if first:
-            self._next = recent.start + (self.options.window_s if known is None else self.options.hop_s)
+            self._hops.begin(recent.start + (self.options.window_s if known is None else self.options.hop_s))
         if first and known is not None:  # its origin is that of an earlier run
             known.last = replace(known.last, origin=samples.origin, source=samples.source, joint=samples.joint)
-        # Half a sample of slack: a window of 1000 samples ends one period before its length.
-        due = recent.end >= self._next - 1.5 * recent.duration / max(1, len(recent) - 1)
-        if due:
-            self._next = recent.end + self.options.hop_s
+        due = self._hops.ends(recent)
         if not self.remembers:
             return self._without_memory() if due else None
         self._follow(due)

@@ -12,7 +12,7 @@ class OnlineOptions:
     """Options of the online identifier."""
 
     window_s: float = option(2.0, "length of the window that is fitted", "s", lower=0.1, upper=600.0)
-    hop_s: float = option(0.5, "time between two estimates", "s", lower=0.01, upper=600.0)
+    hop_s: float = option(0.5, "time between two estimates", "s", lower=0.001, upper=600.0)
     memory_s: float = option(
         60.0, "time of motion after which what was seen is forgotten; 0 fits every window by itself", "s",
         lower=0.0, upper=1e6,

@@ -85,7 +85,7 @@ class Tracker:
             if name not in held and name not in data.free:
                 self._sharpened.append(i)
         self._n, self._k = len(model.states), len(kernel.sensitive)
-        self._state = State(np.zeros((self._n, 1 + self._n + self._k)), -np.inf, np.zeros(len(model.inputs)))
+        self._state = State(np.zeros((self._n, 2 + self._n + self._k)), -np.inf, np.zeros(len(model.inputs)))
         self._unstored = self._room(1)
         self._take(z)
         self._states = rough_states(data)
@@ -133,7 +133,7 @@ class Tracker:
     def _unsure(self, kept: Array) -> Array:
         """Return a state that says little about the one after a change of the parameters."""
         unsure = kept.copy()
-        unsure[:, 1 + self._n :] = 0.0
+        unsure[:, 1 + self._n : -1] = 0.0
         unsure[:, 1 : 1 + self._n] *= UNSURE
         return unsure
 
@@ -158,8 +158,8 @@ class Tracker:
             if end - settled < LEAST:
                 continue
             mean, spread = start_state(data, begin, self._p)
-            kept = np.zeros((self._n, 1 + self._n + self._k))
-            kept[:, 0] = mean
+            kept = np.zeros((self._n, 2 + self._n + self._k))
+            kept[:, 0] = kept[:, -1] = mean
             kept[:, 1 : 1 + self._n] = np.diag(spread**2)
             self._noise = STATE_NOISE * spread**2
             self._state = State(kept, float(data.time[begin]), data.u[begin])

@@ -84,9 +84,11 @@ class SlidingWindow:
                 f"{samples.source}: time goes backwards from {end:.6f} s to {samples.time[0]:.6f} s: "
                 "these samples were left out"
             )
+        step = float(samples.time[0]) - end
         if count > 1:
             self._period = samples.duration / (count - 1)
-        step = float(samples.time[0]) - end
+        elif step < (self._period or np.inf):  # samples that come one by one
+            self._period = step
         part = _Part(count, samples.duration + (step if step < REST * self._period else self._period))
         self._write(samples)
         self._parts.append(part)

@@ -53,7 +53,8 @@ def track(
     small that smoothed friction makes the cell stiff, or may cross zero, a sample takes `many` integrator steps.
 
     Inputs as in `innovations`, and:
-        kept (NX, 1 + NX + NP): filtered state, its covariance and its derivatives by the parameters; updated.
+        kept (NX, 2 + NX + NP): filtered state, its covariance, its derivatives by the parameters, and the state one
+            sample before; updated.
         stiff (NX): speed below which friction makes the cell stiff; negative for states without friction.
 
     Outputs:
@@ -69,7 +70,7 @@ def track(
     restart(x, V, Q_x)
     for m in range(NX):
         x[m] = kept[m, 0]
-        last[m] = x[m]
+        last[m] = kept[m, 1 + NX + NP]
         for n in range(NX):
             V[AT_P + m * NX + n] = kept[m, 1 + n]
         for j in range(NP):
@@ -94,6 +95,7 @@ def track(
             return math.nan
     for m in range(NX):
         kept[m, 0] = x[m]
+        kept[m, 1 + NX + NP] = last[m]
         for n in range(NX):
             kept[m, 1 + n] = V[AT_P + m * NX + n]
         for j in range(NP):
