@@ -9,13 +9,10 @@ from pathlib import Path
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from joint_id_core.data.instants import instant
 from joint_id_core.errors import JointIdError
 from joint_id_core.online import baseline_file
 from joint_id_core.online.drift import Drift, DriftMonitor
 from joint_id_core.results.estimate import Estimate
-from joint_id_msgs.msg import ParameterDrift
-from joint_id_ros.conversions import to_stamp
 from joint_id_ros.options.baselines import BaselineOptions
 
 SERVICE = "~/set_baseline"
@@ -59,7 +56,7 @@ class Baselines:
         if found:
             self._node.get_logger().info(f"watching for drift from the baselines of {', '.join(sorted(found))}")
 
-    def drifts(self, joint: str, estimate: Estimate, origin_ns: int) -> list[ParameterDrift]:
+    def drifts(self, joint: str, estimate: Estimate, origin_ns: int) -> list[Drift]:
         """Return the parameters of a joint that have left its baseline; times of the estimate count from the origin."""
         with self._lock:
             if joint not in self._monitors:
@@ -69,7 +66,7 @@ class Baselines:
                 monitor = _monitor(joint, monitor.baseline, self._options)
                 self._monitors[joint] = origin_ns, monitor
             try:
-                return [_message(drift, origin_ns) for drift in monitor.update(estimate)]
+                return list(monitor.update(estimate))
             except JointIdError as error:
                 self._problem("no comparison with the baseline", f"joint {joint}: {error}")
                 return []
@@ -108,11 +105,3 @@ def _monitor(joint: str, baseline: Estimate, options: BaselineOptions) -> DriftM
         return DriftMonitor(baseline, options)
     except JointIdError as error:
         raise JointIdError(f"joint {joint}: {error}") from None
-
-
-def _message(drift: Drift, origin_ns: int) -> ParameterDrift:
-    return ParameterDrift(
-        name=drift.name, unit=drift.unit, baseline=drift.baseline, value=drift.value, std_dev=drift.std_dev,
-        confidence=drift.confidence, since=to_stamp(instant(drift.since, origin_ns)),
-        temperature_change=drift.warmer, text=drift.text,
-    )  # fmt: skip

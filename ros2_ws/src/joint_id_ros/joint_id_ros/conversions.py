@@ -8,13 +8,13 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 
-from joint_id_core.data.instants import NANO, instant, seconds
+from joint_id_core.data.instants import NANO
 from joint_id_core.data.signals import LARGEST
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.topics import Topic
 from joint_id_core.models import Model
-from joint_id_core.results.estimate import Estimate, Status, Verdict
-from joint_id_msgs.msg import JointEstimate, JointParams, ParameterChange, ParameterEstimate
+from joint_id_core.results.estimate import Status, Verdict
+from joint_id_msgs.msg import JointEstimate, ParameterEstimate
 
 STATUS_CODES = {status: getattr(JointEstimate, status.name) for status in Status}
 VERDICT_CODES = {verdict: getattr(ParameterEstimate, verdict.name) for verdict in Verdict}
@@ -56,70 +56,6 @@ def check_message(topic: Topic, message: Any) -> None:
             if abs(value) > LARGEST:  # false for NaN
                 what = "infinite" if math.isinf(value) else f"{value:.3g}, which no joint can have"
                 raise JointIdError(f"{topic.name}: {field} of joint {name} is {what}: use NaN for a missing value")
-
-
-def to_params_message(estimates: Mapping[str, JointEstimate]) -> JointParams:
-    """Return the estimates of all joints; the stamp is the newest end of a window."""
-    message = JointParams(joints=[estimates[name] for name in sorted(estimates)])
-    if message.joints:
-        message.header.stamp = max(message.joints, key=lambda joint: nanoseconds(joint.window_end)).window_end
-    return message
-
-
-def to_estimate_message(joint: str, newest: Estimate, good: Estimate | None, origin_ns: int) -> JointEstimate:
-    """Return the message of the newest fit and the newest good one (None if there is none).
-
-    Their times count from the origin.
-    """
-    found = good or newest
-    signals = sorted({*newest.nrmse, *newest.noise})
-    end_ns, found_end_ns = instant(newest.end, origin_ns), instant(found.end, origin_ns)
-    return JointEstimate(
-        joint=joint,
-        model=newest.model,
-        estimator=newest.estimator,
-        window_start=to_stamp(instant(newest.start, origin_ns)),
-        window_end=to_stamp(end_ns),
-        samples=newest.samples,
-        status=STATUS_CODES[newest.status],
-        message=newest.message,
-        signal=signals,
-        nrmse=[newest.nrmse.get(name, math.nan) for name in signals],
-        noise_std=[newest.noise.get(name, math.nan) for name in signals],
-        chi2=newest.chi2,
-        substeps=newest.substeps,
-        iterations=newest.iterations,
-        solve_time=newest.elapsed_s,
-        parameters_status=STATUS_CODES[found.status],
-        parameters_start=to_stamp(instant(found.start, origin_ns)),
-        parameters_end=to_stamp(found_end_ns),
-        temperature=found.temperature,
-        age=seconds(end_ns, found_end_ns),
-        parameters=[
-            ParameterEstimate(
-                name=p.name,
-                unit=p.unit,
-                value=p.value,
-                std_dev=p.std_dev,
-                verdict=VERDICT_CODES[p.verdict],
-                reason=p.reason,
-            )
-            for p in found.parameters
-        ],
-        free=list(found.free),
-        covariance=found.covariance.ravel().tolist(),
-        changes=[
-            ParameterChange(
-                name=c.name,
-                before=c.before,
-                before_std_dev=c.before_std_dev,
-                after=c.after,
-                after_std_dev=c.after_std_dev,
-                since=to_stamp(instant(c.since, origin_ns)),
-            )
-            for c in found.changes
-        ],
-    )
 
 
 def to_truth_message(joint: str, model: Model, values: Mapping[str, float], since_ns: int) -> JointEstimate:

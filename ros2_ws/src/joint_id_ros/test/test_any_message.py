@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 
 from joint_id_core.formats.topics import CONDITIONS, RAW, SAMPLES
 from joint_id_core.rtde.client import Sample
-from joint_id_msgs.msg import JointSamples
+from joint_id_msgs.msg import JointParams, JointSamples
 from joint_id_ros import conversions as convert
 from joint_id_ros.nodes.driver import DriverNode
 from joint_id_ros.nodes.filter import KINDS, FilterNode
@@ -135,7 +135,7 @@ def test_the_identifier_goes_on_after_any_samples(ros):
         good.link_position, good.torque = [0.5], [0.0]
         node.streams.pass_on({"joint_samples": [(serialize_message(good), {})]})
     drained()
-    newest = out.messages[-1]
+    newest = deserialize_message(out.messages[-1], JointParams)
     assert newest.header.stamp.sec == BEGIN // 10**9
     assert "joint" in [j.joint for j in newest.joints]
 

@@ -18,10 +18,10 @@ from joint_id_core.online.options import OnlineOptions
 from joint_id_core.results.estimate import Estimate
 from joint_id_core.stored.knowledge import StoredKnowledge
 from joint_id_msgs.msg import JointSamples
-from joint_id_ros import conversions as convert
 from joint_id_ros.baselines import Baselines
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.ending import SILENT_S, Ending
+from joint_id_ros.estimate_bytes import to_values
 from joint_id_ros.identifier_health import IdentifierHealth
 from joint_id_ros.identifier_setup import IdentifierSetup
 from joint_id_ros.knowledge_services import serve
@@ -113,7 +113,7 @@ class IdentifierNode(ManagedNode):
         options, hop_s = self._setup.model, self._setup.online.hop_s
         self._knowledge.begin(options.joints, self._setup.possible)
         restored = {
-            joint: convert.to_estimate_message(joint, one.newest, one.estimate, one.origin_ns)
+            joint: to_values(joint, one.newest, one.estimate, one.origin_ns)
             for joint, one in self._knowledge.restored.items()
         }
         self._latest.begin(restored)
@@ -170,9 +170,8 @@ class IdentifierNode(ManagedNode):
     def _on_estimate(self, joint: str, estimate: Estimate, origin_ns: int) -> None:
         """Take an estimate, to be published; called from the worker's threads."""
         good = self._knowledge.add(joint, estimate, origin_ns)
-        message = convert.to_estimate_message(joint, estimate, good, origin_ns)
-        message.drifts = self._baselines.drifts(joint, estimate, origin_ns)
-        self._latest.put(joint, message)
+        drifts = self._baselines.drifts(joint, estimate, origin_ns)
+        self._latest.put(joint, to_values(joint, estimate, good, origin_ns, drifts))
         self._fits[estimate.status.value] += 1
 
     def _on_gone(self, joint: str) -> None:
