@@ -8,10 +8,10 @@ filter starts again where motion begins.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.data.signals import CHANNELS, side_of
@@ -55,19 +55,19 @@ def still(
         filled = row if len(row) == len(values) else np.interp(np.arange(len(values)), np.flatnonzero(known), row)
         if slack > CREDIBLE * scale:
             continue
-        if noise is None and _hidden(name, filled, slack, count):
-            continue
         # The first and the last sample of a stretch already tell most motion from rest.
         if (np.abs(filled[count - 1 :] - filled[: 1 - count]) > slack + SLOW * scale).all():
             return np.zeros(len(y), dtype=bool)
         shown.append((name, filled, slack))
-    if not shown:
-        return np.zeros(len(y), dtype=bool)
-    quiet = np.ones(len(y) - count + 1, dtype=bool)
+    quiet: NDArray[np.bool_] | None = None
     for name, filled, slack in shown:
-        views = np.lib.stride_tricks.sliding_window_view(filled, count)
-        size = views.max(axis=1) - views.min(axis=1)
-        quiet &= _calm(name, slack, size, views.mean(axis=1), count)
+        size = _ranges(filled, count)
+        if noise is None and _hidden(name, filled, size, slack):
+            continue
+        calm = _calm(name, slack, size, filled, count)
+        quiet = calm if quiet is None else quiet & calm
+    if quiet is None:
+        return np.zeros(len(y), dtype=bool)
     # a sample is at rest if any quiet stretch of `count` samples holds it
     return np.convolve(quiet, np.ones(count, dtype=int))[: len(y)] > 0
 
@@ -131,13 +131,26 @@ def wound_up(
     return found, int(len(rest) - 1 - rested[-1]) if found[-1] else None
 
 
-def _hidden(name: str, values: Array, slack: float, count: int) -> bool:
-    """Return whether the noise of a label hides the motion of this record, in which the joint moves."""
-    views = np.lib.stride_tricks.sliding_window_view(values, count)
-    size = views.max(axis=1) - views.min(axis=1)
-    if BLIND * slack <= float(np.quantile(size, 0.9)):
+def _ranges(values: Array, count: int) -> Array:
+    """Return the range of every stretch of `count` samples of values (T,), shape (T - count + 1,)."""
+    inner = slice(count // 2, count // 2 + len(values) - count + 1)
+    return np.asarray(maximum_filter1d(values, count)[inner] - minimum_filter1d(values, count)[inner])
+
+
+def _hidden(name: str, values: Array, size: Array, slack: float) -> bool:
+    """Return whether the noise of a label hides the motion of this record, in which the joint moves.
+
+    `size` are the ranges of its stretches.
+    """
+    if BLIND * slack <= _ninetieth(size):
         return False
-    return not _calm(name, slack, np.ptp(values), values.mean(), len(values))
+    return not bool(_calm(name, slack, np.ptp(values, keepdims=True), values, len(values))[0])
+
+
+def _ninetieth(values: Array) -> float:
+    """Return the value that nine of ten values (n,) do not exceed; a partition takes a tenth of `np.quantile`."""
+    place = int(0.9 * (len(values) - 1))
+    return float(np.partition(values, place)[place])
 
 
 def seen_by(labels: tuple[str, ...], y: Array, period: float, noise: Mapping[str, float]) -> dict[str, float]:
@@ -148,7 +161,7 @@ def seen_by(labels: tuple[str, ...], y: Array, period: float, noise: Mapping[str
         row = values[np.isfinite(values)]
         if len(row) > count:
             size = np.abs(row[count:] - row[:-count])
-            if BLIND * NOISY * noise[name] <= float(np.quantile(size, 0.9)):
+            if BLIND * NOISY * noise[name] <= _ninetieth(size):
                 found[name] = noise[name]
     return found
 
@@ -158,12 +171,13 @@ def _slack(row: Array) -> float:
     return float(NOISY * np.sqrt(rough_noise(row)) + 2.0 * _resolution(row))
 
 
-def _calm(name: str, slack: float, size: Any, mean: Any, count: int) -> Any:
-    """Return whether stretches of `count` samples with this range and mean are those of a joint at rest."""
+def _calm(name: str, slack: float, size: Array, values: Array, count: int) -> NDArray[np.bool_]:
+    """Return whether stretches of `count` samples of values (T,), with these ranges, are those of a joint at rest."""
     speed = SLOW * CHANNELS[name].scale
     if name.endswith("_position"):
-        return size <= slack + speed * STILL_S
-    return (size <= slack + speed) & (np.abs(mean) <= 0.5 * slack / np.sqrt(count) + speed)
+        return np.asarray(size <= slack + speed * STILL_S)
+    mean = np.convolve(values, np.full(count, 1.0 / count), "valid")
+    return np.asarray((size <= slack + speed) & (np.abs(mean) <= 0.5 * slack / np.sqrt(count) + speed))
 
 
 def _resolution(row: Array) -> float:
