@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from joint_id_core.models import build
 from joint_id_core.online import OnlineIdentifier
 from joint_id_core.online.levels import DOUBTED, MOST_LOST, UNKNOWN, Levels
 from joint_id_core.online.noise_effects import noise_information
+from joint_id_core.online.piece import Samples, merged
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
 from joint_id_core.simulation.sensors import Sensors
 
@@ -119,6 +121,24 @@ def test_doubted_levels_are_learned_anew_from_the_samples_since_then():
     follower._learn_noise(tracker, [newest], anew=True)
     kept = np.exp(-newest.duration / identifier.options.memory_s)
     np.testing.assert_allclose(levels._information, kept * before + more, rtol=1e-9)
+
+
+def test_what_passes_in_parts_have_stored_tells_the_noise_as_one_pass_does():
+    shown, _ = ordinary(4, 3000)
+    identifier = OnlineIdentifier(MODEL, ParameterSettings(KNOWN))
+    for part in batches(shown, 50):
+        identifier.update(part)
+    tracker = identifier._known.follower.tracker
+    whole = identifier._known.follower.memory.blocks[-1]
+    tracker._state, edges = whole.begin, [0, 1, 40, 41, 180, len(whole.samples.time)]
+    tracker._take(whole.z)
+    parts = [
+        tracker.run(Samples(whole.samples.time[a:b], whole.samples.u[a:b], whole.samples.y[a:b]))
+        for a, b in pairwise(edges)
+    ]
+    found, expected = noise_information(tracker, merged(parts)), noise_information(tracker, replace(whole, passed=None))
+    for name in ("score", "matrix", "cross"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-6, atol=1e-6)
 
 
 def widened(levels, inverse):

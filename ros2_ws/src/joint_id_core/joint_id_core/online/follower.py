@@ -202,7 +202,7 @@ class Follower:
             self.tested_from = block.begin.time
             self.noise_changed = self._noise_changed()
             passed_again = self._refine(self.tracker)
-            self._learn_noise(self.tracker, self.memory.blocks[-1:], anew=passed_again)
+            self._learn_noise(self.tracker, self.memory.blocks[-1:] if passed_again else [block], anew=passed_again)
         elif self.age_s < YOUNG * self._options.window_s:
             self.found = Found.WRONG_START
         else:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtri
@@ -146,7 +146,8 @@ class Memory:
     def add(self, piece: Piece, memory_s: float) -> None:
         """Add a block of samples, after forgetting a part of what is known."""
         precision = self.matrix @ solve(self._noise, self.matrix)
-        self._blocks.append(_Step(self.matrix, self.vector, self._noise, precision, precision @ self.mean, piece))
+        bare = piece if piece.passed is None else replace(piece, passed=None)
+        self._blocks.append(_Step(self.matrix, self.vector, self._noise, precision, precision @ self.mean, bare))
         kept = float(np.exp(-piece.duration / memory_s))
         widened = (1.0 - kept) * self._least
         mean = self.mean

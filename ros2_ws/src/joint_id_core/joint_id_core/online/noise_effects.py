@@ -1,6 +1,6 @@
 """What a stretch of samples says of the noise, and what noise does to what the stretch says of the parameters.
 
-Each function passes the stretch through the filter again; the filter then goes on as if it had not.
+The functions pass a stretch through the filter again; the filter then goes on as if it had not.
 """
 
 from __future__ import annotations
@@ -30,10 +30,11 @@ def weight(seen: int) -> int:
 def noise_information(tracker: Tracker, piece: Piece) -> NoiseInformation | None:
     """Return what a stretch says of the logarithms of the noise levels; None if the path or its derivatives diverge.
 
-    The parameters are those of the estimation coordinates.
+    The parameters are those of the estimation coordinates. Of a stretch that was not passed just now, the filter passes
+    it again.
     """
     levels, data = tracker.levels, tracker.data
-    found = tracker.passed_again(piece, levels, stored=True)
+    found = piece.passed or tracker.passed_again(piece, levels, stored=True)
     if not np.isfinite(found.cost):
         return None
     score, matrix = np.empty_like(levels), np.empty((len(levels), len(levels)))

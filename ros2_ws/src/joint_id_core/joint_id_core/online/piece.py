@@ -41,33 +41,6 @@ class State:
 
 
 @dataclass(frozen=True)
-class Piece:
-    """What a stretch of samples says about the free parameters, in estimation coordinates z.
-
-    Attributes:
-        matrix, vector: information matrix H (k, k) and vector h (k,): the stretch alone says H z = h.
-        white: innovations over their standard deviations, shape (T, labels), NaN where a label is missing.
-        begin: state of the filter before the stretch.
-        samples: the samples.
-        z: parameters at which the filter ran, shape (k,).
-        smoothing: of its friction, relative to that of a fit.
-    """
-
-    matrix: Array
-    vector: Array
-    white: Array
-    begin: State
-    samples: Samples
-    z: Array
-    smoothing: float
-
-    @property
-    def duration(self) -> float:
-        """Length in s."""
-        return float(self.samples.time[-1] - self.begin.time) if len(self.samples.time) else 0.0
-
-
-@dataclass(frozen=True)
 class Passed:
     """Outputs of `loops.tracking.track`, whose first row is the sample before, and its labels."""
 
@@ -82,6 +55,48 @@ class Passed:
     sensitivities: Array
     matrix: Array
     score: Array
+
+    @classmethod
+    def joined(cls, parts: Sequence[Passed]) -> Passed:
+        """Return the outputs of passes, of which each begins where the one before ended, as those of one pass."""
+        last = parts[-1]
+        rows = {
+            name: np.concatenate([getattr(parts[0], name), *(getattr(part, name)[1:] for part in parts[1:])])
+            for name in ("y", "errors", "variances", "gains", "shown", "sensitivities")
+        }
+        slopes = [*(part.slopes[:-1] for part in parts[:-1]), last.slopes]  # each is that to the next sample
+        matrix, score = (np.sum([getattr(part, name) for part in parts], axis=0) for name in ("matrix", "score"))
+        cost = sum(part.cost for part in parts)
+        return cls(cost=cost, kept=last.kept, slopes=np.concatenate(slopes), matrix=matrix, score=score, **rows)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """What a stretch of samples says about the free parameters, in estimation coordinates z.
+
+    Attributes:
+        matrix, vector: information matrix H (k, k) and vector h (k,): the stretch alone says H z = h.
+        white: innovations over their standard deviations, shape (T, labels), NaN where a label is missing.
+        begin: state of the filter before the stretch.
+        samples: the samples.
+        z: parameters at which the filter ran, shape (k,).
+        smoothing: of its friction, relative to that of a fit.
+        passed: what the filter stored for `noise_information`; only the newest block needs it.
+    """
+
+    matrix: Array
+    vector: Array
+    white: Array
+    begin: State
+    samples: Samples
+    z: Array
+    smoothing: float
+    passed: Passed | None = None
+
+    @property
+    def duration(self) -> float:
+        """Length in s."""
+        return float(self.samples.time[-1] - self.begin.time) if len(self.samples.time) else 0.0
 
 
 class Block:
@@ -113,6 +128,7 @@ def merged(pieces: Sequence[Piece]) -> Piece:
     """Return consecutive pieces of the same reference as one."""
     if len(pieces) == 1:
         return pieces[0]
+    passed = [piece.passed for piece in pieces if piece.passed is not None]
     return Piece(
         np.sum([piece.matrix for piece in pieces], axis=0),
         np.sum([piece.vector for piece in pieces], axis=0),
@@ -121,4 +137,5 @@ def merged(pieces: Sequence[Piece]) -> Piece:
         joined([piece.samples for piece in pieces]),
         pieces[0].z,
         max(piece.smoothing for piece in pieces),
+        Passed.joined(passed) if len(passed) == len(pieces) else None,
     )

@@ -207,7 +207,7 @@ class Tracker:
 
     def run(self, samples: Samples) -> Piece | None:
         """Run over new samples; None if the path diverges or a gap is too long: then start a new tracker."""
-        found = self._run(self._state, samples, (1.5 + LONGEST_GAP) * self.data.period)
+        found = self._run(self._state, samples, (1.5 + LONGEST_GAP) * self.data.period, stored=True)
         if found is None:
             return None
         self._state = found[0]
@@ -263,11 +263,16 @@ class Tracker:
         self._take(z)
         return found
 
-    def _run(self, begin: State, samples: Samples, longest: float = np.inf) -> tuple[State, float, Piece] | None:
-        """Return state, cost and result; None if the path diverges or a step is longer than `longest` (s)."""
+    def _run(
+        self, begin: State, samples: Samples, longest: float = np.inf, stored: bool = False
+    ) -> tuple[State, float, Piece] | None:
+        """Return state, cost and result; None if the path diverges or a step is longer than `longest` (s).
+
+        `stored` as in `passed_again`.
+        """
         if longest < np.inf and _longest_step(begin.time, samples.time) > longest:
             return None
-        found = self._passed(begin, samples)
+        found = self._passed(begin, samples, stored)
         if not np.isfinite(found.cost):
             return None
         columns, slope = self.columns, self._slope
@@ -279,7 +284,8 @@ class Tracker:
             white[missing] = np.nan
         last = len(samples.time) > 0
         state = State(found.kept, float(samples.time[-1]) if last else begin.time, samples.u[-1] if last else begin.u)
-        return state, found.cost, Piece(H, g + H @ self.z, white, begin, samples, self.z, self.smoothing)
+        passed = found if stored else None
+        return state, found.cost, Piece(H, g + H @ self.z, white, begin, samples, self.z, self.smoothing, passed)
 
     def _room(self, rows: int) -> tuple[Array, Array, Array, Array]:
         """Return gains, slopes, derivatives of the readings and sensitivities for `track` to fill."""
