@@ -9,11 +9,13 @@ import numpy as np
 
 from joint_id_core.alignment.aligner import AlignedSamples
 from joint_id_core.data.instants import NANO, seconds
-from joint_id_core.data.recording import Array, Recording
+from joint_id_core.data.recording import Recording
 from joint_id_core.formats.cdr import Layout
 from joint_id_core.formats.topics import MEASURED_BITS, SAMPLES
 from joint_id_msgs.msg import JointSamples
-from joint_id_ros.raw_messages import RawMessage, layout_of
+from joint_id_ros.raw_messages import RawMessage, Table, layout_of
+
+CHANNELS = tuple(SAMPLES.fields.values())
 
 
 class SamplesWriter:
@@ -50,29 +52,40 @@ def to_recordings(messages: Sequence[RawMessage], origin_ns: int, source: str) -
     The messages must be in the order of their stamps. A channel is derived if any of the messages says so. A channel
     without any value is left out.
     """
-    times: dict[str, list[Array]] = {}
-    columns: dict[str, dict[str, list[Array]]] = {}
-    derived: dict[str, set[str]] = {}
-    for (joints, names, measured), alike in groupby(messages, key=_form):
-        group = list(alike)
-        time = np.array([seconds(message.stamp_ns, origin_ns) for message in group])
-        known = {name: np.array([message.channels[name] for message in group]).T for name in names}
-        missing = np.full(len(group), np.nan)
-        unmeasured = {name for name in names if not measured & MEASURED_BITS[name]}
-        for k, joint in enumerate(joints):
-            times.setdefault(joint, []).append(time)
-            column = columns.setdefault(joint, {channel: [] for channel in SAMPLES.fields})
-            for channel, parts in column.items():
-                parts.append(known[channel][k] if channel in known else missing)
-            derived.setdefault(joint, set()).update(unmeasured)
+    time = np.array([seconds(message.stamp_ns, origin_ns) for message in messages])
+    checked = Recording(time, {}, source=source)  # the values were checked when they were read
+    groups = [(table, measured, [m.row for m in some]) for (table, measured), some in groupby(messages, key=_source)]
+    derived: dict[str, set[str]] = {joint: set() for table, _, _ in groups for joint in table.name}
+    joints = list(derived)
+    values = np.full((len(joints), len(CHANNELS), len(messages)), np.nan)
+    named = np.zeros((len(joints), len(messages)), dtype=bool)
+    begin = 0
+    for table, measured, numbers in groups:
+        rows, end = _index(numbers), begin + len(numbers)
+        places = _index([joints.index(joint) for joint in table.name])
+        named[places, begin:end] = True
+        for channel, known in table.channels.items():
+            values[places, CHANNELS.index(channel), begin:end] = known[rows].T
+        unmeasured = {channel for channel in table.channels if not measured & MEASURED_BITS[channel]}
+        for joint in table.name:
+            derived[joint] |= unmeasured
+        begin = end
     recordings = {}
-    for joint, column in columns.items():
-        joined = {channel: np.concatenate(parts) for channel, parts in column.items()}
-        found = {channel: values for channel, values in joined.items() if not np.isnan(values).all()}
-        marks = frozenset(derived[joint] & set(found))
-        recordings[joint] = Recording(np.concatenate(times[joint]), found, marks, source=source, joint=joint)
+    missing, everywhere = np.isnan(values), named.all()
+    for joint, own, gone, here in zip(joints, values, missing.all(axis=2).tolist(), named, strict=True):
+        found = {channel: row for channel, row, none in zip(CHANNELS, own, gone, strict=True) if not none}
+        if not everywhere:
+            found = {channel: row[here] for channel, row in found.items()}
+        marks = frozenset(derived[joint].intersection(found))
+        recordings[joint] = checked.trusted(time if everywhere else time[here], found, marks, joint)
     return recordings
 
 
-def _form(message: RawMessage) -> tuple[tuple[str, ...], tuple[str, ...], int]:
-    return message.name, tuple(message.channels), message.measured
+def _source(message: RawMessage) -> tuple[Table, int]:
+    return message.table, message.measured
+
+
+def _index(numbers: list[int]) -> slice | list[int]:
+    """Return an index of these rows, if possible one that copies nothing."""
+    first = numbers[0]
+    return slice(first, first + len(numbers)) if numbers == list(range(first, first + len(numbers))) else numbers

@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from joint_id_ros.raw_messages import RawMessage
+from joint_id_ros.raw_messages import RawMessage, Table
 from joint_id_ros.worker import GONE_S, KEEP_S, QUEUE_S, Callbacks, Worker
 
 PERIOD_NS = 10_000_000
@@ -52,8 +52,9 @@ def working():
 
 def add(worker, first, last, names=("a",)):
     """Add samples `first` to before `last`."""
+    table = Table(tuple(names), {"link_position": np.zeros((last - first, len(names)))})
     for k in range(first, last):
-        worker.add(RawMessage(10**12 + k * PERIOD_NS, tuple(names), {"link_position": np.zeros(len(names))}))
+        worker.add(RawMessage(10**12 + k * PERIOD_NS, table, k - first))
 
 
 def until(condition):

@@ -126,11 +126,18 @@ class Recording:
         """Return the samples i to j (exclusive)."""
         return self.trusted(self.time[i:j], {n: v[i:j] for n, v in self.channels.items()}, self.derived)
 
-    def trusted(self, time: Array, channels: Mapping[str, Array], derived: frozenset[str]) -> Recording:
-        """Build a recording of the same source from samples that were already checked, without a new check."""
+    def trusted(
+        self, time: Array, channels: Mapping[str, Array], derived: frozenset[str], joint: str | None = None
+    ) -> Recording:
+        """Build a recording of the same source from samples that were already checked, without a new check.
+
+        It is of the same joint, unless another one is given.
+        """
         made = object.__new__(Recording)
         new = {"time": time, "channels": channels, "derived": derived, "_steps": time[1:] - time[:-1]}
         made.__dict__.update(self.__dict__, **new)
+        if joint is not None:
+            made.__dict__["joint"] = joint
         return made
 
     def with_channels(self, changes: Mapping[str, Array], derived: bool = False) -> Recording:
