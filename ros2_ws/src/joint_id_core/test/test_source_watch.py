@@ -14,6 +14,8 @@ JOINTS_OF_ARM = ("elbow", "wrist")
 class Robot:
     """A publisher whose messages a watch sees, with the real time that passes."""
 
+    together = 1  # messages that are read at once
+
     def __init__(self, period_ms=2, publishers=1):
         self.now_s, self.stamp_ns, self.sequence, self.period_ms = 0.0, BEGIN, 0, period_ms
         self.joints = JOINTS_OF_ARM
@@ -29,15 +31,44 @@ class Robot:
     def send(self, samples=1, waited_s=0.0):
         """Send some messages that arrive; whether all were admitted."""
         taken = True
-        for _ in range(samples):
-            self.skip(1, sent=True)
-            taken &= self.watch.admit(self.stamp_ns, self.joints, self.sequence, waited_s)
+        for first in range(0, samples, self.together):
+            messages = []
+            for _ in range(min(self.together, samples - first)):
+                self.skip(1, sent=True)
+                messages.append((self.stamp_ns, self.sequence))
+            stamps_ns, sequences = zip(*messages, strict=True)
+            if self.together == 1 or not self.watch.usual(stamps_ns, self.joints, sequences, waited_s):
+                taken &= all([self.watch.admit(stamp, self.joints, k, waited_s) for stamp, k in messages])
         return taken
 
     @property
     def told(self):
         """Kinds of what happened so far."""
         return [event.kind for event in self.watch.events]
+
+
+@pytest.fixture(autouse=True, scope="module", params=[1, 5, 50])
+def together(request):
+    """Every test holds for messages one by one, and for many that are read together."""
+    Robot.together = request.param
+
+
+def test_what_follows_as_before_is_usual_and_nothing_else():
+    robot = Robot()
+    robot.send(60)
+    stamps, sequences = ([robot.stamp_ns + k * 2 * MS for k in (1, 2, 3)], [robot.sequence + k for k in (1, 2, 3)])
+    for odd in (
+        ([*stamps[:2], stamps[2] + MS], JOINTS_OF_ARM, sequences),
+        (stamps, JOINTS_OF_ARM[:1], sequences),
+        (stamps, JOINTS_OF_ARM, [*sequences[:2], sequences[2] + 1]),
+        (stamps, JOINTS_OF_ARM, [k + 1 for k in sequences]),
+        (stamps, JOINTS_OF_ARM, [None, None, None]),
+        ([k + 2 * MS for k in stamps], JOINTS_OF_ARM, sequences),
+        ([robot.stamp_ns, *stamps[:2]], JOINTS_OF_ARM, sequences),
+    ):
+        assert not robot.watch.usual(*odd, 0.0)
+    assert robot.watch.usual(stamps, JOINTS_OF_ARM, sequences, 0.25)
+    assert robot.watch.slowest_s == 0.25 and not robot.told
 
 
 def test_a_healthy_stream_is_no_news():

@@ -26,7 +26,7 @@ BAD_INPUT = 2  # exit code
 ENDED_EARLY = 3  # exit code
 STOPPING = threading.Event()  # set by the first signal; a callback that takes long ends early then
 POLL_S = 0.1  # longest time until a signal is noticed in an idle node
-TURN_S = 0.03  # time between two turns of the executor in a node that reads streams
+TURN_S = 0.035  # time between two turns of the executor in a node that reads streams
 
 
 class EndedEarlyError(JointIdError):
@@ -67,7 +67,6 @@ def run(name: str, kind: str) -> int:
     from rclpy.signals import SignalHandlerOptions
 
     from joint_id_ros.parameters import PARAMETER_ERRORS
-    from joint_id_ros.streams import READ_S
 
     make = getattr(import_module(f"joint_id_ros.nodes.{name}"), kind)
     node = executor = None
@@ -79,15 +78,16 @@ def run(name: str, kind: str) -> int:
         spare_the_collector()
         spinning, next_turn, next_reading = True, 0.0, 0.0
         while not signals and not node.finished.done():
-            if node.streams is None:
+            streams = node.streams
+            if streams is None:
                 executor.spin_once(timeout_sec=POLL_S)
                 continue
-            node.streams.read()
+            streams.read()
             if time.monotonic() >= next_turn:
                 executor.spin_once(timeout_sec=0.0)
                 next_turn = time.monotonic() + TURN_S
             now = time.monotonic()
-            next_reading = max(next_reading + READ_S, now)
+            next_reading = max(next_reading + streams.read_s, now)
             time.sleep(next_reading - now)
         if node.finished.done() and node.finished.result() is not None:
             raise node.finished.result()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -16,6 +16,7 @@ from joint_id_core.alignment.source_watch import SILENT_S, SourceEvent, SourceWa
 from joint_id_core.data.instants import NANO
 from joint_id_ros.diagnostics import Diagnostics
 from joint_id_ros.options.reading import RELIABLE
+from joint_id_ros.raw_messages import RawMessage
 
 BEAT_S = 0.25  # period of the checks that this process runs at all
 STALL_S = 0.5  # silence of these checks from which the process counts as stopped
@@ -23,6 +24,7 @@ BACKLOG_S = 30.0  # longest time that reading what has waited may take
 LOOK_S = 1.0  # period of the looks at the graph
 LATE_S = 0.5  # samples that wait longer until they are read are a warning ...
 TOO_LATE_S = 2.0  # ... and then an error
+SEQUENCE = "publication_sequence_number"  # what rclpy calls the number that a publisher gave a message
 
 
 class Sources:
@@ -45,7 +47,21 @@ class Sources:
         self._stalled_s, self._stall_ended_s = 0.0, -BACKLOG_S
         self._timer = node.create_timer(BEAT_S, self._beat, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def admit(self, topic: str, stamp_ns: int, message: Any, info: Mapping[str, Any]) -> bool:
+    def usual(self, topic: str, messages: Sequence[RawMessage], infos: Sequence[Mapping[str, Any]]) -> bool:
+        """Take messages that were read together into account, as `admit` does, if there is nothing odd about them.
+
+        Otherwise return False: each of them must be given to `admit`.
+        """
+        watch = self._watches.get(topic)
+        if watch is None or messages[0].table is not messages[-1].table:
+            return watch is None
+        stamps_ns = [message.stamp_ns for message in messages]
+        waited_s = max(self._waited(infos[0]), self._waited(infos[-1]))
+        usual = watch.usual(stamps_ns, messages[0].name, [info.get(SEQUENCE) for info in infos], waited_s)
+        self._tell(topic, watch)
+        return usual
+
+    def admit(self, topic: str, message: RawMessage, info: Mapping[str, Any]) -> bool:
         """Take a message with its `info` from rclpy into account; return False if it must be left out.
 
         Messages of topics that are not watched are taken as they come.
@@ -53,16 +69,22 @@ class Sources:
         watch = self._watches.get(topic)
         if watch is None:
             return True
+        admitted = watch.admit(message.stamp_ns, message.name, info.get(SEQUENCE), self._waited(info))
+        self._tell(topic, watch)
+        return admitted
+
+    def _waited(self, info: Mapping[str, Any]) -> float:
+        """Return the time in s that a message waited until it was read."""
         arrived_ns = info.get("received_timestamp") or 0
-        waited_s = max(
-            (time.time_ns() - arrived_ns) / NANO if arrived_ns else 0.0, self._stall(info.get("source_timestamp"))
-        )
-        admitted = watch.admit(stamp_ns, message.name, info.get("publication_sequence_number"), waited_s)
+        waited_s = (time.time_ns() - arrived_ns) / NANO if arrived_ns else 0.0
+        return max(waited_s, self._stall(info.get("source_timestamp")))
+
+    def _tell(self, topic: str, watch: SourceWatch) -> None:
+        """Report what happened on a topic."""
         while watch.events:
             event = watch.events.popleft()
             self._diagnostics.problem(event.kind, event.text)
             self._changed(topic, event)
-        return admitted
 
     def values(self) -> dict[str, object]:
         """Return values for the diagnostics, and begin a new period of `waited`."""

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Mapping, Sequence
+from itertools import repeat
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
+from joint_id_core.data.instants import NANO
 from joint_id_core.formats.topics import CONDITIONS, RAW, SAMPLES
 from joint_id_ros.options.reading import RELIABLE
 from joint_id_ros.qos import LOSSY_IN, STREAM_IN
@@ -25,6 +27,7 @@ from joint_id_ros.sources import Sources
 Taken = tuple[bytes, Mapping[str, Any]]  # a message, and what rclpy says of its way here
 
 READ_S = 0.01  # time between two readings: small compared with the lag of the filter and the hop of the identifier
+FAST = 1.5  # ratio of the time in the samples to the real time from which a recording is played fast
 BATCH = 500  # most messages per topic and reading, so that timers and services are served in between
 
 
@@ -33,6 +36,9 @@ class Streams:
 
     The messages of one topic come in the order in which they were published. Messages of different topics come in the
     order of their stamps, so that no topic is ahead only because it was read first.
+
+    Attributes:
+        read_s: time until the next reading is due.
     """
 
     def __init__(
@@ -43,6 +49,7 @@ class Streams:
         sources: Sources,
         reliability: str,
         end_of_batch: Callable[[], None] = lambda: None,
+        pace_s: float = READ_S,
     ) -> None:
         """Subscribe.
 
@@ -53,7 +60,10 @@ class Streams:
             sources: is told of every message, and says which ones are left out.
             reliability: as in `ReadingOptions`.
             end_of_batch: called after the last of the messages that were read together.
+            pace_s: time between two readings; it is `READ_S` while a recording is played fast.
         """
+        self.read_s = self._pace_s = pace_s
+        self._newest_ns = 0
         self._node, self._callback, self._sources, self._end_of_batch = node, callback, sources, end_of_batch
         self._readers = {t.name: Reader(t, topics[t.name]) for t in (*RAW, CONDITIONS, SAMPLES) if t.name in topics}
         self._subscriptions: dict[str, Subscription] = {}
@@ -78,15 +88,21 @@ class Streams:
 
     def pass_on(self, batches: Mapping[str, Sequence[Taken]]) -> None:
         """Pass on messages by topic as if they had just arrived."""
-        read = [self._read(topic, batch) for topic, batch in batches.items()]
+        read, admitted, newest_ns = [], set(), 0
+        for topic, batch in batches.items():
+            if batch:
+                infos = [info for _, info in batch]
+                messages = self._readers[topic].read([data for data, _ in batch])
+                read.append(zip(messages, repeat(topic), infos, strict=False))
+                newest_ns = max(newest_ns, messages[-1].stamp_ns)
+                if self._sources.usual(topic, messages, infos):
+                    admitted.add(topic)
         for message, topic, info in heapq.merge(*read, key=_stamp):
-            if self._sources.admit(topic, message.stamp_ns, message, info):
+            if topic in admitted or self._sources.admit(topic, message, info):
                 self._callback(topic, message)
         self._end_of_batch()
-
-    def _read(self, topic: str, batch: Sequence[Taken]) -> list[tuple[RawMessage, str, Mapping[str, Any]]]:
-        messages = self._readers[topic].read([data for data, _ in batch])
-        return [(message, topic, info) for message, (_, info) in zip(messages, batch, strict=True)]
+        fast = newest_ns - self._newest_ns > FAST * self._pace_s * NANO
+        self.read_s, self._newest_ns = READ_S if fast else self._pace_s, newest_ns
 
     def _take(self, subscription: Subscription) -> list[Taken]:
         """Return the messages that have arrived on a topic."""

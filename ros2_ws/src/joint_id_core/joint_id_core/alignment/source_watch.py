@@ -99,6 +99,34 @@ class SourceWatch:
         self.slowest_s = max(self.slowest_s, waited_s)
         return True
 
+    def usual(
+        self, stamps_ns: Sequence[int], joints: tuple[str, ...], sequences: Sequence[int | None], waited_s: float
+    ) -> bool:
+        """Take messages of the same joints into account at once, if nothing about them calls for a closer look.
+
+        Then none is missing, the joints are those of before, and the time steps are like the period. Else nothing is
+        done, False is returned, and each message must be given to `admit`.
+
+        Args:
+            stamps_ns: their stamps in ns.
+            joints: names of their joints.
+            sequences: numbers that their publisher gave them.
+            waited_s: the longest of the times in s from arrival until they were read.
+        """
+        period = self._period_ns
+        if period is None or self._stamp_ns is None or self._sequence is None or self._gaps or joints != self._joints:
+            return False
+        next_one = self._sequence + 1
+        steps = [stamp_ns - last for last, stamp_ns in zip((self._stamp_ns, *stamps_ns), stamps_ns, strict=False)]
+        alike = (1.0 - LIKE) * period <= min(steps) and max(steps) <= (1.0 + LIKE) * period
+        if not alike or list(sequences) != list(range(next_one, next_one + len(sequences))):
+            return False
+        self._note(steps)
+        self._stamp_ns, self._sequence, self._other_joints = stamps_ns[-1], sequences[-1], ((), 0)
+        self._heard_s, self._waited_s, self.uncounted = self._clock(), waited_s, False
+        self.slowest_s = max(self.slowest_s, waited_s)
+        return True
+
     def _tell(self, kind: str, text: str) -> None:
         self.events.append(SourceEvent(kind, f"{self._topic}: {text}"))
 
@@ -133,15 +161,20 @@ class SourceWatch:
         elif period is not None and self._gaps and step > period / GAP:
             self._lose(SOURCE, sum(round(gap / period) - 1 for gap in self._gaps))
             self._gaps.clear()
-        self._steps.append(step)
-        self._since_check += 1
+        self._note([step])
+
+    def _note(self, steps: Sequence[int]) -> None:
+        """Find the period anew every few steps."""
+        self._steps.extend(steps)
+        self._since_check += len(steps)
         if self._since_check >= STEPS // 4 and len(self._steps) == STEPS:
             self._since_check = 0
             self._find_period()
 
     def _find_period(self) -> None:
-        middle = sorted(self._steps)[STEPS // 2]
-        if sum(abs(step - middle) <= LIKE * middle for step in self._steps) < STEADY:
+        steps = sorted(self._steps)
+        middle = steps[STEPS // 2]
+        if steps[-1] - steps[0] > LIKE * middle and sum(abs(s - middle) <= LIKE * middle for s in steps) < STEADY:
             return
         period = self._period_ns
         if period is not None and not 1.0 / OTHER_RATE < middle / period < OTHER_RATE:
