@@ -20,18 +20,15 @@ from joint_id_core.results.estimate import Estimate
 from joint_id_ros.raw_messages import RawMessage
 from joint_id_ros.samples import to_recordings
 
-IDLE_S = 0.02  # time between two checks for new samples if nobody calls `wake`
-GATHER_S = 0.02  # of samples, or a hop, that a batch holds at least while more arrive: its cost hardly depends on that
-READING_S = 0.004  # by how much two readings may differ that follow at equal intervals
+IDLE_S = 0.05  # time after which what has arrived is used even if it is little
+GATHER_S = 0.02  # of samples, or a hop, that a batch holds while more arrive: its cost hardly depends on their number
 # A batch that takes longer holds fits of whole windows: other threads help, and each estimate is published at once.
 # Quick updates are slower with several threads, which take the interpreter from each other.
 LONG_S = 0.05
-
 LONGEST_STEP_NS = NANO  # a longer one between two samples is a pause or a clock that was set
 QUEUE_S = 10.0  # of samples at most wait for a running fit ...
 KEEP_S = 5.0  # ... and if they are more, the newest of them are kept
 GONE_S = 2.0  # a joint that the samples have not named for so long is not identified any more
-
 STOP_S = 2.0  # longest wait for the thread; launch and systemd kill a process that needs 5 s or more to end
 
 
@@ -92,7 +89,7 @@ class Worker:
         """
         self.missed = self.left_out = 0
         self._hop_s = hop_s
-        self._enough_ns = int((min(hop_s, GATHER_S) - READING_S) * NANO)
+        self._enough_ns = int(0.5 * min(hop_s, GATHER_S) * NANO)  # readings at equal intervals find more and less
         self._lock = threading.Lock()  # for the queue
         self._last_stamp_ns: int | None = None
         self._taken_ns = 0  # newest sample that is not in the queue any more
@@ -121,8 +118,7 @@ class Worker:
     @property
     def busy_s(self) -> float:
         """Duration so far of the longest running fit in s; 0 if no fit is running."""
-        now = time.monotonic()
-        return now - min(self._begun.copy().values(), default=now)
+        return (now := time.monotonic()) - min(self._begun.copy().values(), default=now)
 
     @property
     def idle(self) -> bool:
@@ -167,7 +163,7 @@ class Worker:
         return count
 
     def wake(self) -> None:
-        """Use the samples that were added now; start threads that help if those before take long."""
+        """Use the samples that were added, if these are enough; start threads that help if those before take long."""
         with self._lock:
             batch = self._batch
             if batch is not None and batch.long and not batch.helpers:
@@ -176,7 +172,9 @@ class Worker:
                     helper = threading.Thread(target=self._fit_all, args=(batch,), name="identifier", daemon=True)
                     batch.helpers.append(helper)
                     helper.start()
-        self._arrived.set()
+            enough = self._new_run or self._newest_ns - self._taken_ns >= self._enough_ns
+        if enough:
+            self._arrived.set()
 
     def restart(self) -> None:
         """Forget all earlier samples: a new run begins with the next sample."""
@@ -192,13 +190,11 @@ class Worker:
 
     def _run(self) -> None:
         while True:
-            more = self._arrived.wait(IDLE_S)
+            self._arrived.wait(IDLE_S)
             self._arrived.clear()
             if self._stop.is_set():
                 return
             with self._lock:
-                if more and not self._new_run and self._newest_ns - self._taken_ns < self._enough_ns:
-                    continue
                 self._taken_ns = self._newest_ns
                 batch, new_run, self._working = list(self._pending), self._new_run, True
                 self._pending.clear()
