@@ -20,6 +20,7 @@ from joint_id_core.online.checks import Background, WindowChecks, at_once
 from joint_id_core.online.follower import YOUNG, Found
 from joint_id_core.online.hops import Hops
 from joint_id_core.online.knowledge import Knowledge
+from joint_id_core.online.late_sensor import Late
 from joint_id_core.online.motion import MotionWatch
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.published import DISAGREE, at_rest, forgotten, too_short, with_note
@@ -87,6 +88,7 @@ class OnlineIdentifier:
         self._situation = Situation.STARTING
         self._known: Knowledge | None = None  # None while STARTING or RESTARTING
         self._shown: Estimate | None = None  # while SUSPENDED: the newest fit, which says what is wrong
+        self._trusted: Knowledge | None = None  # what was known before SUSPENDED, until something new counts
         self._fit_next = -np.inf  # while SUSPENDED: earliest end of the next fit
         self._trial_s, self._replaces = window_s, False  # motion of the next trial; whether it replaces a memory
 
@@ -183,7 +185,7 @@ class OnlineIdentifier:
             return
         self._situation = situation
         if situation is Situation.RESTARTING:
-            self._known = None
+            self._known = self._trusted = None
         elif situation is Situation.SUSPENDED:
             assert self._known is not None
             self._second_look.end()
@@ -191,9 +193,11 @@ class OnlineIdentifier:
             unexplained = self._known.follower.found is Found.UNEXPLAINED
             if unexplained or not self._replaces:
                 self._trial_s = TRIAL * self.options.window_s if unexplained else 0.0
+            if not self._replaces:
+                self._trusted = self._known
             self._replaces = True
         elif situation is Situation.FOLLOWING:
-            self._trial_s, self._replaces = self.options.window_s, False
+            self._trial_s, self._replaces, self._trusted = self.options.window_s, False, None
 
     def _follow(self, due: bool) -> None:
         """Pass new samples to the filter."""
@@ -247,7 +251,8 @@ class OnlineIdentifier:
         replaced = self._situation is Situation.ON_TRIAL and self._replaces
         if known is not None:
             follower = known.follower
-            self._enter(self._situation.after_samples(follower.found, follower.age_s >= self._trial_s))
+            agreed = follower.age_s >= self._trial_s
+            self._enter(self._situation.after_samples(follower.found, agreed and not (replaced and self._late())))
         if known is None or not self._situation.follows:
             return self._fitted()
         if follower.found is Found.CHANGING or follower.lost_s > window_s or self._situation is Situation.ON_TRIAL:
@@ -282,6 +287,10 @@ class OnlineIdentifier:
         checked = self._checks.run(self._window, lambda recording: self._task.fit(recording, last), tested_from)
         return checked is None or known.agrees(checked)
 
+    def _late(self) -> Late | None:
+        """Return the sensor whose delay explains the newest window of a joint that is as it was."""
+        return None if self._trusted is None else self._trusted.late_sensor(self._window.recording())
+
     def _fitted(self) -> Estimate:
         """Fit the newest window as a whole, without the memory; if this converges, a memory begins with it."""
         situation, window = self._situation, self._window
@@ -290,6 +299,9 @@ class OnlineIdentifier:
             if (end := self._watch.recent.end) < self._fit_next:
                 return with_note(self._shown, window)
             self._fit_next = end + AGAIN_S
+            if self._trusted is not None and (late := self._late()) is not None:
+                self._shown = replace(self._trusted.last, notes=(late.text, *self._trusted.last.notes))
+                return with_note(self._shown, window)
         elif not self._window_full:
             return too_short(self.model, window, self.options.window_s)
         recording = window.recording()

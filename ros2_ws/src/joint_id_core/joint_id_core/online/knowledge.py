@@ -14,9 +14,11 @@ from joint_id_core.estimators.shared.stillness import seen_by
 from joint_id_core.online.changes import Changes
 from joint_id_core.online.checks import Checked
 from joint_id_core.online.follower import Follower
+from joint_id_core.online.late_sensor import Late, late_sensor
 from joint_id_core.online.levels import Levels
 from joint_id_core.online.memory import Memory, agree
 from joint_id_core.online.published import Said, published, said
+from joint_id_core.online.symmetric import inverse_of
 from joint_id_core.online.task import Task
 from joint_id_core.online.tracker import Tracker
 from joint_id_core.online.window import SlidingWindow
@@ -99,6 +101,13 @@ class Knowledge:
             self.follower.levels.doubt(since=fit.start)
         self.last = replace(fit, noise={n: fit.noise[n] for n in last.noise})
         return True
+
+    def late_sensor(self, recording: Recording) -> Late | None:
+        """Return the sensor whose delay explains a window of a joint that is as it was; None if there is none."""
+        mean, covariance = self.follower.memory.mean, self.follower.memory.covariance
+        tracker = self._tracker(recording, mean)
+        pieces = None if tracker is None else tracker.start()
+        return late_sensor(tracker, pieces, mean, inverse_of(covariance)) if tracker is not None and pieces else None
 
     def estimate(self, window: SlidingWindow) -> Estimate:
         """Return the estimate at the end of a window in motion."""

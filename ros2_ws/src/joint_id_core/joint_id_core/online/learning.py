@@ -16,10 +16,12 @@ from scipy.special import chdtri
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Coordinates
+from joint_id_core.online.late_sensor import late_sensor
 from joint_id_core.online.memory import Change, Memory
 from joint_id_core.online.piece import Piece
 from joint_id_core.online.relearn import Learned, relearn
 from joint_id_core.online.score_test import ALIKE
+from joint_id_core.online.symmetric import inverse_of
 from joint_id_core.online.tracker import Tracker
 
 UNNEEDED = 0.001  # probability from which a lower cost with more changed parameters counts as noise
@@ -57,7 +59,7 @@ def learn(tracker: Tracker, stretches: Sequence[Piece], change: Change, coordina
 
     Returns:
         The explanation by one cause, with all causes opened that explain the samples nearly as well; else that by a
-        change of all parameters; None if this does not explain the samples either.
+        change of all parameters; None if this does not explain the samples either, or a late sensor is more likely.
     """
     count = len(coordinates.groups)
     every = _fitted(tracker, stretches, change, range(count), coordinates)
@@ -72,9 +74,24 @@ def learn(tracker: Tracker, stretches: Sequence[Piece], change: Change, coordina
         elif alike:
             opened = sorted(j for group, _ in alike for j in group)
             best = _fitted(tracker, stretches, change, opened, coordinates) or every
+    if best is not None and _late_instead(tracker, stretches, change, best, coordinates):
+        best = None
     if best is not None and tracker.z is not best.learned.z:
         tracker.again(stretches, best.learned.z, changed=True)
     return best
+
+
+def _late_instead(
+    tracker: Tracker, stretches: Sequence[Piece], change: Change, found: Explanation, coordinates: Coordinates
+) -> bool:
+    """Return whether a late sensor is more likely than a change of the joint that was found."""
+    z, known = found.learned.z, inverse_of(change.covariance)
+    late = late_sensor(tracker, stretches, change.mean, known, z)
+    if late is None:
+        return False
+    mean, still_known = found.change.still_known(coordinates.spread)
+    changed = late.without + (z - mean) @ still_known @ (z - mean) + found.learned.occam(still_known)
+    return bool(late.learned.cost + late.learned.occam(known) < changed)
 
 
 def causes(groups: Sequence[str]) -> list[tuple[int, ...]]:

@@ -31,6 +31,16 @@ class Learned:
         """Whether the innovations look like noise: mean square and lag-one autocorrelation."""
         return _explained(np.concatenate([piece.white for piece in self.pieces]))
 
+    def occam(self, precision: Array) -> float:
+        """Return what is to be added to the cost for a comparison with another fit that knew more or less before.
+
+        With it, the cost is minus twice the logarithm of the evidence, by Laplace's method (MacKay, Neural Computation
+        4, 1992): parameters that were hardly known may take any value, which makes each of them less likely.
+        `precision` (k, k) is what was known.
+        """
+        information = np.sum([piece.matrix for piece in self.pieces], axis=0)
+        return float(np.linalg.slogdet(precision + information)[1] - np.linalg.slogdet(precision)[1])
+
 
 def relearn(
     tracker: Tracker,
