@@ -88,6 +88,44 @@ def test_a_small_change_is_found_later():
     assert 1 in found.names
 
 
+def with_doubt(memory):
+    """Standard deviations that are published."""
+    return np.sqrt(np.diag(memory.covariance + memory.doubt))
+
+
+def test_a_change_that_takes_long_to_find_is_in_the_interval_before():
+    """A change of 7 standard deviations of what 30 s told: the test finds it after as long a time again."""
+    longest = {"without": [], "with": []}
+    for seed in range(12):
+        rng, truth = np.random.default_rng(seed), np.zeros(K)
+        memory, rows = Memory(np.zeros(K), np.diag(SPREAD**2), SPREAD), {"without": [], "with": []}
+        for k in range(120):
+            if k == 60:
+                truth[3] = 7.0 * np.sqrt(memory.covariance[3, 3])
+            memory.add(block(rng, truth, k * BLOCK_S), 1e9)
+            if memory.test() is not None:
+                break
+            for name, sigma in (("without", np.sqrt(np.diag(memory.covariance))), ("with", with_doubt(memory))):
+                wrong = abs(memory.mean[3] - truth[3]) > 4.0 * sigma[3]
+                rows[name].append(rows[name][-1] + 1 if wrong and rows[name] else int(wrong))
+        for name, row in rows.items():
+            longest[name].append(max(row))
+    assert np.median(longest["without"]) > 40
+    assert np.median(longest["with"]) < 0.6 * np.median(longest["without"])
+
+
+def test_without_a_change_there_is_hardly_ever_a_doubt():
+    wider = []
+    for seed in range(20):
+        rng, memory = np.random.default_rng(seed), Memory(np.zeros(K), np.diag(SPREAD**2), SPREAD)
+        for k in range(60):
+            memory.add(block(rng, np.zeros(K), k * BLOCK_S), 1e9)
+            assert memory.test() is None
+            wider.append(np.max(with_doubt(memory) / np.sqrt(np.diag(memory.covariance))))
+    assert np.mean(np.array(wider) > 1.1) < 0.05
+    assert np.mean(wider) < 1.02
+
+
 def test_scatter_beyond_the_noise_widens():
     rng = np.random.default_rng(3)
     memory = Memory(np.zeros(K), np.diag(SPREAD**2), SPREAD)

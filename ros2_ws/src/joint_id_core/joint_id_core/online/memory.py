@@ -17,6 +17,7 @@ from scipy.special import chdtri
 from joint_id_core.cell.kernel import compile_information
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Belief, Coordinates
+from joint_id_core.online.doubt import Doubt
 from joint_id_core.online.piece import Piece
 from joint_id_core.online.score_test import changed_parameters, chi2, score_of
 from joint_id_core.online.symmetric import inverse_of, solve
@@ -24,6 +25,8 @@ from joint_id_core.results.estimate import Estimate
 
 BLOCK_S = 0.5  # length of a block
 LENGTHS = (1, 2, 4, 8, 16, 32)  # blocks of the stretches that are tested
+# Blocks of those that only give doubt, one second apart; what shorter ones say of many parameters is little.
+DOUBTING = range(6, LENGTHS[-1] + 1, 2)
 HISTORY = 128  # blocks that can be passed through the filter again, where little is known yet
 RARE = 1e-7  # probability of one test to find a change where there is none
 AGAIN = 1e-4  # the same for all stretches since a change: where one parameter changed, others often did
@@ -76,7 +79,11 @@ class _Step:
 
 
 class Memory:
-    """Information on the free parameters of one joint."""
+    """Information on the free parameters of one joint.
+
+    Attributes:
+        doubt: what changes that the test does not show yet may add to the covariance of the estimate, shape (k, k).
+    """
 
     def __init__(self, z: Array, covariance: Array, spread: Array, changed: bool = False) -> None:
         """Begin with an estimate.
@@ -96,6 +103,7 @@ class Memory:
         self._stretches = 0.0
         self._since = 0
         self._solved: tuple[Array, Array] | None = None  # mean and inverse of `matrix`
+        self.doubt = np.zeros_like(self.matrix)
 
     def _solve(self) -> tuple[Array, Array]:
         if self._solved is None:
@@ -128,7 +136,7 @@ class Memory:
         compile_information().newest(
             self.matrix, self.vector, self._noise, matrix, vector, self.wider, widened, bias, mean, covariance
         )
-        return mean, covariance
+        return mean, covariance + self.doubt
 
     @property
     def inverse(self) -> Array:
@@ -165,15 +173,20 @@ class Memory:
         """Test the newest blocks against the memory before them."""
         excess = self._excess()
         best: tuple[float, Change] | None = None
+        doubt = Doubt(len(self.matrix))
         window: tuple[Array, Array] | None = None
         matrix, vector = np.zeros_like(self.matrix), np.zeros_like(self.vector)
         for count, step in enumerate(reversed(self._blocks), start=1):
             if count > LENGTHS[-1]:
                 break
             matrix, vector = matrix + step.block.matrix, vector + step.block.vector
-            if count not in LENGTHS:
+            if count not in LENGTHS and count not in DOUBTING:
                 continue
             score, information, mean = score_of(step.precision, step.weighted, matrix, vector)
+            if count in DOUBTING:
+                doubt.consider(step.precision, matrix, score, information, excess[:-1])
+            if count not in LENGTHS:
+                continue
             if count == WINDOW_BLOCKS:
                 window = score, information
             since_change = self._changed and count == len(self._blocks)
@@ -185,6 +198,7 @@ class Memory:
                 best = likelihood, Change(names, likely, newest, mean, covariance, size)
         if best is not None:
             return best[1]
+        self.doubt = doubt.covariance
         if window is not None:
             self._scatter_of(*window)
         return None
