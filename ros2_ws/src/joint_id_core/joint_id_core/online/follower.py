@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from enum import Enum
 
 import numpy as np
 
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.innovations.belief import Coordinates
+from joint_id_core.online.curvature import curvature
 from joint_id_core.online.input_noise import InputNoise
 from joint_id_core.online.learning import Explanation, learn
 from joint_id_core.online.levels import Levels
@@ -209,7 +211,15 @@ class Follower:
             self.found = Found.CHANGING
             if not self._reconsider(self.tracker):
                 self.memory.drop(len(change.blocks))
+                change = self._less_sure(self.tracker, change)
                 self._pursue(self.tracker, PendingChange(change, list(change.blocks), self._coordinates, self._options))
+
+    def _less_sure(self, tracker: Tracker, change: Change) -> Change:
+        """Return a change whose covariance contains that the memory before it is only linear."""
+        z = tracker.z
+        more = curvature(tracker, self.memory, self._coordinates, self._options.memory_s)
+        tracker.again(change.blocks[-1:], z)
+        return replace(change, covariance=change.covariance + more)
 
     def _reconsider(self, tracker: Tracker) -> bool:
         """Explain all samples since a recent change anew: what was taken for its cause may have been another one.
