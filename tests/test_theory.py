@@ -33,7 +33,7 @@ from joint_id_core.online import (
     resume,
     score_test,
     second_look,
-    tracker,
+    sharpness,
 )
 from joint_id_core.validation import inverse_dynamics, prediction
 
@@ -103,7 +103,7 @@ def test_constants_in_the_theory() -> None:
         f"r = {resume.DRIFT_PER_H:g}\\ \\text{{per hour}}",
         f"block of {memory.BLOCK_S:g} s. If it moves by more than {100 * follower.LINEAR:g} %",
         f"by more than {follower.LINEAR_SIGMA:g} standard deviations, the newest blocks (up to {memory.HISTORY})",
-        f"over {'a tenth' if tracker.SHARPEST == 0.1 else '?'} of the velocity",
+        f"over {'a tenth' if sharpness.SHARPEST == 0.1 else '?'} of the velocity",
         f"$({memory.FIRM:g} + \\sum t_j^2)/({memory.FIRM:g} + n)$",
         f"stretches of {', '.join(map(str, memory.LENGTHS[:-1]))} and {memory.LENGTHS[-1]} blocks",
         f"each of them alarms with probability $10^{{{round(math.log10(memory.RARE))}}}$",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,35 +14,12 @@ from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.input_noise import shown_noise
 from joint_id_core.estimators.innovations.recursion import STATE_NOISE
 from joint_id_core.estimators.shared.fit_data import LONGEST_GAP, SETTLE_S, FitData, without_frozen
-from joint_id_core.estimators.shared.initial_state import rough_states, start_state
-from joint_id_core.estimators.shared.substeps import KINK, MORE_STEPS, MOST_STEPS, steps_to_stand
+from joint_id_core.estimators.shared.initial_state import start_state
 from joint_id_core.online.piece import Passed, Piece, Samples, State
+from joint_id_core.online.sharpness import Friction, Sharpness
 
 LEAST = 10  # samples of the shortest motion that is used
 UNSURE = 1e4  # factor on the covariance of the state where parameters changed
-# Over minutes, the creep of a sticking joint under smoothed friction would bias the estimates by several standard
-# deviations. The filter follows a path that it knows well, so it can have sharper friction than a fit from afar.
-SHARPEST = 0.1
-# RK4 needs more steps there while a joint sticks: with too few, a path that had gone unstable came back 70 standard
-# deviations off.
-MOST_SHARP_STEPS = 1024
-KNOWN = 0.5  # largest standard deviation of a coordinate at which friction is as smooth as in a fit
-
-
-@dataclass(frozen=True)
-class _Friction:
-    """How sharp friction is.
-
-    Attributes:
-        smoothing: factor on the smoothing velocities of a fit.
-        velocities: these velocities, of those that are sharpened.
-        stiff, many: as in `loops.tracking.track`.
-    """
-
-    smoothing: float
-    velocities: Array
-    stiff: Array
-    many: int
 
 
 class Tracker:
@@ -79,39 +56,22 @@ class Tracker:
         self._index = np.array([model.parameter_names.index(name) for name in data.free])
         self.columns = np.array([kernel.sensitive.index(name) for name in data.free])
         self._p = data.p.copy()
-        self._sharpened: list[int] = []
-        for name in model.smoothing.values():
-            i = model.parameter_names.index(name)
-            if name not in held and name not in data.free:
-                self._sharpened.append(i)
+        self._sharpness = Sharpness(data, kernel, substeps, held)
         self._n, self._k = len(model.states), len(kernel.sensitive)
         self._state = State(np.zeros((self._n, 2 + self._n + self._k)), -np.inf, np.zeros(len(model.inputs)))
         self._unstored = self._room(1)
         self._take(z)
-        self._states = rough_states(data)
         self.shown_noise = shown_noise(data)
-        self._smooth = self._friction(1.0)
+        self._smooth = self._sharpness.smoothed(1.0, self._p)
         self._use(self._smooth)
 
     def sharpen(self, sigma: float) -> None:
         """Take friction as sharp as suits the largest standard deviation `sigma` of a coordinate."""
-        self._use(self._friction(float(np.clip(sigma / KNOWN, SHARPEST, 1.0)) if self._sharpened else 1.0))
+        self._use(self._sharpness.of(sigma, self._p))
 
-    def _friction(self, smoothing: float) -> _Friction:
-        """Return friction whose smoothing velocities are those of a fit times `smoothing`, and the steps it needs."""
-        model, data = self.data.model, self.data
-        p = self._p.copy()
-        p[self._sharpened] = data.p[self._sharpened] * smoothing
-        stiff = np.full(len(model.states), -1.0)
-        for velocity, name in model.smoothing.items():
-            stiff[model.state_names.index(velocity)] = KINK * p[model.parameter_names.index(name)]
-        stable = steps_to_stand(data, self.kernel, p, self._states, self.substeps, MOST_SHARP_STEPS)
-        many = max(stable, min(MOST_STEPS, round(MORE_STEPS * self.substeps / smoothing)))
-        return _Friction(smoothing, p[self._sharpened], stiff, many)
-
-    def _use(self, friction: _Friction) -> None:
+    def _use(self, friction: Friction) -> None:
         self._now = friction
-        self._p[self._sharpened] = friction.velocities
+        self._p[self._sharpness.sharpened] = friction.velocities
 
     @property
     def smoothing(self) -> float:
