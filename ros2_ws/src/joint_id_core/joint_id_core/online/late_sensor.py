@@ -1,13 +1,14 @@
 """Whether a sensor is late: samples that the joint as it was explains, once one label is shifted in time.
 
 A delay can pass for a change of the joint. A twist that lags behind the motion looks like damping, so other parameters
-may describe the samples well, tens of standard deviations off. But it takes all of them, and a delay is one number. So
-where no single cause explains a change, a delay is tried as well (isolation of a fault by hypotheses of its cause:
-Basseville & Nikiforov, Detection of Abrupt Changes, 1993, ch. 7).
+may describe the samples well, tens of standard deviations off. But it often takes all of them, and a delay is one
+number. So a delay is tried beside every change (isolation of a fault by hypotheses of its cause: Basseville &
+Nikiforov, Detection of Abrupt Changes, 1993, ch. 7).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -22,6 +23,7 @@ from joint_id_core.online.relearn import Learned, relearn
 from joint_id_core.online.tracker import Tracker
 
 LATEST = 0.02  # s, bound of a delay, as of those that a model can have
+SPREAD = 0.005  # s, standard deviation of a delay before the samples are seen, likewise
 TRIED = 1e-3  # s, step of the search
 STEPS = 5  # of the search, at most
 SMOOTH = 21  # samples over which a label is smoothed before its slope is taken
@@ -31,14 +33,15 @@ SMOOTH = 21  # samples over which a label is smoothed before its slope is taken
 class Late:
     """A label that is late by `delay` (s), and the fit of the samples when it is shifted back.
 
-    No cost counts the samples at both ends of a motion, whose labels a delay may have taken; `without` is that at other
-    parameters.
+    No cost counts the samples at both ends of a motion, whose labels a delay may have taken. `without` are the costs
+    without delay at other parameters. `occam` is to be added for the delay, as `Learned.occam` for the parameters.
     """
 
     label: str
     delay: float
     learned: Learned
-    without: float
+    without: tuple[float, ...]
+    occam: float
 
     @property
     def text(self) -> str:
@@ -49,7 +52,7 @@ class Late:
 
 
 def late_sensor(
-    tracker: Tracker, stretches: Sequence[Piece], mean: Array, precision: Array, other: Array | None = None
+    tracker: Tracker, stretches: Sequence[Piece], mean: Array, precision: Array, others: Sequence[Array] = ()
 ) -> Late | None:
     """Return the label whose delay explains samples of a joint with parameters that are known.
 
@@ -57,7 +60,7 @@ def late_sensor(
         tracker: it ends at the end of the stretches.
         stretches: the samples.
         mean, precision: what is known of the parameters, shapes (k,) and (k, k), in estimation coordinates.
-        other: parameters (k,) that explain the samples, too; those that are known if not given.
+        others: parameters (k,) that explain the samples, too.
 
     Returns:
         The label with the lowest cost; None if no delay explains the samples, or if they need none.
@@ -65,20 +68,24 @@ def late_sensor(
     z, motions = tracker.coordinates.clip(mean), _motions(stretches)
     none = _cost(tracker, _shifted(motions, 0, 0.0), z)
     found = [(*_delay(tracker, motions, z, k, none), k) for k in range(len(tracker.data.labels))]
-    cost, delay, k = min(found)
+    cost, delay, bend, k = min(found)
     if not np.isfinite(none) or none - cost < float(chdtri(1, RARE)):
         return None
-    without = none if other is None else _cost(tracker, _shifted(motions, 0, 0.0), other)
+    without = tuple(_cost(tracker, _shifted(motions, 0, 0.0), other) for other in others)
     learned = relearn(tracker, _shifted(motions, k, delay), mean, precision, changed=True)
-    return Late(tracker.data.labels[k], delay, learned, without) if learned is not None and learned.explained else None
+    if learned is None or not learned.explained:
+        return None
+    occam = (delay / SPREAD) ** 2 + math.log(max(1.0, 0.5 * bend * (SPREAD / TRIED) ** 2))
+    return Late(tracker.data.labels[k], delay, learned, without, occam)
 
 
-def _delay(tracker: Tracker, motions: Sequence[Piece], z: Array, label: int, none: float) -> tuple[float, float]:
-    """Return the lowest cost of the samples, which is `none` without delay, and the delay of a label there, in s.
+def _delay(tracker: Tracker, motions: Sequence[Piece], z: Array, label: int, none: float) -> tuple[float, float, float]:
+    """Return the lowest cost of the samples, the delay of a label there, in s, and the bend of the cost.
 
-    Errors grow in proportion to the delay that is missed, so the cost is nearly a parabola.
+    `none` is the cost without delay. The bend is the second difference of the cost over `TRIED`. Errors grow in
+    proportion to the delay that is missed, so the cost is nearly a parabola.
     """
-    here, cost = 0.0, none
+    here, cost, bend = 0.0, none, 0.0
     for _ in range(STEPS):
         before, after = (_cost(tracker, _shifted(motions, label, here + by), z) for by in (-TRIED, TRIED))
         bend = before - 2.0 * cost + after
@@ -91,7 +98,7 @@ def _delay(tracker: Tracker, motions: Sequence[Piece], z: Array, label: int, non
         moved, here, cost = abs(there - here), there, worth
         if moved < 0.1 * TRIED:
             break
-    return cost, here
+    return cost, here, bend
 
 
 def _cost(tracker: Tracker, motions: Sequence[Piece], z: Array) -> float:

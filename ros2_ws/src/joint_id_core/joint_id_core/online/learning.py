@@ -74,7 +74,8 @@ def learn(tracker: Tracker, stretches: Sequence[Piece], change: Change, coordina
         elif alike:
             opened = sorted(j for group, _ in alike for j in group)
             best = _fitted(tracker, stretches, change, opened, coordinates) or every
-    if best is not None and _late_instead(tracker, stretches, change, best, coordinates):
+    explained = [found for found in (every, *(found for _, found in fits)) if found is not None]
+    if best is not None and _late_instead(tracker, stretches, change, explained, coordinates):
         best = None
     if best is not None and tracker.z is not best.learned.z:
         tracker.again(stretches, best.learned.z, changed=True)
@@ -82,16 +83,22 @@ def learn(tracker: Tracker, stretches: Sequence[Piece], change: Change, coordina
 
 
 def _late_instead(
-    tracker: Tracker, stretches: Sequence[Piece], change: Change, found: Explanation, coordinates: Coordinates
+    tracker: Tracker,
+    stretches: Sequence[Piece],
+    change: Change,
+    explained: Sequence[Explanation],
+    coordinates: Coordinates,
 ) -> bool:
-    """Return whether a late sensor is more likely than a change of the joint that was found."""
-    z, known = found.learned.z, inverse_of(change.covariance)
-    late = late_sensor(tracker, stretches, change.mean, known, z)
+    """Return whether a late sensor is clearly more likely than each change of the joint that explains the samples."""
+    known, zs = inverse_of(change.covariance), [found.learned.z for found in explained]
+    late = late_sensor(tracker, stretches, change.mean, known, zs)
     if late is None:
         return False
-    mean, still_known = found.change.still_known(coordinates.spread)
-    changed = late.without + (z - mean) @ still_known @ (z - mean) + found.learned.occam(still_known)
-    return bool(late.learned.cost + late.learned.occam(known) < changed)
+    least = np.inf
+    for found, z, cost in zip(explained, zs, late.without, strict=True):
+        mean, precision = found.change.still_known(coordinates.spread)
+        least = min(least, cost + float((z - mean) @ precision @ (z - mean)) + found.learned.occam(precision))
+    return late.learned.cost + late.learned.occam(known) + late.occam < least - ALIKE
 
 
 def causes(groups: Sequence[str]) -> list[tuple[int, ...]]:
