@@ -25,7 +25,6 @@ from joint_id_core.models import dc_motor, transmission
 from joint_id_core.online import (
     checks,
     follower,
-    identifier,
     learning,
     levels,
     memory,
@@ -34,6 +33,7 @@ from joint_id_core.online import (
     score_test,
     second_look,
     sharpness,
+    trial,
 )
 from joint_id_core.validation import inverse_dynamics, prediction
 
@@ -116,7 +116,7 @@ def test_constants_in_the_theory() -> None:
         f"after {second_look.AFTER[0]}, {second_look.AFTER[1]} and {second_look.AFTER[2]} window lengths of motion",
         f"mean square distance of their estimates is above {second_look.APART:g}",
         f"nothing confirms new values for {words[round(pending_change.PATIENT)]} windows",
-        f"until {words[round(identifier.TRIAL)]} windows of motion agree with the new fit",
+        f"until {words[round(trial.TRIAL)]} windows of motion agree with the new fit",
         f"whose logarithms of variances count as known to {resume.NOISE_SIGMA:g}",
         f"In the {'first' if follower.YOUNG == 1.0 else '?'} window after the first fit",
         "first after {} window length, then after {} and {} more, ".format(*checks.CHECK_AFTER)

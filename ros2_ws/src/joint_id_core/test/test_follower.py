@@ -13,7 +13,7 @@ from joint_id_core.estimators import Innovations, ParameterSettings
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.online import OnlineIdentifier, OnlineOptions, follower, learning, pending_change
 from joint_id_core.online.follower import Follower, Found
-from joint_id_core.online.identifier import TRIAL
+from joint_id_core.online.trial import TRIAL
 from joint_id_core.online.knowledge import Knowledge
 from joint_id_core.online.memory import BLOCK_S
 from joint_id_core.online.pending_change import PATIENT

@@ -20,7 +20,6 @@ from joint_id_core.online.checks import Background, WindowChecks, at_once
 from joint_id_core.online.follower import YOUNG, Found
 from joint_id_core.online.hops import Hops
 from joint_id_core.online.knowledge import Knowledge
-from joint_id_core.online.late_sensor import Late
 from joint_id_core.online.motion import MotionWatch
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.published import DISAGREE, at_rest, forgotten, too_short, with_note
@@ -28,13 +27,10 @@ from joint_id_core.online.resume import NOISE_SIGMA, as_of_now, known_of
 from joint_id_core.online.second_look import SecondLook, apart
 from joint_id_core.online.situation import Situation
 from joint_id_core.online.task import Task
+from joint_id_core.online.trial import Trial
 from joint_id_core.online.window import SlidingWindow, pauses
 from joint_id_core.results.estimate import Estimate, Status
 
-AGAIN_S = 1.0  # time between two fits of windows that the memory does not describe
-# Window lengths of motion that must agree with a new fit where no change of the joint explained the samples: then the
-# model may not describe them, as with a sensor that is late, and a window can be fitted well by parameters far off.
-TRIAL = 4.0
 UNTESTED = "What was known before is not tested yet: move the joint for more than half a second."
 MOVING = "The joint rests: the estimate stays as it is, move the joint to continue."
 
@@ -87,10 +83,7 @@ class OnlineIdentifier:
         self._alone: Estimate | None = None  # newest fit that converged, where there is no memory
         self._situation = Situation.STARTING
         self._known: Knowledge | None = None  # None while STARTING or RESTARTING
-        self._shown: Estimate | None = None  # while SUSPENDED: the newest fit, which says what is wrong
-        self._trusted: Knowledge | None = None  # what was known before SUSPENDED, until something new counts
-        self._fit_next = -np.inf  # while SUSPENDED: earliest end of the next fit
-        self._trial_s, self._replaces = window_s, False  # motion of the next trial; whether it replaces a memory
+        self._trial = Trial(window_s)
 
     @property
     def remembers(self) -> bool:
@@ -185,19 +178,14 @@ class OnlineIdentifier:
             return
         self._situation = situation
         if situation is Situation.RESTARTING:
-            self._known = self._trusted = None
+            self._known = None
+            self._trial.begin_anew()
         elif situation is Situation.SUSPENDED:
             assert self._known is not None
             self._second_look.end()
-            self._shown, self._fit_next = self._known.last, -np.inf
-            unexplained = self._known.follower.found is Found.UNEXPLAINED
-            if unexplained or not self._replaces:
-                self._trial_s = TRIAL * self.options.window_s if unexplained else 0.0
-            if not self._replaces:
-                self._trusted = self._known
-            self._replaces = True
+            self._trial.suspend(self._known)
         elif situation is Situation.FOLLOWING:
-            self._trial_s, self._replaces, self._trusted = self.options.window_s, False, None
+            self._trial = Trial(self.options.window_s)
 
     def _follow(self, due: bool) -> None:
         """Pass new samples to the filter."""
@@ -248,11 +236,11 @@ class OnlineIdentifier:
     def _in_motion(self) -> Estimate:
         """Return the estimate at a hop while the joint moves."""
         known, window, window_s = self._known, self._window, self.options.window_s
-        replaced = self._situation is Situation.ON_TRIAL and self._replaces
+        replaced = self._situation is Situation.ON_TRIAL and self._trial.replaces
         if known is not None:
             follower = known.follower
-            agreed = follower.age_s >= self._trial_s
-            self._enter(self._situation.after_samples(follower.found, agreed and not (replaced and self._late())))
+            agreed = follower.age_s >= self._trial.length_s and not (replaced and self._trial.late(window.recording()))
+            self._enter(self._situation.after_samples(follower.found, agreed))
         if known is None or not self._situation.follows:
             return self._fitted()
         if follower.found is Found.CHANGING or follower.lost_s > window_s or self._situation is Situation.ON_TRIAL:
@@ -287,27 +275,19 @@ class OnlineIdentifier:
         checked = self._checks.run(self._window, lambda recording: self._task.fit(recording, last), tested_from)
         return checked is None or known.agrees(checked)
 
-    def _late(self) -> Late | None:
-        """Return the sensor whose delay explains the newest window of a joint that is as it was."""
-        return None if self._trusted is None else self._trusted.late_sensor(self._window.recording())
-
     def _fitted(self) -> Estimate:
         """Fit the newest window as a whole, without the memory; if this converges, a memory begins with it."""
-        situation, window = self._situation, self._window
+        situation, window, trial = self._situation, self._window, self._trial
         if situation is Situation.SUSPENDED:
-            assert self._shown is not None
-            if (end := self._watch.recent.end) < self._fit_next:
-                return with_note(self._shown, window)
-            self._fit_next = end + AGAIN_S
-            if self._trusted is not None and (late := self._late()) is not None:
-                self._shown = replace(self._trusted.last, notes=(late.text, *self._trusted.last.notes))
-                return with_note(self._shown, window)
+            assert trial.shown is not None
+            if not trial.due(self._watch.recent.end) or trial.late(window.recording()):
+                return with_note(trial.shown, window)
         elif not self._window_full:
             return too_short(self.model, window, self.options.window_s)
         recording = window.recording()
         fit = self._task.fit(recording, None if self._known is None else self._known.last)
         if not fit.converged:
-            self._shown = fit
+            trial.shown = fit
             return fit
         known = self._known = Knowledge.from_window(self._task, fit, recording)
         if known.still is not None:
