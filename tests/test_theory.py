@@ -28,6 +28,7 @@ from joint_id_core.online import (
     learning,
     levels,
     memory,
+    newest_innovations,
     pending_change,
     resume,
     score_test,
@@ -121,7 +122,7 @@ def test_constants_in_the_theory() -> None:
         f"In the {'first' if follower.YOUNG == 1.0 else '?'} window after the first fit",
         "first after {} window length, then after {} and {} more, ".format(*checks.CHECK_AFTER)
         + f"then after every {checks.CHECK_EVERY}",
-        f"innovations leaves {follower.QUIETER:g} to {follower.NOISIER:g}",
+        f"innovations leaves {newest_innovations.QUIETER:g} to {newest_innovations.NOISIER:g}",
         f"compared below {inverse_dynamics.DRIVE_BAND_HZ:g} Hz",
         f"for stability and accuracy ($|\\lambda h| \\le {hpinn.STEP_LIMIT:g}$)",
     ]

@@ -13,12 +13,12 @@ from joint_id_core.estimators import Innovations, ParameterSettings
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.online import OnlineIdentifier, OnlineOptions, follower, learning, pending_change
 from joint_id_core.online.follower import Follower, Found
-from joint_id_core.online.trial import TRIAL
 from joint_id_core.online.knowledge import Knowledge
 from joint_id_core.online.memory import BLOCK_S
 from joint_id_core.online.pending_change import PATIENT
 from joint_id_core.online.relearn import relearn
 from joint_id_core.online.task import Task
+from joint_id_core.online.trial import TRIAL
 from joint_id_core.online.window import SlidingWindow
 from joint_id_core.results.estimate import Estimate
 

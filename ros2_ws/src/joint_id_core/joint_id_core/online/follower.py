@@ -15,6 +15,7 @@ from joint_id_core.online.input_noise import InputNoise
 from joint_id_core.online.learning import Explanation, learn
 from joint_id_core.online.levels import Levels
 from joint_id_core.online.memory import BLOCK_S, Change, Memory
+from joint_id_core.online.newest_innovations import NewestInnovations
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.pending_change import PATIENT, PendingChange
 from joint_id_core.online.piece import Block, Piece, merged
@@ -26,10 +27,7 @@ LINEAR = 0.02  # change of a coordinate up to which the result of a block is kep
 LINEAR_SIGMA = 0.3  # or in standard deviations
 SHARPER = 1.5  # smoothing of friction of a block over that of today up to which its result is kept
 JUMP = 300.0  # innovation, in standard deviations, from which a sensor jumped: the filter starts again
-NOISIER = 1.5  # mean squared innovation of a label from which its noise is no longer that of the memory
-QUIETER = 0.6  # the same, below which
 YOUNG = 1.0  # window lengths of motion before which a disagreement is not taken for a change of the joint
-ENOUGH = 100  # samples for a mean square
 
 
 class Found(Enum):
@@ -90,7 +88,7 @@ class Follower:
         self._shifted = np.zeros(len(coordinates.unit))  # the mean, by new noise levels, since the blocks were passed
         self._input_noise = InputNoise(len(coordinates.unit))
         self._block = Block(len(coordinates.unit))  # the present one
-        self._white: list[Array] = []  # innovations of the last window
+        self._innovations = NewestInnovations(options.window_s)
         self._moved_since, self._moved_until = np.inf, -np.inf
         self._pending: PendingChange | None = None
         self._settled_s = 0.0  # time of motion in s since the explanation was taken
@@ -167,14 +165,6 @@ class Follower:
         self._shifted = self._shifted + memory.inverse @ more
         self._wider = self.levels.wider(self.memory.inverse)
 
-    def _noise_changed(self) -> bool:
-        """Return whether the innovations of the last window are far from what the noise levels allow."""
-        for row in np.concatenate(self._white).T:
-            known = row[np.isfinite(row)]
-            if len(known) > ENOUGH and not QUIETER < float(known @ known) / len(known) < NOISIER:
-                return True
-        return False
-
     # --- blocks
 
     def _add_full_block(self, tracker: Tracker) -> None:
@@ -194,15 +184,14 @@ class Follower:
             return
         self.memory.add(block, self._options.memory_s)
         self.lost_s = 0.0
-        self._white.append(block.white)
-        del self._white[: -max(1, round(self._options.window_s / BLOCK_S))]
-        self.chi2 = float(np.nanmean(np.concatenate(self._white) ** 2))
+        self._innovations.add(block.white)
+        self.chi2 = self._innovations.chi2
         self.age_s += block.duration
         self._settled_s += block.duration
         change = self._tested(self.tracker)
         if change is None:
             self.tested_from = block.begin.time
-            self.noise_changed = self._noise_changed()
+            self.noise_changed = self._innovations.noise_changed
             passed_again = self._refine(self.tracker)
             self._learn_noise(self.tracker, self.memory.blocks[-1:] if passed_again else [block], anew=passed_again)
         elif self.age_s < YOUNG * self._options.window_s:
@@ -302,6 +291,6 @@ class Follower:
         self.since = explanation.learned.pieces[0].begin.time
         self._pending = None
         self.lost_s = self._settled_s = 0.0
-        self._white.clear()
+        self._innovations.clear()
         self.chi2 = None
         self._refine(tracker)
