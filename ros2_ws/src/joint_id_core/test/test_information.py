@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from joint_id_core.cell.kernel import compile_information
+from joint_id_core.cell.kernel import compile_shared
 from joint_id_core.online.symmetric import inverse_of, solve
 
 
@@ -53,7 +53,7 @@ def test_the_newest_estimate_is_that_of_the_formula(seed, k):
     wider, widened = rng.uniform(1.0, 3.0, k), np.eye(k) + 0.1 * units[:, None] * rng.standard_normal((k, k)) / units
     bias = units * rng.standard_normal(k)
     mean, covariance = np.empty(k), np.empty((k, k))
-    compile_information().newest(matrix, vector, noise, more, more_vector, wider, widened, bias, mean, covariance)
+    compile_shared().newest(matrix, vector, noise, more, more_vector, wider, widened, bias, mean, covariance)
     inverse = units[:, None] * np.linalg.inv((matrix + more) * np.outer(units, units)) * units
     spread = inverse @ (noise + more) @ inverse * np.outer(wider, wider)
     expected = widened @ spread @ widened.T + np.outer(bias, bias)

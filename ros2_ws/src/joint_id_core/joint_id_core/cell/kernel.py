@@ -26,7 +26,7 @@ from typing import Any, TextIO
 
 from joint_id_core import models
 from joint_id_core.cell import CELLS
-from joint_id_core.cell.loops import arrays, information, innovations, newton, noise, simulate, tracking
+from joint_id_core.cell.loops import arrays, information, innovations, newton, noise, simulate, streams, tracking
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import Model
 
@@ -41,7 +41,9 @@ _SENSITIVITIES: _Functions = (simulate.rollout_sensitivities,)
 _GAINS: _Functions = (
     noise.noise_information, noise.bounded_step, noise.disturbances, newton.with_prior, newton.damped_step,
 )  # fmt: skip
-_INFORMATION: _Functions = (information.inverse, information.newest)
+_SHARED: _Functions = (
+    information.inverse, information.newest, information.of_free, streams.steps, streams.always_moves,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -269,10 +271,11 @@ def _gains(states: int, inputs: int, delayed: bool) -> ModuleType:
 
 
 @lru_cache(maxsize=1)
-def compile_information() -> ModuleType:
-    """Return the compiled `loops.information`, which all models share; see `compile_model`."""
-    path = cache_directory() / f"information-{_hash()}" / "information.py"
-    return _loaded(path, "information", lambda: _module_source("information matrices", "", _INFORMATION), _INFORMATION)
+def compile_shared() -> ModuleType:
+    """Return the compiled `loops.information` and `loops.streams`, which all models share; see `compile_model`."""
+    path = cache_directory() / f"shared-{_hash()}" / "shared.py"
+    what = "functions that all models share"
+    return _loaded(path, what, lambda: _module_source(what, "", _SHARED), _SHARED)
 
 
 def _loaded(path: Path, what: str, source: Callable[[], str], functions: _Functions) -> ModuleType:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
-from joint_id_core.cell.kernel import compile_information
+from joint_id_core.cell.kernel import compile_shared
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Belief, Coordinates
 from joint_id_core.online.doubt import Doubt
@@ -133,7 +133,7 @@ class Memory:
             bias: that is taken off, and counts as uncertain, shape (k,).
         """
         mean, covariance = np.empty_like(self.vector), np.empty_like(self.matrix)
-        compile_information().newest(
+        compile_shared().newest(
             self.matrix, self.vector, self._noise, matrix, vector, self.wider, widened, bias, mean, covariance
         )
         return mean, covariance + self.doubt

@@ -8,12 +8,14 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from joint_id_core.cell.kernel import compile_shared
 from joint_id_core.data.recording import Array, Recording
-from joint_id_core.estimators.shared.stillness import STILL_S, still, still_link, wound_up
+from joint_id_core.estimators.shared.stillness import STILL_S, still, still_link, surely_moves, wound_up
 from joint_id_core.models import Model
 from joint_id_core.online.window import SlidingWindow, pauses
 
 MOVED_S = 0.5  # a joint counts as moving until it has been seen at rest for so long; a pause of the samples is no rest
+EVEN = 1.5  # largest over smallest step of samples that come without gaps
 BATCH_S = 0.1  # of samples that are handed on together: the work on a batch hardly depends on its length
 
 
@@ -50,15 +52,24 @@ class MotionWatch:
         if first == last:
             return
         self._done = float(recent.time[last - 1])
-        steps = recent.time[1:] - recent.time[:-1]
-        # A median, in a tenth of the time of `np.median`.
-        period = float(np.partition(steps, len(steps) // 2)[len(steps) // 2]) if len(steps) else 0.0
+        period, even = _period(recent.time)
+        if even and self._surely_moves(recent, period):  # nearly always
+            yield recent.slice(first, last), True
+            self._rested_s = 0.0
+            return
         at_rest = self._at_rest(recent, slice(first, last), period)
         edges = [0, *self._turns(at_rest, recent.time[first:last]), last - first]
         for begin, end in pairwise(edges):
             part = recent.slice(first + begin, first + end)
             yield part, not at_rest[begin]
             self._rested_s = self._rested_s + part.duration + period if at_rest[begin] else 0.0
+
+    def _surely_moves(self, recent: Recording, period: float) -> bool:
+        """Return whether one label already tells that the joint moves at all samples."""
+        if self.noise is None or self._wound is not None:
+            return False
+        known = ((n, sigma) for n, sigma in self.noise.items() if n in recent and n not in recent.derived)
+        return any(surely_moves(name, recent.channels[name], period, sigma) for name, sigma in known)
 
     def _turns(self, at_rest: NDArray[np.bool_], time: Array) -> list[int]:
         """Return the numbers of the samples (T,) with which a rest, a motion, or what follows a pause begins."""
@@ -80,3 +91,16 @@ class MotionWatch:
         link_still = still_link(labels, y, period, self.noise)[part]
         rest, self._wound = wound_up(rest, link_still, period, self._wound)
         return rest
+
+
+def _period(time: Array) -> tuple[float, bool]:
+    """Return the typical step between instants (T,) in s, and whether all are nearly like it."""
+    if len(time) < 2:
+        return 0.0, False
+    found = np.empty(2)
+    compile_shared().steps(time, found)
+    if found[1] < EVEN * found[0]:
+        return float(time[-1] - time[0]) / (len(time) - 1), True
+    steps = time[1:] - time[:-1]
+    # A median, in a tenth of the time of `np.median`.
+    return float(np.partition(steps, len(steps) // 2)[len(steps) // 2]), False

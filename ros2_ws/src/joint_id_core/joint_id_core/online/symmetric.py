@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from joint_id_core.cell.kernel import compile_information
+from joint_id_core.cell.kernel import compile_shared
 from joint_id_core.data.recording import Array
 
 
@@ -18,5 +18,5 @@ def solve(matrix: Array, right: Array) -> Array:
 def inverse_of(matrix: Array) -> Array:
     """Invert a symmetric positive definite matrix (n, n), scaled to a unit diagonal."""
     found = np.empty_like(matrix)
-    compile_information().inverse(matrix, found)
+    compile_shared().inverse(matrix, found)
     return found

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from joint_id_core.cell.kernel import Kernel
+from joint_id_core.cell.kernel import Kernel, compile_shared
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.input_noise import shown_noise
@@ -235,17 +235,16 @@ class Tracker:
         found = self._passed(begin, samples, stored)
         if not np.isfinite(found.cost):
             return None
-        columns, slope = self.columns, self._slope
-        H = found.matrix[columns[:, None], columns] * (slope[:, None] * slope)
-        g = found.score[columns] * slope
-        white = found.errors[1:] / np.sqrt(found.variances[1:])
-        missing = np.isnan(samples.y)
-        if missing.any():
-            white[missing] = np.nan
+        k = len(self.z)
+        matrix, vector, white = np.empty((k, k)), np.empty(k), np.empty_like(samples.y)
+        compile_shared().of_free(
+            found.matrix, found.score, self.columns, self._slope, self.z, found.errors, found.variances, found.y,
+            matrix, vector, white,
+        )  # fmt: skip
         last = len(samples.time) > 0
         state = State(found.kept, float(samples.time[-1]) if last else begin.time, samples.u[-1] if last else begin.u)
         passed = found if stored else None
-        return state, found.cost, Piece(H, g + H @ self.z, white, begin, samples, self.z, self.smoothing, passed)
+        return state, found.cost, Piece(matrix, vector, white, begin, samples, self.z, self.smoothing, passed)
 
     def _room(self, rows: int) -> tuple[Array, Array, Array, Array]:
         """Return gains, slopes, derivatives of the readings and sensitivities for `track` to fill."""

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from joint_id_core.cell.loops.arrays import Matrix, Vector
+from joint_id_core.cell.loops.arrays import Indices, Matrix, Vector
 
 ROUNDED = 1e-14  # smallest pivot of a matrix with a unit diagonal that rounding leaves
 
@@ -127,3 +127,40 @@ def product_transposed(A: Matrix, B: Matrix, found: Matrix) -> None:
             found[i, j] = 0.0
             for m in range(k):
                 found[i, j] += A[i, m] * B[j, m]
+
+
+def of_free(
+    H: Matrix,
+    g: Vector,
+    columns: Indices,
+    slope: Vector,
+    z: Vector,
+    e: Matrix,
+    S: Matrix,
+    y: Matrix,
+    matrix: Matrix,
+    vector: Vector,
+    white: Matrix,
+) -> None:
+    """Compute what a stretch says of the free parameters from what `loops.tracking.track` wrote.
+
+    Inputs:
+        H (NP, NP), g (NP), e, S, y (1 + T, NY): outputs of `track`, and its labels; row 0 is the sample before.
+        columns (k): places of the free parameters in H and g.
+        slope (k), z (k): derivatives of their values by the coordinates, and these.
+
+    Outputs:
+        matrix (k, k), vector (k): the stretch alone says matrix z = vector.
+        white (T, NY): innovations over their standard deviations, NaN where a label is missing.
+    """
+    k = len(z)
+    for i in range(k):
+        vector[i] = g[columns[i]] * slope[i]
+        for j in range(k):
+            matrix[i, j] = H[columns[i], columns[j]] * slope[i] * slope[j]
+            vector[i] += matrix[i, j] * z[j]
+    for t in range(len(white)):
+        for j in range(white.shape[1]):
+            white[t, j] = e[t + 1, j] / math.sqrt(S[t + 1, j])
+            if math.isnan(y[t + 1, j]):
+                white[t, j] = math.nan

@@ -49,10 +49,10 @@ class Innovations:
 
     def compile(self, model: Model, settings: ParameterSettings) -> None:
         """Compile all that fits of `model` need, online as well, or load it from the cache: no fit waits for it."""
-        from joint_id_core.cell.kernel import compile_information, compile_model
+        from joint_id_core.cell.kernel import compile_model, compile_shared
         from joint_id_core.estimators.innovations import fit  # noqa: F401  # loads what a fit imports
 
-        compile_information()
+        compile_shared()
         _ = compile_model(model, "tanh", settings.freed_in(model), self.cell).tracking
 
     def is_compiled(self, model: Model, settings: ParameterSettings) -> bool:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
+from joint_id_core.cell.kernel import compile_shared
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.data.signals import CHANNELS, side_of
 from joint_id_core.estimators.shared.initial_state import rough_noise
@@ -70,6 +71,17 @@ def still(
         return np.zeros(len(y), dtype=bool)
     # a sample is at rest if any quiet stretch of `count` samples holds it
     return np.convolve(quiet, np.ones(count, dtype=int))[: len(y)] > 0
+
+
+def surely_moves(name: str, values: Array, period: float, noise: float) -> bool:
+    """Return whether one label with this standard deviation tells that no sample belongs to a rest, as for `still`.
+
+    `values` (T,) may lack some; then the answer is no. Where it is no, `still` tells.
+    """
+    slack, scale, count = NOISY * noise, CHANNELS[name].scale, max(LEAST, round(STILL_S / period) + 1)
+    if not name.endswith(MOTION) or slack > CREDIBLE * scale or len(values) < count:
+        return False
+    return bool(compile_shared().always_moves(values, count, slack + SLOW * scale))
 
 
 def still_in_record(labels: tuple[str, ...], y: Array, period: float) -> NDArray[np.bool_]:
