@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import pytest
+from hypothesis import settings
 
 from joint_id_core.cli import app
 from joint_id_core.emulator.controller import Controller
 from joint_id_core.emulator.robots import build_joints
 
 from .emulator_line import Line
+
+# No test depends on the speed of the computer, and the first example may load compiled functions.
+settings.register_profile("joint_id", deadline=None)
+settings.load_profile("joint_id")
 
 
 @pytest.fixture

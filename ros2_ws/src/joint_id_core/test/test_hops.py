@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from joint_id_core.data.recording import Recording
@@ -26,7 +26,6 @@ def ends_of_hops(hop_s, ends, first):
     return np.array(found)
 
 
-@settings(deadline=None)
 @given(jitter=st.lists(st.integers(-1, 2), min_size=60, max_size=60), hop=st.sampled_from([10, 25, 50]))
 def test_batches_that_end_some_samples_early_or_late_leave_no_hop_out(jitter, hop):
     ends = [hop * (k + 1) + late for k, late in enumerate(jitter)]
@@ -34,7 +33,6 @@ def test_batches_that_end_some_samples_early_or_late_leave_no_hop_out(jitter, ho
     assert len(found) >= len(ends) - 1
 
 
-@settings(deadline=None)
 @given(sizes=st.lists(st.integers(1, 60), min_size=50, max_size=80))
 def test_the_mean_time_between_estimates_is_never_shorter_than_a_hop(sizes):
     ends = np.cumsum(sizes).tolist()

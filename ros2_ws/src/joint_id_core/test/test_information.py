@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from joint_id_core.cell.kernel import compile_shared
+from joint_id_core.online.score_test import score_of
 from joint_id_core.online.symmetric import inverse_of, solve
 
 
@@ -18,7 +19,6 @@ def information(rng, k, samples=40, decades=6.0):
     return rows.T @ rows
 
 
-@settings(deadline=None)
 @given(seed=st.integers(0, 10**6), k=st.integers(1, 14))
 def test_inverse_and_solution_are_those_of_numpy_whatever_the_units(seed, k):
     rng = np.random.default_rng(seed)
@@ -43,7 +43,6 @@ def test_a_matrix_that_is_singular_by_rounding_gives_finite_values():
     assert (np.diag(found) > 0.0).all()
 
 
-@settings(deadline=None)
 @given(seed=st.integers(0, 10**6), k=st.integers(1, 12))
 def test_the_newest_estimate_is_that_of_the_formula(seed, k):
     rng = np.random.default_rng(seed)
@@ -60,6 +59,38 @@ def test_the_newest_estimate_is_that_of_the_formula(seed, k):
     sigma = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(covariance / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=1e-8)
     np.testing.assert_allclose(mean / sigma, (inverse @ (vector + more_vector) - bias) / sigma, atol=1e-6)
+
+
+@given(seed=st.integers(0, 10**6), k=st.integers(1, 12))
+def test_the_score_of_a_change_is_that_of_the_formula(seed, k):
+    """Score P^-1 (P^-1 + H)^-1 (h - H z) and information P^-1 (P^-1 + H)^-1 H, in units of the parameters."""
+    rng = np.random.default_rng(seed)
+    precision, matrix = information(rng, k, decades=2.0), information(rng, k, decades=2.0)
+    units = 1.0 / np.sqrt(np.diag(precision + matrix))
+    z = units * rng.standard_normal(k)
+    vector = matrix @ (units * rng.standard_normal(k))
+    score, found, mean = score_of(precision, precision @ z, matrix, vector)
+    both = np.outer(units, units)
+    inverse = np.linalg.inv((precision + matrix) * both)
+    weight = precision * both @ inverse
+    np.testing.assert_allclose(mean / units, z / units, atol=1e-6 * np.linalg.cond(precision * both))
+    np.testing.assert_allclose(score * units, weight @ ((vector - matrix @ z) * units), atol=1e-6)
+    np.testing.assert_allclose(found * both, weight @ (matrix * both), atol=1e-6)
+    np.testing.assert_array_equal(found, found.T)
+
+
+def test_what_a_stretch_says_of_the_free_parameters():
+    rng = np.random.default_rng(0)
+    H, g, columns = information(rng, 6), rng.standard_normal(6), np.array([4, 0, 3])
+    slope, z = rng.uniform(0.5, 2.0, 3), rng.standard_normal(3)
+    e, S, y = rng.standard_normal((8, 2)), rng.uniform(1.0, 4.0, (8, 2)), rng.standard_normal((8, 2))
+    y[3, 1] = np.nan
+    matrix, vector, white = np.empty((3, 3)), np.empty(3), np.empty((7, 2))
+    compile_shared().of_free(H, g, columns, slope, z, e, S, y, matrix, vector, white)
+    expected = H[np.ix_(columns, columns)] * np.outer(slope, slope)
+    np.testing.assert_allclose(matrix, expected)
+    np.testing.assert_allclose(vector, g[columns] * slope + expected @ z)
+    np.testing.assert_allclose(white, np.where(np.isnan(y[1:]), np.nan, (e / np.sqrt(S))[1:]))
 
 
 def test_information_is_not_changed_by_an_estimate():

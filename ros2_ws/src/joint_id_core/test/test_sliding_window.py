@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from joint_id_core.data.recording import Recording
@@ -28,7 +28,6 @@ def recordings(sizes):
         begin, number = begin + PERIOD * count + pause, number + count
 
 
-@settings(deadline=None)
 @given(sizes=parts, length=st.floats(0.05, 5.0))
 def test_it_holds_the_newest_samples_and_their_channels(sizes, length):
     window, all_parts = SlidingWindow(length), []
@@ -52,7 +51,6 @@ def test_it_holds_the_newest_samples_and_their_channels(sizes, length):
         np.testing.assert_array_equal(tail.time, held.time[held.time >= part.time[-1] - 0.1])
 
 
-@settings(deadline=None)
 @given(sizes=parts)
 def test_a_recording_of_it_stays_as_it_is_when_samples_follow(sizes):
     window, seen = SlidingWindow(1.0), []

@@ -10,7 +10,15 @@ from hypothesis import strategies as st
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import ParameterSettings
 from joint_id_core.estimators.shared.fit_data import UnusableError, prepare
-from joint_id_core.estimators.shared.stillness import STILL_S, WIND_UP_S, seen_by, still, still_link, wound_up
+from joint_id_core.estimators.shared.stillness import (
+    STILL_S,
+    WIND_UP_S,
+    seen_by,
+    still,
+    still_link,
+    surely_moves,
+    wound_up,
+)
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Status
 from joint_id_core.simulation.sensors import ur_robot_sensors
@@ -54,6 +62,29 @@ def test_a_fast_motion_has_no_rest_at_its_reversals(seed):
 def test_a_joint_at_rest_rests_all_the_time(creep):
     q = 0.7 + creep * TIME
     assert still(LABELS, measured(q, np.full(len(q), 101.0 * creep)), PERIOD).all()
+
+
+@given(seed=st.integers(0, 50), begin=st.integers(0, 1900), missing=st.booleans())
+def test_what_surely_moves_has_no_rest(seed, begin, missing):
+    """The quick answer, of one label, is never that of a joint that `still` finds at rest."""
+    y, noise = measured(*moves(0.4)[:2], seed), {"link_position": 1e-5, "motor_velocity": 0.1}
+    part = y[begin : begin + 80].copy()
+    if missing:
+        part[::7] = np.nan
+    sure = [
+        surely_moves(name, np.ascontiguousarray(row), PERIOD, noise[name])
+        for name, row in zip(LABELS, part.T, strict=True)
+    ]
+    if any(sure):
+        assert not missing and not still(LABELS, part, PERIOD, noise).any()
+
+
+def test_a_fast_joint_surely_moves():
+    q = 0.5 * TIME[:80]
+    assert surely_moves("link_position", q, PERIOD, 1e-5)
+    assert not surely_moves("link_position", q[:20], PERIOD, 1e-5)  # too short to tell
+    assert not surely_moves("link_position", q, PERIOD, 0.1)  # the noise hides it
+    assert not surely_moves("current", q, PERIOD, 1e-5)
 
 
 def test_a_coarse_encoder_says_nothing_about_rest():

@@ -42,7 +42,8 @@ _GAINS: _Functions = (
     noise.noise_information, noise.bounded_step, noise.disturbances, newton.with_prior, newton.damped_step,
 )  # fmt: skip
 _SHARED: _Functions = (
-    information.inverse, information.newest, information.of_free, streams.steps, streams.always_moves,
+    information.inverse, information.newest, information.change, information.of_free,
+    streams.steps, streams.always_moves,
 )  # fmt: skip
 
 

@@ -18,6 +18,7 @@ from joint_id_core.online.symmetric import solve
 # stretch that begins every second, once in a quarter of an hour of motion.
 SELDOM = 1e-4
 UNLIKELY = 0.01  # odds with the samples, below which a change is left out
+LEAST = 2.0 * np.log(UNLIKELY / SELDOM)  # the same in squared standard deviations
 LARGEST = 50.0  # squared standard deviations from which it makes no difference how many there are
 
 
@@ -36,7 +37,10 @@ class Doubt:
             excess: scatter of earlier stretches, by which the square of each score is divided, shape (k,).
         """
         single = np.maximum(information.diagonal(), 1e-300)
-        odds = SELDOM * np.exp(0.5 * np.minimum(score**2 / single / excess, LARGEST))
+        square = score**2 / single / excess
+        if square.max() < LEAST:  # nearly always
+            return
+        odds = SELDOM * np.exp(0.5 * np.minimum(square, LARGEST))
         likely = np.flatnonzero(odds > UNLIKELY)
         if len(likely):
             off = solve(precision + matrix, precision[:, likely]) * (score / single)[likely]

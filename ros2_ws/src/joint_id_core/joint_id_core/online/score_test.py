@@ -15,8 +15,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import chdtri
 
+from joint_id_core.cell.kernel import compile_shared
 from joint_id_core.data.recording import Array
-from joint_id_core.online.symmetric import solve
 
 LEFT = 0.05  # probability from which what is left after the changes of some parameters counts as noise
 ALIKE = 9.0  # difference of the likelihood ratio up to which two explanations are both possible
@@ -30,12 +30,9 @@ def score_of(precision: Array, weighted: Array, matrix: Array, vector: Array) ->
     `precision` (k, k), and `weighted` (k,), that times the mean, are the memory before a stretch; `matrix` and `vector`
     are what the stretch says.
     """
-    mean = solve(precision, weighted)
-    r = vector - matrix @ mean
-    solved = solve(precision + matrix, np.column_stack([r, matrix]))
-    found = precision @ solved
-    information = found[:, 1:]
-    return found[:, 0], 0.5 * (information + information.T), mean
+    score, information, mean = np.empty_like(vector), np.empty_like(matrix), np.empty_like(vector)
+    compile_shared().change(precision, weighted, matrix, vector, score, information, mean)
+    return score, information, mean
 
 
 def chi2(score: Array, information: Array) -> tuple[float, int]:

@@ -108,6 +108,53 @@ def newest(
             covariance[i, j] += bias[i] * bias[j]
 
 
+def change(
+    precision: Matrix,
+    weighted: Vector,
+    matrix: Matrix,
+    vector: Vector,
+    score: Vector,
+    information: Matrix,
+    mean: Vector,
+) -> None:
+    """Compute score and information of a change between a memory and a stretch after it: see `online.score_test`.
+
+    Inputs:
+        precision (k, k), weighted (k): inverse of the covariance of the estimate before, and that times the estimate.
+        matrix (k, k), vector (k): what the stretch says.
+
+    Outputs:
+        score (k), information (k, k), and the mean (k) of the memory.
+    """
+    k = len(vector)
+    A, P, M, left = np.empty((k, k)), np.empty((k, k)), np.empty((k, k)), np.empty(k)
+    _ = inverse(precision, P)
+    for i in range(k):
+        mean[i] = 0.0
+        for j in range(k):
+            mean[i] += P[i, j] * weighted[j]
+    for i in range(k):  # one step of iterative refinement
+        left[i] = weighted[i]
+        for j in range(k):
+            left[i] -= precision[i, j] * mean[j]
+    for i in range(k):
+        for j in range(k):
+            mean[i] += P[i, j] * left[j]
+            A[i, j] = precision[i, j] + matrix[i, j]
+    for i in range(k):
+        left[i] = vector[i]
+        for j in range(k):
+            left[i] -= matrix[i, j] * mean[j]
+    _ = inverse(A, P)
+    product(precision, P, A)
+    product(A, matrix, M)
+    for i in range(k):
+        score[i] = 0.0
+        for j in range(k):
+            score[i] += A[i, j] * left[j]
+            information[i, j] = 0.5 * (M[i, j] + M[j, i])
+
+
 def product(A: Matrix, B: Matrix, found: Matrix) -> None:
     """Write A B to `found`, all (k, k)."""
     k = len(A)
