@@ -4,7 +4,8 @@
 
 Emulated robot, driver, filter and identifier are processes of their own, as on a robot; this one listens to
 joint_params. The driver ends at 500 Hz, so at a higher rate `graph_source.py` publishes simulated joints. In the case
-"receiving", the window is longer than the run: the identifier takes in and converts samples, and fits nothing.
+"receiving", the window is longer than the run: the identifier takes in and converts samples, and fits nothing. In the
+first 16 s of motion all samples are fitted anew three times beside the recursion; `--after 25` leaves these out.
 
 The share of a core is small on a computer that has no time for the nodes, so the time per sample that a node received
 is given as well. Latency is the time from the stamp of the newest sample of an estimate to the instant at which the
@@ -52,6 +53,9 @@ def main() -> None:
     parser.add_argument("--models", nargs="+", default=["motor_side", "harmonic_drive"], help="(default: both)")
     parser.add_argument("--hop", type=float, default=0.1, help="s between two estimates (default: %(default)s)")
     parser.add_argument("--duration", type=float, default=15.0, help="s that are measured (default: %(default)s)")
+    parser.add_argument(
+        "--after", type=float, default=3.0, help="s from the first estimate until it is measured (default: %(default)s)"
+    )
     parser.add_argument("--runs", type=int, default=1, help="of each case (default: %(default)s)")
     parser.add_argument("--json", type=Path, default=Path("out/benchmarks/graph.json"), help="(default: %(default)s)")
     args = parser.parse_args()
@@ -60,13 +64,13 @@ def main() -> None:
     for _ in range(args.runs):
         for case in args.cases:
             for model in args.models if case != "receiving" else args.models[:1]:
-                runs.append(_measure(case, model, args.hop, args.duration))
+                runs.append(_measure(case, model, args.hop, args.duration, args.after))
                 print(_line(runs[-1]), flush=True)
     args.json.parent.mkdir(parents=True, exist_ok=True)
     args.json.write_text(json.dumps(runs, indent=1))
 
 
-def _measure(case: str, model: str, hop: float, duration: float) -> dict[str, Any]:
+def _measure(case: str, model: str, hop: float, duration: float, after: float) -> dict[str, Any]:
     """Run one case and return its figures."""
     window = 2.0 if case != "receiving" else 600.0
     settings = {"model": model, "actuation": "current", "window_s": window, "hop_s": hop}
@@ -92,7 +96,7 @@ def _measure(case: str, model: str, hop: float, duration: float) -> dict[str, An
             watcher.spin_for(12.0)  # until all nodes have started and the filter has learnt the period
         else:
             watcher.wait_for_estimates()
-            watcher.spin_for(3.0)
+            watcher.spin_for(after)
         watcher.clear()
         begun, before = time.monotonic(), {name: cpu_s(p.pid) for name, p in processes.items()}
         watcher.spin_for(duration)
