@@ -11,7 +11,7 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import ParameterSettings
 from joint_id_core.models import build
 from joint_id_core.online import OnlineIdentifier
-from joint_id_core.online.curvature import curvature
+from joint_id_core.online.curvature import NOTHING, curvature
 from joint_id_core.online.memory import Memory
 from joint_id_core.online.piece import Piece, Samples, State
 from joint_id_core.results.estimate import Verdict
@@ -48,6 +48,14 @@ def test_the_second_order_of_a_parabola(bend):
     found = curvature(tracker, memory, COORDINATES, 1e9)
     np.testing.assert_allclose(np.sqrt(found[1, 1]), np.sqrt(3.0) * abs(bend) * WEAK**2, rtol=0.1, atol=1e-9)
     assert np.sqrt(found[0, 0]) < 0.1 * WEAK
+
+
+def test_a_bend_beyond_all_bounds_says_that_nothing_is_known():
+    tracker = Bent(1e9)
+    memory = Memory(np.zeros(2), np.diag([1e6, 1e6]), np.full(2, 1e3))
+    memory.add(tracker.piece(np.zeros(2)), 1e9)
+    found = curvature(tracker, memory, COORDINATES, 1e9)
+    assert np.isfinite(found).all() and np.sqrt(found[1, 1]) > NOTHING
 
 
 def test_a_memory_that_knows_everything_well_is_as_good_as_linear():

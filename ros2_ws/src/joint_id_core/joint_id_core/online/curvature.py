@@ -21,6 +21,7 @@ from joint_id_core.online.tracker import Tracker
 
 LINEAR = 0.02  # standard deviation of a combination of coordinates up to which the bend is negligible
 FARTHEST = 0.5  # longest step along a combination, by which the bend is measured
+NOTHING = 10.0  # bend from which nothing is known any more: a factor e^10, or ten times the spread
 
 
 def curvature(tracker: Tracker, memory: Memory, coordinates: Coordinates, memory_s: float) -> Array:
@@ -50,5 +51,7 @@ def curvature(tracker: Tracker, memory: Memory, coordinates: Coordinates, memory
             there.replace(passed[1], memory_s)
             step, normal = solve(there.matrix, np.column_stack([there.vector - there.matrix @ z, across])).T
             step = (step - normal * (across @ step) / (across @ normal)) / length**2
-            found += 1.5 * np.outer(step, step)  # the mean of both sides
+            if np.isfinite(step).all():
+                step = np.clip(step, -NOTHING * unit, NOTHING * unit)
+                found += 1.5 * np.outer(step, step)  # the mean of both sides
     return found
