@@ -79,7 +79,7 @@ class ManagedNode(LifecycleNode):
         result = self._step(self.begin)
         if result == SUCCESS:
             self.not_ready = ""
-            spare_the_collector()  # now what was loaded to configure is there, too
+            spare_the_collector()  # now all is loaded that stays
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:

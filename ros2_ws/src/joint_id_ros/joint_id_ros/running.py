@@ -75,7 +75,6 @@ def run(name: str, kind: str) -> int:
         node = make()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        spare_the_collector()
         spinning, next_turn, next_reading = True, 0.0, 0.0
         while not signals and not node.finished.done():
             streams = node.streams
@@ -96,6 +95,7 @@ def run(name: str, kind: str) -> int:
         print(f"{name}: {error}", file=sys.stderr)
         return ENDED_EARLY if isinstance(error, EndedEarlyError) else BAD_INPUT
     finally:
+        gc.unfreeze()  # the end of the process finds everything as without `spare_the_collector`
         if node is not None:
             node.close()
             node.destroy_node()
