@@ -51,6 +51,23 @@ def inverse(matrix: Matrix, found: Matrix) -> float:
     return least
 
 
+def solve(matrix: Matrix, inverted: Matrix, right: Vector, found: Vector) -> None:
+    """Solve a system (k, k) for `right` (k) with the inverse of its matrix, and one step of iterative refinement."""
+    k = len(right)
+    left = np.empty(k)
+    for i in range(k):
+        found[i] = 0.0
+        for j in range(k):
+            found[i] += inverted[i, j] * right[j]
+    for i in range(k):
+        left[i] = right[i]
+        for j in range(k):
+            left[i] -= matrix[i, j] * found[j]
+    for i in range(k):
+        for j in range(k):
+            found[i] += inverted[i, j] * left[j]
+
+
 def newest(
     matrix: Matrix,
     vector: Vector,
@@ -83,18 +100,11 @@ def newest(
         for j in range(k):
             A[i, j] = matrix[i, j] + more[i, j]
             N[i, j] = noise[i, j] + more[i, j]
-    _ = inverse(A, P)
     for i in range(k):
-        mean[i] = 0.0
-        for j in range(k):
-            mean[i] += P[i, j] * (vector[j] + more_vector[j])
-    for i in range(k):  # one step of iterative refinement
         left[i] = vector[i] + more_vector[i]
-        for j in range(k):
-            left[i] -= A[i, j] * mean[j]
+    _ = inverse(A, P)
+    solve(A, P, left, mean)
     for i in range(k):
-        for j in range(k):
-            mean[i] += P[i, j] * left[j]
         mean[i] -= bias[i]
     product(P, N, M)
     product_transposed(M, P, N)
@@ -129,17 +139,9 @@ def change(
     k = len(vector)
     A, P, M, left = np.empty((k, k)), np.empty((k, k)), np.empty((k, k)), np.empty(k)
     _ = inverse(precision, P)
-    for i in range(k):
-        mean[i] = 0.0
-        for j in range(k):
-            mean[i] += P[i, j] * weighted[j]
-    for i in range(k):  # one step of iterative refinement
-        left[i] = weighted[i]
-        for j in range(k):
-            left[i] -= precision[i, j] * mean[j]
+    solve(precision, P, weighted, mean)
     for i in range(k):
         for j in range(k):
-            mean[i] += P[i, j] * left[j]
             A[i, j] = precision[i, j] + matrix[i, j]
     for i in range(k):
         left[i] = vector[i]
