@@ -224,6 +224,14 @@ def test_a_drive_that_does_not_cause_the_motion_is_a_poor_fit():
     assert "do not trust the standard deviations" in estimate.message
 
 
+def test_a_small_load_is_no_reason_for_a_poor_fit():
+    """Noise of the torque that is larger than it, but much smaller than the torque itself."""
+    motion = rigid()
+    load = motion.with_channels({"external_torque": 1e-4 * np.sin(motion.time)})
+    estimate = fit(RIGID, load)
+    assert estimate.converged and not any("does not cause" in note for note in estimate.notes)
+
+
 @pytest.mark.parametrize(
     ("change", "status", "says"),
     [

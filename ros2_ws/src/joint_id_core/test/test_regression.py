@@ -10,7 +10,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ParameterSettings, Regression, build, fit
 from joint_id_core.estimators.regression.covariance import automatic_lag, newey_west
 from joint_id_core.estimators.regression.equations import Motion, equations
-from joint_id_core.estimators.regression.least_squares import solve
+from joint_id_core.estimators.regression.least_squares import explained_later, solve
 from joint_id_core.models import build as build_model
 from joint_id_core.results.estimate import Status, Verdict
 from joint_id_core.simulation.simulator import simulate
@@ -115,6 +115,7 @@ def test_the_equations_are_those_of_the_model():
     assert found.names == free and found.factor == pytest.approx(10.1)
     assert np.abs(found.y - found.columns @ [values[n] for n in free]).max() < 1e-9
     assert np.allclose(found.columns[:, 1], w) and np.allclose(found.columns[:, 4], np.cos(q))
+    assert [n for n, static in zip(free, found.static, strict=True) if static] == ["tau_0", "a_g", "b_g"]
 
 
 def test_parameters_in_which_the_equation_is_not_linear_are_held_and_named():
@@ -160,6 +161,41 @@ def test_gravity_that_the_model_lacks_makes_a_poor_fit_and_a_right_one_with_it()
     right = fit(loaded, record, estimator=Regression())
     assert right.converged
     assert all(abs(right[n].value - v) < 3.0 * right[n].std_dev for n, v in truth.items())
+
+
+def test_a_small_value_that_noise_makes_negative_is_not_known_and_no_fault():
+    """Its interval holds zero; a value that the data pull below zero by more is a fault of the model."""
+    table, rng = columns(), np.random.default_rng(4)
+    y = table @ [0.0, 3.0, 5.0] + 0.1 * rng.standard_normal(COUNT)
+    found = solve(y, table, [True] * 3, np.zeros(COUNT, dtype=np.int64))
+    assert abs(found.unbounded[0]) < 3.0 * found.sigma[0] and not found.below.any()
+    pulled = solve(y - 0.5 * table[:, 0], table, [True] * 3, np.zeros(COUNT, dtype=np.int64))
+    assert pulled.below.tolist() == [True, False, False]
+    assert pulled.unbounded[0] == pytest.approx(found.unbounded[0] - 0.5)
+
+
+def test_what_the_first_part_explains_of_the_rest_is_judged_without_the_static_load():
+    """A large load of gravity, which any fit describes, does not hide that the motion is not described."""
+    table, static = columns(), np.array([False, False, False, True])
+    rng = np.random.default_rng(5)
+    gravity = 100.0 * np.cos(np.arange(COUNT) / 300.0)
+    loaded, pieces = np.column_stack([table, gravity]), np.zeros(COUNT, dtype=np.int64)
+    right = loaded @ [2.0, 3.0, 5.0, 1.0] + 0.05 * rng.standard_normal(COUNT)
+    wrong = gravity + 3.0 * remembering(rng, COUNT, 100.0)
+    shares = [explained_later(y, loaded, [True] * 3 + [False], static, pieces) for y in (right, wrong)]
+    assert shares[0] > 0.99 and shares[1] < 0.5
+    assert explained_later(wrong, loaded, [True] * 3 + [False], np.zeros(4, dtype=bool), pieces) > 0.9
+
+
+@pytest.mark.parametrize("noise", [1e-5, 5e-4])
+def test_noise_of_the_encoder_does_not_make_inertia_smaller(noise):
+    """The band ends where noise of the acceleration would; a cruder encoder leaves less of it."""
+    record = motion()
+    rng = np.random.default_rng(6)
+    seen = record.with_channels({"link_position": record["link_position"] + noise * rng.standard_normal(len(record))})
+    found = fit(MODEL, seen, estimator=Regression())
+    assert abs(found["J"].value - TRUTH["J"]) < 0.02 * TRUTH["J"]
+    assert abs(found["c"].value - TRUTH["c"]) < 0.05 * TRUTH["c"]
 
 
 def test_data_that_cannot_be_used_come_back_with_a_status():

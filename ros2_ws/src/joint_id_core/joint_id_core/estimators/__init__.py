@@ -73,12 +73,18 @@ def fit(
         progress: called with a line of text from time to time.
 
     Returns:
-        The estimate. Poor data raise no exception: the status says what is wrong and what to do.
+        The estimate; one by `Innovations` is checked by `Regression`, where that suits the model. Poor data raise no
+        exception: the status says what is wrong and what to do.
 
     Raises:
         JointIdError: misuse of parameter names, values or options; a library that the estimator needs is missing.
     """
-    return estimator.fit(model, recording, settings, progress)
+    estimate = estimator.fit(model, recording, settings, progress)
+    if not isinstance(estimator, Innovations):
+        return estimate
+    from joint_id_core.estimators.cross_check import cross_checked  # loads NumPy
+
+    return cross_checked(estimate, model, recording, settings)
 
 
 def build(name: str, **options: object) -> Innovations | Regression | HPinn:

@@ -31,6 +31,8 @@ class Status(enum.Enum):
     NO_MOTION = "no_motion"
     TOO_SHORT = "too_short"
     MISSING_SIGNAL = "missing_signal"
+    DISAGREE = "disagree"
+    UNINFORMATIVE = "uninformative"
 
     @property
     def advice(self) -> str:
@@ -47,6 +49,9 @@ _ADVICE = {
     Status.NO_MOTION: "no motion in this window: move the joint",
     Status.TOO_SHORT: "too few samples for a fit: record longer or widen the window",
     Status.MISSING_SIGNAL: "a signal that the model needs is missing",
+    Status.DISAGREE: "two estimators with different assumptions disagree by more than their intervals: use parameters "
+    "that are not named, and for those that are the wide interval, which contains both values",
+    Status.UNINFORMATIVE: "this motion shows none of the parameters: move faster, further or for longer",
 }
 
 

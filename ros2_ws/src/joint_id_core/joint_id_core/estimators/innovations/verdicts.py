@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,7 @@ from joint_id_core.data.recording import Array
 from joint_id_core.estimators.shared.fit_data import FitData
 from joint_id_core.estimators.shared.sentences import listed, message, missed, sentence, times
 from joint_id_core.models import Model
+from joint_id_core.models.operations import ArrayOps
 from joint_id_core.results.estimate import (
     NOT_EXCITED_RATIO,
     PRIOR_RATIO,
@@ -162,17 +164,30 @@ class Judgement:
 def idle_drives(data: FitData, q: Array) -> list[str]:
     """Return a reason for each drive that explains none of the motion.
 
-    That is a drive whose noise variance, in `q` (inputs,), exceeds its own mean square.
+    That is a drive whose noise variance, in `q` (inputs,), exceeds its own mean square, and that of the torque which
+    another drive puts on the same inertia: a load may be small.
     """
-    reasons = []
-    for signal, values, variance in zip(data.model.inputs, data.u.T, q, strict=True):
-        power = float(values @ values) / len(values)
-        if signal.hold == "zero" and 0.0 < power < variance:
+    reasons, strength = [], _strength(data)
+    powers = np.mean(data.u**2, axis=0)
+    for k, (signal, power, variance) in enumerate(zip(data.model.inputs, powers.tolist(), q.tolist(), strict=True)):
+        others = max((powers[j] * g[j] ** 2 / g[k] ** 2 for g in strength if g[k] for j in range(len(g))), default=0.0)
+        if signal.hold == "zero" and 0.0 < power < variance and others < variance:
             noise, rms = f"{np.sqrt(variance):.2g} {signal.unit}", f"{np.sqrt(power):.2g} {signal.unit}"
             reasons.append(
                 f"the recorded {signal.name} (rms {rms}) does not cause this motion (it would need noise of {noise})"
             )
     return reasons
+
+
+def _strength(data: FitData) -> list[Array]:
+    """Return, for every rate of a state, its derivatives by the inputs, shape (inputs,)."""
+    model, p = data.model, SimpleNamespace(**dict(zip(data.model.parameter_names, data.p.tolist(), strict=True)))
+    none, x = np.zeros(len(model.inputs)), np.zeros(len(model.states))
+    base, *more = (
+        np.array([float(rate) for rate in model.derivative(list(x), list(u), p, ArrayOps())])
+        for u in (none, *np.eye(len(model.inputs)))
+    )
+    return list(np.array([rates - base for rates in more]).T)
 
 
 def judge(
@@ -201,6 +216,8 @@ def judge(
     elif reasons:
         # the advice comes second: the first reason says what is wrong, the others repeat it in other words
         status, said = Status.POOR_FIT, [reasons[0], Status.POOR_FIT.advice]
+    elif not any(shown.verdict is Verdict.ESTIMATED or shown.together for shown in rows.values()):
+        status, said = Status.UNINFORMATIVE, [Status.UNINFORMATIVE.advice]
     else:
         status, said = Status.CONVERGED, [Status.CONVERGED.advice]
     notes = [sentence(text) for text in said] + findings(rows, warnings, data.dropped)

@@ -11,12 +11,14 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array
 from joint_id_core.models import Model
 from joint_id_core.models.operations import ArrayOps
 
 ROUNDING = 1e-9  # relative error of a linear function
+DIFFERENCE = 1e-6  # the same of a column, a difference of large torques
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,7 @@ class Equation:
     Attributes:
         state: whose rate it gives.
         factor: part of y for one unit of the drive (0 if y does not contain the drive).
+        static: True for columns of a joint that stands still, such as those of gravity, shape (k,).
     """
 
     state: str
@@ -33,6 +36,7 @@ class Equation:
     y: Array
     columns: Array
     factor: float
+    static: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,12 @@ class Motion:
     x: Mapping[str, Array]
     u: Mapping[str, Array]
     rates: Mapping[str, Array]
+
+    @property
+    def stopped(self) -> Motion:
+        """The same positions and inputs without any velocity."""
+        x = {n: np.zeros_like(v) if n.endswith("_velocity") else v for n, v in self.x.items()}
+        return Motion(x, self.u, {n: np.zeros_like(v) for n, v in self.rates.items()})
 
 
 def equations(model: Model, motion: Motion, values: Mapping[str, float], free: Sequence[str]) -> list[Equation]:
@@ -125,14 +135,24 @@ def _linear(
 def _equation(
     model: Model, state: str, inertia: str, motion: Motion, values: Mapping[str, float], names: tuple[str, ...]
 ) -> Equation:
-    base = _error(model, state, inertia, motion, values)
-    columns = np.empty((len(base), len(names)))
-    for k, name in enumerate(names):
-        step = _step(values, name)
-        columns[:, k] = (_error(model, state, inertia, motion, {**values, name: values[name] + step}) - base) / step
+    base, columns = _columns(model, state, inertia, motion, values, names)
+    still = _columns(model, state, inertia, motion.stopped, values, names)[1]
     y = columns @ [values[n] for n in names] - base
     factor = 0.0
     if model.torque_drive is not None:
         zero, one = (_error(model, state, inertia, motion, values, drive)[0] for drive in (0.0, 1.0))
         factor = float(zero - one)
-    return Equation(state, names, y, columns, factor)
+    apart, size = np.abs(still - columns).max(axis=0, initial=0.0), np.abs(columns).max(axis=0, initial=0.0)
+    return Equation(state, names, y, columns, factor, apart < DIFFERENCE * size)
+
+
+def _columns(
+    model: Model, state: str, inertia: str, motion: Motion, values: Mapping[str, float], names: tuple[str, ...]
+) -> tuple[Array, Array]:
+    """Return m dx/dt - g (T,), and its derivatives by the parameters, shape (T, k)."""
+    base = _error(model, state, inertia, motion, values)
+    columns = np.empty((len(base), len(names)))
+    for k, name in enumerate(names):
+        step = _step(values, name)
+        columns[:, k] = (_error(model, state, inertia, motion, {**values, name: values[name] + step}) - base) / step
+    return base, columns

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 
 import numpy as np
 
-from joint_id_core.data.recording import Array, Recording
+from joint_id_core.data.recording import Recording
 from joint_id_core.data.signals import side_of
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators.regression.checks import EXPLAINED, gravity, share_explained
-from joint_id_core.estimators.regression.equations import Equation, equations, not_linear
+from joint_id_core.estimators.regression.checks import at_speed, autocorrelation, gravity, share_explained
+from joint_id_core.estimators.regression.equations import equations, not_linear
 from joint_id_core.estimators.regression.estimator import Regression
-from joint_id_core.estimators.regression.least_squares import Solution, solve
-from joint_id_core.estimators.regression.signals import Rows, band, motion, rows, smoothed
+from joint_id_core.estimators.regression.judging import Fitted, judge, row
+from joint_id_core.estimators.regression.least_squares import explained_later, solve
+from joint_id_core.estimators.regression.signals import Rows, bands, motion, rows, smoothed
 from joint_id_core.estimators.shared.fit_data import (
     MIN_SAMPLES,
     FitData,
@@ -24,28 +24,10 @@ from joint_id_core.estimators.shared.fit_data import (
     prepare,
     unusable,
 )
-from joint_id_core.estimators.shared.sentences import listed, message, sentence
+from joint_id_core.estimators.shared.sentences import listed, message
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions, Status, Verdict
-
-LEAST_R_SQUARED = 0.5  # below, the equation is not that of this motion
-KNOWN = 0.5  # standard deviation over the value above which a value is known by its order of magnitude at best
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """An equation, its samples in the band, and the solution.
-
-    `gravity` is the share of what it leaves unexplained that gravity would explain, if the model has none.
-    """
-
-    equation: Equation
-    rows: Rows
-    y: Array
-    columns: Array
-    solution: Solution
-    gravity: float
 
 
 def fit_regression(
@@ -58,19 +40,29 @@ def fit_regression(
             as an `Estimate` with a status.
     """
     begun, options = time.perf_counter(), options or Regression()
-    _suits(model)
+    require_suitable(model)
     if settings is not None and settings.priors:
         raise JointIdError("estimator regression takes no priors: leave them out, or use the estimator innovations")
     try:
         data = prepare(model, recording, settings, leave_out_rests=True)
-        band_hz = options.band_hz or band(data)
-        fitted = _fitted(data, band_hz, options.lag_s)
+        band_hz, fitted = fitted_equations(data, options)
     except UnusableError as error:
         return unusable(model, Regression.name, error, recording)
     return _estimate(data, fitted, band_hz, begun)
 
 
-def _suits(model: Model) -> None:
+def regressed(model: Model, recording: Recording, settings: ParameterSettings, options: Regression) -> list[Fitted]:
+    """Return the fits of the equations of a model alone.
+
+    Raises:
+        JointIdError: as `fit_regression`.
+        UnusableError: the recording cannot be used.
+    """
+    require_suitable(model)
+    return fitted_equations(prepare(model, recording, settings, leave_out_rests=True), options)[1]
+
+
+def require_suitable(model: Model) -> None:
     """Check that noise of sensors does not bias a regression of this model.
 
     Raises:
@@ -84,11 +76,16 @@ def _suits(model: Model) -> None:
         )
 
 
-def _fitted(data: FitData, band_hz: float, lag_s: float) -> list[Fitted]:
-    """Fit every equation of the model that holds free parameters."""
-    model = data.model
+def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fitted]]:
+    """Fit every equation of the model that holds free parameters; return the band in Hz, and the fits.
+
+    Raises:
+        UnusableError: too few samples, a state that is not measured, or no equation is linear.
+    """
+    found_bands = bands(data)
+    model, band_hz, lag_s = data.model, options.band_hz or found_bands.equations, options.lag_s
     values = dict(zip(model.parameter_names, data.p.tolist(), strict=True))
-    moved = motion(data)
+    moved = motion(data, max(band_hz, found_bands.motion))
     usable = np.all([np.isfinite(v) for part in (moved.x, moved.u, moved.rates) for v in part.values()], axis=0)
     index = rows(data, usable, band_hz)
     if len(index.index) < MIN_SAMPLES:
@@ -109,14 +106,18 @@ def _fitted(data: FitData, band_hz: float, lag_s: float) -> list[Fitted]:
         positive = [model.parameter(n).positive for n in equation.names]
         y, columns = table[:, 0], table[:, 1:last]
         solution = solve(y, columns, positive, here.pieces, lag_s / step)
-        found.append(Fitted(equation, here, y, columns, solution, share_explained(y, columns, table[:, last:])))
+        left = autocorrelation(y - columns @ solution.values, max(1, round(1.0 / (band_hz * step))))
+        fast = at_speed(moved, here.index)  # a joint that sticks may bear any torque, and does so at a few angles
+        later = explained_later(y[fast], columns[fast], positive, equation.static, here.pieces[fast])
+        angle_share = share_explained(y[fast], columns[fast], table[fast, last:])
+        found.append(Fitted(equation, here, y, columns, solution, angle_share, later, left))
     if not found:
         raise UnusableError(
             Status.MISSING_SIGNAL,
             f"{data.recording.source}: no equation of {model.name} is linear in {listed(data.free)}: use the estimator "
             "innovations",
         )
-    return found
+    return band_hz, found
 
 
 def _estimate(data: FitData, fitted: list[Fitted], band_hz: float, begun: float) -> Estimate:
@@ -131,12 +132,12 @@ def _estimate(data: FitData, fitted: list[Fitted], band_hz: float, begun: float)
         covariance[at : at + k, at : at + k] = np.nan_to_num(f.solution.covariance, nan=0.0)
         at += k
         for j, name in enumerate(f.equation.names):
-            found[name] = _row(model, name, f.solution, j, float(data.p[model.parameter_names.index(name)]))
+            found[name] = row(model, name, f.solution, j, float(data.p[model.parameter_names.index(name)]))
     rows_ = tuple(
         found.get(q.name, ParameterEstimate(q.name, q.unit, v, np.nan, Verdict.FIXED, v, "held at this value"))
         for q, v in zip(model.parameters, data.p.tolist(), strict=True)
     )
-    status, notes = _judge(data, fitted, found, held, band_hz)
+    status, notes = judge(fitted, found, held, band_hz, data.dropped)
     nrmse, predictions = _predictions(data, fitted)
     seen = data.recording.time[fitted[0].rows.index]
     return Estimate(
@@ -146,48 +147,6 @@ def _estimate(data: FitData, fitted: list[Fitted], band_hz: float, begun: float)
         end=float(seen[-1]), samples=sum(len(f.y) for f in fitted), predictions=predictions, notes=notes,
         model_options=options_of(model), **origin_of(data.recording),
     )  # fmt: skip
-
-
-def _row(model: Model, name: str, solution: Solution, j: int, start: float) -> ParameterEstimate:
-    """Return value, standard deviation and verdict of a parameter."""
-    q, value, sigma = model.parameter(name), float(solution.values[j]), float(np.sqrt(solution.covariance[j, j]))
-    if solution.unseen[j]:
-        verdict, reason = Verdict.NOT_EXCITED, "this motion does not show it, or only together with others"
-        value, sigma = start, float("nan")
-    elif solution.held[j]:
-        verdict, reason = Verdict.AT_BOUND, f"the data pull it below 0 {q.unit}"
-    elif q.positive and sigma > KNOWN * value:
-        verdict, reason = Verdict.PRIOR, f"it lies below about {value + 2.0 * sigma:.2g} {q.unit}, more is not known"
-    else:
-        verdict, reason = Verdict.ESTIMATED, f"95 % interval {value - 1.96 * sigma:.4g} to {value + 1.96 * sigma:.4g}"
-    return ParameterEstimate(name, q.unit, value, sigma, verdict, start, reason)
-
-
-def _judge(
-    data: FitData, fitted: list[Fitted], found: dict[str, ParameterEstimate], held: tuple[str, ...], band_hz: float
-) -> tuple[Status, tuple[str, ...]]:
-    """Return the status, and the findings as sentences, the most useful first."""
-    worst = min(fitted, key=lambda f: f.solution.r_squared)
-    r_squared = worst.solution.r_squared
-    bounds = [n for n, row in found.items() if row.verdict is Verdict.AT_BOUND]
-    explained = f"{100.0 * r_squared:.3g} % of the torque below {band_hz:.3g} Hz are explained"
-    if not r_squared > LEAST_R_SQUARED:
-        status, said = Status.POOR_FIT, [f"only {explained}", Status.POOR_FIT.advice]
-    elif worst.gravity > EXPLAINED:
-        load = f"a load that depends on the angle explains {100.0 * worst.gravity:.2g} % of what is left"
-        status, said = Status.POOR_FIT, [f"{load}: take a model with gravity (--gravity)", explained]
-    elif not any(row.verdict is Verdict.ESTIMATED for row in found.values()):
-        status, said = Status.POOR_FIT, ["this motion shows none of the parameters: move faster or for longer"]
-    else:
-        status, said = Status.CONVERGED, [Status.CONVERGED.advice, explained]
-    unseen = [n for n, row in found.items() if row.verdict in (Verdict.NOT_EXCITED, Verdict.PRIOR)]
-    said += (
-        [f"the data pull {listed(bounds)} below zero: the model does not describe all of the motion"] if bounds else []
-    )
-    said += [f"this motion does not show {listed(unseen)}"] if unseen else []
-    said += [f"held, because the equations are not linear in them: {listed(held)}"] if held else []
-    said += [f"{data.dropped} samples without an input were left out"] if data.dropped else []
-    return status, tuple(sentence(text) for text in said)
 
 
 def _predictions(data: FitData, fitted: list[Fitted]) -> tuple[dict[str, float], Predictions]:

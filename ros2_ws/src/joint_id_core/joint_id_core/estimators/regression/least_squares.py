@@ -13,6 +13,7 @@ from joint_id_core.estimators.regression.covariance import automatic_lag, newey_
 
 # What is certain at best, as a part of y: between two samples the equations are not exact where friction reverses.
 ACCURACY = 1e-3
+FIRST = 0.7  # share of the samples that is fitted to predict the others
 UNKNOWN = 1e-12  # smallest singular value of columns of unit length that rounding does not make
 
 
@@ -21,7 +22,8 @@ class Solution:
     """Values (k,) and covariance (k, k) of the parameters of an equation.
 
     Attributes:
-        held: True for positive parameters that the data pull below zero, shape (k,); their values are zero.
+        held: True for positive parameters that least squares makes negative, shape (k,); their values are zero.
+        unbounded, sigma: values and standard deviations without these bounds, shape (k,).
         unseen: True for parameters whose column is zero or follows from the others, shape (k,).
         r_squared: share of the mean square of y about its mean that is explained.
         lag: memory of the residuals in samples.
@@ -31,8 +33,15 @@ class Solution:
     covariance: Array
     held: NDArray[np.bool_]
     unseen: NDArray[np.bool_]
+    unbounded: Array
+    sigma: Array
     r_squared: float
     lag: float
+
+    @property
+    def below(self) -> NDArray[np.bool_]:
+        """True for positive parameters that the data pull below zero by more than their intervals, shape (k,)."""
+        return np.asarray(self.held & (self.unbounded < -1.96 * self.sigma))
 
 
 def solve(y: Array, columns: Array, positive: Sequence[bool], pieces: NDArray[np.int64], lag: float = 0.0) -> Solution:
@@ -43,6 +52,7 @@ def solve(y: Array, columns: Array, positive: Sequence[bool], pieces: NDArray[np
     """
     count = columns.shape[1]
     held, unseen = np.zeros(count, dtype=bool), _unseen(columns)
+    unbounded = sigma = np.full(count, np.nan)
     while True:
         free = np.flatnonzero(~held & ~unseen)
         values = np.zeros(count)
@@ -53,13 +63,36 @@ def solve(y: Array, columns: Array, positive: Sequence[bool], pieces: NDArray[np
         covariance[np.ix_(free, free)] = newey_west(columns[:, free], residuals, pieces, memory)
         size = np.sqrt(np.mean(columns[:, free] ** 2, axis=0) / np.mean(y**2))
         covariance[free, free] += (ACCURACY / size) ** 2
+        if not held.any():
+            unbounded, sigma = values, np.sqrt(np.diag(covariance))
         below = np.where(np.array(positive) & ~held & ~unseen, values / np.sqrt(np.diag(covariance)), np.inf)
         if not len(free) or below.min() >= 0.0:
             break
         held[int(np.argmin(below))] = True
     spread = float(np.mean((y - y.mean()) ** 2))
     explained = 1.0 - float(np.mean(residuals**2)) / spread if spread > 0.0 else np.nan
-    return Solution(values, covariance, held, unseen, explained, memory)
+    return Solution(values, covariance, held, unseen, unbounded, sigma, explained, memory)
+
+
+def explained_later(
+    y: Array, columns: Array, positive: Sequence[bool], static: NDArray[np.bool_], pieces: NDArray[np.int64]
+) -> float:
+    """Return what a fit of the first samples explains of the last ones: a share of what a fit of rests leaves of them.
+
+    That is one with the `static` columns alone, or with a constant if there are none: else the load of gravity, which
+    is large, would hide that friction and inertia are wrong. NaN if the first samples do not show all parameters.
+    """
+    first = round(FIRST * len(y))
+    if not 0 < first < len(y):
+        return float("nan")
+    fitted = solve(y[:first], columns[:first], positive, pieces[:first], 1.0)
+    if (fitted.unseen & ~_unseen(columns)).any():
+        return float("nan")
+    rest = columns[:, static] if static.any() else np.ones((len(y), 1))
+    known = rest @ np.linalg.lstsq(rest[:first], y[:first], rcond=None)[0]
+    all_, left = y - known, y - columns @ fitted.values
+    spread = float(np.mean(all_[first:] ** 2))
+    return 1.0 - float(np.mean(left[first:] ** 2)) / spread if spread > 0.0 else float("nan")
 
 
 def _unseen(columns: Array) -> NDArray[np.bool_]:

@@ -18,7 +18,9 @@ from joint_id_core.results.estimate import Status
 NYQUIST_SHARE = 0.8  # highest cutoff over half of the sampling rate
 MOVES = 0.99  # share of the power of the velocity that lies below the frequency of the motion
 TIMES = 10.0  # band of the equations over this frequency: beyond it, friction is no more what the law says
-NOISE_SHARE = 1e-4  # largest power of the noise of the acceleration in the band over that of the acceleration
+NOISE_SHARE = 1e-5  # largest power of the noise of the acceleration in the band over that of the acceleration
+VELOCITY_NOISE_SHARE = 1e-3  # the same of the velocity that friction takes
+ABOVE_NOISE = 4.0  # power over that of the noise from which it is of the motion
 LEAST_HZ = 1.0
 MARGIN = 1.0  # of a stretch that is left out at both ends, in periods of the band: the filter lacks samples there
 # A longer rest is left out: the torque of a joint that sticks may have any value. The short ones of a reversal stay: on
@@ -27,41 +29,68 @@ REST_S = 1.0
 PER_PERIOD = 5.0  # samples that are kept in one period of the band
 
 
-def band(data: FitData) -> float:
-    """Return the band in Hz: ten times the frequency below which the joint moves, but no higher than its noise allows.
+@dataclass(frozen=True)
+class Bands:
+    """Frequencies in Hz.
 
-    The acceleration is the weakest signal, and its noise makes inertias smaller by its share of the power.
+    Attributes:
+        equations: of the low-pass of the equations.
+        motion: of the low-pass of all signals, before velocities enter friction.
     """
-    time, period = data.time, data.period
-    highest = NYQUIST_SHARE * 0.5 / period
-    wanted = []
+
+    equations: float
+    motion: float
+
+
+def bands(data: FitData) -> Bands:
+    """Return the bands that a recording allows.
+
+    That of the equations is ten times the frequency below which the joint moves, but no higher than its noise allows:
+    the acceleration is the weakest signal, and its noise makes inertias smaller by its share of the power. That of the
+    motion is as high as the noise of the velocity allows: lower, it would blur where friction reverses.
+    """
+    highest = NYQUIST_SHARE * 0.5 / data.period
+    wanted, clear = [], []
     for name in data.labels:
         times = {"position": 1, "velocity": 0}.get(name.rpartition("_")[2])
         if times is None:
             continue
-        even = np.arange(time[0], time[-1], period)
-        known = np.isfinite(data.recording[name])
-        row = np.interp(even, data.recording.time[known], data.recording[name][known])
-        size = min(len(row), max(64, round(8.0 / period)))
-        row = scipy.signal.detrend(row)
-        f, power = scipy.signal.welch(row, 1.0 / period, nperseg=size)
-        noise = float(np.median(power[f > 0.5 * f[-1]]))
-        signal = np.maximum(power - noise, 0.0) * f ** (2 * times)
+        f, signal, noise = _spectrum(data, name, times)
         total = np.cumsum(signal)
         moves = float(f[np.searchsorted(total, MOVES * total[-1])])
-        clear = f[np.cumsum(noise * f ** (2 * times + 2)) < NOISE_SHARE * np.sum(signal * f**2)]
-        wanted.append(min(TIMES * moves, float(clear[-1]) if len(clear) else LEAST_HZ))
-    return float(np.clip(max(wanted, default=LEAST_HZ), LEAST_HZ, highest))
+        wanted.append(min(TIMES * moves, _clear(f, signal * f**2, noise * f**2, NOISE_SHARE)))
+        clear.append(_clear(f, signal, noise, VELOCITY_NOISE_SHARE))
+    equations = float(np.clip(max(wanted, default=LEAST_HZ), LEAST_HZ, highest))
+    return Bands(equations, float(np.clip(min(clear, default=highest), equations, highest)))
 
 
-def motion(data: FitData) -> Motion:
-    """Return states, inputs and rates at all samples.
+def _spectrum(data: FitData, name: str, times: int) -> tuple[Array, Array, Array]:
+    """Return frequencies (F,) in Hz, and the power of velocity and of its noise, of a label derived `times` times."""
+    time, period = data.time, data.period
+    even = np.arange(time[0], time[-1], period)
+    known = np.isfinite(data.recording[name])
+    row = np.interp(even, data.recording.time[known], data.recording[name][known])
+    size = min(len(row), max(64, round(8.0 / period)))
+    f, power = scipy.signal.welch(scipy.signal.detrend(row), 1.0 / period, nperseg=size)
+    noise = float(np.median(power[f > 0.5 * f[-1]]))
+    signal = np.where(power > ABOVE_NOISE * noise, power - noise, 0.0)  # else noise at high frequencies would count
+    return f, signal * f ** (2 * times), noise * f ** (2 * times)
+
+
+def _clear(f: Array, signal: Array, noise: Array, share: float) -> float:
+    """Return the frequency in Hz below which noise has less than this share of the power of the signal."""
+    clear = f[np.cumsum(noise) < share * np.sum(signal)]
+    return float(clear[-1]) if len(clear) else LEAST_HZ
+
+
+def motion(data: FitData, cutoff_hz: float) -> Motion:
+    """Return states, inputs and rates at all samples, all behind a low-pass with this cutoff.
 
     Raises:
         UnusableError: a state is neither measured nor follows from a measured position.
     """
     model, recording = data.model, data.recording
-    options = FilterOptions(cutoff_hz=NYQUIST_SHARE * 0.5 / data.period)  # lower, it would blur where friction reverses
+    options = FilterOptions(cutoff_hz=cutoff_hz)
     raw = Recording(
         recording.time, {n: v for n, v in recording.channels.items() if n not in recording.derived},
         source=recording.source,
@@ -76,11 +105,12 @@ def motion(data: FitData) -> Motion:
                 "the derivative of a measured position; use the estimator innovations, or another model",
             )
         smooth, rate = differentiate(known.time, known[name], options, 1)
-        x[name] = smooth
+        x[name] = known[name] if name in known.derived else smooth  # derived ones have passed the filter
         rates[name] = known.channels.get(derivative_of(name) or "", rate)
     zero = np.zeros(len(known))
     u = {s.name: known.channels.get(s.name, recording.channels.get(s.name, zero)) for s in model.inputs}
-    return Motion(x, {s.name: _at_samples(u[s.name]) if s.hold == "zero" else u[s.name] for s in model.inputs}, rates)
+    u = {s.name: _at_samples(u[s.name]) if s.hold == "zero" else u[s.name] for s in model.inputs}
+    return Motion(x, {n: differentiate(known.time, v, options, 0)[0] for n, v in u.items()}, rates)
 
 
 def _at_samples(held: Array) -> Array:

@@ -1,0 +1,115 @@
+"""What a regression says of the parameters, and whether its equations are those of the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from joint_id_core.data.recording import Array
+from joint_id_core.estimators.regression.equations import Equation
+from joint_id_core.estimators.regression.least_squares import Solution
+from joint_id_core.estimators.regression.signals import Rows
+from joint_id_core.estimators.shared.sentences import listed, sentence
+from joint_id_core.models import Model
+from joint_id_core.results.estimate import ParameterEstimate, Status, Verdict
+
+LEAST_R_SQUARED = 0.5  # below, the equation is not that of this motion
+# The same for samples that were not fitted, if the residuals have a memory (noise may leave less). On a UR10e, joints
+# that the others hardly load have 0.96 to 0.999, those that they load, and whose values are wrong, -0.4 to 0.8.
+LEAST_HELD_OUT = 0.9
+REMEMBERED = 0.3  # autocorrelation after a period of the band, from which residuals are no noise of sensors
+GRAVITY = 0.5  # share of what is left that a load with the angle explains, from which the model is a wrong one
+KNOWN = 0.5  # standard deviation over the value above which a value is known by its order of magnitude at best
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """An equation, its samples in the band, and the solution.
+
+    Attributes:
+        gravity: share of what it leaves unexplained that gravity would explain, if the model has none.
+        held_out: see `least_squares.explained_later`.
+        memory: autocorrelation of the residuals after one period of the band.
+    """
+
+    equation: Equation
+    rows: Rows
+    y: Array
+    columns: Array
+    solution: Solution
+    gravity: float
+    held_out: float
+    memory: float
+
+    @property
+    def fault(self) -> str:
+        """Why the equation is not that of the motion; empty if it is."""
+        left = "of what the model does not explain"
+        if not self.solution.r_squared > LEAST_R_SQUARED:
+            return f"only {100.0 * self.solution.r_squared:.3g} % of the torque are explained"
+        if self.gravity > GRAVITY:
+            angle = f"a load that depends on the angle explains {100.0 * self.gravity:.2g} % {left}"
+            return f"{angle}: take a model with gravity (--gravity)"
+        if self.held_out < LEAST_HELD_OUT and self.memory > REMEMBERED:
+            return (
+                f"friction and inertia of the first part of the recording explain {_percent(self.held_out)} of their "
+                "torque in the rest: a load acts on the joint that the model lacks, such as that of other joints "
+                "that move (record it as external_torque, or move one joint at a time)"
+            )
+        return ""
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * max(0.0, share):.3g} %"
+
+
+def row(model: Model, name: str, solution: Solution, j: int, start: float) -> ParameterEstimate:
+    """Return value, standard deviation and verdict of a parameter."""
+    q, value, sigma = model.parameter(name), float(solution.values[j]), float(np.sqrt(solution.covariance[j, j]))
+    if solution.unseen[j]:
+        verdict, reason = Verdict.NOT_EXCITED, "this motion does not show it, or only together with others"
+        value, sigma = start, float("nan")
+    elif solution.below[j]:
+        pulled = f"{solution.unbounded[j]:.3g} ± {solution.sigma[j]:.2g} {q.unit}"
+        verdict, reason = Verdict.AT_BOUND, f"the data pull it below 0, to {pulled}"
+    elif solution.held[j] or (q.positive and sigma > KNOWN * value):
+        sigma = float(solution.sigma[j]) if solution.held[j] else sigma
+        verdict, reason = Verdict.PRIOR, f"it lies below about {value + 2.0 * sigma:.2g} {q.unit}, more is not known"
+    else:
+        verdict, reason = Verdict.ESTIMATED, f"95 % interval {value - 1.96 * sigma:.4g} to {value + 1.96 * sigma:.4g}"
+    return ParameterEstimate(name, q.unit, value, sigma, verdict, start, reason)
+
+
+def judge(
+    fitted: list[Fitted], found: Mapping[str, ParameterEstimate], held: tuple[str, ...], band_hz: float, dropped: int
+) -> tuple[Status, tuple[str, ...]]:
+    """Return the status, and the findings as sentences, the most useful first.
+
+    `held` parameters are in no equation; `dropped` samples lack an input.
+    """
+    worst = min(fitted, key=lambda f: f.solution.r_squared)
+    below = [n for n, found_row in found.items() if found_row.verdict is Verdict.AT_BOUND]
+    unseen = [n for n, found_row in found.items() if found_row.verdict in (Verdict.NOT_EXCITED, Verdict.PRIOR)]
+    explained = f"{100.0 * worst.solution.r_squared:.3g} % of the torque below {band_hz:.3g} Hz are explained"
+    if np.isfinite(worst.held_out):
+        explained += (
+            f"; a fit of the first part explains {_percent(worst.held_out)} of friction and inertia in the rest"
+        )
+    faults = [f.fault for f in fitted if f.fault]
+    if faults:
+        status, said = Status.POOR_FIT, [faults[0], Status.POOR_FIT.advice, explained]
+    elif not any(found_row.verdict is Verdict.ESTIMATED for found_row in found.values()):
+        status, said = Status.UNINFORMATIVE, [Status.UNINFORMATIVE.advice, explained]
+    else:
+        status, said = Status.CONVERGED, [Status.CONVERGED.advice, explained]
+    if below:
+        said.append(f"the data pull {listed(below)} below zero: the model does not describe all of the motion")
+    if unseen and status is not Status.UNINFORMATIVE:
+        said.append(f"this motion does not show {listed(unseen)}")
+    if held:
+        said.append(f"held, because the equations are not linear in them: {listed(held)}")
+    if dropped:
+        said.append(f"{dropped} samples without an input were left out")
+    return status, tuple(sentence(text) for text in said)

@@ -1,0 +1,100 @@
+"""An estimate is checked by a second estimator with other assumptions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from joint_id_core.data.recording import Recording
+from joint_id_core.estimators import ParameterSettings, Regression, fit
+from joint_id_core.estimators.cross_check import cross_checked
+from joint_id_core.models import build
+from joint_id_core.results.estimate import Estimate, Status, Verdict
+
+from .controlled_joint import TRUTH as CONTROLLED
+from .controlled_joint import controlled
+from .online_motion import MODEL, TRUTH, motion
+
+
+@pytest.fixture(scope="module")
+def good() -> Estimate:
+    return fit(MODEL, motion())
+
+
+def off(estimate: Estimate, name: str, factor: float) -> Estimate:
+    """The same estimate with one value that is wrong by a factor, and with its relative standard deviation."""
+    rows = tuple(
+        replace(p, value=factor * p.value, std_dev=abs(factor) * p.std_dev) if p.name == name else p
+        for p in estimate.parameters
+    )
+    scale = np.array([abs(factor) if n == name else 1.0 for n in estimate.free])
+    return replace(estimate, parameters=rows, covariance=estimate.covariance * np.outer(scale, scale))
+
+
+def test_what_both_find_stays_as_it_is(good):
+    assert good.converged and cross_checked(good, MODEL, motion()) is good
+
+
+@pytest.mark.parametrize(("name", "factor"), [("J", 3.0), ("J", 0.3), ("tau_f", 1.5), ("tau_0", -2.0)])
+def test_a_wrong_value_with_a_small_interval_is_said_and_widened(good, name, factor):
+    found = cross_checked(off(good, name, factor), MODEL, motion())
+    assert found.status is Status.DISAGREE and not found.converged
+    row, k = found[name], found.free.index(name)
+    assert abs(row.value - TRUTH[name]) < 1.96 * row.std_dev
+    assert np.sqrt(found.covariance[k, k]) == pytest.approx(row.std_dev, rel=1e-6)
+    assert np.linalg.eigvalsh(found.covariance).min() > 0.0
+    assert name in row.reason and "by innovations" in row.reason and "by regression" in row.reason
+    assert found.message.startswith(f"{name[:1].upper()}{name[1:]} is ") and "most likely" in found.message.lower()
+    for other in set(TRUTH) - {name}:
+        assert found[other] == good[other]
+
+
+def test_a_difference_that_does_not_matter_is_none(good):
+    assert cross_checked(off(good, "J", 1.05), MODEL, motion()).converged
+
+
+def test_an_interval_that_says_little_is_not_wrong(good):
+    wide = replace(good["J"], value=3.0 * TRUTH["J"], std_dev=2.0 * TRUTH["J"])
+    rows = tuple(wide if p.name == "J" else p for p in good.parameters)
+    assert cross_checked(replace(good, parameters=rows), MODEL, motion()).converged
+
+
+def test_what_the_user_believes_is_not_checked(good):
+    """Only what the others then are."""
+    wrong = off(good, "J", 3.0)
+    believed = cross_checked(wrong, MODEL, motion(), ParameterSettings(priors={"J": 0.01}))
+    assert not any("J is" in note for note in believed.notes) and believed["J"] == wrong["J"]
+    assert cross_checked(wrong, MODEL, motion(), ParameterSettings(fixed=["c"])).status is Status.DISAGREE
+
+
+def test_another_model_is_not_checked():
+    estimate = Estimate("motor_side", "innovations", Status.CONVERGED, "Converged.", ())
+    assert cross_checked(estimate, build("motor_side"), motion()) is estimate
+
+
+def with_load(record: Recording) -> Recording:
+    """The same recording with the torque of a load that another joint moves, in a rhythm of its own."""
+    return record.with_channels({"torque": record["torque"] + 6.0 * np.sin(0.3 * record.time**1.3)})
+
+
+def test_a_load_of_other_joints_is_a_poor_fit_by_either(good):
+    record = with_load(motion())
+    alone = fit(MODEL, record, estimator=Regression())
+    assert alone.status is Status.POOR_FIT and "other joints" in alone.message
+    found = cross_checked(good, MODEL, record)
+    assert found.status is Status.POOR_FIT and "other joints" in found.message
+    assert found.parameters == good.parameters
+
+
+def test_a_disturbance_with_a_memory_in_a_closed_loop_is_said_and_the_regression_proposed():
+    """The controller reacts to the disturbance, so it goes with the motion, and white noise does not describe it."""
+    record = controlled(disturbance=0.5, memory_s=0.15)
+    found = fit(MODEL, record)
+    assert not found.converged and "--estimator regression" in found.message
+    second = fit(MODEL, record, estimator=Regression())
+    assert second.converged
+    for name, truth in CONTROLLED.items():
+        row = second[name]
+        assert row.verdict is Verdict.ESTIMATED and abs(row.value - truth) < 3.0 * row.std_dev
