@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from joint_id_core.estimators import HPinn as HPinn
     from joint_id_core.estimators import Innovations as Innovations
     from joint_id_core.estimators import ParameterSettings as ParameterSettings
+    from joint_id_core.estimators import Regression as Regression
     from joint_id_core.estimators import fit as fit
+    from joint_id_core.estimators import fit_several as fit_several
     from joint_id_core.formats import read as read
     from joint_id_core.formats import write as write
     from joint_id_core.models import Model as Model
@@ -37,6 +39,8 @@ if TYPE_CHECKING:
 
 _ROOMS = {
     "HPinn": "estimators",
+    "Regression": "estimators",
+    "fit_several": "estimators",
     "Innovations": "estimators",
     "JointIdError": "errors",
     "Model": "models",

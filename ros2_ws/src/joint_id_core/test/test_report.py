@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status, Verdict
+from joint_id_core.results.plot import broken
 from joint_id_core.results.report import correlations, table
 
 
@@ -92,3 +93,11 @@ def test_every_status_has_advice():
     for status in Status:
         assert len(status.advice) > 5 and "\n" not in status.advice
     assert "move the joint" in Status.NO_MOTION.advice
+
+
+def test_a_picture_draws_no_line_across_a_gap():
+    time = np.concatenate([np.arange(50) / 100, 3.0 + np.arange(50) / 100])
+    at, values = broken(time, np.arange(100.0))
+    assert len(at) == 101 and np.isnan([at[50], values[50]]).all()
+    assert np.array_equal(np.delete(at, 50), time) and np.array_equal(np.delete(values, 50), np.arange(100.0))
+    assert all(np.array_equal(row, time[:50]) for row in broken(time[:50], time[:50]))

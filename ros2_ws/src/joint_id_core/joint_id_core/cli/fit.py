@@ -1,43 +1,48 @@
-"""`joint-id fit`: identify a model from a recording."""
+"""`joint-id fit`: identify a model from one or several recordings."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
 from joint_id_core.assignments import texts_by_name
+from joint_id_core.cli.fit_job import ALL, FitJob, joints_json, joints_table, run_all
 from joint_id_core.cli.fit_options import (
     EndOption,
-    FileArgument,
+    FilesArgument,
     FixOption,
     FreeOption,
-    JointOption,
     JsonOption,
     MapOption,
     PriorOption,
     SetOption,
     StartOption,
     parameter_settings,
-    window,
 )
 from joint_id_core.cli.group import BAD_INPUT, complain
 from joint_id_core.cli.options import with_options
 from joint_id_core.cli.output import Progress, print_json
+from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ESTIMATORS
 from joint_id_core.models.options import ModelOptions
 
+if TYPE_CHECKING:
+    from joint_id_core.estimators.together.fit import Together
+    from joint_id_core.results.estimate import Estimate
+
 SHOWN = ("cell", "substeps", "band_hz", "lag_s", "epochs", "learning_rate")  # of the options of the estimators
+JOINT_HELP = f"joint of a bag that holds several; {ALL}: each of them, on all cores, a row a joint"
 
 
 @with_options("model_options", (ModelOptions,), required=("model",))
 @with_options("estimator_options", tuple(ESTIMATORS.values()), only=SHOWN)
 def fit(
-    file: FileArgument,
+    files: FilesArgument,
     model_options: dict[str, Any],
     estimator_options: dict[str, Any],
-    joint: JointOption = None,
+    joint: Annotated[Optional[str], typer.Option(help=JOINT_HELP)] = None,
     set_: SetOption = None,
     fix: FixOption = None,
     free: FreeOption = None,
@@ -53,33 +58,43 @@ def fit(
 ) -> None:
     """Identify the parameters of a joint model, with standard deviations and verdicts.
 
+    Several files are recordings of the same joint: common physics; own start, noise and offsets.
+
     Exit code 0: converged; 1: no convergence or a poor fit; 2: bad input.
     """
     settings = parameter_settings(set_, fix, free, prior)
 
     from joint_id_core import estimators, formats
-    from joint_id_core.results.estimate import Status
 
-    chosen = ModelOptions(**model_options)
-    solver = estimators.build(estimator, **estimator_options)
+    for option, path in (("--validate", validate), ("--plot", plot), ("--save", save)):
+        if joint == ALL and path is not None:
+            raise JointIdError(f"{option} is for one joint: name it (--joint NAME), or leave {option} out")
     if plot is not None:
+        if len(files) > 1:
+            raise JointIdError("--plot shows one recording: fit one file, or leave --plot out")
         from joint_id_core.results.plot import require_writable
 
         require_writable(plot)
     mapping = texts_by_name(map_ or (), "--map")
-    recording = window(formats.read(file, joint, mapping), start, end)
+    solver = estimators.build(estimator, **estimator_options)
+    job = FitJob(files, joint, mapping, start, end, ModelOptions(**model_options), settings, solver)
+    if joint == ALL:
+        _fit_all(job, json)
+        return
     other = formats.read(validate, joint, mapping) if validate is not None else None
-    built = chosen.build(chosen.drive_in(recording))
+    recordings = job.recordings()
+    model = job.built(recordings[0])
     with Progress() as progress:
-        estimate = estimators.fit(built, recording, settings, solver, progress)
-    result, text = estimate.to_dict(), str(estimate)
-    if other is not None and estimate.predictions is not None:
+        together = estimators.fit_several(model, recordings, settings, solver, progress)
+    estimate = together.estimate
+    result, text = _result(together), str(together if len(files) > 1 else estimate)
+    if other is not None and estimate.nrmse:
         from joint_id_core.validation.prediction import held_out, held_out_drive
 
-        nrmse = held_out(built, other, estimate)
+        nrmse = held_out(model, other, estimate)
         result["validation"] = [{"signal": name, "nrmse": value} for name, value in nrmse.items()]
         text += f"\nheld out, {validate}: " + ", ".join(f"{name} nrmse {v:.3g}" for name, v in nrmse.items())
-        explained = held_out_drive(built, other, estimate)
+        explained = held_out_drive(model, other, estimate)
         if explained is not None:
             result["validation"].append({"signal": explained[0], "r_squared": explained[1]})
             text += f", {explained[0]} R^2 {explained[1]:.4f}"
@@ -93,5 +108,34 @@ def fit(
         estimate.plot(plot)
     if not estimate.converged:
         complain(f"{estimate.status.value}: {estimate.message}")
-        unusable = estimate.status in (Status.NO_MOTION, Status.TOO_SHORT, Status.MISSING_SIGNAL)
-        raise typer.Exit(BAD_INPUT if unusable else 1)
+        raise typer.Exit(_exit_code([estimate]))
+
+
+def _result(together: Together) -> dict[str, Any]:
+    """Return what `--json` prints: the estimate; of several recordings, also what each says by itself."""
+    result = together.estimate.to_dict()
+    if len(together.alone) > 1:
+        result["recordings"] = [
+            {"source": one.source, "status": one.status.value, "message": one.message, "apart": apart}
+            for one, apart in zip(together.alone, together.apart, strict=True)
+        ]
+    return result
+
+
+def _fit_all(job: FitJob, json: bool) -> None:
+    """Fit every joint of the files, and print a row a joint."""
+    results = run_all(job.of_every_joint())
+    if json:
+        print_json(joints_json(results))
+    else:
+        print(joints_table(results))
+    estimates = [r.estimate for r in results.values() if not isinstance(r, str)]
+    bad = [joint for joint, r in results.items() if isinstance(r, str) or not r.estimate.converged]
+    if bad:
+        complain(f"no good estimate of {', '.join(bad)}")
+        raise typer.Exit(_exit_code(estimates))
+
+
+def _exit_code(estimates: list[Estimate]) -> int:
+    """Return the code of estimates of which some are not good: bad input if none could be made."""
+    return BAD_INPUT if all(estimate.status.unusable for estimate in estimates) else 1

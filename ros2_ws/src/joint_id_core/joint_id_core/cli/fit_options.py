@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 Texts = Optional[list[str]]
 MAP_HELP = "channel=column, or a product: torque=gtau*vir; of a bag channel=topic.field"
 FileArgument = Annotated[Path, typer.Argument(help="CSV, MAT or bag")]
+FilesArgument = Annotated[list[Path], typer.Argument(help="CSV, MAT or bag; several: one fit of all")]
 JointOption = Annotated[Optional[str], typer.Option(help="joint of a bag that holds several")]
 SetOption = Annotated[Texts, typer.Option("--set", help="NAME=VALUE: start value, or value of a held parameter")]
 FixOption = Annotated[Texts, typer.Option("--fix", help="NAME or NAME=VALUE: hold this parameter")]

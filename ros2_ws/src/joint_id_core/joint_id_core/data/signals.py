@@ -39,7 +39,8 @@ class Parameter:
     `nominal` is the start value; NaN means that there is no sensible default and the user must give one.
     `lower >= 0` makes the parameter positive: its logarithm is then estimated. `spread` is the standard deviation of
     the prior: in natural logarithms for a positive parameter, in `unit` for the others. A `fixed` parameter is not
-    estimated unless it is freed. Parameters of the same `group` change for the same cause: friction, gear, load.
+    estimated unless it is freed. Parameters of the same `group` change for the same cause: friction, gear, load. One
+    `of_recording` may differ between recordings of the same joint, as offsets of sensors do.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Parameter:
     spread: float = math.log(10.0)
     fixed: bool = False
     group: str = ""
+    of_recording: bool = False
 
     @property
     def positive(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from joint_id_core.errors import JointIdError
@@ -13,6 +14,7 @@ from joint_id_core.options import Progress
 
 if TYPE_CHECKING:
     from joint_id_core.data.recording import Recording
+    from joint_id_core.estimators.together.fit import Together
     from joint_id_core.models import Model
     from joint_id_core.results.estimate import Estimate
 
@@ -26,6 +28,7 @@ __all__ = [
     "Regression",
     "build",
     "fit",
+    "fit_several",
 ]
 
 
@@ -58,7 +61,7 @@ DEFAULT = Innovations()
 
 def fit(
     model: Model,
-    recording: Recording,
+    recording: Recording | Sequence[Recording],
     settings: ParameterSettings | None = None,
     estimator: Estimator = DEFAULT,
     progress: Progress | None = None,
@@ -67,7 +70,7 @@ def fit(
 
     Args:
         model: from `models.build`, or your own model.
-        recording: inputs and at least one measured state.
+        recording: inputs and at least one measured state; or several recordings of one joint: see `fit_several`.
         settings: start values, fixed and freed parameters, priors; None takes the model's table as it is.
         estimator: `Innovations()`, `Regression()` or `HPinn()`, each with its own options.
         progress: called with a line of text from time to time.
@@ -79,12 +82,33 @@ def fit(
     Raises:
         JointIdError: misuse of parameter names, values or options; a library that the estimator needs is missing.
     """
+    if isinstance(recording, Sequence):
+        return fit_several(model, recording, settings, estimator, progress).estimate
     estimate = estimator.fit(model, recording, settings, progress)
     if not isinstance(estimator, Innovations):
         return estimate
     from joint_id_core.estimators.cross_check import cross_checked  # loads NumPy
 
     return cross_checked(estimate, model, recording, settings)
+
+
+def fit_several(
+    model: Model,
+    recordings: Sequence[Recording],
+    settings: ParameterSettings | None = None,
+    estimator: Estimator = DEFAULT,
+    progress: Progress | None = None,
+) -> Together:
+    """Fit a model to several recordings of one joint: common physics; own start, noise and offsets.
+
+    Args and errors: see `fit`.
+
+    Returns:
+        The estimate of all recordings, that of each by itself, and how far each is from all.
+    """
+    from joint_id_core.estimators.together.fit import together  # loads NumPy
+
+    return together(model, [fit(model, one, settings, estimator, progress) for one in recordings], settings)
 
 
 def build(name: str, **options: object) -> Innovations | Regression | HPinn:

@@ -62,7 +62,7 @@ class RigidJoint(Model):
         return (
             positive("J", "kg m^2", "inertia seen at the link (mass in kg for a linear axis)", 1.0, group="load"),
             *self._friction.parameters,
-            Parameter("tau_0", "Nm", "torque offset", 0.0, -1e4, 1e4, spread=10.0),
+            Parameter("tau_0", "Nm", "torque offset", 0.0, -1e4, 1e4, spread=10.0, of_recording=True),
             gear_ratio(1.0),
             *drive_parameters(self.actuation),
             *(gravity_parameters() if self.gravity else ()),

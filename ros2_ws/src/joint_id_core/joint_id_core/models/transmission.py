@@ -97,8 +97,10 @@ LABEL_DELAYS = {
 def offset_parameters() -> tuple[Parameter, ...]:
     """Return the constant offsets: of the drive's torque, and of the twist between the encoders."""
     return (
-        Parameter("tau_0", "Nm", "torque offset at the motor", 0.0, -10.0, 10.0, spread=0.05),
-        Parameter("dtheta_0", "rad", "twist offset between the encoders", 0.0, -7.0, 7.0, spread=0.01),
+        Parameter("tau_0", "Nm", "torque offset at the motor", 0.0, -10.0, 10.0, spread=0.05, of_recording=True),
+        Parameter(
+            "dtheta_0", "rad", "twist offset between the encoders", 0.0, -7.0, 7.0, spread=0.01, of_recording=True
+        ),
     )
 
 

@@ -39,6 +39,11 @@ class Status(enum.Enum):
         """What the status means and what to do about it."""
         return _ADVICE[self]
 
+    @property
+    def unusable(self) -> bool:
+        """Whether the recording could not be fitted at all."""
+        return self in (Status.NO_MOTION, Status.TOO_SHORT, Status.MISSING_SIGNAL)
+
 
 _ADVICE = {
     Status.CONVERGED: "converged",

@@ -5,9 +5,14 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numpy as np
+
+from joint_id_core.data.recording import Array
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError
 from joint_id_core.results.estimate import Estimate
+
+GAP = 10.0  # steps of the typical length, from which no line is drawn across
 
 
 def require_writable(path: Path) -> None:
@@ -43,11 +48,12 @@ def save(path: Path, estimate: Estimate) -> None:
         raise JointIdError(f"the estimate of {estimate.model} holds no predictions, there is nothing to plot")
     from matplotlib.figure import Figure
 
-    time, count = shown.time - shown.time[0], len(shown.predicted)
+    count = len(shown.predicted)
     figure = Figure(figsize=(9.0, 3.2 * count), layout="constrained")
     axes = figure.subplots(2 * count, 1, sharex=True, squeeze=False, height_ratios=[2, 1] * count)
-    for k, (name, predicted) in enumerate(shown.predicted.items()):
-        measured, unit = shown.measured[name], CHANNELS[name].unit if name in CHANNELS else "rad"
+    for k, (name, found) in enumerate(shown.predicted.items()):
+        unit = CHANNELS[name].unit if name in CHANNELS else "rad"
+        time, measured, predicted = broken(shown.time - shown.time[0], shown.measured[name], found)
         above, below = axes[2 * k, 0], axes[2 * k + 1, 0]
         above.plot(time, measured, ".", markersize=2, color="0.6", label="measured")
         above.plot(time, predicted, linewidth=1, color="C0", label="predicted")
@@ -61,3 +67,10 @@ def save(path: Path, estimate: Estimate) -> None:
         figure.savefig(path, dpi=120)
     except OSError as error:
         raise JointIdError(f"{path}: the picture cannot be written: {error}") from None
+
+
+def broken(time: Array, *rows: Array) -> tuple[Array, ...]:
+    """Return instants (T,) and rows (T,) with a NaN in every gap, so that a line ends there."""
+    steps = np.diff(time)
+    at = np.flatnonzero(steps > GAP * np.median(steps)) + 1 if len(steps) else np.zeros(0, dtype=np.intp)
+    return tuple(np.insert(values, at, np.nan) for values in (time, *rows))

@@ -1,0 +1,121 @@
+"""What several recordings say of their common parameters, added as information.
+
+A posterior without its prior is what the data alone say (Bayes; Gelman et al., Bayesian Data Analysis, 3rd ed., ch. 5).
+Parameters that belong to a recording, such as offsets, are left out of the sum. Where recordings scatter by more than
+their intervals, the intervals are widened by the ratio (Birge, Physical Review 40, 1932).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from joint_id_core.data.recording import Array
+from joint_id_core.estimators.innovations.belief import Coordinates
+from joint_id_core.estimators.innovations.estimator import Innovations
+from joint_id_core.estimators.shared.settings import ParameterSettings
+from joint_id_core.models import Model
+from joint_id_core.results.estimate import PRIOR_RATIO, Estimate, Status
+
+TINY = 1e-12  # information over the largest that is rounding
+OWN = 0.1  # least share of its own variance by which a recording differs from a sum that holds it
+
+
+class Space:
+    """Coordinates of the common parameters, with the mean (k,) and the precision (k, k) of the prior."""
+
+    def __init__(self, model: Model, estimate: Estimate, settings: ParameterSettings) -> None:
+        self.names = tuple(n for n in estimate.free if not model.parameter(n).of_recording)
+        bayes = estimate.estimator == Innovations.name
+        coordinates = Coordinates(model, self.names, settings.priors)
+        self.positive = np.array([model.parameter(n).positive for n in self.names])
+        self.log = self.positive & bayes
+        self.spread = coordinates.spread if bayes else np.full(len(self.names), np.inf)
+        start, _ = settings.applied_to(model)
+        values = np.array([start[model.parameter_names.index(n)] for n in self.names])
+        self.mean, self.precision = self.z(values), np.diag(self.spread**-2.0)
+
+    def z(self, values: Array) -> Array:
+        """Return the coordinates of physical values, shape (k,)."""
+        return np.where(self.log, np.log(np.where(self.log, values, 1.0)), values)
+
+    def values(self, z: Array) -> Array:
+        """Return the physical values of coordinates, shape (k,)."""
+        return np.where(self.log, np.exp(np.where(self.log, z, 0.0)), z)
+
+    def slope(self, z: Array) -> Array:
+        """Return d value / d z, shape (k,)."""
+        return np.where(self.log, self.values(z), 1.0)
+
+
+@dataclass(frozen=True)
+class Share:
+    """What one recording says of the common parameters.
+
+    Attributes:
+        z: coordinates, shape (k,).
+        covariance, excess: of z, and the part of it that stands for what the model lacks, shapes (k, k).
+        information: of the data alone, without the prior, shape (k, k); zero for unknown parameters.
+        known: True for parameters that it knows, shape (k,).
+    """
+
+    z: Array
+    covariance: Array
+    excess: Array
+    information: Array
+    known: NDArray[np.bool_]
+
+
+def share_of(space: Space, estimate: Estimate) -> Share:
+    """Return what the data of one recording say; its own parameters are unknown to the others, so they are left out."""
+    index = [estimate.free.index(n) for n in space.names]
+    z = space.z(np.array([estimate[n].value for n in space.names]))
+    slope = space.slope(z)
+    covariance = estimate.covariance[np.ix_(index, index)] / np.outer(slope, slope)
+    known = np.isfinite([estimate[n].std_dev for n in space.names]) & (np.diag(covariance) > 0.0)
+    excess = np.zeros_like(covariance)
+    if estimate.checks is not None and estimate.status is Status.CONVERGED:
+        excess = estimate.checks.excess[np.ix_(index, index)]
+    information = np.zeros_like(covariance)
+    if known.any():
+        some = np.ix_(known, known)
+        without = covariance[some] - excess[some]
+        if np.linalg.eigvalsh(without).min() <= 0.0:
+            without, excess = covariance[some], np.zeros_like(excess)
+        values, vectors = np.linalg.eigh(np.linalg.inv(without) - space.precision[some])
+        information[some] = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return Share(z, covariance, excess, information, known)
+
+
+def added(space: Space, shares: Sequence[Share]) -> tuple[Array, Array]:
+    """Return z (k,) and covariance (k, k) of all; what no recording shows stays at the prior."""
+    total = space.precision + sum(share.information for share in shares)
+    vector = space.precision @ space.mean + sum(share.information @ share.z for share in shares)
+    unseen = np.diag(total) <= TINY * np.diag(total).max()
+    inverse = np.linalg.inv(total + np.diag(np.where(unseen, 1.0, 0.0)))
+    z = np.where(unseen, space.mean, inverse @ vector)
+    # What the model lacks is the same in all recordings: it does not average out.
+    weights = [float(np.trace(inverse @ share.information)) for share in shares]
+    excess = sum(w * share.excess for w, share in zip(weights, shares, strict=True)) / max(sum(weights), TINY)
+    covariance = inverse + excess
+    covariance[unseen, unseen] = np.inf
+    return z, covariance
+
+
+def scatter(space: Space, shares: Sequence[Share], z: Array, covariance: Array) -> tuple[Array, list[Array]]:
+    """Return by how much the scatter exceeds the intervals, at least 1, shape (k,), and the distances by recording."""
+    distances, squares, counts = [], np.zeros(len(z)), np.zeros(len(z))
+    for share in shares:
+        own = np.diag(share.covariance)
+        says = share.known & (own < (PRIOR_RATIO * space.spread) ** 2) & np.isfinite(np.diag(covariance))
+        # The sum holds the recording itself: its distance from the sum varies less than its value.
+        variance = np.maximum(own - np.diag(covariance), OWN * own)
+        away = np.where(says, (share.z - z) / np.sqrt(np.where(says, variance, 1.0)), np.nan)
+        distances.append(away)
+        squares += np.where(says, (share.z - z) ** 2 / np.where(says, own, 1.0), 0.0)
+        counts += says
+    ratio = np.sqrt(squares / np.maximum(counts - 1.0, 1.0))
+    return np.maximum(1.0, np.where(counts > 1, ratio, 1.0)), distances
