@@ -11,7 +11,8 @@ import joint_id_core as jid
 
 NAMES = (
     "Estimate", "HPinn", "Innovations", "JointIdError", "Model", "OnlineIdentifier", "OnlineOptions",
-    "ParameterSettings", "Recording", "Regression", "Status", "Verdict", "build", "compare", "fit", "fit_several", "held_out", "read", "simulate",
+    "ParameterSettings", "Recording", "Regression", "Status", "Verdict", "build", "compare", "fit", "fit_several",
+    "held_out", "read", "simulate",
     "simulate_motion", "write",
 )  # fmt: skip
 
