@@ -9,7 +9,7 @@ from typing import Any
 from joint_id_core.data.instants import NANO, instant, seconds
 from joint_id_core.formats.cdr_writer import BEGIN, Fields, PartWriter
 from joint_id_core.online.drift import Drift
-from joint_id_core.results.estimate import Estimate
+from joint_id_core.results.estimate import Estimate, Status
 from joint_id_msgs.msg import JointEstimate
 from joint_id_ros.conversions import STATUS_CODES, VERDICT_CODES
 from joint_id_ros.message_types import message_class
@@ -25,9 +25,10 @@ def to_values(
 ) -> Values:
     """Return the values of a JointEstimate of the newest fit and the newest good one (None if there is none).
 
-    Their times count from the origin, those of the drifts as well.
+    Where two estimators disagree, the parameters are those of the newest fit: their intervals contain both. Times count
+    from the origin, those of the drifts as well.
     """
-    found = good or newest
+    found = newest if good is None or newest.status is Status.DISAGREE else good
     signals = sorted({*newest.nrmse, *newest.noise})
     end_ns, found_end_ns = instant(newest.end, origin_ns), instant(found.end, origin_ns)
     return (

@@ -100,6 +100,15 @@ def message_of(joint, newest, good, origin_ns, drifts=()):
     return message
 
 
+def test_while_two_estimators_disagree_the_parameters_are_the_newest_with_their_wide_intervals():
+    good = estimate(status=Status.CONVERGED)
+    wide = estimate(status=Status.DISAGREE, parameters=(ParameterEstimate("J", "kg m^2", 1.6, 0.8, Verdict.PRIOR),))
+    m = message_of("elbow", wide, good, 0)
+    assert m.status == m.parameters_status == JointEstimate.DISAGREE
+    assert [(p.value, p.std_dev) for p in m.parameters] == [(1.6, 0.8)]
+    assert message_of("elbow", estimate(), good, 0).parameters_status == JointEstimate.CONVERGED
+
+
 def test_an_estimate_and_its_message_say_the_same():
     origin = 10**18
     m = message_of("elbow", estimate(), None, origin)

@@ -37,7 +37,7 @@ KNOWN = 0.5  # standard deviation over a positive value from which only its orde
 
 
 @dataclass(frozen=True)
-class _Second:
+class Second:
     """Value and standard deviation of a parameter by the second estimator.
 
     `torque` is what one unit of the parameter makes, over the rms torque.
@@ -49,49 +49,91 @@ class _Second:
     torque: float
 
 
+@dataclass(frozen=True)
+class Opinion:
+    """What a regression says of a recording.
+
+    Attributes:
+        fault: why its equations are not those of the motion; empty if they are.
+        seconds: what it knows of the parameters.
+        r_squared: share of the torque that it explains.
+    """
+
+    fault: str
+    seconds: tuple[Second, ...]
+    r_squared: float
+
+
+def suits(model: Model) -> bool:
+    """Return whether there can be a second opinion on an estimate of this model."""
+    from joint_id_core.estimators.regression.fit import require_suitable  # loads SciPy
+
+    try:
+        require_suitable(model)
+    except JointIdError:
+        return False
+    return not model.label_delays
+
+
 def cross_checked(
     estimate: Estimate, model: Model, recording: Recording, settings: ParameterSettings | None = None
 ) -> Estimate:
-    """Return an estimate with what a regression of the same recording says of it.
+    """Return an estimate with what a regression of the same recording says of it: see `judged`."""
+    opinion = second_opinion(estimate, model, recording, settings)
+    return estimate if opinion is None else judged(estimate, model, opinion)
 
-    An estimate of a model that a regression does not suit is returned as it is. So is one that did not converge, with a
-    note if the regression describes the motion.
 
-    Where the two values of a parameter differ by more than their intervals, the standard deviation is widened so
-    that the interval contains both, and the status is DISAGREE. If the equations of motion do not explain the torque,
-    it is POOR_FIT.
+def second_opinion(
+    estimate: Estimate, model: Model, recording: Recording, settings: ParameterSettings | None = None
+) -> Opinion | None:
+    """Return what a regression says of a recording; None if the estimate failed, or if it does not suit the model.
+
+    What the user holds, believes (priors) or frees has the value of the estimate, and is not checked.
     """
     settings = settings or ParameterSettings()
-    if estimate.status not in (Status.CONVERGED, Status.POOR_FIT) or model.label_delays:
-        return estimate
+    if estimate.status.unusable or estimate.status is Status.DIVERGED or not suits(model):
+        return None
     from joint_id_core.estimators.regression.fit import regressed  # loads SciPy
 
-    # What the user believes or scales himself is not checked.
     own = set(settings.fixed) | set(settings.freed) | set(settings.priors)
     held = [n for n in estimate.values if n not in estimate.free or n in own]
     if len(held) == len(estimate.values):
-        return estimate
+        return None
     try:
         fitted = regressed(model, recording, ParameterSettings(estimate.values, held), Regression())
     except JointIdError:
-        return estimate
-    faults = [f.fault for f in fitted if f.fault]
-    if not estimate.converged:
-        return estimate if faults else _with_advice(estimate, fitted)
-    if faults:
-        return _poor(estimate, faults[0])
-    apart = [second for f in fitted for second in _seconds(f) if _disagrees(estimate, model, second)]
-    return _widened(estimate, apart) if apart else estimate
+        return None
+    fault = next((f.fault for f in fitted if f.fault), "")
+    seconds = tuple(second for f in fitted for second in _seconds(f))
+    return Opinion(fault, seconds, min(f.solution.r_squared for f in fitted))
 
 
-def _seconds(fitted: Fitted) -> list[_Second]:
+def _seconds(fitted: Fitted) -> list[Second]:
     """Return what a regression knows of each parameter."""
     found, torque = fitted.solution, np.sqrt(np.mean(fitted.columns**2, axis=0) / np.mean(fitted.y**2))
     rows = zip(fitted.equation.names, found.unbounded.tolist(), found.sigma.tolist(), torque.tolist(), strict=True)
-    return [_Second(*row) for row in rows if np.isfinite(row[2])]
+    return [Second(*row) for row in rows if np.isfinite(row[2])]
 
 
-def _disagrees(estimate: Estimate, model: Model, second: _Second) -> bool:
+def judged(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
+    """Return an estimate with a second opinion.
+
+    Where the two values of a parameter differ by more than their intervals, the standard deviation is widened so
+    that the interval contains both, and the status is DISAGREE. If the equations of motion do not explain the torque,
+    it is POOR_FIT. An estimate that did not converge stays as it is, but for a note if the regression describes the
+    motion.
+    """
+    if estimate.status is Status.POOR_FIT and not opinion.fault:
+        return _with_advice(estimate, opinion)
+    if not estimate.converged:
+        return estimate
+    if opinion.fault:
+        return _poor(estimate, opinion.fault)
+    apart = [second for second in opinion.seconds if _disagrees(estimate, model, second)]
+    return _widened(estimate, model, apart) if apart else estimate
+
+
+def _disagrees(estimate: Estimate, model: Model, second: Second) -> bool:
     """Return whether two values differ by an amount that matters and their intervals have nothing in common."""
     first = estimate[second.name]
     if first.verdict is not Verdict.ESTIMATED:
@@ -108,10 +150,9 @@ def _disagrees(estimate: Estimate, model: Model, second: _Second) -> bool:
     return matters and (second.value + reach < lowest or second.value - reach > highest)
 
 
-def _with_advice(estimate: Estimate, fitted: list[Fitted]) -> Estimate:
+def _with_advice(estimate: Estimate, opinion: Opinion) -> Estimate:
     """Return a poor fit with the advice to use the regression, which describes the motion."""
-    worst = min(f.solution.r_squared for f in fitted)
-    advice = f"inverse dynamics explain {100.0 * worst:.3g} % of the torque: take --estimator regression"
+    advice = f"inverse dynamics explain {100.0 * opinion.r_squared:.3g} % of the torque: take --estimator regression"
     notes = (*estimate.notes[:1], sentence(advice), *estimate.notes[1:])
     return replace(estimate, message=message(notes), notes=notes)
 
@@ -121,7 +162,7 @@ def _poor(estimate: Estimate, fault: str) -> Estimate:
     return replace(estimate, status=Status.POOR_FIT, message=message(notes), notes=notes)
 
 
-def _widened(estimate: Estimate, apart: list[_Second]) -> Estimate:
+def _widened(estimate: Estimate, model: Model, apart: list[Second]) -> Estimate:
     """Return an estimate whose intervals contain the second values, which are reported."""
     scale = np.ones(len(estimate.free))
     rows, told = list(estimate.parameters), []
@@ -135,9 +176,8 @@ def _widened(estimate: Estimate, apart: list[_Second]) -> Estimate:
             f"{second.value:.3g} ± {second.sigma:.2g} by {Regression.name}"
         )
         told.append(values)
-        verdict = first.verdict
-        if verdict is Verdict.ESTIMATED and first.value > 0.0 and sigma > KNOWN * first.value:
-            verdict = Verdict.PRIOR
+        vague = model.parameter(second.name).positive and sigma > KNOWN * first.value
+        verdict = Verdict.PRIOR if vague else first.verdict
         rows[at] = replace(first, std_dev=sigma, verdict=verdict, reason=f"{values}: the interval contains both")
     said = [f"{'; '.join(told)}: the intervals contain both values", f"most likely {CAUSE}"]
     notes = (*map(sentence, said), sentence(Status.DISAGREE.advice), *estimate.notes[1:])

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -15,22 +16,27 @@ from joint_id_core.results.estimate import Estimate
 
 CHECK_AFTER, CHECK_EVERY = (1, 2, 4), 8  # window lengths after which the newest window is fitted as a whole
 
-Job = Callable[[], Estimate]
+T = TypeVar("T")
 _one_at_a_time = threading.Lock()
 
-Background = Callable[[Job], Future[Estimate]]  # starts a job that does not delay the caller
+
+class Background(Protocol):
+    """Starts a job that does not delay the caller."""
+
+    def __call__(self, job: Callable[[], T], /) -> Future[T]:
+        """Start a job; return its result when it has ended."""
 
 
-def at_once(job: Job) -> Future[Estimate]:
+def at_once(job: Callable[[], T]) -> Future[T]:
     """Do a job within the call."""
-    done: Future[Estimate] = Future()
+    done: Future[T] = Future()
     done.set_result(job())
     return done
 
 
-def in_thread(job: Job) -> Future[Estimate]:
+def in_thread(job: Callable[[], T]) -> Future[T]:
     """Do a job in a thread of its own, one job at a time; it does not hold up the end of the process."""
-    done: Future[Estimate] = Future()
+    done: Future[T] = Future()
 
     def run() -> None:
         try:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
-from itertools import pairwise
+from functools import partial
 
 import numpy as np
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import DEFAULT, Estimator
+from joint_id_core.estimators.cross_check import judged, second_opinion, suits
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.shared.settings import ParameterSettings
@@ -25,10 +25,11 @@ from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.published import DISAGREE, at_rest, forgotten, too_short, with_note
 from joint_id_core.online.resume import NOISE_SIGMA, as_of_now, known_of
 from joint_id_core.online.second_look import SecondLook, apart
+from joint_id_core.online.second_opinion import SecondOpinion
 from joint_id_core.online.situation import Situation
 from joint_id_core.online.task import Task
 from joint_id_core.online.trial import Trial
-from joint_id_core.online.window import SlidingWindow, pauses
+from joint_id_core.online.window import SlidingWindow, parts_of
 from joint_id_core.results.estimate import Estimate, Status
 
 UNTESTED = "What was known before is not tested yet: move the joint for more than half a second."
@@ -79,6 +80,7 @@ class OnlineIdentifier:
         self._watch, self._checks = MotionWatch(model, window_s), WindowChecks(window_s, background)
         self._window = SlidingWindow(window_s)  # samples in motion
         self._second_look = SecondLook(window_s, background)
+        self._opinion = SecondOpinion(window_s, background, self.remembers and suits(model))
         self._hops = Hops(self.options.hop_s)
         self._alone: Estimate | None = None  # newest fit that converged, where there is no memory
         self._situation = Situation.STARTING
@@ -119,29 +121,16 @@ class OnlineIdentifier:
     def update(self, samples: Recording) -> Estimate | None:
         """Add samples; when a hop has passed, return the newest estimate, else None.
 
-        Data that cannot be fitted give an estimate whose status says why.
+        Data that cannot be fitted give a status that says why.
 
         Raises:
             JointIdError: the samples are not later than those before; they are left out.
         """
         begun, newest = time.perf_counter(), None
-        for part in self._parts(samples):
+        # Samples that waited while a window was fitted may be more than the window holds: they would be lost.
+        for part in parts_of(samples, 0.5 * self.options.window_s if self.remembers else np.inf):
             newest = self._update(part) or newest
         return None if newest is None else newest.updated(elapsed_s=time.perf_counter() - begun)
-
-    def _parts(self, samples: Recording) -> list[Recording]:
-        """Return samples in parts without a pause and, with a memory, much shorter than the window.
-
-        Samples that waited while a window was fitted may be more than the window holds: they would be lost.
-        """
-        at = pauses(samples.time)
-        part_s = 0.5 * self.options.window_s
-        if self.remembers and samples.duration > part_s:
-            edges = np.arange(samples.time[0] + part_s, samples.time[-1], part_s)
-            at = np.union1d(at, np.searchsorted(samples.time, edges))
-        if not len(at):
-            return [samples]
-        return [samples.slice(first, last) for first, last in pairwise([0, *at.tolist(), len(samples)])]
 
     def _update(self, samples: Recording) -> Estimate | None:
         """Add samples that are much shorter than the window; return the estimate when a hop has passed."""
@@ -152,8 +141,8 @@ class OnlineIdentifier:
             return None
         if first:
             self._hops.begin(recent.start + (self.options.window_s if known is None else self.options.hop_s))
-        if first and known is not None:  # its origin is that of an earlier run
-            known.last = replace(known.last, origin=samples.origin, source=samples.source, joint=samples.joint)
+            if known is not None:
+                known.comes_from(samples)
         due = self._hops.ends(recent)
         if not self.remembers:
             return self._without_memory() if due else None
@@ -165,10 +154,11 @@ class OnlineIdentifier:
 
     def _without_memory(self) -> Estimate:
         """Fit the newest samples by themselves."""
-        estimate = self._task.fit(self._watch.recent.recording(), self._alone)
+        recording = self._watch.recent.recording()
+        estimate = self._task.fit(recording, self._alone)
         if estimate.converged:
             self._alone = estimate
-        return estimate
+        return self._task.cross_checked(estimate, recording)
 
     # --- the situation
 
@@ -177,6 +167,8 @@ class OnlineIdentifier:
         if situation is self._situation:
             return
         self._situation = situation
+        if not situation.follows:
+            self._opinion.begin()
         if situation is Situation.RESTARTING:
             self._known = None
             self._trial.begin_anew()
@@ -193,6 +185,7 @@ class OnlineIdentifier:
             if moves:
                 self._window.append(samples)
                 self._second_look.append(samples)
+                self._opinion.append(samples)
             known = self._known
             if known is None or not self._situation.follows:
                 continue
@@ -250,11 +243,19 @@ class OnlineIdentifier:
         if known.changes.take(follower):
             self._checks.begin(window.end)  # a window with the change in it tells nothing
             self._second_look.end()
+            self._opinion.begin()
         known = self._looked_again(known)
         if not self._agrees(known):
             self._enter(self._situation.after_window(agrees=False))
             return with_note(known.last, window)
-        return forgotten(known.estimate(window)) if replaced else known.estimate(window)
+        estimate = self._judged(known.estimate(window), known)
+        return forgotten(estimate) if replaced else estimate
+
+    def _judged(self, estimate: Estimate, known: Knowledge) -> Estimate:
+        """Return an estimate with what a second estimator says of the newest motion."""
+        ask = partial(second_opinion, estimate, self.model, settings=self.settings)
+        self._opinion.run(ask, known.follower.tested_from)
+        return estimate if self._opinion.newest is None else judged(estimate, self.model, self._opinion.newest)
 
     def _looked_again(self, known: Knowledge) -> Knowledge:
         """Fit all samples since the start, if it is time for that; begin anew with a fit that ends elsewhere."""
@@ -286,6 +287,7 @@ class OnlineIdentifier:
             return too_short(self.model, window, self.options.window_s)
         recording = window.recording()
         fit = self._task.fit(recording, None if self._known is None else self._known.last)
+        fit = self._task.cross_checked(fit, recording)
         if not fit.converged:
             trial.shown = fit
             return fit

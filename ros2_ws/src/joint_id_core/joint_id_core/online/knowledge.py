@@ -77,6 +77,10 @@ class Knowledge:
             known.follower.rest()
         return known
 
+    def comes_from(self, samples: Recording) -> None:
+        """Take the origin of the samples of today, in place of that of an earlier run."""
+        self.last = replace(self.last, origin=samples.origin, source=samples.source, joint=samples.joint)
+
     @property
     def noise(self) -> dict[str, float]:
         """Noise levels of today: standard deviations by name."""

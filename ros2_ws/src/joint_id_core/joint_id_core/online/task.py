@@ -9,6 +9,7 @@ import numpy as np
 from joint_id_core.cell.kernel import compile_model
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators import Estimator
+from joint_id_core.estimators.cross_check import cross_checked
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.innovations.fit import fit_innovations
@@ -35,6 +36,12 @@ class Task:
         if isinstance(self.estimator, Innovations):
             return fit_innovations(self.model, recording, self.settings, self.estimator, previous=previous)
         return self.estimator.fit(self.model, recording, self.settings)
+
+    def cross_checked(self, fit: Estimate, recording: Recording) -> Estimate:
+        """Return the fit of a window with what a second estimator says of it, if it was made by innovations."""
+        if not isinstance(self.estimator, Innovations):
+            return fit
+        return cross_checked(fit, self.model, recording, self.settings)
 
     def prepared(self, recording: Recording) -> FitData | None:
         """Return the signals of a recording without its rests; None if it cannot be used."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,17 @@ def pauses(time: Array) -> NDArray[np.intp]:
     if not len(steps) or steps.max() <= REST * steps.min():  # nearly always: the median takes ten times as long
         return np.zeros(0, dtype=np.intp)
     return np.flatnonzero(steps > REST * np.median(steps)) + 1
+
+
+def parts_of(samples: Recording, longest_s: float) -> list[Recording]:
+    """Return samples in parts without a pause, none longer than `longest_s`."""
+    at = pauses(samples.time)
+    if samples.duration > longest_s:
+        edges = np.arange(samples.time[0] + longest_s, samples.time[-1], longest_s)
+        at = np.union1d(at, np.searchsorted(samples.time, edges))
+    if not len(at):
+        return [samples]
+    return [samples.slice(first, last) for first, last in pairwise([0, *at.tolist(), len(samples)])]
 
 
 @dataclass

@@ -1,0 +1,65 @@
+"""Regressions of the newest motion beside the recursion, which check what it finds.
+
+The recursion takes what the model lacks for white noise, as `innovations` does: see `estimators.cross_check`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future
+
+from joint_id_core.data.recording import Recording
+from joint_id_core.estimators.cross_check import Opinion
+from joint_id_core.online.checks import CHECK_AFTER, CHECK_EVERY, Background
+from joint_id_core.online.window import SlidingWindow
+
+REACH = 8.0  # lengths of the window in which friction and inertia are compared
+
+Ask = Callable[[Recording], Opinion | None]
+
+
+class SecondOpinion:
+    """Keeps the newest motion, and asks for a second opinion on it from time to time.
+
+    The answer waits until samples that follow the motion were tested, so that a change of the joint in it is known.
+
+    Attributes:
+        newest: the newest opinion; None before the first one, and if there is none for this model.
+
+    Args:
+        window_s: length of the window in s.
+        background: does the work.
+        wanted: whether opinions are asked for at all.
+    """
+
+    def __init__(self, window_s: float, background: Background, wanted: bool) -> None:
+        self._window_s, self._background, self._wanted = window_s, background, wanted
+        self.newest: Opinion | None = None
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin anew: the joint has changed, or what was known of it is forgotten."""
+        self.newest = None
+        self._motion = SlidingWindow(REACH * self._window_s)
+        self._count, self._waits_s = 0, CHECK_AFTER[0] * self._window_s
+        self._running: tuple[Future[Opinion | None], float] | None = None
+
+    def append(self, samples: Recording) -> None:
+        """Add samples in motion."""
+        if self._wanted:
+            self._motion.append(samples)
+            self._waits_s -= samples.duration + samples.duration / max(1, len(samples) - 1)
+
+    def run(self, ask: Ask, tested_from: float) -> None:
+        """Ask for an opinion if it is time for one, and take the answer to an earlier question.
+
+        The newest stretch of samples that agreed with what is known began at `tested_from`, in s.
+        """
+        if self._running is None and self._wanted and self._waits_s <= 0.0:
+            self._count += 1
+            length = CHECK_AFTER[self._count] if self._count < len(CHECK_AFTER) else CHECK_EVERY
+            self._waits_s = length * self._window_s
+            motion = self._motion.recording()
+            self._running = self._background(lambda: ask(motion)), float(motion.time[-1])
+        if self._running is not None and tested_from >= self._running[1] and self._running[0].done():
+            self.newest, self._running = self._running[0].result(), None

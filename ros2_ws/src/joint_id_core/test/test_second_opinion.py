@@ -1,0 +1,90 @@
+"""Online, a second estimator checks what the recursion finds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from functools import partial
+
+import numpy as np
+import pytest
+
+from joint_id_core.data.recording import Recording
+from joint_id_core.estimators.cross_check import Opinion, Second
+from joint_id_core.online import OnlineIdentifier, OnlineOptions, identifier
+from joint_id_core.online.checks import at_once
+from joint_id_core.online.second_opinion import REACH, SecondOpinion
+from joint_id_core.results.estimate import Estimate, Status
+
+from .online_motion import MODEL, TRUTH, batches, motion
+
+GOOD = Opinion("", (Second("J", TRUTH["J"], 0.01, 1.0),), 0.999)
+
+
+def estimates(opinion: Callable[..., Opinion | None] | None, monkeypatch) -> list[Estimate]:
+    if opinion is not None:
+        monkeypatch.setattr(identifier, "second_opinion", opinion)
+    joint = OnlineIdentifier(MODEL, options=OnlineOptions(window_s=2.0, hop_s=0.5))
+    return [e for samples in batches(motion()) if (e := joint.update(samples)) is not None]
+
+
+def test_where_both_agree_nothing_changes(monkeypatch):
+    assert all(e.converged for e in estimates(None, monkeypatch))
+
+
+def test_a_disagreement_is_published_with_an_interval_that_contains_both(monkeypatch):
+    other = Opinion("", (Second("J", 0.5 * TRUTH["J"], 0.02, 1.0),), 0.99)
+    found = estimates(lambda *_, **__: other, monkeypatch)
+    assert found[0].converged and found[-1].status is Status.DISAGREE  # an opinion needs more than the first window
+    row = found[-1]["J"]
+    assert abs(row.value - TRUTH["J"]) < 0.01 and row.value - 1.96 * row.std_dev < 0.5 * TRUTH["J"]
+    assert "by regression" in found[-1].message
+
+
+def test_equations_that_are_not_those_of_the_motion_are_a_poor_fit(monkeypatch):
+    found = estimates(lambda *_, **__: Opinion("other joints move", (), 0.6), monkeypatch)
+    assert found[-1].status is Status.POOR_FIT and found[-1].message.startswith("Other joints move.")
+
+
+def test_it_is_asked_after_one_two_and_four_windows_more_and_looks_back_over_eight():
+    asked: list[Recording] = []
+
+    def ask(recording: Recording) -> Opinion:
+        asked.append(recording)
+        return GOOD
+
+    opinion = SecondOpinion(1.0, at_once, wanted=True)
+    for samples in batches(motion(20.0)):
+        opinion.append(samples)
+        opinion.run(ask, float(samples.time[-1]))
+    assert np.round([r.time[-1] for r in asked]).tolist() == [1.0, 3.0, 7.0, 15.0]
+    assert asked[-1].duration == pytest.approx(REACH, abs=0.2)
+    assert opinion.newest is GOOD
+
+
+def test_an_answer_waits_for_a_test_of_what_follows_and_is_dropped_when_the_joint_has_changed():
+    answers: list[Future[Opinion | None]] = []
+
+    def later(job):
+        answers.append(Future())
+        return answers[-1]
+
+    opinion = SecondOpinion(1.0, later, wanted=True)
+    samples = motion(1.5)
+    opinion.append(samples)
+    ask = partial(pytest.fail, "asked at once")
+    opinion.run(ask, 0.0)
+    answers[0].set_result(GOOD)
+    opinion.run(ask, 1.0)
+    assert opinion.newest is None  # the newest block that agreed began before the end of the motion
+    opinion.begin()
+    opinion.run(ask, 5.0)
+    assert opinion.newest is None and len(answers) == 1
+
+
+def test_a_model_without_a_second_estimator_asks_for_none():
+    opinion = SecondOpinion(1.0, partial(pytest.fail, "no opinion is wanted"), wanted=False)
+    for samples in batches(motion(5.0)):
+        opinion.append(samples)
+        opinion.run(lambda _: GOOD, float(samples.time[-1]))
+    assert opinion.newest is None
