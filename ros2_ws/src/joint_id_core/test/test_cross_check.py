@@ -12,6 +12,7 @@ from joint_id_core.estimators import ParameterSettings, Regression, fit
 from joint_id_core.estimators.cross_check import cross_checked
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Estimate, Status, Verdict
+from joint_id_core.simulation.simulator import simulate
 
 from .controlled_joint import TRUTH as CONTROLLED
 from .controlled_joint import controlled
@@ -98,3 +99,18 @@ def test_a_disturbance_with_a_memory_in_a_closed_loop_is_said_and_the_regression
     for name, truth in CONTROLLED.items():
         row = second[name]
         assert row.verdict is Verdict.ESTIMATED and abs(row.value - truth) < 3.0 * row.std_dev
+
+
+def test_advice_that_would_not_help_is_not_given():
+    """In a closed loop a disturbance with a memory looks like gravity, by many standard deviations; there is none."""
+    found = fit(MODEL, controlled(disturbance=1.0, memory_s=0.15))
+    text = " ".join(found.notes)
+    assert "a load that goes with the angle" in text and "--gravity would predict new samples no better" in text
+    assert "try --gravity" not in text
+
+
+def test_advice_that_helps_is_given():
+    record, loaded = motion(), build("rigid_joint", gravity=True)
+    moved = simulate(loaded, record.time, {"torque": record["torque"]}, {**TRUTH, "a_g": 1.0, "b_g": 1.0})
+    found = fit(MODEL, Recording(record.time, {"link_position": moved["link_position"], "torque": record["torque"]}))
+    assert "--gravity" in found.message and "no better" not in " ".join(found.notes)

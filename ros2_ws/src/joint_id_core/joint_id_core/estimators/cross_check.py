@@ -33,6 +33,7 @@ CAUSE = (
 # What the equations lack between two samples, where friction reverses, moves values by a few percent.
 MATTERS = 0.1  # least difference of a positive parameter, over its value, that counts as one
 MATTERS_TORQUE = 0.05  # the same of other parameters: the torque that it makes, over the rms torque
+HELPS = 0.05  # least share of the error of new samples that a torque takes away for which the user is told to add it
 KNOWN = 0.5  # standard deviation over a positive value from which only its order of magnitude is known
 
 
@@ -57,11 +58,13 @@ class Opinion:
         fault: why its equations are not those of the motion; empty if they are.
         seconds: what it knows of the parameters.
         r_squared: share of the torque that it explains.
+        useless: options that would add a torque with which new samples are predicted no better.
     """
 
     fault: str
     seconds: tuple[Second, ...]
     r_squared: float
+    useless: frozenset[str] = frozenset()
 
 
 def suits(model: Model) -> bool:
@@ -105,13 +108,14 @@ def second_opinion(
         return None
     fault = next((f.fault for f in fitted if f.fault), "")
     seconds = tuple(second for f in fitted for second in _seconds(f))
-    return Opinion(fault, seconds, min(f.solution.r_squared for f in fitted))
+    useless = frozenset(advice for f in fitted for advice, share in f.helps.items() if share < HELPS)
+    return Opinion(fault, seconds, min(f.solution.r_squared for f in fitted), useless)
 
 
 def _seconds(fitted: Fitted) -> list[Second]:
     """Return what a regression knows of each parameter."""
-    found, torque = fitted.solution, np.sqrt(np.mean(fitted.columns**2, axis=0) / np.mean(fitted.y**2))
-    rows = zip(fitted.equation.names, found.unbounded.tolist(), found.sigma.tolist(), torque.tolist(), strict=True)
+    found, torque = fitted.solution, np.sqrt(np.mean(fitted.samples.columns**2, axis=0) / np.mean(fitted.samples.y**2))
+    rows = zip(fitted.names, found.unbounded.tolist(), found.sigma.tolist(), torque.tolist(), strict=True)
     return [Second(*row) for row in rows if np.isfinite(row[2])]
 
 
@@ -123,6 +127,7 @@ def judged(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
     it is POOR_FIT. An estimate that did not converge stays as it is, but for a note if the regression describes the
     motion.
     """
+    estimate = _without_useless_advice(estimate, opinion)
     if estimate.status is Status.POOR_FIT and not opinion.fault:
         return _with_advice(estimate, opinion)
     if not estimate.converged:
@@ -148,6 +153,16 @@ def _disagrees(estimate: Estimate, model: Model, second: Second) -> bool:
         lowest, highest = first.value - APART * first.std_dev, first.value + APART * first.std_dev
     reach = APART * second.sigma
     return matters and (second.value + reach < lowest or second.value - reach > highest)
+
+
+def _without_useless_advice(estimate: Estimate, opinion: Opinion) -> Estimate:
+    """Return an estimate without the advice to add torques with which new samples are predicted no better."""
+    notes = list(estimate.notes)
+    for advice in opinion.useless:
+        notes = [note.replace(f": try {advice})", f"; {advice} would predict new samples no better)") for note in notes]
+    if notes == [*estimate.notes]:
+        return estimate
+    return replace(estimate, notes=tuple(notes), message=message(notes))
 
 
 def _with_advice(estimate: Estimate, opinion: Opinion) -> Estimate:

@@ -49,3 +49,11 @@ def newey_west(columns: Array, residuals: Array, pieces: NDArray[np.int64], lag:
     wider = float(np.polynomial.polynomial.polyval(share, FIXED_B)) / FIXED_B[0]
     freedom = count / max(1, count - parameters)
     return np.asarray(inverse @ middle @ inverse * (freedom * wider**2) / np.outer(scale, scale))
+
+
+def autocorrelation(residuals: Array, lag: int) -> float:
+    """Return the autocorrelation of residuals (T,) at a lag in samples; 0 if there are too few."""
+    energy = float(residuals @ residuals)
+    if lag >= len(residuals) or energy == 0.0:
+        return 0.0
+    return float(residuals[lag:] @ residuals[:-lag]) / energy

@@ -9,11 +9,11 @@ import numpy as np
 from joint_id_core.data.recording import Recording
 from joint_id_core.data.signals import side_of
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators.regression.checks import at_speed, autocorrelation, gravity, share_explained
 from joint_id_core.estimators.regression.equations import equations, not_linear
 from joint_id_core.estimators.regression.estimator import Regression
-from joint_id_core.estimators.regression.judging import Fitted, judge, row
-from joint_id_core.estimators.regression.least_squares import explained_later, solve
+from joint_id_core.estimators.regression.judging import Fitted, Samples, judge, row, tested
+from joint_id_core.estimators.regression.least_squares import solve
+from joint_id_core.estimators.regression.missing import missing_torques
 from joint_id_core.estimators.regression.signals import Rows, bands, motion, rows, smoothed
 from joint_id_core.estimators.shared.fit_data import (
     MIN_SAMPLES,
@@ -94,10 +94,9 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
             f"{data.recording.source}: {len(index.index)} independent samples of motion below {band_hz:.3g} Hz, a "
             f"regression needs {MIN_SAMPLES}: record longer, or give a wider band (band_hz)",
         )
-    found, angle = [], moved.x.get("link_position")
+    found, missing = [], missing_torques(moved, model)
     for equation in equations(model, moved, values, data.free):
-        load = np.zeros((len(usable), 0)) if model.has_gravity or angle is None else gravity(angle)
-        table, last = np.column_stack([equation.y, equation.columns, load]), 1 + len(equation.names)
+        table, last = np.column_stack([equation.y, equation.columns, *missing.values()]), 1 + len(equation.names)
         table[~usable] = np.nan
         table = smoothed(data.recording.time, table, band_hz)[index.index]
         known = np.isfinite(table).all(axis=1)
@@ -106,11 +105,9 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
         positive = [model.parameter(n).positive for n in equation.names]
         y, columns = table[:, 0], table[:, 1:last]
         solution = solve(y, columns, positive, here.pieces, lag_s / step)
-        left = autocorrelation(y - columns @ solution.values, max(1, round(1.0 / (band_hz * step))))
-        fast = at_speed(moved, here.index)  # a joint that sticks may bear any torque, and does so at a few angles
-        later = explained_later(y[fast], columns[fast], positive, equation.static, here.pieces[fast])
-        angle_share = share_explained(y[fast], columns[fast], table[fast, last:])
-        found.append(Fitted(equation, here, y, columns, solution, angle_share, later, left))
+        ends = last + np.cumsum([more.shape[1] for more in missing.values()])
+        lacked = dict(zip(missing, np.split(table[:, : ends[-1]], [last, *ends[:-1]], axis=1)[1:], strict=True))
+        found.append(tested(Samples(equation, here, y, columns, lacked), solution, positive, moved, band_hz * step))
     if not found:
         raise UnusableError(
             Status.MISSING_SIGNAL,
@@ -122,16 +119,16 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
 
 def _estimate(data: FitData, fitted: list[Fitted], band_hz: float, begun: float) -> Estimate:
     """Return the estimate."""
-    model, held = data.model, not_linear(data.model, [f.equation for f in fitted], data.free)
-    free = tuple(n for f in fitted for n in f.equation.names)
+    model, held = data.model, not_linear(data.model, [f.samples.equation for f in fitted], data.free)
+    free = tuple(n for f in fitted for n in f.names)
     order = [free.index(n) for n in data.free if n in free]
     covariance = np.zeros((len(free), len(free)))
     at, found = 0, dict[str, ParameterEstimate]()
     for f in fitted:
-        k = len(f.equation.names)
+        k = len(f.names)
         covariance[at : at + k, at : at + k] = np.nan_to_num(f.solution.covariance, nan=0.0)
         at += k
-        for j, name in enumerate(f.equation.names):
+        for j, name in enumerate(f.names):
             found[name] = row(model, name, f.solution, j, float(data.p[model.parameter_names.index(name)]))
     rows_ = tuple(
         found.get(q.name, ParameterEstimate(q.name, q.unit, v, np.nan, Verdict.FIXED, v, "held at this value"))
@@ -139,20 +136,23 @@ def _estimate(data: FitData, fitted: list[Fitted], band_hz: float, begun: float)
     )
     status, notes = judge(fitted, found, held, band_hz, data.dropped)
     nrmse, predictions = _predictions(data, fitted)
-    seen = data.recording.time[fitted[0].rows.index]
+    seen = data.recording.time[fitted[0].samples.rows.index]
     return Estimate(
         model=model.name, estimator=Regression.name, status=status, message=message(notes), parameters=rows_,
         free=tuple(free[i] for i in order), covariance=covariance[np.ix_(order, order)], nrmse=nrmse,
-        observations=sum(len(f.y) for f in fitted), elapsed_s=time.perf_counter() - begun, start=float(seen[0]),
-        end=float(seen[-1]), samples=sum(len(f.y) for f in fitted), predictions=predictions, notes=notes,
+        observations=sum(len(f.samples.y) for f in fitted), elapsed_s=time.perf_counter() - begun, start=float(seen[0]),
+        end=float(seen[-1]), samples=sum(len(f.samples.y) for f in fitted), predictions=predictions, notes=notes,
         model_options=options_of(model), **origin_of(data.recording),
     )  # fmt: skip
 
 
 def _predictions(data: FitData, fitted: list[Fitted]) -> tuple[dict[str, float], Predictions]:
     """Return rms error over standard deviation, and measurement and prediction, of the drive in the band."""
-    drive, f = data.model.torque_drive, next(f for f in fitted if f.equation.factor)
+    drive, f = data.model.torque_drive, next(f for f in fitted if f.samples.equation.factor)
     assert drive is not None
-    measured, predicted = f.y / f.equation.factor, f.columns @ f.solution.values / f.equation.factor
-    time_, nrmse = data.recording.time[f.rows.index], float(np.sqrt(max(0.0, 1.0 - f.solution.r_squared)))
+    measured, predicted = (
+        f.samples.y / f.samples.equation.factor,
+        f.samples.columns @ f.solution.values / f.samples.equation.factor,
+    )
+    time_, nrmse = data.recording.time[f.samples.rows.index], float(np.sqrt(max(0.0, 1.0 - f.solution.r_squared)))
     return {drive: nrmse}, Predictions(time_, {drive: measured}, {drive: predicted})

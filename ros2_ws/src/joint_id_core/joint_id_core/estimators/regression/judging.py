@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from joint_id_core.data.recording import Array
-from joint_id_core.estimators.regression.equations import Equation
-from joint_id_core.estimators.regression.least_squares import Solution
+from joint_id_core.estimators.regression.covariance import autocorrelation
+from joint_id_core.estimators.regression.equations import Equation, Motion
+from joint_id_core.estimators.regression.least_squares import Solution, explained_later
+from joint_id_core.estimators.regression.missing import (
+    GRAVITY,
+    SLOW,
+    STRIBECK,
+    STUCK,
+    at_speed,
+    share_explained,
+    share_predicted,
+)
 from joint_id_core.estimators.regression.signals import Rows
 from joint_id_core.estimators.shared.sentences import listed, sentence
 from joint_id_core.models import Model
@@ -20,28 +30,50 @@ LEAST_R_SQUARED = 0.5  # below, the equation is not that of this motion
 # that the others hardly load have 0.96 to 0.999, those that they load, and whose values are wrong, -0.4 to 0.8.
 LEAST_HELD_OUT = 0.9
 REMEMBERED = 0.3  # autocorrelation after a period of the band, from which residuals are no noise of sensors
-GRAVITY = 0.5  # share of what is left that a load with the angle explains, from which the model is a wrong one
+MOST_GRAVITY = 0.5  # share of what is left that a load with the angle explains, from which the model is a wrong one
 KNOWN = 0.5  # standard deviation over the value above which a value is known by its order of magnitude at best
 
 
 @dataclass(frozen=True)
-class Fitted:
-    """An equation, its samples in the band, and the solution.
+class Samples:
+    """An equation at the samples that are compared.
 
     Attributes:
-        gravity: share of what it leaves unexplained that gravity would explain, if the model has none.
-        held_out: see `least_squares.explained_later`.
-        memory: autocorrelation of the residuals after one period of the band.
+        rows: the samples.
+        y, columns: in the band, shapes (R,) and (R, k).
+        lacked: columns (R, m) of torques that the model lacks, by the option that adds them.
     """
 
     equation: Equation
     rows: Rows
     y: Array
     columns: Array
+    lacked: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """An equation and its solution.
+
+    Attributes:
+        gravity: share of what it leaves unexplained that gravity would explain, if the model has none.
+        held_out: see `least_squares.explained_later`.
+        memory: autocorrelation of the residuals after one period of the band.
+        helps: share of the error of samples that were not fitted that a torque which the model lacks takes away, by the
+            option that adds it.
+    """
+
+    samples: Samples
     solution: Solution
     gravity: float
     held_out: float
     memory: float
+    helps: Mapping[str, float]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return self.samples.equation.names
 
     @property
     def fault(self) -> str:
@@ -49,9 +81,9 @@ class Fitted:
         left = "of what the model does not explain"
         if not self.solution.r_squared > LEAST_R_SQUARED:
             return f"only {100.0 * self.solution.r_squared:.3g} % of the torque are explained"
-        if self.gravity > GRAVITY:
+        if self.gravity > MOST_GRAVITY:
             angle = f"a load that depends on the angle explains {100.0 * self.gravity:.2g} % {left}"
-            return f"{angle}: take a model with gravity (--gravity)"
+            return f"{angle}: take a model with gravity ({GRAVITY})"
         if self.held_out < LEAST_HELD_OUT and self.memory > REMEMBERED:
             return (
                 f"friction and inertia of the first part of the recording explain {_percent(self.held_out)} of their "
@@ -59,6 +91,21 @@ class Fitted:
                 "that move (record it as external_torque, or move one joint at a time)"
             )
         return ""
+
+
+def tested(samples: Samples, solution: Solution, positive: Sequence[bool], motion: Motion, step: float) -> Fitted:
+    """Return a solution with what tells whether its equation is that of the motion; `step` in periods of the band."""
+    y, columns, rows = samples.y, samples.columns, samples.rows
+    fast, loose = (at_speed(motion, rows.index, least) for least in (SLOW, STUCK))
+    later = explained_later(y[fast], columns[fast], positive, samples.equation.static, rows.pieces[fast])
+    memory = autocorrelation(y - columns @ solution.values, max(1, round(1.0 / step)))
+    gravity, helps = 0.0, {}
+    for advice, more in samples.lacked.items():
+        kept = loose if advice == STRIBECK else fast
+        helps[advice] = share_predicted(y[kept], columns[kept], more[kept])
+        if advice == GRAVITY:
+            gravity = share_explained(y[fast], columns[fast], more[fast])
+    return Fitted(samples, solution, gravity, later, memory, helps)
 
 
 def _percent(share: float) -> str:
