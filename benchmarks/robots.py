@@ -53,6 +53,9 @@ def main() -> None:
     parser.add_argument("--from", dest="earlier", action="store_true", help="measure nothing, take the JSON file")
     parser.add_argument("--docs", action="store_true", help="write the tables into docs/real_robots.md")
     args = parser.parse_args()
+    complete = stiffness.there() and all(case.there for case in CASES)
+    if args.docs and (args.cases or not (args.earlier or complete)):
+        parser.error("--docs writes whole tables: leave out --cases, and put all recordings into ../shared/data")
     if not args.earlier:
         axes = not args.cases or any(text in "KUKA" for text in args.cases)
         if axes and not stiffness.there():

@@ -106,7 +106,7 @@ def held_out(fits: Sequence[Fitted]) -> tuple[float, float]:
     return (float(np.median(found)), min(found)) if found else (float("nan"), float("nan"))
 
 
-def seconds(fits: Sequence[Fitted]) -> tuple[float, float]:
-    """Median and longest processor time of a fit."""
-    times = [f.cpu_s for f in fits]
-    return float(np.median(times)), max(times)
+def times(fits: Sequence[Fitted]) -> tuple[float, float]:
+    """Median and longest processor time of a fit in s."""
+    found = [f.cpu_s for f in fits]
+    return float(np.median(found)), max(found)

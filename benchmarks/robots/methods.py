@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,13 +23,13 @@ SHOWN = ("J", *FRICTION)
 ESTIMATORS: Mapping[str, Estimator] = {INNOVATIONS: Innovations(), REGRESSION: Regression()}
 
 
-def fits(case: Case) -> Iterator[Fitted]:
+def fits(case: Case, methods: Sequence[str] = METHODS) -> Iterator[Fitted]:
     """All fits of a case."""
     for joint in case.joints:
         model = build("rigid_joint", gravity=joint.gravity)
         recordings = joint.fitted()
         others = joint.only_predicted()
-        for method in METHODS:
+        for method in methods:
             _fit(method, model, joint, recordings[0])  # compiles and loads what the others find there
             for k, recording in enumerate(recordings):
                 fit, values = _fit(method, model, joint, recording)

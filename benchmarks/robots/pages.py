@@ -6,11 +6,11 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from robots.cases import CASES, Case
+from robots.cases import CASES
 from robots.fitted import FRICTION, Fitted
-from robots.judging import farthest, held_out, pairs, relative_sigma, seconds, usable
+from robots.judging import farthest, held_out, pairs, relative_sigma, times, usable
 from robots.methods import METHODS
-from robots.stiffness import FOLDER, PUBLISHED, SETTINGS, Stiffness
+from robots.stiffness import FOLDER, PUBLISHED, SETTINGS, Stiffness, there
 from robots.targets import KNOWN, stiffness_verdicts, verdicts
 
 ABSENT = "skipped: `../shared/data/{}` is not there"
@@ -23,7 +23,9 @@ def methods_table(fits: Sequence[Fitted]) -> str:
     rows = []
     for case in CASES:
         some = [f for f in fits if f.case == case.name]
-        rows += _of_methods(case.name, some) if some else [_absent(case, len(head))]
+        rows += _of_methods(case.name, some)
+        if not some and not case.there:
+            rows.append([case.name, ABSENT.format(case.folder), *["-"] * (len(head) - 2)])
     alone = {case.name for case in CASES if case.alone}
     rows += _of_methods("**all with one joint moving**", [f for f in fits if f.case in alone])
     rows += _of_methods("**all**", fits)
@@ -35,13 +37,9 @@ def _of_methods(name: str, fits: Sequence[Fitted]) -> list[list[str]]:
     return [[name, method, *_cells(some)] for method, some in by_method if some]
 
 
-def _absent(case: Case, columns: int) -> list[str]:
-    return [case.name, ABSENT.format(case.folder), *["-"] * (columns - 2)]
-
-
 def _cells(fits: Sequence[Fitted]) -> list[str]:
     known, count = usable(fits)
-    middle, longest = seconds(fits)
+    middle, longest = times(fits)
     friction, inertia = (farthest(fits, KNOWN, names) for names in (FRICTION, ("J",)))
     r_squared, least = held_out(fits)
     sigma = relative_sigma(fits)
@@ -53,8 +51,12 @@ def _cells(fits: Sequence[Fitted]) -> list[str]:
         f"{friction.sigmas:+.2g} (`{friction.name}`)" if friction.fit else "-",
         f"{inertia.sigmas:+.2g}" if inertia.fit else "-",
         f"{r_squared:.3f}, {least:.3f}" if np.isfinite(r_squared) else "-",
-        f"{1e3 * middle:.2g}, {1e3 * longest:.2g} ms",
+        f"{_ms(middle)}, {_ms(longest)} ms",
     ]
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:.0f}" if seconds >= 0.01 else f"{1e3 * seconds:.1f}"
 
 
 def _pairs(fits: Sequence[Fitted], names: Sequence[str], friction: bool) -> str:
@@ -86,8 +88,19 @@ def _of_joint(fits: Sequence[Fitted]) -> str:
 
 def stiffness_table(fits: Sequence[Stiffness]) -> str:
     """A row for each way to fit an axis: `k_1` of both runs."""
-    head = ["axis", "published", "settings", "run", "status", "`k_1`, 1e6 Nm/rad", "verdict", "off", "`J_m`, kg m²", "a fit"]
-    if not fits:
+    head = [
+        "axis",
+        "published",
+        "settings",
+        "run",
+        "status",
+        "`k_1`, 1e6 Nm/rad",
+        "verdict",
+        "off",
+        "`J_m`, kg m²",
+        "a fit",
+    ]
+    if not fits and not there():
         return table(head, [[ABSENT.format(FOLDER), *["-"] * (len(head) - 1)]])
     rows = []
     for axis, published in PUBLISHED.items():

@@ -10,6 +10,7 @@ from joint_id_core.data.recording import Array, Recording
 
 CUTOFF_HZ = 10.0
 ORDER = 4
+MOVES = 0.02  # of the largest speed: slower samples are left out, a sticking joint may bear any torque
 KEPT = 0.8  # decimation: samples are kept at 1 / 0.8 times the Nyquist rate of the band
 NAMES = ("J", "c", "tau_f", "tau_0", "a_g", "b_g")
 
@@ -41,8 +42,9 @@ def plain_least_squares(recording: Recording, gravity: bool) -> tuple[dict[str, 
         columns += [np.cos(q), np.sin(q)]
     table = low_pass(np.column_stack([torque, *columns]))
     margin, step = int(1.0 / (cutoff_hz * period)), max(1, int(KEPT * 0.5 / (cutoff_hz * period)))
-    table = table[margin:-margin:step]
-    y, x = table[:, 0], table[:, 1:]
+    kept = np.arange(margin, len(even) - margin, step)
+    kept = kept[np.abs(w[kept]) > MOVES * np.abs(w).max()]
+    y, x = table[kept, 0], table[kept, 1:]
     found, *_ = np.linalg.lstsq(x, y, rcond=None)
     variance = float(np.sum((y - x @ found) ** 2)) / (len(y) - x.shape[1])
     sigma = np.sqrt(variance * np.diag(np.linalg.inv(x.T @ x)))

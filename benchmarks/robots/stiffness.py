@@ -10,6 +10,7 @@ from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.models import build
 from robots.cases import Known
 from robots.fitted import Value
+from robots.judging import deviation
 from robots.recordings import DATA, kuka
 
 FOLDER = "kuka_kr300"
@@ -44,16 +45,12 @@ class Stiffness:
     values: dict[str, Value] = field(default_factory=dict)
 
     @property
-    def wrong_and_called_good(self) -> list[tuple[str, float]]:
-        """Names and deviations, over their sigma, of values that are called good and have a reference."""
+    def called_good(self) -> list[tuple[str, float]]:
+        """Names of values that are called good and have a reference, and how far they are off, over their sigma."""
         if self.status != "converged":
             return []
         known = {n: k for n, k in PUBLISHED[self.axis].items() if n in self.values}
-        return [
-            (n, (self.values[n].value - k.value) / self.values[n].sigma)
-            for n, k in known.items()
-            if self.values[n].verdict == "estimated"
-        ]
+        return [(n, deviation(self.values[n], k)) for n, k in known.items() if self.values[n].verdict == "estimated"]
 
 
 def there() -> bool:

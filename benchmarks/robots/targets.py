@@ -21,7 +21,9 @@ UR10E = {case.name for case in CASES if case.folder == "ur10e"}
 
 
 def verdicts(fits: Sequence[Fitted]) -> list[tuple[str, str]]:
-    """Targets and what the fits of one method come to, with "met" or "missed"."""
+    """Targets and what the fits of one method come to, with "met" or "missed"; no row without a fit."""
+    if not fits:
+        return []
     alone = [f for f in fits if f.case in ALONE]
     known, count = usable(alone)
     sigma, covered = relative_sigma(alone), pairs(alone)
@@ -49,14 +51,16 @@ def verdicts(fits: Sequence[Fitted]) -> list[tuple[str, str]]:
 
 
 def stiffness_verdicts(fits: Sequence[Stiffness]) -> list[tuple[str, str]]:
-    """The same of the stiffness, over all ways to fit it."""
-    rows = []
+    """The same of the stiffness, over all ways to fit it; no row without a fit."""
+    rows: list[tuple[str, str]] = []
+    if not fits:
+        return rows
     for axis, published in PUBLISHED.items():
         some = [f for f in fits if f.axis == axis]
         called = [f.values["k_1"] for f in some if f.status == "converged" and f.values["k_1"].verdict == "estimated"]
         if "k_1" not in published:
             text = f"{len(called)} of {len(some)} fits call it estimated"
-            rows.append((f"KUKA axis {axis}: stiffness not identifiable", _said(text, bool(some) and not called)))
+            rows.append((f"KUKA axis {axis}: stiffness not identifiable", _said(text, not called)))
             continue
         off = [v.value / published["k_1"].value - 1.0 for v in called]
         near = sum(abs(share) <= STIFFNESS_OFF for share in off)
@@ -64,10 +68,10 @@ def stiffness_verdicts(fits: Sequence[Stiffness]) -> list[tuple[str, str]]:
         rows.append(
             (
                 f"KUKA axis {axis}: called good and within {100 * STIFFNESS_OFF:g} % of the published stiffness",
-                _said(text, bool(some) and near == len(some)),
+                _said(text, near == len(some)),
             )
         )
-    wrong = [(f, n, z) for f in fits for n, z in f.wrong_and_called_good]
+    wrong = [(f, n, z) for f in fits for n, z in f.called_good]
     if wrong:
         fit, name, z = max(wrong, key=lambda row: abs(row[2]))
         text = f"`{name}` of axis {fit.axis}, {z:+.2g}; {sum(abs(row[2]) > GOOD_OFF for row in wrong)} of {len(wrong)}"
@@ -85,4 +89,6 @@ def _pairs(found: Pairs) -> str:
 
 
 def _off(found: Off) -> str:
-    return f"{found.sigmas:+.2g} (`{found.name}`, {found.fit.joint})" if found.fit else "none"
+    if found.fit is None:
+        return "no value with a reference"
+    return f"{found.sigmas:+.2g} (`{found.name}`, {found.fit.joint}, {100.0 * found.share:+.0f} %)"
