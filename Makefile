@@ -1,4 +1,4 @@
-# make setup | test | test-long | test-haswell | lint | demo | paper | paper-quick | bench-rtde | bench-graph | bench-speed | bench-stats | bench-drift | bench-online | clean
+# make setup | test | test-long | test-haswell | lint | demo | paper | paper-quick | bench-rtde | bench-graph | bench-speed | bench-stats | bench-drift | bench-online | bench-robots | clean
 # Every target sets up what it needs. Needs Python 3.11 or 3.12 with venv and headers, gcc, g++, make and a Python package index.
 
 VENV := .venv
@@ -15,7 +15,7 @@ UNIT_TESTS := $(wildcard $(WS)/src/joint_id_core/test)
 NODE_TESTS := $(wildcard $(WS)/src/joint_id_ros/test tests)
 TIMED_TESTS := tests/test_chain.py tests/test_demo.py tests/test_driver.py tests/test_driver_faults.py
 
-.PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-graph bench-speed bench-stats bench-drift bench-online clean
+.PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-graph bench-speed bench-stats bench-drift bench-online bench-robots clean
 all: setup
 
 setup: $(WS)/install/.built
@@ -103,6 +103,11 @@ bench-online: setup $(VENV)/.peers
 	$(RUN) python benchmarks/online.py --docs
 	$(RUN) python benchmarks/online_peers.py --docs
 	$(RUN) python benchmarks/soak.py --minutes 120 --docs
+
+# Both estimators and plain least squares on public recordings of real robots, expected in ../shared/data; what is not there is
+# skipped (half a minute). With --docs it writes the tables of docs/real_robots.md.
+bench-robots: setup
+	$(RUN) python benchmarks/robots.py --json out/benchmarks/robots.json
 
 clean:
 	rm -rf $(VENV) $(WS)/build $(WS)/install $(WS)/log out .mypy_cache .pytest_cache .ruff_cache .hypothesis
