@@ -16,6 +16,7 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import Innovations, Regression, fit
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Estimate, Status, Verdict
+from joint_id_core.validation.prediction import held_out, held_out_drive
 
 DATA = Path(__file__).resolve().parents[2] / "shared/data"
 EMPS, UR10E = DATA / "emps/DATA_EMPS.mat", DATA / "ur10e"
@@ -119,3 +120,14 @@ def test_friction_with_the_controllers_load_is_that_of_the_whole_arm():
 def test_a_wrist_without_gravity_is_a_poor_fit():
     result = found(ur10e("ur-20_01_22-joint_4", 4))
     assert result.status is Status.POOR_FIT and "--gravity" in result.message
+
+
+def test_a_fit_without_inertia_predicts_another_recording():
+    """With the controller's torque as load, which holds the inertia, the regression finds none."""
+    model = build("rigid_joint")
+    fitted = fit(model, ur10e(ALL_JOINTS[0], 5, load=True), estimator=Regression())
+    assert fitted["J"].value == 0.0
+    other = ur10e(ALL_JOINTS[1], 5, load=True)
+    explained = held_out_drive(model, other, fitted)
+    assert explained is not None and explained[1] > 0.95
+    assert "link_position" in held_out(model, other, fitted)

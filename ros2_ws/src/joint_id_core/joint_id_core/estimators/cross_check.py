@@ -8,6 +8,7 @@ residuals do not show it. The inverse dynamics of `regression` do not depend on 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,7 @@ from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
-from joint_id_core.results.estimate import Estimate, Status, Verdict
+from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status, Verdict
 
 if TYPE_CHECKING:  # SciPy loads with it
     from joint_id_core.estimators.regression.judging import Fitted
@@ -33,6 +34,7 @@ CAUSE = (
 # What the equations lack between two samples, where friction reverses, moves values by a few percent.
 MATTERS = 0.1  # least difference of a positive parameter, over its value, that counts as one
 MATTERS_TORQUE = 0.05  # the same of other parameters: the torque that it makes, over the rms torque
+LEAST = 0.1  # least value of a positive parameter between two, over the first one
 HELPS = 0.05  # least share of the error of new samples that a torque takes away for which the user is told to add it
 KNOWN = 0.5  # standard deviation over a positive value from which only its order of magnitude is known
 
@@ -122,8 +124,8 @@ def _seconds(fitted: Fitted) -> list[Second]:
 def judged(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
     """Return an estimate with a second opinion.
 
-    Where the two values of a parameter differ by more than their intervals, the standard deviation is widened so
-    that the interval contains both, and the status is DISAGREE. If the equations of motion do not explain the torque,
+    Where the two values of a parameter differ by more than their intervals, the value becomes the middle, the interval
+    contains both, and the status is DISAGREE. If the equations of motion do not explain the torque,
     it is POOR_FIT. An estimate that did not converge stays as it is, but for a note if the regression describes the
     motion.
     """
@@ -135,7 +137,7 @@ def judged(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
     if opinion.fault:
         return _poor(estimate, opinion.fault)
     apart = [second for second in opinion.seconds if _disagrees(estimate, model, second)]
-    return _widened(estimate, model, apart) if apart else estimate
+    return _widened(estimate, model, opinion, apart) if apart else estimate
 
 
 def _disagrees(estimate: Estimate, model: Model, second: Second) -> bool:
@@ -177,26 +179,44 @@ def _poor(estimate: Estimate, fault: str) -> Estimate:
     return replace(estimate, status=Status.POOR_FIT, message=message(notes), notes=notes)
 
 
-def _widened(estimate: Estimate, model: Model, apart: list[Second]) -> Estimate:
-    """Return an estimate whose intervals contain the second values, which are reported."""
-    scale = np.ones(len(estimate.free))
-    rows, told = list(estimate.parameters), []
-    for second in apart:
-        at = list(estimate.values).index(second.name)
-        first = rows[at]
-        sigma = abs(first.value - second.value) / WIDTH + second.sigma
-        scale[estimate.free.index(second.name)] = sigma / first.std_dev
-        values = (
-            f"{second.name} is {first.value:.3g} ± {first.std_dev:.2g} by {estimate.estimator}, "
-            f"{second.value:.3g} ± {second.sigma:.2g} by {Regression.name}"
-        )
-        told.append(values)
-        vague = model.parameter(second.name).positive and sigma > KNOWN * first.value
-        verdict = Verdict.PRIOR if vague else first.verdict
-        rows[at] = replace(first, std_dev=sigma, verdict=verdict, reason=f"{values}: the interval contains both")
-    said = [f"{'; '.join(told)}: the intervals contain both values", f"most likely {CAUSE}"]
+def _widened(estimate: Estimate, model: Model, opinion: Opinion, apart: Sequence[Second]) -> Estimate:
+    """Return an estimate between the two values of the parameters `apart`, whose intervals contain both.
+
+    The others keep their values. What is wrong with one parameter is wrong with them as well, by less: the distance of
+    their second values is added to their standard deviations.
+    """
+    rows, scale = {row.name: row for row in estimate.parameters}, np.ones(len(estimate.free))
+    told = []
+    for second in opinion.seconds:
+        first = rows[second.name]
+        distance = abs(first.value - second.value)
+        if second in apart:
+            found = _between(estimate, first, second, model.parameter(second.name).positive)
+            told.append(found.reason)
+        else:
+            found = replace(first, std_dev=math.hypot(first.std_dev, distance))
+        scale[estimate.free.index(second.name)] = found.std_dev / first.std_dev
+        rows[second.name] = found
+    said = [f"{'; '.join(told)}: the value lies between, and the interval contains both", f"most likely {CAUSE}"]
     notes = (*map(sentence, said), sentence(Status.DISAGREE.advice), *estimate.notes[1:])
     return replace(
-        estimate, status=Status.DISAGREE, message=message(notes), notes=notes, parameters=tuple(rows),
+        estimate, status=Status.DISAGREE, message=message(notes), notes=notes, parameters=tuple(rows.values()),
         covariance=estimate.covariance * np.outer(scale, scale),
     )  # fmt: skip
+
+
+def _between(estimate: Estimate, first: ParameterEstimate, second: Second, positive: bool) -> ParameterEstimate:
+    """Return a parameter whose value lies in the middle of two, and whose 95 % interval contains those of both."""
+    value = 0.5 * (first.value + second.value)
+    if positive:
+        value = max(value, LEAST * first.value)
+    reach = max(
+        abs(x - value) + WIDTH * sigma for x, sigma in ((first.value, first.std_dev), (second.value, second.sigma))
+    )
+    sigma = reach / WIDTH
+    verdict = Verdict.PRIOR if positive and sigma > KNOWN * value else first.verdict
+    said = (
+        f"{second.name} is {first.value:.3g} ± {first.std_dev:.2g} by {estimate.estimator}, "
+        f"{second.value:.3g} ± {second.sigma:.2g} by {Regression.name}"
+    )
+    return replace(first, value=value, std_dev=sigma, verdict=verdict, reason=said)

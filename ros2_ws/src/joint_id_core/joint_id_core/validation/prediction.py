@@ -120,7 +120,7 @@ def held_out_drive_errors(model: Model, recording: Recording, estimate: Estimate
         the measured one, shape (T,), NaN where not known. None if the model is driven by a voltage, a signal was not
         recorded, or the recording is too short for the filter.
     """
-    predicted = drive(model, estimate.values, recording)
+    predicted = drive(model, dict(ParameterSettings.of_estimate(estimate).values), recording)
     name = model.torque_drive
     if predicted is None or name is None or name not in recording:
         return None

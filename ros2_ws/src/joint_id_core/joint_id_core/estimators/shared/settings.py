@@ -14,6 +14,8 @@ if TYPE_CHECKING:  # the command line reads settings without loading NumPy
     from joint_id_core.models import Model
     from joint_id_core.results.estimate import Estimate
 
+NOTHING = 1e-9
+
 
 @dataclass(frozen=True)
 class ParameterSettings:
@@ -49,9 +51,15 @@ class ParameterSettings:
 
     @classmethod
     def of_estimate(cls, estimate: Estimate) -> ParameterSettings:
-        """Return settings with the values of an estimate and with its fixed and free parameters."""
+        """Return settings with the values of an estimate and with its fixed and free parameters.
+
+        A regression may find that there is no inertia. A model divides by it, so it gets `NOTHING` of its start value.
+        """
         held = [name for name in estimate.values if name not in estimate.free]
-        return cls(estimate.values, held, estimate.free)
+        values = {
+            p.name: p.value or (NOTHING * p.initial if p.name in estimate.free else 0.0) for p in estimate.parameters
+        }
+        return cls(values, held, estimate.free)
 
     @property
     def names(self) -> tuple[str, ...]:
