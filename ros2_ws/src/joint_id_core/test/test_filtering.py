@@ -130,8 +130,12 @@ def test_uneven_steps_are_honoured():
 def test_sampling_too_slow_for_the_cutoff():
     time = np.arange(100) * 0.02
     message = r"log.csv: cutoff_hz = 50 Hz needs more than 100 samples/s, there are 50: set cutoff_hz below 25 Hz"
+    record = Recording(time, {"link_position": np.sin(6.0 * time)}, source="log.csv")
     with pytest.raises(JointIdError, match=message):
-        complete(Recording(time, {"link_position": time}, source="log.csv"))
+        complete(record, FilterOptions())
+    velocity = complete(record)["link_velocity"]  # nothing was asked for: the highest cutoff that fits, 20 Hz
+    np.testing.assert_allclose(velocity, complete(record, FilterOptions(cutoff_hz=20.0))["link_velocity"], rtol=1e-9)
+    np.testing.assert_allclose(velocity[20:-20], 6.0 * np.cos(6.0 * time[20:-20]), atol=0.01)
     with pytest.raises(JointIdError, match=r"set cutoff_hz below 50 Hz"):  # the cutoff at the Nyquist frequency itself
         differentiate(time / 2, time)
 

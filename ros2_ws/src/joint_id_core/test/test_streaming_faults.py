@@ -3,22 +3,32 @@
 import numpy as np
 import pytest
 
-from joint_id_core.errors import JointIdError
 from joint_id_core.filtering.offline import FilterOptions
 from joint_id_core.filtering.streaming import StreamingFilter
 
 from .streamed import PERIOD, W, column, jittered, motion, stream, times
 
 
-def test_sampling_too_slow_for_the_cutoff():
-    with pytest.raises(JointIdError, match="set cutoff_hz below 25 Hz"):
-        StreamingFilter(period=0.02)
-    time = np.arange(120) * 0.02
+def test_sampling_too_slow_for_the_cutoff_gets_the_highest_one_that_fits_and_says_so():
+    """A log of 100 samples/s has nothing above 50 Hz; no sample is lost."""
+    time = np.arange(300) * 0.01
     learnt = StreamingFilter()
     samples = stream(learnt, time, motion(time))
-    assert learnt.counts == {"rate": 2}
-    assert "set cutoff_hz below 25 Hz" in learnt.events[0]
-    assert len(samples) == 100 and np.isnan(column(samples, "link_velocity")).all()
+    assert learnt.counts == {"rate": 1}
+    assert learnt.events[0] == "cutoff_hz = 50 Hz is too high for 100 samples/s: 40 Hz is taken"
+    known = times(samples)
+    assert np.array_equal(known, time[: len(known)]) and known[-1] > 2.5
+    velocity = column(samples, "link_velocity")
+    inner = (known > 0.5) & np.isfinite(velocity)
+    assert np.abs(velocity[inner] / W[0] - np.cos(W[0] * known[inner])).max() < 0.02
+    assert StreamingFilter(period=0.01).latency < 0.5
+
+
+def test_hardly_any_sample_at_all_is_said():
+    learnt = StreamingFilter()
+    time = np.arange(60) * 10.0
+    samples = stream(learnt, time, motion(time))
+    assert learnt.counts["rate"] >= 1 and np.isnan(column(samples, "link_velocity")).all()
 
 
 def test_long_gap_restarts_without_a_wrong_number():

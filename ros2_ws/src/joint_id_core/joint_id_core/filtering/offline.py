@@ -26,6 +26,7 @@ Indices = NDArray[np.intp]
 
 # Central difference of 7 points, in 1/period: exact for polynomials up to degree 6.
 STENCIL = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0
+HIGHEST = 0.4  # cutoff over the sampling rate: near half of it, the filter would do nothing but delay
 REACH = 3  # samples that the stencil reaches to either side
 
 # Position, velocity and acceleration by side of the gear; each one can be computed from the one before.
@@ -56,6 +57,10 @@ class FilterOptions:
                 f"there are {1 / period:.4g}: set cutoff_hz below {0.5 / period:.4g} Hz"
             )
         return scipy.signal.butter(self.order, self.cutoff_hz, fs=1.0 / period, output="sos")
+
+    def fitting(self, period: float) -> FilterOptions:
+        """Return these options with a cutoff that a sampling period in s allows: at most `HIGHEST` of the rate."""
+        return replace(self, cutoff_hz=min(self.cutoff_hz, HIGHEST / period))
 
     def delay(self, period: float) -> float:
         """Return the group delay of one forward pass at low frequency, in s; `causal` subtracts it from the time."""
@@ -117,14 +122,14 @@ def complete(recording: Recording, options: FilterOptions | None = None) -> Reco
     A velocity is computed from the position on its side of the gear. An acceleration is computed from the velocity if
     that was measured, else from the position. Measured channels are not changed; only with `causal` they are filtered,
     and the time is shifted back by the filter's delay (see the module). Velocities and accelerations that were derived
-    before are computed again.
+    before are computed again. Without `options`, the cutoff is the usual one, or the highest that the sampling allows.
 
     Raises:
-        JointIdError: the sampling is too slow for the cutoff.
+        JointIdError: the sampling is too slow for the cutoff of the options.
     """
-    options = options or FilterOptions()
     if len(recording) < 2:
         return recording
+    options = options or FilterOptions().fitting(recording.period)
     wanted = derivatives(tuple(name for name in recording.channels if recording.measured(name)))
     added: dict[str, Array] = {}
     for origin, names in wanted.items():

@@ -50,10 +50,8 @@ class StreamingFilter:
     def __init__(self, options: FilterOptions | None = None, period: float | None = None, cut: float = CUT) -> None:
         """Prepare for samples every `period` s; None estimates the period from the first stamps.
 
-        A smaller `cut` brings the results closer to those of the whole signal, with a longer lag.
-
-        Raises:
-            JointIdError: the sampling is too slow for the cutoff.
+        A smaller `cut` brings the results closer to those of the whole signal, with a longer lag. If the sampling is
+        too slow for the cutoff, the highest cutoff that it allows is taken, and `events` says so.
         """
         self.options = options or FilterOptions()
         self.period, self._cut = float("nan"), cut
@@ -150,7 +148,7 @@ class StreamingFilter:
             return []
         try:
             self._set_period(float(np.median(np.diff(self._times))))
-        except JointIdError as error:
+        except JointIdError as error:  # a sample in ten seconds
             self._note("rate", str(error))
             return self._abandon()
         times, rows = self._times, self._waiting
@@ -158,7 +156,11 @@ class StreamingFilter:
         return [done for k, time in enumerate(times) for done in self._check(time, rows[k : k + 1], self._shape)]
 
     def _set_period(self, period: float) -> None:
-        self._design = FilterDesign(self.options, period, self._cut)
+        options = self.options.fitting(period)
+        if options != self.options:
+            asked, rate = f"cutoff_hz = {self.options.cutoff_hz:g} Hz", f"{1.0 / period:.4g} samples/s"
+            self._note("rate", f"{asked} is too high for {rate}: {options.cutoff_hz:.3g} Hz is taken")
+        self._design = FilterDesign(options, period, self._cut)
         self.period = period
 
     def _advance(self, times: list[float], rows: Array) -> list[FilteredSamples]:
