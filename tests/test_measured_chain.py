@@ -139,3 +139,40 @@ def test_the_shoulder_as_a_rigid_joint_shows_its_gravity_and_friction(start, pro
         ):
             assert abs(value - expected) < max(2.0 * p.std_dev, 0.15 * expected)
         assert found["tau_f"].std_dev < 0.3 * 4.5
+
+
+UR10E = ROOT.parent / "shared/data/ur10e/ur-20_02_12-40sec_12harm.csv"
+ARM = ("pan", "lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+PER_AMPERE = (11.8, 12.0, 9.8, 10.7, 10.6, 10.7)  # Nm at the link: config/ur10e.yaml times the gear ratio
+
+
+def test_an_arm_at_100_hz_is_published_from_the_first_samples_and_its_lift_is_not_called_known(start, probe, tmp_path):
+    """The usual cutoff of 50 Hz is half of the rate. J of the lift is 17.5 kg m2, and others move it: 33 to 125 before."""
+    log = np.genfromtxt(UR10E, delimiter=",")
+    log = log[np.concatenate([[True], np.diff(log[:, 0]) > 0.0])]  # some stamps repeat
+    bag = tmp_path / "arm"
+    joints = {
+        name: Recording(log[:, 0], {"link_position": log[:, 1 + k], "torque": gain * log[:, 13 + k]})
+        for k, (name, gain) in enumerate(zip(ARM, PER_AMPERE, strict=True))
+    }
+    write_bag(bag, joints)
+    published = probe.collect(JointParams, "joint_params", LATEST)
+    settings = {"model": "rigid_joint", "gravity": True, "window_s": 5.0, "hop_s": 1.0}
+    nodes = [start("identifier", **settings), start("filter")]
+    probe.until(lambda: probe.count_subscribers("joint_samples") == 1, "the identifier")
+    player = start("player", bag=bag, rate=4.0)
+    assert player.wait() == 0
+
+    def found(joint):
+        return [j for m in published for j in m.joints if j.joint == joint]
+
+    probe.until(lambda: all(len(found(name)) > 20 for name in ARM), "estimates of six joints")
+    begin = log[0, 0]
+    for name in ARM:
+        windows = [j for j in found(name) if j.samples > 0]
+        assert min(j.window_start.sec + 1e-9 * j.window_start.nanosec for j in windows) < begin + 7.0
+    known = [j for j in found("lift") if j.status == JointEstimate.CONVERGED]
+    assert len(known) < 0.2 * len(found("lift"))
+    for node in nodes:
+        node.signal(signal.SIGINT)
+        assert node.wait() == 0
