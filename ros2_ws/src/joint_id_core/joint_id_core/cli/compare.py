@@ -63,7 +63,6 @@ def compare(
 
     from joint_id_core import formats
     from joint_id_core.comparison import comparing as comparison
-    from joint_id_core.results.estimate import Status
 
     mapping = texts_by_name(map_ or (), "--map")
     recording = window(formats.read(file, joint, mapping), start, end)
@@ -83,8 +82,7 @@ def compare(
             print(f"its parameters: {shlex.join(['joint-id', 'fit', str(file), *again, *said])}")
     if not any(row.trial.estimate.converged for row in result.ranking.rows):
         complain(result.ranking.conclusion)
-        unusable = (Status.NO_MOTION, Status.TOO_SHORT, Status.MISSING_SIGNAL)
-        raise typer.Exit(BAD_INPUT if all(r.trial.estimate.status in unusable for r in result.ranking.rows) else 1)
+        raise typer.Exit(BAD_INPUT if all(r.trial.estimate.status.unusable for r in result.ranking.rows) else 1)
 
 
 def _fit_arguments(trial: Trial, settings: ParameterSettings, set_: Texts, fix: Texts, free: Texts) -> list[str]:

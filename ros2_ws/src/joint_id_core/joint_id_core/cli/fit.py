@@ -58,7 +58,6 @@ def fit(
     settings = parameter_settings(set_, fix, free, prior)
 
     from joint_id_core import estimators, formats
-    from joint_id_core.results.estimate import Status
 
     chosen = ModelOptions(**model_options)
     solver = estimators.build(estimator, **estimator_options)
@@ -93,5 +92,4 @@ def fit(
         estimate.plot(plot)
     if not estimate.converged:
         complain(f"{estimate.status.value}: {estimate.message}")
-        unusable = estimate.status in (Status.NO_MOTION, Status.TOO_SHORT, Status.MISSING_SIGNAL)
-        raise typer.Exit(BAD_INPUT if unusable else 1)
+        raise typer.Exit(BAD_INPUT if estimate.status.unusable else 1)

@@ -20,7 +20,7 @@ def info(
     map_: Annotated[Optional[list[str]], typer.Option("--map", help="channel=column, as for fit")] = None,
     json: Annotated[bool, typer.Option("--json", help="machine-readable result")] = False,
 ) -> None:
-    """Show joints, channels, rate, gaps and missing values of a recording."""
+    """Show joints, channels, rate, gaps and missing values of a recording, and what is doubtful about it."""
     from joint_id_core import formats
     from joint_id_core.formats.mapping import TARGETS
 
@@ -45,6 +45,7 @@ def _describe(recording: Recording) -> dict[str, Any]:
     """Return a description of one joint; times in s, rate in Hz, values in SI units."""
     import numpy as np
 
+    from joint_id_core.checking.findings import findings
     from joint_id_core.data.signals import CHANNELS
 
     channels = []
@@ -68,6 +69,7 @@ def _describe(recording: Recording) -> dict[str, Any]:
         "rate_hz": 1.0 / recording.period if len(recording) > 1 else None,
         "gaps": recording.gaps,
         "channels": channels,
+        "findings": [{"text": f.text, "channels": list(f.channels), "fatal": f.fatal} for f in findings(recording)],
     }
 
 
@@ -80,3 +82,5 @@ def _show(row: dict[str, Any]) -> None:
         low, high = (f"{v:.5g}" if v is not None else "-" for v in (c["minimum"], c["maximum"]))
         mark = "  derived" if c["derived"] else ""
         print(f"  {c['name']:<20}{low:>13}{high:>13}  {c['unit']:<9}{c['missing']:>8}{mark}")
+    for finding in row["findings"]:
+        print(f"  {'wrong' if finding['fatal'] else 'doubtful'}: {finding['text']}")

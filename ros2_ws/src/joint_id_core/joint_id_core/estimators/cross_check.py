@@ -55,14 +55,14 @@ def cross_checked(
     """Return an estimate with what a regression of the same recording says of it.
 
     An estimate of a model that a regression does not suit is returned as it is. So is one that did not converge, with a
-    note if the regression describes the motion.
+    note if the regression describes the motion. A drive that is late or early against the motion is noted.
 
     Where the two values of a parameter differ by more than their intervals, the standard deviation is widened so
     that the interval contains both, and the status is DISAGREE. If the equations of motion do not explain the torque,
     it is POOR_FIT.
     """
     settings = settings or ParameterSettings()
-    if estimate.status not in (Status.CONVERGED, Status.POOR_FIT) or model.label_delays:
+    if estimate.status not in (Status.CONVERGED, Status.POOR_FIT, Status.MAX_ITERATIONS) or model.label_delays:
         return estimate
     from joint_id_core.estimators.regression.fit import regressed  # loads SciPy
 
@@ -75,9 +75,14 @@ def cross_checked(
         fitted = regressed(model, recording, ParameterSettings(estimate.values, held), Regression())
     except JointIdError:
         return estimate
+    lags = tuple(sentence(f.lag) for f in fitted if f.lag)
+    if lags:
+        notes = (*estimate.notes[:1], *lags, *estimate.notes[1:])
+        estimate = replace(estimate, notes=notes, message=message(notes))
     faults = [f.fault for f in fitted if f.fault]
     if not estimate.converged:
-        return estimate if faults else _with_advice(estimate, fitted)
+        advise = estimate.status is Status.POOR_FIT and not faults and not lags
+        return _with_advice(estimate, fitted) if advise else estimate
     if faults:
         return _poor(estimate, faults[0])
     apart = [second for f in fitted for second in _seconds(f) if _disagrees(estimate, model, second)]

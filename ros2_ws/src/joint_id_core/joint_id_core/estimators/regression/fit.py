@@ -13,6 +13,7 @@ from joint_id_core.estimators.regression.checks import at_speed, autocorrelation
 from joint_id_core.estimators.regression.equations import equations, not_linear
 from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.regression.judging import Fitted, judge, row
+from joint_id_core.estimators.regression.lag import drive_shift
 from joint_id_core.estimators.regression.least_squares import explained_later, solve
 from joint_id_core.estimators.regression.signals import Rows, bands, motion, rows, smoothed
 from joint_id_core.estimators.shared.fit_data import (
@@ -97,9 +98,11 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
     found, angle = [], moved.x.get("link_position")
     for equation in equations(model, moved, values, data.free):
         load = np.zeros((len(usable), 0)) if model.has_gravity or angle is None else gravity(angle)
-        table, last = np.column_stack([equation.y, equation.columns, load]), 1 + len(equation.names)
+        drive = equation.factor * moved.u[model.torque_drive] if model.torque_drive else np.zeros(len(usable))
+        table, last = np.column_stack([equation.y, equation.columns, load, drive]), 1 + len(equation.names)
         table[~usable] = np.nan
-        table = smoothed(data.recording.time, table, band_hz)[index.index]
+        table = smoothed(data.recording.time, table, band_hz)
+        drive, table = table[:, -1], table[index.index, :-1]
         known = np.isfinite(table).all(axis=1)
         here, table = Rows(index.index[known], index.pieces[known]), table[known]
         step = float(np.median(np.diff(data.recording.time[here.index]))) if len(here.index) > 1 else data.period
@@ -110,7 +113,9 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
         fast = at_speed(moved, here.index)  # a joint that sticks may bear any torque, and does so at a few angles
         later = explained_later(y[fast], columns[fast], positive, equation.static, here.pieces[fast])
         angle_share = share_explained(y[fast], columns[fast], table[fast, last:])
-        found.append(Fitted(equation, here, y, columns, solution, angle_share, later, left))
+        time_ = data.recording.time
+        late = drive_shift(time_, drive, time_[here.index[fast]], y[fast], columns[fast], band_hz)
+        found.append(Fitted(equation, here, y, columns, solution, angle_share, later, left, late, data.period))
     if not found:
         raise UnusableError(
             Status.MISSING_SIGNAL,

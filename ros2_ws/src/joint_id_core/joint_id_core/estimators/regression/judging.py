@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from joint_id_core.checking.shift import Shift
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.regression.equations import Equation
 from joint_id_core.estimators.regression.least_squares import Solution
@@ -21,6 +22,10 @@ LEAST_R_SQUARED = 0.5  # below, the equation is not that of this motion
 LEAST_HELD_OUT = 0.9
 REMEMBERED = 0.3  # autocorrelation after a period of the band, from which residuals are no noise of sensors
 GRAVITY = 0.5  # share of what is left that a load with the angle explains, from which the model is a wrong one
+# A drive that is held between samples acts half a sample later than a measured one. On a UR10e the best shift leaves
+# 76 % and more, because friction is not what the law says; of simulated lags it leaves less than 2 %.
+LATE = 0.75  # samples
+LEFT = 0.5  # share of what is left unexplained, which is left with the best shift
 KNOWN = 0.5  # standard deviation over the value above which a value is known by its order of magnitude at best
 
 
@@ -32,6 +37,8 @@ class Fitted:
         gravity: share of what it leaves unexplained that gravity would explain, if the model has none.
         held_out: see `least_squares.explained_later`.
         memory: autocorrelation of the residuals after one period of the band.
+        late: by how many s the drive is late against the motion; None if it cannot be told.
+        period: of the samples in s.
     """
 
     equation: Equation
@@ -42,6 +49,20 @@ class Fitted:
     gravity: float
     held_out: float
     memory: float
+    late: Shift | None
+    period: float
+
+    @property
+    def lag(self) -> str:
+        """How late or early the drive is against the motion; empty if it is not, or cannot be told."""
+        late = self.late
+        if late is None or not late.sure or abs(late.late) < LATE * self.period:
+            return ""
+        if late.explained < LEAST_R_SQUARED or 1.0 - late.explained > LEFT * (1.0 - late.before):
+            return ""
+        when = f"{1e3 * abs(late.late):.3g} ms {'late' if late.late > 0.0 else 'early'}"
+        shares = f"{_percent(late.explained)} of the torque are explained, as recorded {_percent(late.before)}"
+        return f"the drive seems to be {when} against the motion: shifted by this, {shares}; correct its times"
 
     @property
     def fault(self) -> str:
@@ -108,6 +129,7 @@ def judge(
         said.append(f"the data pull {listed(below)} below zero: the model does not describe all of the motion")
     if unseen and status is not Status.UNINFORMATIVE:
         said.append(f"this motion does not show {listed(unseen)}")
+    said += [f.lag for f in fitted if f.lag]
     if held:
         said.append(f"held, because the equations are not linear in them: {listed(held)}")
     if dropped:
