@@ -15,6 +15,7 @@ from joint_id_core.checking.velocity import compared
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import Regression, fit
 from joint_id_core.estimators.shared.data_check import concerning
+from joint_id_core.estimators.shared.oscillation import fastest_oscillation, slow_samples
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Estimate, Status
 from joint_id_core.simulation.excitation import multisine
@@ -216,3 +217,28 @@ def test_info_prints_what_is_doubtful_and_a_fit_ends_with_code_2(tmp_path, run):
     assert code == 0 and "wrong: The samples are 2 s apart" in out
     code, _, err = run("fit", file, "--model", "rigid_joint")
     assert code == 2 and err.startswith("joint-id: bad_data") and "(--map time_s=0.001*COLUMN)" in err
+
+
+def test_info_names_a_late_drive_and_other_joints_that_move(tmp_path, run):
+    late, still = later("torque", 0.02), with_rows("link_position", list(range(5000)), 0.2)
+    late, other = (Recording(late.time, {n: r[n] for n in late.channels}) for r in (late, good(seed=1)))
+    rest = Recording(still.time, {"link_position": still["link_position"] + 1e-5 * np.sin(np.arange(5000))})
+    formats.write_bag(tmp_path / "bag", {"elbow": late, "wrist": other, "base": rest})
+    code, out, _ = run("info", tmp_path / "bag")
+    assert code == 0
+    parts = {text.split(":")[0]: text for text in out.split("\njoint ")[1:]}
+    assert "doubtful: The drive seems to be 20." in parts["elbow"] and "ms late" in parts["elbow"]
+    assert "Other joints move at the same time: wrist (" in parts["elbow"] and "rad/s rms)" in parts["elbow"]
+    assert "elbow (" in parts["wrist"] and "drive" not in parts["wrist"]
+    assert "doubtful" not in parts["base"]
+
+
+@pytest.mark.parametrize(("k_1", "rate", "said"), [(1e4, 500, False), (1e4, 50, True), (1e6, 500, True)])
+def test_an_oscillation_that_the_samples_do_not_show_is_named(k_1, rate, said):
+    model = build("harmonic_drive")
+    values = {p.name: p.nominal for p in model.parameters} | {"k_1": k_1}
+    one, two = values["J_m"] * values["N"] ** 2, values["J_q"]
+    frequency = np.sqrt(k_1 * (1.0 / one + 1.0 / two)) / (2.0 * np.pi)
+    assert fastest_oscillation(model, values) == pytest.approx(frequency, rel=0.03)
+    assert fastest_oscillation(MODEL, TRUTH | {"N": 1.0, "w_s": 1e-3}) == 0.0
+    assert bool(slow_samples(model, values, rate)) is said

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Optional
 
@@ -28,7 +29,8 @@ def info(
     found = formats.joints(file, mapping)
     names: tuple[str | None, ...] = (joint,) if joint else (found or (None,))
     contents = formats.contents(file)
-    described = [_describe(formats.read(file, name, mapping)) for name in names]
+    recordings = [formats.read(file, name, mapping) for name in names]
+    described = [_describe(recording) | {"findings": _doubts(recording, recordings)} for recording in recordings]
     used = " ".join(mapping.values()).replace("*", " ").split()
     unknown = [c for c in contents if c not in TARGETS and c not in used] if not found else []
     if json:
@@ -45,7 +47,6 @@ def _describe(recording: Recording) -> dict[str, Any]:
     """Return a description of one joint; times in s, rate in Hz, values in SI units."""
     import numpy as np
 
-    from joint_id_core.checking.findings import findings
     from joint_id_core.data.signals import CHANNELS
 
     channels = []
@@ -69,8 +70,20 @@ def _describe(recording: Recording) -> dict[str, Any]:
         "rate_hz": 1.0 / recording.period if len(recording) > 1 else None,
         "gaps": recording.gaps,
         "channels": channels,
-        "findings": [{"text": f.text, "channels": list(f.channels), "fatal": f.fatal} for f in findings(recording)],
     }
+
+
+def _doubts(recording: Recording, all_joints: Sequence[Recording]) -> list[dict[str, Any]]:
+    """Return what the checks find, fatal findings first, as plain types."""
+    from joint_id_core.checking.finding import Finding
+    from joint_id_core.checking.findings import findings
+    from joint_id_core.checking.others import others_move
+    from joint_id_core.estimators.regression.drive_lag import drive_lag
+
+    found = [*findings(recording), *others_move(recording, all_joints)]
+    late = "" if any(f.fatal for f in found) else drive_lag(recording)
+    found += [Finding(late[:1].upper() + late[1:])] if late else []
+    return [{"text": f.text, "channels": list(f.channels), "fatal": f.fatal} for f in found]
 
 
 def _show(row: dict[str, Any]) -> None:

@@ -89,7 +89,7 @@ def fit(
     estimate = estimator.fit(model, recording, settings, progress)
     if isinstance(estimator, Innovations):
         estimate = cross_checked(estimate, model, recording, settings)
-    return estimate if estimate.status.unusable else noted(estimate, found)
+    return estimate if estimate.status.unusable else noted(estimate, found, model, recording)
 
 
 def build(name: str, **options: object) -> Innovations | Regression | HPinn:

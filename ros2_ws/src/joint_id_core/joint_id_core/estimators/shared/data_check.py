@@ -10,6 +10,7 @@ from joint_id_core.checking.findings import findings
 from joint_id_core.data.recording import Recording
 from joint_id_core.data.signals import integral_of
 from joint_id_core.estimators.shared.fit_data import UnusableError, unusable
+from joint_id_core.estimators.shared.oscillation import slow_samples
 from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, Status
@@ -31,9 +32,13 @@ def refused(model: Model, estimator: str, found: Sequence[Finding], recording: R
     return unusable(model, estimator, UnusableError(Status.BAD_DATA, f"{recording.source}: {fatal[0]}"), recording)
 
 
-def noted(estimate: Estimate, found: Sequence[Finding]) -> Estimate:
-    """Return an estimate with the findings after its own notes."""
-    if not found:
+def noted(estimate: Estimate, found: Sequence[Finding], model: Model, recording: Recording) -> Estimate:
+    """Return an estimate with the findings after its own notes, and with whether the samples show its oscillation."""
+    texts = [f.text for f in found]
+    if estimate.status in (Status.CONVERGED, Status.DISAGREE):
+        texts += [slow_samples(model, estimate.values, 1.0 / recording.period)]
+    more = [sentence(text) for text in texts if text]
+    if not more:
         return estimate
-    notes = (*estimate.notes, *(sentence(f.text) for f in found))
+    notes = (*estimate.notes, *more)
     return replace(estimate, notes=notes, message=message(notes) if estimate.notes else estimate.message)
