@@ -12,9 +12,9 @@ from joint_id_core.checking.signals import joint_moves, noise
 from joint_id_core.data.recording import Array, Recording
 
 JUMP = 0.5  # of the way that the joint should have gone meanwhile, which it goes after a repeated sample
-FASTER = 1.4  # the step after it, over what is usual for one sample
 LONG = 3  # repeated values of a velocity that are no chance; noise may repeat one
-STEPS = 6.0  # of the noise or resolution; a shorter jump may be chance
+STEPS = 8.0  # of the noise or resolution, by which that jump exceeds a usual step: less may be chance
+REACH = 4  # samples from which the usual steps are taken
 
 
 def repeated(recording: Recording) -> Iterator[Finding]:
@@ -57,11 +57,14 @@ def _late_steps(time: Array, x: Array) -> tuple[NDArray[np.int64], NDArray[np.in
     if not same.any():
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(int))).reshape(-1, 2)
-    begin, end = edges[(edges[:, 0] >= 2) & (edges[:, 1] + 2 < len(x))].T  # x[begin] to x[end] are equal
-    before = (x[begin] - x[begin - 2]) / (time[begin] - time[begin - 2])
-    after = (x[end + 2] - x[end + 1]) / (time[end + 2] - time[end + 1])
+    begin, end = edges[(edges[:, 0] >= REACH) & (edges[:, 1] + 1 + REACH < len(x))].T  # x[begin] to x[end] are equal
+    before = (x[begin] - x[begin - REACH]) / (time[begin] - time[begin - REACH])
+    after = (x[end + 1 + REACH] - x[end + 1]) / (time[end + 1 + REACH] - time[end + 1])
     slope = 0.5 * (before + after)
     jump, way = x[end + 1] - x[end], slope * (time[end + 1] - time[begin])
-    far = (before * after > 0.0) & (np.abs(way) > STEPS * noise(x)) & (jump * np.sign(way) > JUMP * np.abs(way))
-    sudden = far & (np.abs(jump) > FASTER * np.abs(slope * (time[end + 1] - time[end])))
+    steps = np.abs(x[1:] - x[:-1])
+    least = STEPS * max(noise(x), float(np.min(steps, where=steps > 0.0, initial=np.inf)))
+    more = np.abs(jump) - np.abs(slope * (time[end + 1] - time[end]))  # than a usual step
+    sudden = (before * after > 0.0) & (jump * way > 0.0) & (more > least)
+    sudden &= np.abs(jump) > JUMP * np.abs(way)
     return begin[sudden] + 1, (end - begin)[sudden]

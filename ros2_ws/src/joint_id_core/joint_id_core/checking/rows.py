@@ -16,6 +16,7 @@ from joint_id_core.data.signals import CHANNELS
 FAR = 12.0  # standard deviations of the noise between an outlier and the course of its neighbours
 LEAST_SHARE = 0.01  # of the span between the 5th and 95th percentile; less does no harm
 HARMLESS = 1e-4  # of the typical size of a channel; the same
+OUTSIDE = 0.25  # of this span, by which an outlier of a drive lies out of it: a controller may send a short pulse
 AGREE = 0.25  # difference of the neighbours of an outlier, over its distance from their middle
 ALONE = 0.15  # distance of these neighbours from a line through those beyond them, over the same
 AROUND = 12  # samples to either side whose noise counts
@@ -43,7 +44,7 @@ def outliers(recording: Recording) -> Iterator[Finding]:
 def _spikes(x: Array, smallest: float, drive: bool) -> NDArray[np.int64]:
     """Return the samples that alone are far off a line through their neighbours, by `smallest` at least.
 
-    A drive may jump, and come back: it has outliers only where it is not constant.
+    A drive may jump, and come back: it has outliers only where it is not constant, and far out of its usual range.
     """
     off = np.zeros(len(x))
     off[1:-1] = x[1:-1] - 0.5 * (x[2:] + x[:-2])
@@ -51,6 +52,8 @@ def _spikes(x: Array, smallest: float, drive: bool) -> NDArray[np.int64]:
     least = max(FAR * noise(x) * SECOND / 2.0, LEAST_SHARE * float(high - low), smallest)
     found = np.flatnonzero(np.abs(off) > least)
     found = found[(found > 1) & (found < len(x) - 2)]
+    if drive:
+        found = found[(x[found] < low - OUTSIDE * (high - low)) | (x[found] > high + OUTSIDE * (high - low))]
     # Beside an outlier the two neighbours agree with each other; beside a jump they do not.
     found = found[np.abs(x[found + 1] - x[found - 1]) < AGREE * np.abs(off[found])]
     if not len(found) or len(found) > max(3, MOST_SHARE * len(x)):
