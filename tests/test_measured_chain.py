@@ -147,7 +147,7 @@ PER_AMPERE = (11.8, 12.0, 9.8, 10.7, 10.6, 10.7)  # Nm at the link: config/ur10e
 
 
 def test_an_arm_at_100_hz_is_published_from_the_first_samples_and_its_lift_is_not_called_known(start, probe, tmp_path):
-    """The usual cutoff of 50 Hz is half of the rate. J of the lift is 17.5 kg m2, and others move it: 33 to 125 before."""
+    """The usual cutoff of 50 Hz is half of the rate. J of the lift is 17.5 kg m2; others move it: 33 to 125 before."""
     log = np.genfromtxt(UR10E, delimiter=",")
     log = log[np.concatenate([[True], np.diff(log[:, 0]) > 0.0])]  # some stamps repeat
     bag = tmp_path / "arm"

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import scipy.io
 
+from joint_id_core.checking.findings import findings
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import Innovations, Regression, fit
 from joint_id_core.models import build
@@ -131,3 +132,36 @@ def test_a_fit_without_inertia_predicts_another_recording():
     explained = held_out_drive(model, other, fitted)
     assert explained is not None and explained[1] > 0.95
     assert "link_position" in held_out(model, other, fitted)
+
+
+def test_no_lag_of_a_robots_current_is_invented():
+    """Friction that is not what the law says looks like a lag of 10 to 30 ms; a true one is found."""
+    for name, joint, gravity in (("ur-20_01_22-joint_1", 1, False), (ALL_JOINTS[1], 6, True)):
+        assert not any("against the motion" in note for note in found(ur10e(name, joint), gravity).notes)
+    record = scipy.io.loadmat(EMPS)
+    time, force = record["t"].ravel(), record["vir"].ravel() * record["gtau"].item()
+    for late, text in ((0.0, ""), (0.02, "19.8 ms late")):
+        shifted = np.interp(time - late, time, force)
+        notes = found(Recording(time, {"link_position": record["qm"].ravel(), "torque": shifted})).notes
+        told = [note for note in notes if "against the motion" in note]
+        assert len(told) == bool(text) and all(text in note for note in told)
+
+
+def test_the_late_velocities_of_a_kuka_are_named_and_those_of_a_ur_are_not():
+    for joint in range(1, 7):
+        table = np.genfromtxt(UR10E / f"{ALL_JOINTS[0]}.csv", delimiter=",")
+        table = table[np.concatenate([[True], np.diff(table[:, 0]) > 0.0])]
+        channels = {"link_position": table[:, joint], "link_velocity": table[:, 6 + joint]}
+        assert not findings(Recording(table[:, 0], channels))
+    kuka = scipy.io.loadmat(DATA / "kuka_kr300/trajectory_A.mat", squeeze_me=True, struct_as_record=False)
+    signals, ratios = kuka["rec"], kuka["para"].u
+    for axis in (0, 1, 2):
+        channels = {
+            "motor_position": np.radians(signals.act_pos_mot_deg[axis]) * ratios[axis],
+            "motor_velocity": np.radians(signals.act_vel_mot_deg_per_s[axis]) * ratios[axis],
+            "link_position": np.radians(signals.act_pos_se_deg[axis]),
+            "link_velocity": np.radians(signals.act_vel_se_deg_per_s[axis]),
+        }
+        motor, link = findings(Recording(0.004 * np.arange(2501), channels))
+        assert "motor_velocity is late by 4." in motor.text and "link_velocity is late by 23" in link.text
+        assert not motor.fatal and not link.fatal

@@ -15,6 +15,7 @@ FLOORS = (
     ("options", "assignments"),
     ("data",),
     ("models", "formats", "filtering", "rtde"),
+    ("checking",),
     ("cell", "simulation", "results", "alignment"),
     ("estimators.shared",),
     ("estimators.innovations", "estimators.hpinn"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Optional
 
@@ -20,7 +21,7 @@ def info(
     map_: Annotated[Optional[list[str]], typer.Option("--map", help="channel=column, as for fit")] = None,
     json: Annotated[bool, typer.Option("--json", help="machine-readable result")] = False,
 ) -> None:
-    """Show joints, channels, rate, gaps and missing values of a recording."""
+    """Show joints, channels, rate, gaps and missing values of a recording, and what is doubtful about it."""
     from joint_id_core import formats
     from joint_id_core.formats.mapping import TARGETS
 
@@ -28,7 +29,8 @@ def info(
     found = formats.joints(file, mapping)
     names: tuple[str | None, ...] = (joint,) if joint else (found or (None,))
     contents = formats.contents(file)
-    described = [_describe(formats.read(file, name, mapping)) for name in names]
+    recordings = [formats.read(file, name, mapping) for name in names]
+    described = [_describe(recording) | {"findings": _doubts(recording, recordings)} for recording in recordings]
     used = " ".join(mapping.values()).replace("*", " ").split()
     unknown = [c for c in contents if c not in TARGETS and c not in used] if not found else []
     if json:
@@ -71,6 +73,19 @@ def _describe(recording: Recording) -> dict[str, Any]:
     }
 
 
+def _doubts(recording: Recording, all_joints: Sequence[Recording]) -> list[dict[str, Any]]:
+    """Return what the checks find, fatal findings first, as plain types."""
+    from joint_id_core.checking.finding import Finding
+    from joint_id_core.checking.findings import findings
+    from joint_id_core.checking.others import others_move
+    from joint_id_core.estimators.regression.drive_lag import drive_lag
+
+    found = [*findings(recording), *others_move(recording, all_joints)]
+    late = "" if any(f.fatal for f in found) else drive_lag(recording)
+    found += [Finding(late[:1].upper() + late[1:])] if late else []
+    return [{"text": f.text, "channels": list(f.channels), "fatal": f.fatal} for f in found]
+
+
 def _show(row: dict[str, Any]) -> None:
     rate = f", {row['rate_hz']:.6g} Hz" if row["rate_hz"] else ""
     name = f"joint {row['joint']}: " if row["joint"] else ""
@@ -80,3 +95,5 @@ def _show(row: dict[str, Any]) -> None:
         low, high = (f"{v:.5g}" if v is not None else "-" for v in (c["minimum"], c["maximum"]))
         mark = "  derived" if c["derived"] else ""
         print(f"  {c['name']:<20}{low:>13}{high:>13}  {c['unit']:<9}{c['missing']:>8}{mark}")
+    for finding in row["findings"]:
+        print(f"  {'wrong' if finding['fatal'] else 'doubtful'}: {finding['text']}")

@@ -77,19 +77,24 @@ def fit(
 
     Returns:
         The estimate; one by `Innovations` is checked by `Regression`, where that suits the model. Poor data raise no
-        exception: the status says what is wrong and what to do.
+        exception: the status says what is wrong and what to do. Doubts about the recording end the notes.
 
     Raises:
         JointIdError: misuse of parameter names, values or options; a library that the estimator needs is missing.
     """
     if isinstance(recording, Sequence):
         return fit_several(model, recording, settings, estimator, progress).estimate
-    estimate = estimator.fit(model, recording, settings, progress)
-    if not isinstance(estimator, Innovations):
-        return estimate
-    from joint_id_core.estimators.cross_check import cross_checked  # loads NumPy
+    from joint_id_core.estimators.cross_check import cross_checked  # loads NumPy, as the next
+    from joint_id_core.estimators.shared.data_check import concerning, noted, refused
 
-    return cross_checked(estimate, model, recording, settings)
+    found = concerning(model, recording)
+    bad = refused(model, estimator.name, found, recording)
+    if bad is not None:
+        return bad
+    estimate = estimator.fit(model, recording, settings, progress)
+    if isinstance(estimator, Innovations):
+        estimate = cross_checked(estimate, model, recording, settings)
+    return estimate if estimate.status.unusable else noted(estimate, found, model, recording)
 
 
 def fit_several(

@@ -61,12 +61,14 @@ class Opinion:
         seconds: what it knows of the parameters.
         r_squared: share of the torque that it explains.
         useless: options that would add a torque with which new samples are predicted no better.
+        lag: how late or early the drive is against the motion; empty if it is not, or cannot be told.
     """
 
     fault: str
     seconds: tuple[Second, ...]
     r_squared: float
     useless: frozenset[str] = frozenset()
+    lag: str = ""
 
 
 def suits(model: Model) -> bool:
@@ -111,7 +113,8 @@ def second_opinion(
     fault = next((f.fault for f in fitted if f.fault), "")
     seconds = tuple(second for f in fitted for second in _seconds(f))
     useless = frozenset(advice for f in fitted for advice, share in f.helps.items() if share < HELPS)
-    return Opinion(fault, seconds, min(f.solution.r_squared for f in fitted), useless)
+    lag = next((f.lag for f in fitted if f.lag), "")
+    return Opinion(fault, seconds, min(f.solution.r_squared for f in fitted), useless, lag)
 
 
 def _seconds(fitted: Fitted) -> list[Second]:
@@ -127,10 +130,13 @@ def judged(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
     Where the two values of a parameter differ by more than their intervals, the value becomes the middle, the interval
     contains both, and the status is DISAGREE. If the equations of motion do not explain the torque,
     it is POOR_FIT. An estimate that did not converge stays as it is, but for a note if the regression describes the
-    motion.
+    motion. A drive that is late or early is noted.
     """
     estimate = _without_useless_advice(estimate, opinion)
-    if estimate.status is Status.POOR_FIT and not opinion.fault:
+    if opinion.lag:
+        notes = (*estimate.notes[:1], sentence(opinion.lag), *estimate.notes[1:])
+        estimate = replace(estimate, notes=notes, message=message(notes))
+    if estimate.status is Status.POOR_FIT and not opinion.fault and not opinion.lag:
         return _with_advice(estimate, opinion)
     if not estimate.converged:
         return estimate

@@ -33,6 +33,7 @@ class Status(enum.Enum):
     MISSING_SIGNAL = "missing_signal"
     DISAGREE = "disagree"
     UNINFORMATIVE = "uninformative"
+    BAD_DATA = "bad_data"
 
     @property
     def advice(self) -> str:
@@ -41,8 +42,8 @@ class Status(enum.Enum):
 
     @property
     def unusable(self) -> bool:
-        """Whether the recording could not be fitted at all."""
-        return self in (Status.NO_MOTION, Status.TOO_SHORT, Status.MISSING_SIGNAL)
+        """Whether there was nothing to fit: the recording, not the model, is the cause."""
+        return self in (Status.NO_MOTION, Status.TOO_SHORT, Status.MISSING_SIGNAL, Status.BAD_DATA)
 
 
 _ADVICE = {
@@ -57,6 +58,7 @@ _ADVICE = {
     Status.DISAGREE: "two estimators with different assumptions disagree by more than their intervals: use parameters "
     "that are not named, and for those that are the wide interval, which contains both values",
     Status.UNINFORMATIVE: "this motion shows none of the parameters: move faster, further or for longer",
+    Status.BAD_DATA: "the recording contradicts itself or its units: see the message",
 }
 
 

@@ -96,18 +96,20 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
         )
     found, missing = [], missing_torques(moved, model)
     for equation in equations(model, moved, values, data.free):
-        table, last = np.column_stack([equation.y, equation.columns, *missing.values()]), 1 + len(equation.names)
+        drive = equation.factor * moved.u[model.torque_drive] if model.torque_drive else np.zeros(len(usable))
+        table, last = np.column_stack([equation.y, equation.columns, *missing.values(), drive]), 1 + len(equation.names)
         table[~usable] = np.nan
-        table = smoothed(data.recording.time, table, band_hz)[index.index]
+        table = smoothed(data.recording.time, table, band_hz)
+        drive, table = table[:, -1], table[index.index, :-1]
         known = np.isfinite(table).all(axis=1)
         here, table = Rows(index.index[known], index.pieces[known]), table[known]
-        step = float(np.median(np.diff(data.recording.time[here.index]))) if len(here.index) > 1 else data.period
         positive = [model.parameter(n).positive for n in equation.names]
         y, columns = table[:, 0], table[:, 1:last]
-        solution = solve(y, columns, positive, here.pieces, lag_s / step)
         ends = last + np.cumsum([more.shape[1] for more in missing.values()])
         lacked = dict(zip(missing, np.split(table[:, : ends[-1]], [last, *ends[:-1]], axis=1)[1:], strict=True))
-        found.append(tested(Samples(equation, here, y, columns, lacked), solution, positive, moved, band_hz * step))
+        samples = Samples(equation, here, y, columns, lacked, data.recording.time, drive, data.period)
+        solution = solve(y, columns, positive, here.pieces, lag_s / samples.step)
+        found.append(tested(samples, solution, positive, moved, band_hz))
     if not found:
         raise UnusableError(
             Status.MISSING_SIGNAL,

@@ -1,0 +1,1 @@
+"""Checks of a recording before any fit: units, lags, faulty samples, rate."""

@@ -1,0 +1,47 @@
+"""What a check of a recording found."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from joint_id_core.data.recording import Recording
+
+MOST_SHOWN = 3  # samples that a text names
+REMOVE = "remove these values (an empty cell is a missing value)"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A doubt about a recording.
+
+    Attributes:
+        text: one sentence: what is wrong, where, and what to do.
+        channels: which channels it is about; none means all.
+        fatal: whether a fit of these channels would be wrong in any case.
+        about: kind of doubt, where others ask for it.
+    """
+
+    text: str
+    channels: tuple[str, ...] = ()
+    fatal: bool = False
+    about: str = ""
+
+    def concerns(self, names: Collection[str]) -> bool:
+        """Return whether it is about one of these channels."""
+        return not self.channels or any(n in names for n in self.channels)
+
+
+def places(recording: Recording, samples: NDArray[np.int64]) -> str:
+    """Return samples (k,) in words, with their times: the first ones, and how many more there are."""
+    shown = ", ".join(f"{k} ({recording.time[k]:.6g} s)" for k in samples[:MOST_SHOWN].tolist())
+    more = len(samples) - MOST_SHOWN
+    return f"sample{'s' if len(samples) > 1 else ''} {shown}" + (f" and {more} more" if more > 0 else "")
+
+
+def number(count: int, one: str, many: str = "") -> str:
+    """Return a count in words: "1 stretch", "2 stretches"."""
+    return f"{count} {one if count == 1 else many or one + 's'}"

@@ -1,0 +1,26 @@
+"""All checks of a recording."""
+
+from __future__ import annotations
+
+from joint_id_core.checking.constant import constant_channels
+from joint_id_core.checking.finding import Finding
+from joint_id_core.checking.rate import low_rate
+from joint_id_core.checking.repeats import repeated
+from joint_id_core.checking.rows import outliers, zeros
+from joint_id_core.checking.twist import twist_offset
+from joint_id_core.checking.units import position_units, time_units
+from joint_id_core.checking.velocity import velocities
+from joint_id_core.data.recording import Recording
+
+LEAST = 50  # samples; fewer show nothing
+CHECKS = (
+    time_units, position_units, constant_channels, velocities, low_rate, outliers, repeated, zeros, twist_offset,
+)  # fmt: skip
+
+
+def findings(recording: Recording) -> tuple[Finding, ...]:
+    """Return what is doubtful about a recording, fatal findings first. It takes a few ms for 10,000 samples."""
+    if len(recording) < LEAST:
+        return ()
+    found = [finding for check in CHECKS for finding in check(recording)]
+    return tuple(sorted(found, key=lambda f: not f.fatal))

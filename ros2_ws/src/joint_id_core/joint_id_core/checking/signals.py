@@ -1,0 +1,78 @@
+"""Size of the noise of a channel, whether it moves, and how fast."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from joint_id_core.data.recording import Array, Recording
+from joint_id_core.data.signals import CHANNELS
+
+MAD = 1.4826  # standard deviation of normal noise over the median of its size
+SECOND = 6.0**0.5  # standard deviation of second differences of white noise, over its own
+# Span of a channel over its typical size, from which the joint goes somewhere. Those of a UR3e that stand while the
+# shoulder moves span 0.0005 rad and 0.04 rad/s.
+GOES = {"position": 0.01, "velocity": 0.1}
+# White noise spans 6 to 9 standard deviations.
+MOVES = 25.0  # span over noise from which a channel moves
+ABOVE_NOISE = 25.0  # power of a frequency over the median of the noise, from which it is of the motion: noise rarely is
+SHARE = 0.99  # of the power of the velocity that lies below the highest frequency of the motion
+
+
+def known(values: Array) -> Array:
+    """Return the values of a channel (T,) without NaN."""
+    return np.asarray(values[np.isfinite(values)])
+
+
+def noise(values: Array) -> float:
+    """Return the standard deviation of the noise of a channel (T,), at least one step of its sensor; NaN are skipped.
+
+    It is taken from second differences, to which a motion that is sampled well adds little.
+    """
+    x = known(values)
+    if len(x) < 3:
+        return 0.0
+    steps = np.abs(x[1:] - x[:-1])
+    bends = np.abs(x[2:] - 2.0 * x[1:-1] + x[:-2])
+    moved = steps[steps > 0.0]
+    smallest = float(moved.min()) if len(moved) else 0.0
+    coarse = smallest if len(moved) and np.count_nonzero(steps < 1.5 * smallest) > 0.5 * len(steps) else 0.0
+    return max(MAD * float(np.median(bends)) / SECOND, coarse)
+
+
+def moves(values: Array) -> bool:
+    """Return whether a channel (T,) varies by far more than its noise."""
+    x = known(values)
+    return len(x) > 2 and float(np.ptp(x)) > MOVES * noise(x) and float(np.ptp(x)) > 0.0
+
+
+def joint_moves(recording: Recording) -> bool:
+    """Return whether the joint goes somewhere: a joint that stands is shaken by the others, by less than `GOES`."""
+    for kind in ("_position", "_velocity"):  # a velocity tells only where there is no position
+        names = [n for n in recording.channels if n.endswith(kind) and recording.measured(n)]
+        if names:
+            return any(moves(recording[n]) and float(np.ptp(known(recording[n]))) > _least(n) for n in names)
+    return False
+
+
+def _least(name: str) -> float:
+    return GOES[name.rpartition("_")[2]] * CHANNELS[name].scale
+
+
+def highest_frequency(time: Array, values: Array, times: int) -> float:
+    """Return the frequency in Hz below which 99 % of the power of the velocity lies, without its noise.
+
+    Args:
+        time: instants in s, shape (T,).
+        values: without NaN, shape (T,).
+        times: how often `values` is to be differentiated to be a velocity.
+    """
+    period = float(np.median(np.diff(time)))
+    even = np.arange(time[0], time[-1], period)
+    row = np.interp(even, time, values)
+    row = row - np.linspace(row[0], row[-1], len(row)) if times else row - row.mean()
+    power = np.abs(np.fft.rfft(row * np.hanning(len(row)))) ** 2
+    frequency = np.fft.rfftfreq(len(row), period)
+    floor = float(np.median(power[frequency > 0.75 * frequency[-1]]))
+    velocity = np.where(power > ABOVE_NOISE * floor, power - floor, 0.0) * frequency ** (2 * times)
+    total = np.cumsum(velocity)
+    return float(frequency[np.searchsorted(total, SHARE * total[-1])]) if total[-1] > 0.0 else 0.0

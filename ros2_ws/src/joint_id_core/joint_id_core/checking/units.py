@@ -1,0 +1,52 @@
+"""Quantities that are not in SI units: times in milliseconds, positions in counts or degrees."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from joint_id_core.checking.finding import Finding
+from joint_id_core.data.recording import Array, Recording
+
+SLOWEST_S = 0.5  # a longer period shows no motion of a joint
+DISTINCT = 50  # whole numbers among positions that are no chance
+TURNS = 4.0 * 2.0 * np.pi  # rad that no link of a robot turns
+
+
+def time_units(recording: Recording) -> Iterator[Finding]:
+    """Find times that are not in seconds."""
+    period = recording.period
+    if period > SLOWEST_S:
+        unit, factor = ("microseconds", "1e-6") if period >= 100.0 else ("milliseconds", "0.001")
+        yield Finding(
+            f"The samples are {period:.4g} s apart, which is too long for the motion of a joint: time seems to be in "
+            f"{unit}; convert it to s (--map time_s={factor}*COLUMN)",
+            fatal=True,
+        )
+
+
+def position_units(recording: Recording) -> Iterator[Finding]:
+    """Find positions that are no radians, by their values alone."""
+    for name in ("motor_position", "link_position"):
+        if not recording.measured(name):
+            continue
+        known = recording[name][np.isfinite(recording[name])]
+        if _whole(known):
+            yield Finding(
+                f"All values of {name} are whole numbers: these are encoder counts, no rad; multiply them by 2 pi over "
+                f"the counts of a turn (--map {name}=FACTOR*COLUMN)",
+                (name,),
+                fatal=True,
+            )
+        elif name == "link_position" and (span := float(np.ptp(known))) > TURNS:
+            yield Finding(
+                f"Channel {name} spans {span:.4g} rad, more than the link of a robot turns: if it is in degrees, "
+                f"multiply it by 0.0174533 (--map {name}=0.0174533*COLUMN)",
+                (name,),
+            )
+
+
+def _whole(known: Array) -> bool:
+    """Return whether values (T,) are whole numbers, and too many of them for it to be chance."""
+    return len(known) > 0 and bool(np.all(known == np.rint(known))) and len(np.unique(known)) >= DISTINCT

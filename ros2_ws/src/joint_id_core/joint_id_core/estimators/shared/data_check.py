@@ -1,0 +1,44 @@
+"""What the checks of a recording mean for a fit of a model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from joint_id_core.checking.finding import Finding
+from joint_id_core.checking.findings import findings
+from joint_id_core.data.recording import Recording
+from joint_id_core.data.signals import integral_of
+from joint_id_core.estimators.shared.fit_data import UnusableError, unusable
+from joint_id_core.estimators.shared.oscillation import slow_samples
+from joint_id_core.estimators.shared.sentences import message, sentence
+from joint_id_core.models import Model
+from joint_id_core.results.estimate import Estimate, Status
+
+
+def concerning(model: Model, recording: Recording) -> tuple[Finding, ...]:
+    """Return what is doubtful about the channels that a fit of this model uses, fatal findings first."""
+    used = {*model.state_names, *model.input_names}
+    used |= {integral_of(n) or n for n in used if not recording.measured(n)}  # it is derived from there
+    has_offset = "dtheta_0" in model.parameter_names
+    return tuple(f for f in findings(recording) if f.concerns(used) and not (has_offset and f.about == "twist"))
+
+
+def refused(model: Model, estimator: str, found: Sequence[Finding], recording: Recording) -> Estimate | None:
+    """Return the estimate for a recording with fatal findings; None if there are none."""
+    fatal = [f.text for f in found if f.fatal]
+    if not fatal:
+        return None
+    return unusable(model, estimator, UnusableError(Status.BAD_DATA, f"{recording.source}: {fatal[0]}"), recording)
+
+
+def noted(estimate: Estimate, found: Sequence[Finding], model: Model, recording: Recording) -> Estimate:
+    """Return an estimate with the findings after its own notes, and with whether the samples show its oscillation."""
+    texts = [f.text for f in found]
+    if estimate.status in (Status.CONVERGED, Status.DISAGREE):
+        texts += [slow_samples(model, estimate.values, 1.0 / recording.period)]
+    more = [sentence(text) for text in texts if text]
+    if not more:
+        return estimate
+    notes = (*estimate.notes, *more)
+    return replace(estimate, notes=notes, message=message(notes) if estimate.notes else estimate.message)

@@ -1,0 +1,244 @@
+"""Faults of a recording are named with their channel and samples, or refused; a good recording raises no doubt."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from joint_id_core import formats
+from joint_id_core.checking.findings import findings
+from joint_id_core.checking.velocity import compared
+from joint_id_core.data.recording import Recording
+from joint_id_core.estimators import Regression, fit
+from joint_id_core.estimators.shared.data_check import concerning
+from joint_id_core.estimators.shared.oscillation import fastest_oscillation, slow_samples
+from joint_id_core.models import build
+from joint_id_core.results.estimate import Estimate, Status
+from joint_id_core.simulation.excitation import multisine
+from joint_id_core.simulation.sensors import Sensors
+from joint_id_core.simulation.simulator import simulate
+
+MODEL = build("rigid_joint")
+TRUTH = {"J": 2.0, "c": 3.0, "tau_f": 2.0, "tau_0": -0.6}
+POSITION, VELOCITY = 1e-5, 1e-3  # standard deviations of the noise
+
+
+@functools.cache
+def moved(rate: int = 500, seconds: float = 10.0) -> Recording:
+    """A rigid joint under a multisine up to 4 Hz, without noise."""
+    time = np.arange(round(seconds * 1000)) / 1000
+    torque = multisine(time, 25.0, (0.5, 1.5, 2.5, 4.0), seed=5)
+    motion = simulate(MODEL, time, {"torque": torque}, TRUTH)
+    names = ("link_position", "link_velocity", "torque")
+    return Recording(time[:: 1000 // rate], {n: motion[n][:: 1000 // rate] for n in names})
+
+
+def good(rate: int = 500, seed: int = 0, noise: float = 1.0) -> Recording:
+    sensors = Sensors(noise={"link_position": noise * POSITION, "link_velocity": noise * VELOCITY, "torque": 0.02})
+    return sensors.measure(moved(rate), seed)
+
+
+def scaled(name: str, factor: float) -> Recording:
+    return good().with_channels({name: factor * good()[name]})
+
+
+def later(name: str, seconds: float) -> Recording:
+    """The same recording with one channel that is late."""
+    record = good()
+    return record.with_channels({name: np.interp(record.time - seconds, record.time, record[name])})
+
+
+def with_rows(name: str, rows: list[int], values: object) -> Recording:
+    changed = good()[name].copy()
+    changed[rows] = values
+    return good().with_channels({name: changed})
+
+
+def frozen_rows(first: int, count: int) -> Recording:
+    record = good()
+    channels = {n: v.copy() for n, v in record.channels.items()}
+    for values in channels.values():
+        values[first : first + count] = values[first - 1]
+    return Recording(record.time, channels)
+
+
+def only(record: Recording, *names: str) -> Recording:
+    return Recording(record.time, {n: record[n] for n in names})
+
+
+def counts() -> Recording:
+    return good().with_channels({"link_position": np.round(good()["link_position"] * 4096 / (2 * np.pi))})
+
+
+def milliseconds() -> Recording:
+    return Recording(1e3 * good().time, good().channels)
+
+
+REFUSED = {
+    "milliseconds": (milliseconds, "2 s apart", "time seems to be in milliseconds"),
+    "short milliseconds": (
+        lambda: Recording(1e3 * good(500).time[::1] / 5.0, good(500).channels), "200 times", "contradict each other",
+    ),
+    "degrees of the position": (
+        lambda: scaled("link_position", 180 / np.pi), "link_velocity is 0.01745 times", "the position is in degrees",
+    ),
+    "degrees of the velocity": (lambda: scaled("link_velocity", 180 / np.pi), "57.3 times", "in degrees/s"),
+    "the other side of the gear": (lambda: scaled("link_velocity", 101.0), "101 times", "different sides of the gear"),
+    "sign": (lambda: scaled("link_velocity", -1.0), "-1 times", "wrong sign"),
+    "counts": (counts, "All values of link_position are whole numbers", "encoder counts"),
+    "no torque": (lambda: scaled("torque", 0.0), "torque is zero in all samples while the joint moves", "--map"),
+    "no velocity": (lambda: scaled("link_velocity", 0.0), "link_velocity is 0 in all samples", "link_position changes"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("make", "what", "why"), REFUSED.values(), ids=list(REFUSED))
+def test_a_recording_that_contradicts_itself_is_refused(make, what, why):
+    found = findings(make())
+    assert found[0].fatal and what in found[0].text and why in found[0].text
+    for estimator in (Regression(), None):
+        estimate = fit(MODEL, make(), **({"estimator": estimator} if estimator else {}))
+        assert estimate.status is Status.BAD_DATA and not estimate.converged and estimate.status.unusable
+        assert what in estimate.message and why in estimate.message and estimate.message.endswith(".")
+
+
+NAMED = {
+    "velocity late": (lambda: later("link_velocity", 0.02), "link_velocity is late by 20 ms", "against link_position"),
+    "velocity early": (lambda: later("link_velocity", -0.0053), "link_velocity is early by 5.3 ms", "link_position"),
+    "position late": (lambda: later("link_position", 0.02), "link_velocity is early by 20 ms", "correct its times"),
+    "torque": (lambda: with_rows("torque", list(range(5000)), 3.0), "torque is 3 in all samples", "to and fro"),
+    "20 Hz": (lambda: only(good(20), "link_position", "torque"), "20 samples/s are few", "40 Hz or more"),
+    "outlier": (
+        lambda: with_rows("link_position", [1234], 3.0), "link_position has 1 outlier", "sample 1234 (2.468 s);",
+    ),
+    "outliers of the torque": (
+        lambda: with_rows("torque", [100, 700, 2000, 3000], 400.0), "torque has 4 outliers",
+        "samples 100 (0.2 s), 700 (1.4 s), 2000 (4 s) and 1 more",
+    ),
+    "zeros": (
+        lambda: with_rows("link_position", list(range(2300, 2320)), 0.0), "link_position jumps to zero and back 1 time",
+        "sample 2300 (4.6 s)",
+    ),
+    "rows that repeat": (
+        lambda: frozen_rows(1010, 15), "All channels repeat the sample before 1 time", "sample 1010 (2.02 s)",
+    ),
+    "a position that repeats": (
+        lambda: with_rows("link_position", list(range(1010, 1025)), good()["link_position"][1009]),
+        "link_position repeats the value before 1 time", "sample 1010 (2.02 s)",
+    ),
+    "scale": (lambda: scaled("link_velocity", 1.08), "link_velocity is 1.080 times", "factors of both"),
+    "degrees alone": (
+        lambda: only(scaled("link_position", 300.0), "link_position", "torque"), "link_position spans", "0.0174533",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("make", "what", "where"), NAMED.values(), ids=list(NAMED))
+def test_a_fault_is_named(make, what, where):
+    found = findings(make())
+    assert len(found) == 1 and not found[0].fatal, [f.text for f in found]
+    assert what in found[0].text and where in found[0].text
+    assert "\n" not in found[0].text and not found[0].text.endswith(".")
+
+
+def test_a_finding_ends_the_notes_of_every_fit():
+    estimate = fit(MODEL, with_rows("torque", [700], 400.0))
+    assert "torque has 1 outlier" in estimate.notes[-1]
+
+
+def drive_notes(estimate: Estimate) -> list[str]:
+    return [n for n in estimate.notes if "against the motion" in n]
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(-0.02, "20 ms early"), (0.02, "20 ms late"), (0.005, "5 ms late")])
+def test_a_torque_that_is_early_or_late_is_named(seconds, text):
+    """By either estimator, with the shift; in the record the torque is the first of two that were held."""
+    record = later("torque", seconds - 0.0005)
+    for estimate in (fit(MODEL, record, estimator=Regression()), fit(MODEL, record)):
+        assert len(drive_notes(estimate)) == 1
+        assert f"The drive seems to be {text} against the motion" in drive_notes(estimate)[0]
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 10_000), st.sampled_from([1000, 500, 250, 125, 100]), st.sampled_from([0.01, 1.0, 10.0, 100.0]))
+def test_a_good_recording_raises_no_doubt(seed, rate, noise):
+    record = good(rate, seed, noise)
+    assert not findings(record), [f.text for f in findings(record)]
+    assert not drive_notes(fit(MODEL, record, estimator=Regression()))
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 10_000), st.floats(-0.03, 0.03), st.sampled_from([1000, 500, 250]))
+def test_the_lag_of_a_velocity_is_as_uncertain_as_it_says(seed, late, rate):
+    record = good(rate, seed)
+    shifted = np.interp(record.time - late, record.time, record["link_velocity"])
+    shift = compared(record.with_channels({"link_velocity": shifted}), "link_position", "link_velocity")
+    assert shift is not None and abs(shift.late - late) < 5.0 * shift.sigma + 2e-5
+    assert shift.sigma < 2e-4
+
+
+def test_gaps_and_missing_values_are_no_fault_of_others():
+    record = good()
+    kept = np.random.default_rng(0).random(len(record)) > 0.02
+    kept[1000:1100] = False
+    channels = {n: v[kept] for n, v in record.channels.items()}
+    channels["link_velocity"][50:90] = np.nan
+    assert not findings(Recording(record.time[kept], channels))
+
+
+def gear(offset: float) -> Recording:
+    time = np.arange(2000) / 500
+    link = 0.4 + 0.3 * np.sin(3.0 * time)
+    motor = 101.0 * (link + offset + 1e-3 * np.cos(3.0 * time))
+    return Recording(time, {"motor_position": motor, "link_position": link, "torque": 0.1 * np.cos(3.0 * time)})
+
+
+def test_encoders_with_different_zeros_are_named_unless_the_model_has_an_offset():
+    assert not findings(gear(0.0))
+    (found,) = findings(gear(-0.35))
+    assert "differ by -0.35 rad throughout, beside the gear ratio of 101" in found.text
+    assert concerning(build("harmonic_drive"), gear(-0.35)) and not concerning(
+        build("harmonic_drive", offsets=True), gear(-0.35)
+    )
+
+
+def test_a_channel_that_the_model_does_not_use_is_no_reason_to_refuse():
+    record = good().with_channels({"current": np.zeros(5000)})
+    assert findings(record)[0].fatal and fit(MODEL, record, estimator=Regression()).converged
+
+
+def test_info_prints_what_is_doubtful_and_a_fit_ends_with_code_2(tmp_path, run):
+    file = tmp_path / "joint.csv"
+    formats.write(file, milliseconds())
+    code, out, _ = run("info", file)
+    assert code == 0 and "wrong: The samples are 2 s apart" in out
+    code, _, err = run("fit", file, "--model", "rigid_joint")
+    assert code == 2 and err.startswith("joint-id: bad_data") and "(--map time_s=0.001*COLUMN)" in err
+
+
+def test_info_names_a_late_drive_and_other_joints_that_move(tmp_path, run):
+    late, still = later("torque", 0.02), with_rows("link_position", list(range(5000)), 0.2)
+    late, other = (Recording(late.time, {n: r[n] for n in late.channels}) for r in (late, good(seed=1)))
+    rest = Recording(still.time, {"link_position": still["link_position"] + 1e-5 * np.sin(np.arange(5000))})
+    formats.write_bag(tmp_path / "bag", {"elbow": late, "wrist": other, "base": rest})
+    code, out, _ = run("info", tmp_path / "bag")
+    assert code == 0
+    parts = {text.split(":")[0]: text for text in out.split("\njoint ")[1:]}
+    assert "doubtful: The drive seems to be 20." in parts["elbow"] and "ms late" in parts["elbow"]
+    assert "Other joints move at the same time: wrist (" in parts["elbow"] and "rad/s rms)" in parts["elbow"]
+    assert "elbow (" in parts["wrist"] and "drive" not in parts["wrist"]
+    assert "doubtful" not in parts["base"]
+
+
+@pytest.mark.parametrize(("k_1", "rate", "said"), [(1e4, 500, False), (1e4, 50, True), (1e6, 500, True)])
+def test_an_oscillation_that_the_samples_do_not_show_is_named(k_1, rate, said):
+    model = build("harmonic_drive")
+    values = {p.name: p.nominal for p in model.parameters} | {"k_1": k_1}
+    one, two = values["J_m"] * values["N"] ** 2, values["J_q"]
+    frequency = np.sqrt(k_1 * (1.0 / one + 1.0 / two)) / (2.0 * np.pi)
+    assert fastest_oscillation(model, values) == pytest.approx(frequency, rel=0.03)
+    assert fastest_oscillation(MODEL, TRUTH | {"N": 1.0, "w_s": 1e-3}) == 0.0
+    assert bool(slow_samples(model, values, rate)) is said
