@@ -198,7 +198,7 @@ def _widened(estimate: Estimate, model: Model, opinion: Opinion, apart: Sequence
         distance = abs(first.value - second.value)
         if second in apart:
             found = _between(estimate, first, second, model.parameter(second.name).positive)
-            told.append(found.reason)
+            told.append(f"{second.name} is {found.reason}")
         else:
             found = replace(first, std_dev=math.hypot(first.std_dev, distance))
         scale[estimate.free.index(second.name)] = found.std_dev / first.std_dev
@@ -222,7 +222,7 @@ def _between(estimate: Estimate, first: ParameterEstimate, second: Second, posit
     sigma = reach / WIDTH
     verdict = Verdict.PRIOR if positive and sigma > KNOWN * value else first.verdict
     said = (
-        f"{second.name} is {first.value:.3g} ± {first.std_dev:.2g} by {estimate.estimator}, "
+        f"{first.value:.3g} ± {first.std_dev:.2g} by {estimate.estimator}, "
         f"{second.value:.3g} ± {second.sigma:.2g} by {Regression.name}"
     )
     return replace(first, value=value, std_dev=sigma, verdict=verdict, reason=said)
