@@ -117,4 +117,4 @@ def test_advice_that_helps_is_given():
     record, loaded = motion(), build("rigid_joint", gravity=True)
     moved = simulate(loaded, record.time, {"torque": record["torque"]}, {**TRUTH, "a_g": 1.0, "b_g": 1.0})
     found = fit(MODEL, Recording(record.time, {"link_position": moved["link_position"], "torque": record["torque"]}))
-    assert "--gravity" in found.message and "no better" not in " ".join(found.notes)
+    assert "try --gravity" in found.message and "no better" not in " ".join(found.notes)

@@ -176,7 +176,9 @@ def _without_useless_advice(estimate: Estimate, opinion: Opinion) -> Estimate:
 def _with_advice(estimate: Estimate, opinion: Opinion) -> Estimate:
     """Return a poor fit with the advice to use the regression, which describes the motion."""
     advice = f"inverse dynamics explain {100.0 * opinion.r_squared:.3g} % of the torque: take --estimator regression"
-    notes = (*estimate.notes[:1], sentence(advice), *estimate.notes[1:])
+    first, *others = estimate.notes
+    better = [note for note in others if ": try --" in note]  # what is still advised would help
+    notes = (first, *better, sentence(advice), *(note for note in others if note not in better))
     return replace(estimate, message=message(notes), notes=notes)
 
 
