@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 SHOWN = ("cell", "substeps", "band_hz", "lag_s", "epochs", "learning_rate")  # of the options of the estimators
 JOINT_HELP = f"joint of a bag that holds several; {ALL}: each of them, on all cores, a row a joint"
 
+ROBOT_HELP = "set, fix and free from a parameter file of the identifier, such as config/ur10e.yaml, or by name (ur10e)"
+
 
 @with_options("model_options", (ModelOptions,), required=("model",))
 @with_options("estimator_options", tuple(ESTIMATORS.values()), only=SHOWN)
@@ -49,6 +51,7 @@ def fit(
     map_: MapOption = None,
     estimator: Annotated[str, typer.Option(help=f"{', '.join(ESTIMATORS)} (needs torch)")] = "innovations",
     prior: PriorOption = None,
+    robot: Annotated[Optional[str], typer.Option(help=ROBOT_HELP)] = None,
     start: StartOption = None,
     end: EndOption = None,
     validate: Annotated[Optional[Path], typer.Option(help="recording that the fitted model must predict")] = None,
@@ -77,7 +80,7 @@ def fit(
         require_writable(plot)
     mapping = texts_by_name(map_ or (), "--map")
     solver = estimators.build(estimator, **estimator_options)
-    job = FitJob(files, joint, mapping, start, end, ModelOptions(**model_options), settings, solver)
+    job = FitJob(files, joint, mapping, start, end, ModelOptions(**model_options), settings, solver, robot)
     if joint == ALL:
         _fit_all(job, json)
         return
@@ -85,7 +88,7 @@ def fit(
     recordings = job.recordings()
     model = job.built(recordings[0])
     with Progress() as progress:
-        together = estimators.fit_several(model, recordings, settings, solver, progress)
+        together = job.run(recordings, progress)
     estimate = together.estimate
     result, text = _result(together), str(together if len(files) > 1 else estimate)
     if other is not None and estimate.nrmse:

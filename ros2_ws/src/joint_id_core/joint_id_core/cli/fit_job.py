@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from joint_id_core.cli.fit_options import window
+from joint_id_core.cli.robot_file import robot_settings
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import Estimator, ParameterSettings, fit_several
 from joint_id_core.models.options import ModelOptions
@@ -37,6 +38,7 @@ class FitJob:
     model: ModelOptions
     settings: ParameterSettings
     estimator: Estimator
+    robot: str | None = None
 
     def recordings(self) -> list[Recording]:
         """Read the part of every file that is fitted."""
@@ -48,10 +50,17 @@ class FitJob:
         """Return the model, for the drive that a recording has."""
         return self.model.build(self.model.drive_in(recording))
 
-    def run(self, progress: Progress | None = None) -> Together:
-        """Fit one joint."""
-        recordings = self.recordings()
-        return fit_several(self.built(recordings[0]), recordings, self.settings, self.estimator, progress)
+    def settings_for(self, model: Model) -> ParameterSettings:
+        """Return the settings of the command, over those of the robot's file."""
+        if self.robot is None:
+            return self.settings
+        return self.settings.over(robot_settings(self.robot, self.joint, model))
+
+    def run(self, recordings: Sequence[Recording] = (), progress: Progress | None = None) -> Together:
+        """Fit one joint, from recordings that were read already, or else from the files."""
+        recordings = recordings or self.recordings()
+        model = self.built(recordings[0])
+        return fit_several(model, recordings, self.settings_for(model), self.estimator, progress)
 
     def of_every_joint(self) -> list[FitJob]:
         """Return one job for every joint that the files hold.

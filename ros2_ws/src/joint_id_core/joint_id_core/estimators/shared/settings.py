@@ -70,6 +70,16 @@ class ParameterSettings:
         """Return a copy with `changes` merged into `values`."""
         return replace(self, values={**self.values, **changes})
 
+    def over(self, other: ParameterSettings) -> ParameterSettings:
+        """Return these settings with those of `other` for parameters that have none here."""
+        own = set(self.names)
+        return ParameterSettings(
+            {**other.values, **self.values},
+            [*self.fixed, *(n for n in other.fixed if n not in own)],
+            [*self.freed, *(n for n in other.freed if n not in own)],
+            {**other.priors, **self.priors},
+        )
+
     def of(self, model: Model) -> ParameterSettings:
         """Return the settings of those parameters that `model` has."""
         own = set(model.parameter_names)

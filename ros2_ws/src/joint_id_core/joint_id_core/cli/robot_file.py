@@ -1,0 +1,73 @@
+"""What a parameter file of the identifier node says of a robot: gear ratios, torque constants, what is held."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from joint_id_core.errors import JointIdError
+from joint_id_core.estimators import ParameterSettings
+from joint_id_core.models.per_joint import Entry, parse
+
+if TYPE_CHECKING:
+    from joint_id_core.models import Model
+
+NODE = "identifier"
+
+
+def robot_settings(robot: str, joint: str | None, model: Model) -> ParameterSettings:
+    """Return the settings `set`, `fix` and `free` of a file for a joint, of those parameters that the model has.
+
+    Args:
+        robot: path of the file, or the name of a robot: NAME.yaml in the folder config, or installed with joint_id_ros.
+        joint: name of the joint, as in the file; None takes what holds for all joints.
+        model: of the joint.
+
+    Raises:
+        JointIdError: no such file, it cannot be read, or it holds no parameters of the node.
+    """
+    path = _file(robot)
+    parameters = _parameters(path)
+    entries = {kind: _entries(path, parameters.get(kind) or [], kind, joint) for kind in ("set", "fix", "free")}
+    values = {e.name: e.value for kind in ("set", "fix") for e in entries[kind] if e.value is not None}
+    fixed, freed = ([e.name for e in entries[kind]] for kind in ("fix", "free"))
+    return ParameterSettings(values, fixed, freed).of(model)
+
+
+def _file(robot: str) -> Path:
+    """Return the path of the file of a robot."""
+    if (path := Path(robot)).is_file():
+        return path
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    folders = [Path("config"), *(Path(prefix) / "share/joint_id_ros/config" for prefix in prefixes if prefix)]
+    found = next((file for folder in folders if (file := folder / f"{robot}.yaml").is_file()), None)
+    if found is None:
+        known = sorted({file.stem for folder in folders if folder.is_dir() for file in folder.glob("ur*e.yaml")})
+        text = f"; known by name: {', '.join(known)}" if known else ""
+        raise JointIdError(f"--robot {robot}: no such file: give the path of a parameter file of the identifier{text}")
+    return found
+
+
+def _parameters(path: Path) -> dict[str, Any]:
+    """Return the parameters of the identifier in a file."""
+    import yaml
+
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise JointIdError(f"{path}: cannot be read as YAML: {' '.join(str(error).split())}") from None
+    nodes = content.items() if isinstance(content, dict) else ()
+    found = next((v for name, v in nodes if str(name).rpartition("/")[2] == NODE and isinstance(v, dict)), None)
+    parameters = None if found is None else found.get("ros__parameters")
+    if not isinstance(parameters, dict):
+        raise JointIdError(f"{path}: holds no parameters of the node {NODE} (/**/{NODE}: ros__parameters: set: [...])")
+    return parameters
+
+
+def _entries(path: Path, texts: Any, kind: str, joint: str | None) -> list[Entry]:
+    """Return the entries for a joint, those that name it last."""
+    if not isinstance(texts, list):
+        raise JointIdError(f"{path}: {kind} is no list of texts")
+    entries = [parse(str(text), kind) for text in texts if str(text)]
+    return [e for e in entries if not e.joint] + [e for e in entries if e.joint and e.joint == joint]

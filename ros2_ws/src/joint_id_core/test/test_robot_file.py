@@ -1,0 +1,74 @@
+"""What `--robot` takes from a parameter file of the identifier."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from joint_id_core import formats
+from joint_id_core.cli.robot_file import robot_settings
+from joint_id_core.errors import JointIdError
+from joint_id_core.models import build
+
+from .online_motion import motion
+
+TEXT = """
+/**/filter:
+  ros__parameters: {effort_source: current}
+/**/identifier:
+  ros__parameters:
+    model: rigid_joint
+    set: [N=2, k_t=0.5, elbow.k_t=0.25]
+    fix: [tau_0=0, wrist.c]
+"""
+
+
+@pytest.fixture
+def file(tmp_path, monkeypatch):
+    (tmp_path / "config").mkdir()
+    path = tmp_path / "config/arm.yaml"
+    path.write_text(TEXT)
+    monkeypatch.chdir(tmp_path)
+    return path
+
+
+def test_a_joint_gets_what_holds_for_all_and_what_names_it(file):
+    model = build("rigid_joint", actuation="current")
+    elbow, other = robot_settings(str(file), "elbow", model), robot_settings("arm", None, model)
+    assert elbow.values == {"N": 2.0, "k_t": 0.25, "tau_0": 0.0} and elbow.fixed == ("tau_0",)
+    assert other.values["k_t"] == 0.5
+    assert robot_settings("arm", "wrist", model).fixed == ("tau_0", "c")
+    assert "k_t" not in robot_settings("arm", "elbow", build("rigid_joint")).values  # this model has none
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("a: [", "cannot be read as YAML"),
+        ("a: 1", "no parameters of the node"),
+        (TEXT.replace("[N", "[N N"), "of the form"),
+    ],
+)
+def test_a_file_that_is_no_parameter_file_is_refused(file, text, says):
+    file.write_text(text)
+    with pytest.raises(JointIdError, match=says):
+        robot_settings("arm", None, build("rigid_joint"))
+
+
+def test_the_command_takes_it_and_its_own_settings_have_precedence(file, run):
+    record = motion()
+    bag = file.parent / "bag"
+    current = record.with_channels({"current": record["torque"] / 0.5})
+    channels = {n: v for n, v in current.channels.items() if n != "torque"}
+    formats.write_bag(bag, {"elbow": type(record)(record.time, channels)})
+    code, out, _ = run("fit", bag, "--model", "rigid_joint", "--joint", "all", "--robot", "arm", "--json")
+    values = {p["name"]: p["value"] for p in json.loads(out)[0]["parameters"]}
+    assert (values["N"], values["k_t"], values["tau_0"]) == (2.0, 0.25, 0.0)
+    code, out, _ = run(
+        "fit", bag, "--model", "rigid_joint", "--robot", "arm", "--set", "k_t=0.3", "--free", "tau_0", "--json"
+    )
+    values = {p["name"]: p["value"] for p in json.loads(out)["parameters"]}
+    assert values["k_t"] == 0.3 and values["N"] == 2.0 and values["tau_0"] != 0.0
+    code, _, err = run("fit", bag, "--model", "rigid_joint", "--robot", "ur99e")
+    assert code == 2 and "no such file" in err
