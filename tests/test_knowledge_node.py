@@ -48,7 +48,7 @@ class Samples:
         self.identifier = self.start("identifier", **given)
         self.probe.until(lambda: self.readers() - before, "the identifier")
         self.probe.spin(0.2)
-        self.begun_s = time.time()
+        self.begun_s = None
 
     def readers(self):
         """Subscriptions of the samples, dead ones included."""
@@ -73,6 +73,7 @@ class Samples:
 
     def send(self, seconds, names=("joint",)):
         """Publish samples of so many seconds, faster than in real time."""
+        self.begun_s = self.begun_s or time.time()
         for k in range(round(seconds * RATE)):
             self.publisher.publish(self.message(names))
             if k % 50 == 49:
@@ -80,6 +81,7 @@ class Samples:
 
     def send_in_real_time(self, seconds):
         """Publish samples as a robot does, whose time went on while nobody listened."""
+        self.begun_s = self.begun_s or time.time()  # of the first sample of a run: before it there is nothing to lose
         if self.zero is None:
             self.zero = time.monotonic() - self.k / RATE
         end = time.monotonic() + seconds

@@ -72,14 +72,18 @@ class Opinion:
 
 
 def suits(model: Model) -> bool:
-    """Return whether there can be a second opinion on an estimate of this model."""
-    from joint_id_core.estimators.regression.fit import require_suitable  # loads SciPy
+    """Return whether there can be a second opinion on an estimate of this model; load what that needs."""
+    from joint_id_core.estimators.regression.fit import require_suitable
 
     try:
         require_suitable(model)
     except JointIdError:
         return False
-    return not model.label_delays
+    if model.label_delays:
+        return False
+    import scipy.signal  # noqa: F401  # half a second, which the first opinion of a live joint must not take
+
+    return True
 
 
 def cross_checked(

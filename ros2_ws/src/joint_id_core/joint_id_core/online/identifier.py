@@ -290,7 +290,8 @@ class OnlineIdentifier:
         fit = self._task.cross_checked(fit, recording)
         if not fit.converged:
             trial.shown = fit
-            return fit
+            # With a memory that does not describe the window, two estimators that disagree on it tell nothing more.
+            return with_note(fit, window) if fit.status is Status.DISAGREE and self._known is not None else fit
         known = self._known = Knowledge.from_window(self._task, fit, recording)
         if known.still is not None:
             self._watch.noise = known.still

@@ -15,6 +15,7 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.estimators.innovations.belief import Belief
 from joint_id_core.estimators.innovations.checks import run_checks
 from joint_id_core.estimators.innovations.estimator import Innovations
+from joint_id_core.estimators.innovations.prior_pull import prior_pull
 from joint_id_core.estimators.innovations.search import Outcome, Search
 from joint_id_core.estimators.innovations.verdicts import judge, table, verdicts
 from joint_id_core.estimators.shared.fit_data import UnusableError, options_of, origin_of, prepare, unusable
@@ -75,7 +76,8 @@ def _estimate(outcome: Outcome, begun: float) -> Estimate:
     slope = coordinates.slope(z)
     covariance = covariance_z * np.outer(slope, slope)
     rows = verdicts(model, data.free, covariance_z, coordinates, z, checks.together)
-    judged = judge(data, found, checks.nrmse, rows, checks.texts, outcome.doubt)
+    pull = prior_pull(model, data.free, coordinates, stages.cost.belief, z, covariance_z)
+    judged = judge(data, found, checks.nrmse, rows, (pull, *checks.texts), outcome.doubt)
     sigma = np.sqrt(found.levels)
     return Estimate(
         model=model.name, estimator="innovations", status=judged.status, message=judged.message,

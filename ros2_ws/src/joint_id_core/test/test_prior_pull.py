@@ -1,0 +1,49 @@
+"""An estimate that fights its prior says so, and what to do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from joint_id_core.data.recording import Recording
+from joint_id_core.estimators import ParameterSettings, fit
+from joint_id_core.estimators.innovations.belief import Belief, Coordinates
+from joint_id_core.estimators.innovations.prior_pull import prior_pull
+from joint_id_core.models import build
+
+from .online_motion import MODEL, TRUTH, motion
+
+
+@pytest.mark.parametrize(("wanted", "sigma", "told"), [(35.0, 5.0, True), (35.0, 0.5, False), (12.0, 5.0, False)])
+def test_what_the_data_want_is_told_where_the_prior_matters(wanted, sigma, told):
+    """One parameter, tau_0 with a prior of 0 ± 10 Nm: the product of two Gaussians."""
+    coordinates = Coordinates(MODEL, ("tau_0",))
+    belief = Belief(("tau_0",), np.zeros(1), np.array([[0.01]]))
+    variance = 1.0 / (1.0 / sigma**2 + 0.01)
+    text = prior_pull(
+        MODEL, ("tau_0",), coordinates, belief, np.array([wanted / sigma**2 * variance]), np.array([[variance]])
+    )
+    assert bool(text) is told
+    if told:
+        assert "want tau_0 near 35 Nm, 3.5 standard deviations" in text and "--prior tau_0=35" in text
+
+
+def test_a_fit_tells_it_and_the_advice_helps():
+    record = motion(6.0)
+    start = {"J": TRUTH["J"] * np.exp(-0.01)}
+    sure = fit(MODEL, record, ParameterSettings(start))["J"]
+    assert sure.std_dev < 0.001 * sure.value  # the data alone
+    narrow = fit(MODEL, record, ParameterSettings(start, priors={"J": 2.0 * sure.std_dev / sure.value}))
+    (note,) = [note for note in narrow.notes if "The data want J near 1.7" in note]
+    advised = float(note.partition("--prior J=")[2].partition(",")[0])
+    wider = fit(MODEL, record, ParameterSettings(start, priors={"J": advised}))
+    assert not any("The data want" in note for note in wider.notes)
+    assert abs(wider["J"].value - TRUTH["J"]) < 4.0 * wider["J"].std_dev
+
+
+def test_a_parameter_that_the_data_do_not_show_wants_nothing():
+    model = build("rigid_joint", gravity=True)
+    record = motion(6.0)
+    still = Recording(record.time, record.channels)
+    found = fit(model, still, ParameterSettings(priors={"a_g": 1e-3}))
+    assert not any("The data want a_g" in note for note in found.notes)
