@@ -58,4 +58,5 @@ def of_json(row: dict[str, object]) -> Fitted:
     """A fit from `dataclasses.asdict`."""
     values, held_out = row["values"], row["held_out"]
     assert isinstance(values, dict) and isinstance(held_out, list | tuple)
-    return Fitted(**{**row, "values": {n: Value(**v) for n, v in values.items()}, "held_out": tuple(held_out)})  # type: ignore[arg-type]
+    fields = {**row, "values": {n: Value(**v) for n, v in values.items()}, "held_out": tuple(held_out)}
+    return Fitted(**fields)  # type: ignore[arg-type]  # the names are those of the fields

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from joint_id_core.data.recording import Recording
+from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.estimators.cross_check import Opinion, Second
-from joint_id_core.online import OnlineIdentifier, OnlineOptions, identifier
+from joint_id_core.models import build
+from joint_id_core.online import OnlineIdentifier, OnlineOptions, second_opinion
 from joint_id_core.online.checks import at_once
 from joint_id_core.online.second_opinion import REACH, SecondOpinion
 from joint_id_core.results.estimate import Estimate, Status
@@ -21,9 +23,14 @@ from .online_motion import MODEL, TRUTH, batches, motion
 GOOD = Opinion("", (Second("J", TRUTH["J"], 0.01, 1.0),), 0.999)
 
 
+@pytest.fixture(scope="module")
+def estimate() -> Estimate:
+    return fit(MODEL, motion(3.0))
+
+
 def estimates(opinion: Callable[..., Opinion | None] | None, monkeypatch) -> list[Estimate]:
     if opinion is not None:
-        monkeypatch.setattr(identifier, "second_opinion", opinion)
+        monkeypatch.setattr(second_opinion, "second_opinion", opinion)
     joint = OnlineIdentifier(MODEL, options=OnlineOptions(window_s=2.0, hop_s=0.5))
     return [e for samples in batches(motion()) if (e := joint.update(samples)) is not None]
 
@@ -46,45 +53,45 @@ def test_equations_that_are_not_those_of_the_motion_are_a_poor_fit(monkeypatch):
     assert found[-1].status is Status.POOR_FIT and found[-1].message.startswith("Other joints move.")
 
 
-def test_it_is_asked_after_one_two_and_four_windows_more_and_looks_back_over_eight():
+def test_it_is_asked_after_one_two_and_four_windows_more_and_looks_back_over_eight(monkeypatch, estimate):
     asked: list[Recording] = []
 
-    def ask(recording: Recording) -> Opinion:
+    def ask(_estimate, _model, recording, _settings) -> Opinion:
         asked.append(recording)
         return GOOD
 
-    opinion = SecondOpinion(1.0, at_once, wanted=True)
+    monkeypatch.setattr(second_opinion, "second_opinion", ask)
+    opinion = SecondOpinion(MODEL, ParameterSettings(), 1.0, at_once)
     for samples in batches(motion(20.0)):
         opinion.append(samples)
-        opinion.run(ask, float(samples.time[-1]))
+        opinion.on(estimate, float(samples.time[-1]))
     assert np.round([r.time[-1] for r in asked]).tolist() == [1.0, 3.0, 7.0, 15.0]
     assert asked[-1].duration == pytest.approx(REACH, abs=0.2)
     assert opinion.newest is GOOD
 
 
-def test_an_answer_waits_for_a_test_of_what_follows_and_is_dropped_when_the_joint_has_changed():
+def test_an_answer_waits_for_a_test_of_what_follows_and_is_dropped_when_the_joint_has_changed(estimate):
     answers: list[Future[Opinion | None]] = []
 
     def later(job):
         answers.append(Future())
         return answers[-1]
 
-    opinion = SecondOpinion(1.0, later, wanted=True)
-    samples = motion(1.5)
-    opinion.append(samples)
-    ask = partial(pytest.fail, "asked at once")
-    opinion.run(ask, 0.0)
+    opinion = SecondOpinion(MODEL, ParameterSettings(), 1.0, later)
+    opinion.append(motion(1.5))
+    opinion.on(estimate, 0.0)
     answers[0].set_result(GOOD)
-    opinion.run(ask, 1.0)
+    opinion.on(estimate, 1.0)
     assert opinion.newest is None  # the newest block that agreed began before the end of the motion
     opinion.begin()
-    opinion.run(ask, 5.0)
+    opinion.on(estimate, 5.0)
     assert opinion.newest is None and len(answers) == 1
 
 
-def test_a_model_without_a_second_estimator_asks_for_none():
-    opinion = SecondOpinion(1.0, partial(pytest.fail, "no opinion is wanted"), wanted=False)
+@pytest.mark.parametrize(("name", "wanted"), [("motor_side", True), ("rigid_joint", False)])
+def test_a_model_without_a_second_estimator_asks_for_none(estimate, name, wanted):
+    nobody = partial(pytest.fail, "no opinion is wanted")
+    opinion = SecondOpinion(build(name), ParameterSettings(), 1.0, nobody, wanted)
     for samples in batches(motion(5.0)):
         opinion.append(samples)
-        opinion.run(lambda _: GOOD, float(samples.time[-1]))
-    assert opinion.newest is None
+        assert opinion.on(estimate, float(samples.time[-1])) is estimate

@@ -20,7 +20,8 @@ from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
-from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status, Verdict
+from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status
+from joint_id_core.results.verdict import MAGNITUDE, Verdict
 
 if TYPE_CHECKING:  # SciPy loads with it
     from joint_id_core.estimators.regression.judging import Fitted
@@ -36,7 +37,6 @@ MATTERS = 0.1  # least difference of a positive parameter, over its value, that 
 MATTERS_TORQUE = 0.05  # the same of other parameters: the torque that it makes, over the rms torque
 LEAST = 0.1  # least value of a positive parameter between two, over the first one
 HELPS = 0.05  # least share of the error of new samples that a torque takes away for which the user is told to add it
-KNOWN = 0.5  # standard deviation over a positive value from which only its order of magnitude is known
 
 
 @dataclass(frozen=True)
@@ -226,7 +226,7 @@ def _between(estimate: Estimate, first: ParameterEstimate, second: Second, posit
         abs(x - value) + WIDTH * sigma for x, sigma in ((first.value, first.std_dev), (second.value, second.sigma))
     )
     sigma = reach / WIDTH
-    verdict = Verdict.PRIOR if positive and sigma > KNOWN * value else first.verdict
+    verdict = Verdict.PRIOR if positive and sigma > MAGNITUDE * value else first.verdict
     said = (
         f"{first.value:.3g} ± {first.std_dev:.2g} by {estimate.estimator}, "
         f"{second.value:.3g} ± {second.sigma:.2g} by {Regression.name}"

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import time
-from functools import partial
 
 import numpy as np
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import DEFAULT, Estimator
-from joint_id_core.estimators.cross_check import judged, second_opinion, suits
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.shared.settings import ParameterSettings
@@ -80,7 +78,7 @@ class OnlineIdentifier:
         self._watch, self._checks = MotionWatch(model, window_s), WindowChecks(window_s, background)
         self._window = SlidingWindow(window_s)  # samples in motion
         self._second_look = SecondLook(window_s, background)
-        self._opinion = SecondOpinion(window_s, background, self.remembers and suits(model))
+        self._opinion = SecondOpinion(model, self.settings, window_s, background, self.remembers)
         self._hops = Hops(self.options.hop_s)
         self._alone: Estimate | None = None  # newest fit that converged, where there is no memory
         self._situation = Situation.STARTING
@@ -248,14 +246,8 @@ class OnlineIdentifier:
         if not self._agrees(known):
             self._enter(self._situation.after_window(agrees=False))
             return with_note(known.last, window)
-        estimate = self._judged(known.estimate(window), known)
+        estimate = self._opinion.on(known.estimate(window), follower.tested_from)
         return forgotten(estimate) if replaced else estimate
-
-    def _judged(self, estimate: Estimate, known: Knowledge) -> Estimate:
-        """Return an estimate with what a second estimator says of the newest motion."""
-        ask = partial(second_opinion, estimate, self.model, settings=self.settings)
-        self._opinion.run(ask, known.follower.tested_from)
-        return estimate if self._opinion.newest is None else judged(estimate, self.model, self._opinion.newest)
 
     def _looked_again(self, known: Knowledge) -> Knowledge:
         """Fit all samples since the start, if it is time for that; begin anew with a fit that ends elsewhere."""

@@ -5,17 +5,18 @@ The recursion takes what the model lacks for white noise, as `innovations` does:
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import Future
+from functools import partial
 
 from joint_id_core.data.recording import Recording
-from joint_id_core.estimators.cross_check import Opinion
+from joint_id_core.estimators.cross_check import Opinion, judged, second_opinion, suits
+from joint_id_core.estimators.shared.settings import ParameterSettings
+from joint_id_core.models import Model
 from joint_id_core.online.checks import CHECK_AFTER, CHECK_EVERY, Background
 from joint_id_core.online.window import SlidingWindow
+from joint_id_core.results.estimate import Estimate
 
 REACH = 8.0  # lengths of the window in which friction and inertia are compared
-
-Ask = Callable[[Recording], Opinion | None]
 
 
 class SecondOpinion:
@@ -27,13 +28,17 @@ class SecondOpinion:
         newest: the newest opinion; None before the first one, and if there is none for this model.
 
     Args:
+        model, settings: what is identified. Where no second estimator suits the model, there are no opinions.
         window_s: length of the window in s.
         background: does the work.
         wanted: whether opinions are asked for at all.
     """
 
-    def __init__(self, window_s: float, background: Background, wanted: bool) -> None:
-        self._window_s, self._background, self._wanted = window_s, background, wanted
+    def __init__(
+        self, model: Model, settings: ParameterSettings, window_s: float, background: Background, wanted: bool = True
+    ) -> None:
+        self._model, self._settings = model, settings
+        self._window_s, self._background, self._wanted = window_s, background, wanted and suits(model)
         self.newest: Opinion | None = None
         self.begin()
 
@@ -50,8 +55,8 @@ class SecondOpinion:
             self._motion.append(samples)
             self._waits_s -= samples.duration + samples.duration / max(1, len(samples) - 1)
 
-    def run(self, ask: Ask, tested_from: float) -> None:
-        """Ask for an opinion if it is time for one, and take the answer to an earlier question.
+    def on(self, estimate: Estimate, tested_from: float) -> Estimate:
+        """Return an estimate with the newest opinion; ask for one if it is time for that.
 
         The newest stretch of samples that agreed with what is known began at `tested_from`, in s.
         """
@@ -59,7 +64,8 @@ class SecondOpinion:
             self._count += 1
             length = CHECK_AFTER[self._count] if self._count < len(CHECK_AFTER) else CHECK_EVERY
             self._waits_s = length * self._window_s
-            motion = self._motion.recording()
-            self._running = self._background(lambda: ask(motion)), float(motion.time[-1])
+            ask = partial(second_opinion, estimate, self._model, self._motion.recording(), self._settings)
+            self._running = self._background(ask), self._motion.end
         if self._running is not None and tested_from >= self._running[1] and self._running[0].done():
             self.newest, self._running = self._running[0].result(), None
+        return estimate if self.newest is None else judged(estimate, self._model, self.newest)

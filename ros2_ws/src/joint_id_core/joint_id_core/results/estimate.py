@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,64 +11,8 @@ import numpy as np
 
 from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError
-
-# Ratio of posterior to prior standard deviation. Above NOT_EXCITED_RATIO the data hold almost no information on the
-# parameter. Above PRIOR_RATIO they hold too little to call the parameter estimated.
-NOT_EXCITED_RATIO = 0.95
-PRIOR_RATIO = 0.5
-# Correlation above which two parameters can hardly be told apart.
-STRONG_CORRELATION = 0.95
-
-
-class Status(enum.Enum):
-    """How an estimation ended. `advice` tells the user what to do."""
-
-    CONVERGED = "converged"
-    POOR_FIT = "poor_fit"
-    MAX_ITERATIONS = "max_iterations"
-    DIVERGED = "diverged"
-    NO_MOTION = "no_motion"
-    TOO_SHORT = "too_short"
-    MISSING_SIGNAL = "missing_signal"
-    DISAGREE = "disagree"
-    UNINFORMATIVE = "uninformative"
-    BAD_DATA = "bad_data"
-
-    @property
-    def advice(self) -> str:
-        """What the status means and what to do about it."""
-        return _ADVICE[self]
-
-    @property
-    def unusable(self) -> bool:
-        """Whether there was nothing to fit: the recording, not the model, is the cause."""
-        return self in (Status.NO_MOTION, Status.TOO_SHORT, Status.MISSING_SIGNAL, Status.BAD_DATA)
-
-
-_ADVICE = {
-    Status.CONVERGED: "converged",
-    Status.POOR_FIT: "the model does not describe this motion: try another model or friction law, and do not "
-    "trust the standard deviations",
-    Status.MAX_ITERATIONS: "stopped before it converged: allow more iterations or start nearer to the truth (--set)",
-    Status.DIVERGED: "no finite solution: check units, gear ratio and start values",
-    Status.NO_MOTION: "no motion in this window: move the joint",
-    Status.TOO_SHORT: "too few samples for a fit: record longer or widen the window",
-    Status.MISSING_SIGNAL: "a signal that the model needs is missing",
-    Status.DISAGREE: "two estimators with different assumptions disagree by more than their intervals: use parameters "
-    "that are not named, and for those that are the wide interval, which contains both values",
-    Status.UNINFORMATIVE: "this motion shows none of the parameters: move faster, further or for longer",
-    Status.BAD_DATA: "the recording contradicts itself or its units: see the message",
-}
-
-
-class Verdict(enum.Enum):
-    """What the data show about one parameter."""
-
-    ESTIMATED = "estimated"  # the data determine it
-    PRIOR = "prior"  # the data hardly improve on the prior
-    NOT_EXCITED = "not_excited"  # the data hold no information on it: this motion does not excite it
-    AT_BOUND = "at_bound"  # the estimate ran into a bound
-    FIXED = "fixed"  # held by the user or by the model's table
+from joint_id_core.results.status import Status as Status
+from joint_id_core.results.verdict import Verdict as Verdict
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from joint_id_core.results.estimate import STRONG_CORRELATION, Estimate, ParameterEstimate, Verdict
+from joint_id_core.results.estimate import Estimate, ParameterEstimate
+from joint_id_core.results.verdict import STRONG_CORRELATION, Verdict
 
 
 def one_line(estimate: Estimate) -> str:

@@ -23,15 +23,8 @@ from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.estimators.shared.substeps import stable_substeps
 from joint_id_core.models import Model
 from joint_id_core.options import Progress
-from joint_id_core.results.estimate import (
-    NOT_EXCITED_RATIO,
-    PRIOR_RATIO,
-    Estimate,
-    ParameterEstimate,
-    Predictions,
-    Status,
-    Verdict,
-)
+from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions, Status, Verdict
+from joint_id_core.results.verdict import NOT_EXCITED_RATIO, PRIOR_RATIO
 
 if TYPE_CHECKING:
     from joint_id_core.estimators.hpinn.network import HPinnNetwork

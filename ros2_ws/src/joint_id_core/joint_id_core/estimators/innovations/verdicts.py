@@ -15,14 +15,8 @@ from joint_id_core.estimators.shared.fit_data import FitData
 from joint_id_core.estimators.shared.sentences import listed, message, missed, sentence, times
 from joint_id_core.models import Model
 from joint_id_core.models.operations import ArrayOps
-from joint_id_core.results.estimate import (
-    NOT_EXCITED_RATIO,
-    PRIOR_RATIO,
-    STRONG_CORRELATION,
-    ParameterEstimate,
-    Status,
-    Verdict,
-)
+from joint_id_core.results.estimate import ParameterEstimate, Status
+from joint_id_core.results.verdict import MAGNITUDE, NOT_EXCITED_RATIO, PRIOR_RATIO, STRONG_CORRELATION, Verdict
 
 if TYPE_CHECKING:
     from joint_id_core.estimators.innovations.belief import Coordinates
@@ -34,9 +28,6 @@ COLOURED = 0.3
 MOST_CHI2 = 1.5
 # Correlations that differ by less count as equal.
 SAME_CORRELATION = 1e-6
-# Standard deviation of a logarithm above which the data tell a positive parameter by its order of magnitude only. Value
-# and standard deviation are no interval then: the truth may lie ten standard deviations above.
-MAGNITUDE = 0.5
 # nrmse of a prediction that is as bad as a constant.
 CONSTANT_NRMSE = 1.0
 

@@ -25,7 +25,8 @@ from joint_id_core.estimators.regression.missing import (
 from joint_id_core.estimators.regression.signals import Rows
 from joint_id_core.estimators.shared.sentences import listed, sentence
 from joint_id_core.models import Model
-from joint_id_core.results.estimate import ParameterEstimate, Status, Verdict
+from joint_id_core.results.estimate import ParameterEstimate, Status
+from joint_id_core.results.verdict import MAGNITUDE, Verdict
 
 LEAST_R_SQUARED = 0.5  # below, the equation is not that of this motion
 # The same for samples that were not fitted, if the residuals have a memory (noise may leave less). On a UR10e, joints
@@ -39,7 +40,6 @@ MOST_GRAVITY = 0.5  # share of what is left that a load with the angle explains,
 LATE = 0.75  # samples
 LEFT = 0.2  # share of what is left unexplained, which is left with the best shift
 LITTLE = 0.005  # share of the torque that may be left unexplained, whatever would explain it
-KNOWN = 0.5  # standard deviation over the value above which a value is known by its order of magnitude at best
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ def row(model: Model, name: str, solution: Solution, j: int, start: float) -> Pa
     elif solution.below[j]:
         pulled = f"{solution.unbounded[j]:.3g} ± {solution.sigma[j]:.2g} {q.unit}"
         verdict, reason = Verdict.AT_BOUND, f"the data pull it below 0, to {pulled}"
-    elif solution.held[j] or (q.positive and sigma > KNOWN * value):
+    elif solution.held[j] or (q.positive and sigma > MAGNITUDE * value):
         sigma = float(solution.sigma[j]) if solution.held[j] else sigma
         verdict, reason = Verdict.PRIOR, f"it lies below about {value + 2.0 * sigma:.2g} {q.unit}, more is not known"
     else:

@@ -18,7 +18,8 @@ from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
-from joint_id_core.results.estimate import PRIOR_RATIO, Estimate, Status
+from joint_id_core.results.estimate import Estimate, Status
+from joint_id_core.results.verdict import PRIOR_RATIO
 
 TINY = 1e-12  # information over the largest that is rounding
 OWN = 0.1  # least share of its own variance by which a recording differs from a sum that holds it

@@ -10,17 +10,10 @@ import numpy as np
 from joint_id_core.estimators.shared.sentences import listed, sentence
 from joint_id_core.estimators.together.information import Space
 from joint_id_core.models import Model
-from joint_id_core.results.estimate import (
-    NOT_EXCITED_RATIO,
-    PRIOR_RATIO,
-    Estimate,
-    ParameterEstimate,
-    Status,
-    Verdict,
-)
+from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status
+from joint_id_core.results.verdict import MAGNITUDE, NOT_EXCITED_RATIO, PRIOR_RATIO, Verdict
 
 FAR = 3.0  # standard deviations between a recording and all from which they disagree
-KNOWN = 0.5  # standard deviation over a positive value from which only its order of magnitude is known
 
 
 def common(
@@ -42,7 +35,7 @@ def common(
     relative = sigma if space.log[k] else sigma / abs(value) if space.positive[k] and value else 0.0
     if share > NOT_EXCITED_RATIO:
         verdict, reason = Verdict.NOT_EXCITED, "no recording shows it"
-    elif share > PRIOR_RATIO or relative > KNOWN:
+    elif share > PRIOR_RATIO or relative > MAGNITUDE:
         verdict, reason = Verdict.PRIOR, "all recordings together tell its order of magnitude at best"
     else:
         verdict, reason = (
