@@ -24,11 +24,24 @@ def mat(tmp_path):
 
 
 def test_known_names_rows_or_columns(mat):
-    path = mat(time_s=TIME[:, None], link_position=TIME[None, :] ** 2, model="EMPS", table=np.zeros((5, 2)))
+    path = mat(time_s=TIME[:, None], link_position=TIME[None, :] ** 2, model="EMPS", table=np.zeros((100, 200)))
     recording = formats.read(path)
     np.testing.assert_array_equal(recording["link_position"], TIME**2)
     assert formats.contents(path) == ("time_s", "link_position")
     assert formats.joints(path) == ()
+
+
+def test_signals_in_structures_and_matrices_have_names(mat):
+    """Several axes in the rows of a matrix, or in its columns, in a structure."""
+    angles = np.arange(15.0).reshape(3, 5)
+    path = mat(rec={"t": TIME, "deg": angles, "part": {"q": 2.0 * angles.T}}, u=[100.0, 50.0, 25.0])
+    assert formats.contents(path) == (
+        "rec.t", "rec.deg.1", "rec.deg.2", "rec.deg.3", "rec.part.q.1", "rec.part.q.2", "rec.part.q.3", "u",
+    )  # fmt: skip
+    recording = formats.read(path, mapping={"time_s": "rec.t", "link_position": "0.5*rec.part.q.3"})
+    np.testing.assert_array_equal(recording["link_position"], angles[2])
+    with pytest.raises(JointIdError, match=r"among the columns rec.t, rec.deg.1 to 3, rec.part.q.1 to 3, u: "):
+        formats.read(path)
 
 
 def test_scalars_may_be_factors(mat):

@@ -23,7 +23,7 @@ def info(
 ) -> None:
     """Show joints, channels, rate, gaps and missing values of a recording, and what is doubtful about it."""
     from joint_id_core import formats
-    from joint_id_core.formats.mapping import TARGETS
+    from joint_id_core.formats.mapping import TARGETS, listed
 
     mapping = texts_by_name(map_ or (), "--map")
     found = formats.joints(file, mapping)
@@ -36,11 +36,11 @@ def info(
     if json:
         print_json({"file": str(file), "contents": list(contents), "unknown": unknown, "joints": described})
         return
-    print(f"{file}: {', '.join(contents)}")
+    print(f"{file}: {listed(contents)}")
     for row in described:
         _show(row)
     if unknown:
-        print(f"not understood and left alone (name them with --map): {', '.join(unknown)}")
+        print(f"not understood and left alone (name them with --map): {listed(unknown)}")
 
 
 def _describe(recording: Recording) -> dict[str, Any]:

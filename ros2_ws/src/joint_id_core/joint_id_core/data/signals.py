@@ -97,6 +97,7 @@ CHANNELS: dict[str, Signal] = {
         Signal("voltage", "V_s", "V", "voltage at the motor terminals", 10.0),
         Signal("torque", "tau_m", "Nm", "motor torque at the motor shaft", 1.0),
         Signal("external_torque", "tau_ext", "Nm", "load torque, positive against positive motion", 10.0),
+        Signal("reference_position", "q_r", "rad", "commanded link angle; an instrument of regression", 1.0),
         Signal("temperature", "T", "deg C", "temperature of the joint; no model uses it, estimates tell it", 10.0),
     )
 }

@@ -41,7 +41,7 @@ def plan(path: Path, found: Collection[str], mapping: Mapping[str, str]) -> dict
     if TIME not in targets or len(targets) < 2:
         missing = TIME if TIME not in targets else "channel"
         raise JointIdError(
-            f"{path}: no known {missing} among the columns {', '.join(found)}: understood are {', '.join(TARGETS)} "
+            f"{path}: no known {missing} among the columns {listed(found)}: understood are {', '.join(TARGETS)} "
             f"in SI units; name yours, e.g. {_example(found)}"
         )
     return {name: targets[name] for name in TARGETS if name in targets}
@@ -65,12 +65,24 @@ def parse(path: Path, target: str, expression: str, found: Collection[str]) -> P
         if not math.isfinite(number):
             raise JointIdError(
                 f"{path}: {target}={expression}: {part!r} is neither a column nor a number: the columns are "
-                f"{', '.join(found)}"
+                f"{listed(found)}"
             )
         factor *= number
     if not names:
-        raise JointIdError(f"{path}: {target}={expression} uses no column: the columns are {', '.join(found)}")
+        raise JointIdError(f"{path}: {target}={expression} uses no column: the columns are {listed(found)}")
     return Product(factor, tuple(names))
+
+
+def listed(columns: Collection[str]) -> str:
+    """Return names of columns as text; those of one matrix, `name.1`, `name.2` and so on, as the first to the last."""
+    shown: list[str] = []
+    for column in columns:
+        matrix, _, number = column.rpartition(".")
+        if number.isdecimal() and number != "1" and shown and shown[-1].startswith(f"{matrix}.1"):
+            shown[-1] = f"{matrix}.1 to {number}"
+        else:
+            shown.append(column)
+    return ", ".join(shown)
 
 
 def _example(found: Collection[str]) -> str:

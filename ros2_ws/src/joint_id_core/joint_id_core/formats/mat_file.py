@@ -1,16 +1,23 @@
-"""MATLAB files up to version 7. Vectors are columns; scalars can be factors in a mapping."""
+"""MATLAB files up to version 7. Vectors are columns; scalars can be factors in a mapping.
+
+A vector in a structure has the name `structure.field`, and the first signal of a matrix `name.1`, as MATLAB counts.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy  # whose parts load when used
+from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.mapping import TIME, plan
+
+MOST_SIGNALS = 64  # in a matrix; a larger one holds no signals of joints
 
 
 def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:
@@ -57,11 +64,24 @@ def _load(path: Path) -> dict[str, Array]:
     except Exception as error:  # the decoder raises many kinds of errors on damaged bytes
         what = str(error) or type(error).__name__
         raise JointIdError(f"{path}: not a readable MAT file ({' '.join(what.split())}): save it again") from None
-    found = {}
-    for name, value in data.items():
-        array = np.asarray(value)
-        if array.dtype.kind in "fiub" and array.size and max(array.shape, default=1) == array.size:
-            found[name] = array.ravel().astype(float)
+    found: dict[str, Array] = {}
+    for variable, value in data.items():
+        if not variable.startswith("__") and not isinstance(value, scipy.io.matlab.MatlabOpaque):
+            found.update(_signals(variable, np.asarray(value)))
     if not found:
-        raise JointIdError(f"{path}: no real vector in this MAT file: save the signals as vectors, not in structures")
+        raise JointIdError(f"{path}: no real vector in this MAT file: save the signals as vectors or in structures")
     return found
+
+
+def _signals(name: str, value: NDArray[Any]) -> Iterator[tuple[str, Array]]:
+    """Return names and values (n,) of the signals in a variable."""
+    if value.dtype.names and value.size == 1:
+        for field in value.dtype.names:
+            yield from _signals(f"{name}.{field}", np.asarray(value.flat[0][field]))
+    elif value.dtype.kind in "fiub" and value.size:
+        if max(value.shape, default=1) == value.size:
+            yield name, value.ravel().astype(float)
+        elif value.ndim == 2 and min(value.shape) <= MOST_SIGNALS:
+            rows = value if value.shape[0] <= value.shape[1] else value.T
+            for number, row in enumerate(rows, start=1):
+                yield f"{name}.{number}", row.astype(float)
