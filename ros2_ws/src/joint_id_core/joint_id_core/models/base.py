@@ -100,6 +100,16 @@ class Model:
         """Parameter that makes the spring of the gear stiffer under load; None without such a spring."""
         return "k_2" if "k_2" in self.parameter_names else None
 
+    @property
+    def encoder_lag(self) -> str | None:
+        """Parameter that is the delay of the link's encoder against the motor's; None without delays."""
+        return "delta_q" if "delta_q" in self.parameter_names else None
+
+    @property
+    def drive_lag(self) -> str | None:
+        """Parameter that is the delay of all encoders against the drive; None without delays."""
+        return "delta_p" if "delta_p" in self.parameter_names else None
+
     def twist_under(self, drive: float, velocity: float, acceleration: float, p: Any) -> float:
         """Return the twist of the gear in rad, at the link, that balances the `torque_drive`; 0 for a rigid gear.
 

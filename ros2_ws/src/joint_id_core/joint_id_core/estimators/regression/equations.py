@@ -26,12 +26,13 @@ class Equation:
     """Known terms y (T,) = sum of columns (T, k) times the parameters `names`, at every sample; a torque or a voltage.
 
     Attributes:
-        state: whose rate it gives.
+        state, inertia: whose rate it gives, and the parameter that multiplies this rate.
         factor: part of y for one unit of the drive (0 if y does not contain the drive).
         static: True for columns of a joint that stands still, such as those of gravity, shape (k,).
     """
 
     state: str
+    inertia: str
     names: tuple[str, ...]
     y: Array
     columns: Array
@@ -57,7 +58,7 @@ class Motion:
 def equations(model: Model, motion: Motion, values: Mapping[str, float], free: Sequence[str]) -> list[Equation]:
     """Return the equations that hold free parameters; `values` are those of all parameters.
 
-    Free parameters in which an equation is not linear keep their values: see `not_linear`.
+    Free parameters in which an equation is not linear keep their values.
     """
     found = []
     for state in model.state_names:
@@ -71,9 +72,9 @@ def equations(model: Model, motion: Motion, values: Mapping[str, float], free: S
     return found
 
 
-def not_linear(model: Model, found: Sequence[Equation], free: Sequence[str]) -> tuple[str, ...]:
-    """Return the free parameters that are in none of the equations."""
-    return tuple(n for n in free if not any(n in equation.names for equation in found))
+def columns_along(model: Model, equation: Equation, motion: Motion, values: Mapping[str, float]) -> Array:
+    """Return the columns (T, k) of an equation for another motion."""
+    return _columns(model, equation.state, equation.inertia, motion, values, equation.names)[1]
 
 
 def _error(
@@ -143,7 +144,7 @@ def _equation(
         zero, one = (_error(model, state, inertia, motion, values, drive)[0] for drive in (0.0, 1.0))
         factor = float(zero - one)
     apart, size = np.abs(still - columns).max(axis=0, initial=0.0), np.abs(columns).max(axis=0, initial=0.0)
-    return Equation(state, names, y, columns, factor, apart < DIFFERENCE * size)
+    return Equation(state, inertia, names, y, columns, factor, apart < DIFFERENCE * size)
 
 
 def _columns(

@@ -5,16 +5,17 @@ from __future__ import annotations
 import time
 
 import numpy as np
+import scipy
 
-from joint_id_core.data.recording import Recording
+from joint_id_core.data.recording import Array, Recording
 from joint_id_core.data.signals import side_of
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators.regression.equations import equations, not_linear
+from joint_id_core.estimators.regression.equations import equations
 from joint_id_core.estimators.regression.estimator import Regression
-from joint_id_core.estimators.regression.judging import Fitted, Samples, judge, row, tested
-from joint_id_core.estimators.regression.least_squares import solve
+from joint_id_core.estimators.regression.judging import Fitted, Samples, estimates, judge, tested
 from joint_id_core.estimators.regression.missing import missing_torques
-from joint_id_core.estimators.regression.signals import Rows, bands, motion, rows, smoothed
+from joint_id_core.estimators.regression.signals import Rows, all_smoothed, bands, motion, rows
+from joint_id_core.estimators.regression.two_sides import has_twist, two_sides
 from joint_id_core.estimators.shared.fit_data import (
     MIN_SAMPLES,
     FitData,
@@ -66,13 +67,13 @@ def require_suitable(model: Model) -> None:
     """Check that noise of sensors does not bias a regression of this model.
 
     Raises:
-        JointIdError: the model has a drive that is no torque or current, or motion on both sides of the gear.
+        JointIdError: the drive is no torque or current, or the states have motion on both sides of the gear.
     """
-    sides = {side_of(n) for n in (*model.state_names, *model.input_names)} - {None}
+    sides = {side_of(n) for n in model.state_names} - {None}
     if model.torque_drive is None or len(sides) != 1:
         raise JointIdError(
-            f"estimator regression does not suit model {model.name}: noise of the current, or of the twist of the "
-            "gear, would bias it. Use the estimator innovations, or model rigid_joint"
+            f"estimator regression does not suit model {model.name}: it needs a torque or a current, and states on one "
+            "side of the gear. Use the estimator innovations, or model rigid_joint or motor_side"
         )
 
 
@@ -83,9 +84,10 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
         UnusableError: too few samples, a state that is not measured, or no equation is linear.
     """
     found_bands = bands(data)
-    model, band_hz, lag_s = data.model, options.band_hz or found_bands.equations, options.lag_s
-    values = dict(zip(model.parameter_names, data.p.tolist(), strict=True))
-    moved = motion(data, max(band_hz, found_bands.motion))
+    model, band_hz = data.model, options.band_hz or found_bands.equations
+    values, free = dict(zip(model.parameter_names, data.p.tolist(), strict=True)), data.free
+    cutoff_hz = max(band_hz, found_bands.motion)
+    moved = motion(data, cutoff_hz)
     usable = np.all([np.isfinite(v) for part in (moved.x, moved.u, moved.rates) for v in part.values()], axis=0)
     index = rows(data, usable, band_hz)
     if len(index.index) < MIN_SAMPLES:
@@ -94,22 +96,29 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
             f"{data.recording.source}: {len(index.index)} independent samples of motion below {band_hz:.3g} Hz, a "
             f"regression needs {MIN_SAMPLES}: record longer, or give a wider band (band_hz)",
         )
-    found, missing = [], missing_torques(moved, model)
-    for equation in equations(model, moved, values, data.free):
+    sides = two_sides(data, moved, index, cutoff_hz, band_hz) if has_twist(model) else None
+    if sides is not None:
+        moved, values, free = sides.moved, sides.values, sides.free
+    missing, found = missing_torques(moved, model), []
+    for equation in equations(model, moved, values, free):
         drive = equation.factor * moved.u[model.torque_drive] if model.torque_drive else np.zeros(len(usable))
-        table, last = np.column_stack([equation.y, equation.columns, *missing.values(), drive]), 1 + len(equation.names)
-        table[~usable] = np.nan
-        table = smoothed(data.recording.time, table, band_hz)
-        drive, table = table[:, -1], table[index.index, :-1]
-        known = np.isfinite(table).all(axis=1)
-        here, table = Rows(index.index[known], index.pieces[known]), table[known]
+        beside = sides.beside(equation) if sides is not None else {}
+        tables = {"y": equation.y[:, None], "columns": equation.columns, "drive": drive[:, None], **missing, **beside}
+        tables = all_smoothed(data.recording.time, tables, usable, band_hz)
+        drive = tables.pop("drive")[:, 0]
+        tables = {name: part[index.index] for name, part in tables.items()}
+        known = np.all([np.isfinite(part).all(axis=1) for part in tables.values()], axis=0)
+        tables = {name: part[known] for name, part in tables.items()}
+        samples = Samples(
+            equation, Rows(index.index[known], index.pieces[known]), tables["y"][:, 0], tables["columns"],
+            {name: tables[name] for name in missing}, data.recording.time, drive, data.period, tables.get("tools"),
+            sides.unusable(equation) if sides is not None else None,
+        )  # fmt: skip
         positive = [model.parameter(n).positive for n in equation.names]
-        y, columns = table[:, 0], table[:, 1:last]
-        ends = last + np.cumsum([more.shape[1] for more in missing.values()])
-        lacked = dict(zip(missing, np.split(table[:, : ends[-1]], [last, *ends[:-1]], axis=1)[1:], strict=True))
-        samples = Samples(equation, here, y, columns, lacked, data.recording.time, drive, data.period)
-        solution = solve(y, columns, positive, here.pieces, lag_s / samples.step)
-        found.append(tested(samples, solution, positive, moved, band_hz))
+        solution, lag = samples.solve(positive, options.lag_s), None
+        if sides is not None:
+            solution, lag = sides.doubted(samples.y, tables, solution)
+        found.append(tested(samples, solution, positive, moved, band_hz, lag))
     if not found:
         raise UnusableError(
             Status.MISSING_SIGNAL,
@@ -121,17 +130,11 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
 
 def _estimate(data: FitData, fitted: list[Fitted], band_hz: float, begun: float) -> Estimate:
     """Return the estimate."""
-    model, held = data.model, not_linear(data.model, [f.samples.equation for f in fitted], data.free)
-    free = tuple(n for f in fitted for n in f.names)
-    order = [free.index(n) for n in data.free if n in free]
-    covariance = np.zeros((len(free), len(free)))
-    at, found = 0, dict[str, ParameterEstimate]()
-    for f in fitted:
-        k = len(f.names)
-        covariance[at : at + k, at : at + k] = np.nan_to_num(f.solution.covariance, nan=0.0)
-        at += k
-        for j, name in enumerate(f.names):
-            found[name] = row(model, name, f.solution, j, float(data.p[model.parameter_names.index(name)]))
+    model, starts = data.model, dict(zip(data.model.parameter_names, data.p.tolist(), strict=True))
+    found = {n: r for f in fitted for n, r in estimates(model, f, starts).items()}
+    known, held = tuple(n for n in data.free if n in found), tuple(n for n in data.free if n not in found)
+    covariance = scipy.linalg.block_diag(*(np.nan_to_num(f.covariance, nan=0.0) for f in fitted))
+    order = [[*found].index(n) for n in known]
     rows_ = tuple(
         found.get(q.name, ParameterEstimate(q.name, q.unit, v, np.nan, Verdict.FIXED, v, "held at this value"))
         for q, v in zip(model.parameters, data.p.tolist(), strict=True)
@@ -141,7 +144,7 @@ def _estimate(data: FitData, fitted: list[Fitted], band_hz: float, begun: float)
     seen = data.recording.time[fitted[0].samples.rows.index]
     return Estimate(
         model=model.name, estimator=Regression.name, status=status, message=message(notes), parameters=rows_,
-        free=tuple(free[i] for i in order), covariance=covariance[np.ix_(order, order)], nrmse=nrmse,
+        free=known, covariance=covariance[np.ix_(order, order)], nrmse=nrmse,
         observations=sum(len(f.samples.y) for f in fitted), elapsed_s=time.perf_counter() - begun, start=float(seen[0]),
         end=float(seen[-1]), samples=sum(len(f.samples.y) for f in fitted), predictions=predictions, notes=notes,
         model_options=options_of(model), **origin_of(data.recording),

@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from joint_id_core.checking.shift import Shift
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.regression.covariance import autocorrelation
 from joint_id_core.estimators.regression.equations import Equation, Motion
 from joint_id_core.estimators.regression.lag import drive_shift
-from joint_id_core.estimators.regression.least_squares import Solution, explained_later
+from joint_id_core.estimators.regression.least_squares import Solution, explained_later, solve
 from joint_id_core.estimators.regression.missing import (
     GRAVITY,
     SLOW,
@@ -23,6 +24,7 @@ from joint_id_core.estimators.regression.missing import (
     share_predicted,
 )
 from joint_id_core.estimators.regression.signals import Rows
+from joint_id_core.estimators.regression.two_sides import Lag
 from joint_id_core.estimators.shared.sentences import listed, sentence
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import ParameterEstimate, Status
@@ -53,6 +55,8 @@ class Samples:
         time: instants of all samples of the recording in s, shape (T,).
         drive: part of y that the drive makes, at all samples, in the band, shape (T,).
         period: of the recording in s.
+        tools: instruments (R, m); None if least squares will do.
+        unusable: columns that instruments do not help, shape (k,).
     """
 
     equation: Equation
@@ -63,6 +67,13 @@ class Samples:
     time: Array
     drive: Array
     period: float
+    tools: Array | None = None
+    unusable: NDArray[np.bool_] | None = None
+
+    def solve(self, positive: Sequence[bool], lag_s: float) -> Solution:
+        """Return the solution; `lag_s` as in the options."""
+        lag = lag_s / self.step
+        return solve(self.y, self.columns, positive, self.rows.pieces, lag, self.tools, self.unusable)
 
     @property
     def step(self) -> float:
@@ -81,6 +92,7 @@ class Fitted:
         helps: share of the error of samples that were not fitted that a torque which the model lacks takes away, by the
             option that adds it.
         late: by how many s the drive is late against the motion; None if it cannot be told.
+        encoders: how late the link's encoder is; None without motion on both sides of the gear.
     """
 
     samples: Samples
@@ -90,11 +102,21 @@ class Fitted:
     memory: float
     helps: Mapping[str, float]
     late: Shift | None
+    encoders: Lag | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""
         return self.samples.equation.names
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the parameters, and last of the lag between the encoders if it is one of them."""
+        encoders, known = self.encoders, self.solution.covariance
+        if encoders is None or encoders.name is None or encoders.effect is None:
+            return known
+        cross = encoders.sigma * encoders.effect[:, None]
+        return np.block([[known, cross], [cross.T, np.array([[encoders.sigma**2]])]])
 
     @property
     def lag(self) -> str:
@@ -117,7 +139,16 @@ class Fitted:
         if self.gravity > MOST_GRAVITY and 1.0 - self.solution.r_squared > LITTLE:
             angle = f"a load that depends on the angle explains {100.0 * self.gravity:.2g} % {left}"
             return f"{angle}: take a model with gravity ({GRAVITY})"
-        if self.held_out < LEAST_HELD_OUT and self.memory > REMEMBERED:
+        pulled = self.solution.below.any()
+        if pulled and self.encoders is not None and self.encoders.name is None and self.encoders.sure:
+            when = f"{1e3 * abs(self.encoders.late):.3g} ms {'late' if self.encoders.late > 0.0 else 'early'}"
+            return (
+                f"the link's encoder seems to be {when} against the motor's, which looks like viscous friction: take a "
+                "model with delays (--delays), or correct its times"
+            )
+        # With the motion of the link as an input no load is lacking, and noise of the twist enters what is predicted.
+        least = LEAST_HELD_OUT if self.encoders is None else LEAST_R_SQUARED
+        if self.held_out < least and self.memory > REMEMBERED:
             return (
                 f"friction and inertia of the first part of the recording explain {_percent(self.held_out)} of their "
                 "torque in the rest: a load acts on the joint that the model lacks, such as that of other joints "
@@ -126,11 +157,16 @@ class Fitted:
         return ""
 
 
-def tested(samples: Samples, solution: Solution, positive: Sequence[bool], motion: Motion, band_hz: float) -> Fitted:
+def tested(
+    samples: Samples, solution: Solution, positive: Sequence[bool], motion: Motion, band_hz: float,
+    encoders: Lag | None = None,
+) -> Fitted:  # fmt: skip
     """Return a solution with what tells whether its equation is that of the motion."""
     y, columns, rows = samples.y, samples.columns, samples.rows
     fast, loose = (at_speed(motion, rows.index, least) for least in (SLOW, STUCK))
-    later = explained_later(y[fast], columns[fast], positive, samples.equation.static, rows.pieces[fast])
+    tools = None if samples.tools is None else samples.tools[fast]
+    static, pieces = samples.equation.static, rows.pieces[fast]
+    later = explained_later(y[fast], columns[fast], positive, static, pieces, tools, samples.unusable)
     memory = autocorrelation(y - columns @ solution.values, max(1, round(1.0 / (band_hz * samples.step))))
     gravity, helps = 0.0, {}
     for advice, more in samples.lacked.items():
@@ -140,19 +176,33 @@ def tested(samples: Samples, solution: Solution, positive: Sequence[bool], motio
             gravity = share_explained(y[fast], columns[fast], more[fast])
     at = samples.time[rows.index[fast]]
     late = drive_shift(samples.time, samples.drive, at, y[fast], columns[fast], band_hz)
-    return Fitted(samples, solution, gravity, later, memory, helps, late)
+    return Fitted(samples, solution, gravity, later, memory, helps, late, encoders)
 
 
 def _percent(share: float) -> str:
     return f"{100.0 * max(0.0, share):.3g} %"
 
 
-def row(model: Model, name: str, solution: Solution, j: int, start: float) -> ParameterEstimate:
+def estimates(model: Model, fitted: Fitted, starts: Mapping[str, float]) -> dict[str, ParameterEstimate]:
+    """Return the parameters of an equation by name, and last the lag between the encoders if it is one of them."""
+    found = {n: row(model, n, fitted, j, starts[n]) for j, n in enumerate(fitted.names)}
+    encoders = fitted.encoders
+    if encoders is not None and encoders.name is not None:
+        q, late, sigma = model.parameter(encoders.name), encoders.late, encoders.sigma
+        said = f"95 % interval {late - 1.96 * sigma:.4g} to {late + 1.96 * sigma:.4g}"
+        found[q.name] = ParameterEstimate(q.name, q.unit, late, sigma, Verdict.ESTIMATED, starts[q.name], said)
+    return found
+
+
+def row(model: Model, name: str, fitted: Fitted, j: int, start: float) -> ParameterEstimate:
     """Return value, standard deviation and verdict of a parameter."""
+    solution = fitted.solution
     q, value, sigma = model.parameter(name), float(solution.values[j]), float(np.sqrt(solution.covariance[j, j]))
     if solution.unseen[j]:
         verdict, reason = Verdict.NOT_EXCITED, "this motion does not show it, or only together with others"
         value, sigma = start, float("nan")
+        if fitted.samples.tools is not None:
+            value, reason = 0.0, f"{reason}: taken as 0"
     elif solution.below[j]:
         pulled = f"{solution.unbounded[j]:.3g} ± {solution.sigma[j]:.2g} {q.unit}"
         verdict, reason = Verdict.AT_BOUND, f"the data pull it below 0, to {pulled}"

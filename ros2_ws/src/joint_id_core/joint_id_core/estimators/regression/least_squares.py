@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array
-from joint_id_core.estimators.regression.covariance import automatic_lag, newey_west
+from joint_id_core.estimators.regression.covariance import automatic_lag, jackknife, newey_west
+from joint_id_core.estimators.regression.instruments import projected, shown
 
 # What is certain at best, as a part of y: between two samples the equations are not exact where friction reverses.
 ACCURACY = 1e-3
@@ -44,25 +46,39 @@ class Solution:
         return np.asarray(self.held & (self.unbounded < -1.96 * self.sigma))
 
 
-def solve(y: Array, columns: Array, positive: Sequence[bool], pieces: NDArray[np.int64], lag: float = 0.0) -> Solution:
+def solve(
+    y: Array, columns: Array, positive: Sequence[bool], pieces: NDArray[np.int64], lag: float = 0.0,
+    tools: Array | None = None, unusable: NDArray[np.bool_] | None = None,
+) -> Solution:  # fmt: skip
     """Fit y (T,) with columns (T, k); `positive` parameters do not get below zero.
 
     A positive parameter that least squares makes negative is held at zero, the most negative one first, and the
     others are fitted again. `lag` in samples is that of the covariance; 0 finds it.
+
+    With instruments `tools` (T, m) these are two-stage least squares, the covariance is that of a jackknife without
+    such bounds, and columns that the instruments do not show, or that are `unusable` (k,), are unseen.
     """
     count = columns.shape[1]
     held, unseen = np.zeros(count, dtype=bool), _unseen(columns)
+    if tools is not None:
+        unseen |= np.zeros(count, dtype=bool) if unusable is None else unusable
+        unseen[~unseen] = ~shown(columns[:, ~unseen], tools)
     unbounded = sigma = np.full(count, np.nan)
+    covariance = np.full((count, count), np.nan)
     while True:
         free = np.flatnonzero(~held & ~unseen)
         values = np.zeros(count)
-        values[free] = np.linalg.lstsq(columns[:, free], y, rcond=None)[0]
+        values[free] = _fitted(y, columns[:, free], tools)
         residuals = y - columns @ values
         memory = lag or automatic_lag(columns[:, free] * residuals[:, None])
-        covariance = np.full((count, count), np.nan)
-        covariance[np.ix_(free, free)] = newey_west(columns[:, free], residuals, pieces, memory)
         size = np.sqrt(np.mean(columns[:, free] ** 2, axis=0) / np.mean(y**2))
-        covariance[free, free] += (ACCURACY / size) ** 2
+        if tools is None:
+            covariance = np.full((count, count), np.nan)
+            covariance[np.ix_(free, free)] = newey_west(columns[:, free], residuals, pieces, memory)
+            covariance[free, free] += (ACCURACY / size) ** 2
+        elif not held.any():
+            covariance[np.ix_(free, free)] = jackknife(partial(_refitted, y, columns[:, free], tools), len(y))
+            covariance[free, free] += (ACCURACY / size) ** 2
         if not held.any():
             unbounded, sigma = values, np.sqrt(np.diag(covariance))
         below = np.where(np.array(positive) & ~held & ~unseen, values / np.sqrt(np.diag(covariance)), np.inf)
@@ -74,9 +90,26 @@ def solve(y: Array, columns: Array, positive: Sequence[bool], pieces: NDArray[np
     return Solution(values, covariance, held, unseen, unbounded, sigma, explained, memory)
 
 
+def two_stage(y: Array, columns: Array, tools: Array) -> Array:
+    """Return the values (k,) of two-stage least squares of y (T,) on columns (T, k) with instruments (T, m)."""
+    scale = np.sqrt(np.mean(columns**2, axis=0))
+    return np.asarray(np.linalg.lstsq(projected(columns / scale, tools), y, rcond=None)[0] / scale)
+
+
+def _fitted(y: Array, columns: Array, tools: Array | None) -> Array:
+    if tools is None:
+        return np.asarray(np.linalg.lstsq(columns, y, rcond=None)[0])
+    return two_stage(y, columns, tools)
+
+
+def _refitted(y: Array, columns: Array, tools: Array, kept: NDArray[np.bool_]) -> Array:
+    return two_stage(y[kept], columns[kept], tools[kept])
+
+
 def explained_later(
-    y: Array, columns: Array, positive: Sequence[bool], static: NDArray[np.bool_], pieces: NDArray[np.int64]
-) -> float:
+    y: Array, columns: Array, positive: Sequence[bool], static: NDArray[np.bool_], pieces: NDArray[np.int64],
+    tools: Array | None = None, unusable: NDArray[np.bool_] | None = None,
+) -> float:  # fmt: skip
     """Return what a fit of the first samples explains of the last ones: a share of what a fit of rests leaves of them.
 
     That is one with the `static` columns alone, or with a constant if there are none: else the load of gravity, which
@@ -85,8 +118,9 @@ def explained_later(
     first = round(FIRST * len(y))
     if not 0 < first < len(y):
         return float("nan")
-    fitted = solve(y[:first], columns[:first], positive, pieces[:first], 1.0)
-    if (fitted.unseen & ~_unseen(columns)).any():
+    tools = None if tools is None else tools[:first]
+    fitted = solve(y[:first], columns[:first], positive, pieces[:first], 1.0, tools, unusable)
+    if tools is None and (fitted.unseen & ~_unseen(columns)).any():
         return float("nan")
     rest = columns[:, static] if static.any() else np.ones((len(y), 1))
     known = rest @ np.linalg.lstsq(rest[:first], y[:first], rcond=None)[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -134,6 +135,14 @@ def smoothed(time: Array, values: Array, band_hz: float) -> Array:
     """Return columns (T, k) behind the low-pass of the band, all by the same filter."""
     options = FilterOptions(cutoff_hz=band_hz)
     return np.array([differentiate(time, row, options, 0)[0] for row in values.T]).T
+
+
+def all_smoothed(time: Array, tables: Mapping[str, Array], usable: NDArray[np.bool_], band_hz: float) -> dict[str, Array]:
+    """Return tables of columns (T, k) behind the low-pass of the band, from the usable samples (T,)."""
+    table = np.column_stack([*tables.values()])
+    table[~usable] = np.nan
+    ends = np.cumsum([part.shape[1] for part in tables.values()])
+    return dict(zip(tables, np.split(smoothed(time, table, band_hz), ends[:-1], axis=1), strict=True))
 
 
 def rows(data: FitData, usable: NDArray[np.bool_], band_hz: float) -> Rows:

@@ -21,7 +21,7 @@ from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, Status
 from joint_id_core.results.verdict import PRIOR_RATIO
 
-TINY = 1e-12  # information over the largest that is rounding
+TINY = 1e-12  # sum of weights that is rounding
 OWN = 0.1  # least share of its own variance by which a recording differs from a sum that holds it
 
 
@@ -83,11 +83,13 @@ def share_of(space: Space, estimate: Estimate) -> Share:
     information = np.zeros_like(covariance)
     if known.any():
         some = np.ix_(known, known)
-        without = covariance[some] - excess[some]
+        size = np.sqrt(np.diag(covariance[some]))  # of the coordinates, whose units differ by many decades
+        units = np.outer(size, size)
+        without = (covariance[some] - excess[some]) / units
         if np.linalg.eigvalsh(without).min() <= 0.0:
-            without, excess = covariance[some], np.zeros_like(excess)
-        values, vectors = np.linalg.eigh(np.linalg.inv(without) - space.precision[some])
-        information[some] = (vectors * np.maximum(values, 0.0)) @ vectors.T
+            without, excess = covariance[some] / units, np.zeros_like(excess)
+        values, vectors = np.linalg.eigh(np.linalg.inv(without) - space.precision[some] * units)
+        information[some] = (vectors * np.maximum(values, 0.0)) @ vectors.T / units
     return Share(z, covariance, excess, information, known)
 
 
@@ -95,9 +97,11 @@ def added(space: Space, shares: Sequence[Share]) -> tuple[Array, Array]:
     """Return z (k,) and covariance (k, k) of all; what no recording shows stays at the prior."""
     total = space.precision + sum(share.information for share in shares)
     vector = space.precision @ space.mean + sum(share.information @ share.z for share in shares)
-    unseen = np.diag(total) <= TINY * np.diag(total).max()
-    inverse = np.linalg.inv(total + np.diag(np.where(unseen, 1.0, 0.0)))
+    unseen = ~np.any([share.known for share in shares], axis=0) & (np.diag(space.precision) == 0.0)
+    size = np.sqrt(np.where(unseen, 1.0, np.diag(total)))
+    inverse = np.linalg.inv(total / np.outer(size, size) + np.diag(np.where(unseen, 1.0, 0.0))) / np.outer(size, size)
     z = np.where(unseen, space.mean, inverse @ vector)
+    z = np.where(space.positive & ~space.log, np.maximum(z, 0.0), z)
     # What the model lacks is the same in all recordings: it does not average out.
     weights = [float(np.trace(inverse @ share.information)) for share in shares]
     excess = sum(w * share.excess for w, share in zip(weights, shares, strict=True)) / max(sum(weights), TINY)

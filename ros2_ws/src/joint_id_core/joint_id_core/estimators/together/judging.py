@@ -32,7 +32,8 @@ def common(
         below = next((row for row in rows if row.verdict is Verdict.AT_BOUND), None)
         return below or replace(rows[0], std_dev=float("nan"), verdict=Verdict.NOT_EXCITED)
     share = sigma / float(space.spread[k])
-    relative = sigma if space.log[k] else sigma / abs(value) if space.positive[k] and value else 0.0
+    relative = sigma if space.log[k] or not space.positive[k] else sigma / value if value else np.inf
+    relative = relative if space.positive[k] else 0.0
     if share > NOT_EXCITED_RATIO:
         verdict, reason = Verdict.NOT_EXCITED, "no recording shows it"
     elif share > PRIOR_RATIO or relative > MAGNITUDE:
@@ -86,7 +87,12 @@ def judge(
     else:
         status, said = (
             Status.CONVERGED,
-            [Status.CONVERGED.advice, f"{len(used)} recordings agree within their intervals"],
+            [
+                Status.CONVERGED.advice,
+                f"{len(used)} recordings agree within their intervals"
+                if len(used) > 1
+                else "Only one recording can be used",
+            ],
         )
     for k, estimate in enumerate(alone):
         if k not in used:

@@ -1,0 +1,116 @@
+"""Instruments for equations that hold the twist of a gear, the small difference of two encoders.
+
+Errors of the encoders make the twist noisy, and least squares then finds too small a stiffness. Instruments are signals
+that go with the twist but not with these errors (two-stage least squares; for robots Janot, Vandanjon and Gautier, IEEE
+TCST 22, 2014): what a rigid joint with gravity would feel along the motion. The motion is the commanded one where it was
+recorded, else that of the motor, whose errors are small against its way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from joint_id_core.data.recording import Array
+from joint_id_core.data.signals import derivative_of, side_of
+from joint_id_core.estimators.regression.equations import Motion
+
+LEAST_SHOWN = 0.1  # share of what is new in a column that the instruments must show
+EXOGENOUS = 0.9  # the same from which a column is as good as known
+SAME = 1e-6  # relative difference of two columns that rounding makes
+
+
+@dataclass(frozen=True)
+class Path:
+    """Angle, velocity and acceleration of the link of a rigid joint, each of shape (T,), SI units."""
+
+    angle: Array
+    velocity: Array
+    acceleration: Array
+
+    def motion(self, like: Motion, ratio: float) -> Motion:
+        """Return the motion of a rigid joint with a gear ratio, with the inputs of `like` that are no motion."""
+
+        kinds = {"position": self.angle, "velocity": self.velocity, "acceleration": self.acceleration}
+
+        def along(name: str | None, own: Array) -> Array:
+            side = side_of(name or "")
+            if name is None or side is None:
+                return own
+            return np.asarray((ratio if side == "motor" else 1.0) * kinds[name.removeprefix(f"{side}_")])
+
+        x, u = ({n: along(n, v) for n, v in part.items()} for part in (like.x, like.u))
+        return Motion(x, u, {n: along(derivative_of(n), v) for n, v in like.rates.items()})
+
+
+def of_motor(moved: Motion, ratio: float) -> Path:
+    """Return the path of the motor, divided by the gear ratio."""
+    return Path(
+        moved.x["motor_position"] / ratio, moved.x["motor_velocity"] / ratio, moved.rates["motor_velocity"] / ratio
+    )
+
+
+def twisted(moved: Motion, ratio: float, factor: float, rate_factor: float) -> Motion:
+    """Return a motion of motor and link with `factor` times the twist and `rate_factor` times its rate."""
+    motor = {**moved.x, "motor_acceleration": moved.rates["motor_velocity"]}
+
+    def link(name: str, own: Array) -> Array:
+        if side_of(name) != "link":
+            return own
+        rigid = motor[name.replace("link", "motor")] / ratio
+        return np.asarray(rigid - (factor if name.endswith("_position") else rate_factor) * (rigid - own))
+
+    return Motion(moved.x, {n: link(n, v) for n, v in moved.u.items()}, moved.rates)
+
+
+def beyond(columns: Callable[[Motion], Array], moved: Motion, ratio: float) -> NDArray[np.bool_]:
+    """Return which columns (k,) of an equation instruments do not help.
+
+    Those that are not linear in the twist, because its noise biases them whatever the instruments, and those that go
+    with its rate, whose noise is larger than the signal.
+    """
+    none, once, twice = (columns(twisted(moved, ratio, factor, factor)) for factor in (0.0, 1.0, 2.0))
+    without_rate = columns(twisted(moved, ratio, 1.0, 0.0))
+    size = SAME * np.nanmax(np.abs(twice), axis=0)
+    bent = np.nanmax(np.abs(twice - 2.0 * once + none), axis=0) > size
+    return np.asarray(bent | (np.nanmax(np.abs(without_rate - once), axis=0) > size))
+
+
+def instruments(columns: Callable[[Motion], Array], moved: Motion, path: Path, ratio: float) -> Array:
+    """Return the columns of a rigid joint with gravity, shape (T, m); all that are zero are left out."""
+    rigid = columns(path.motion(moved, ratio))
+    load = np.column_stack([np.ones_like(path.angle), np.cos(path.angle), np.sin(path.angle)])
+    found = np.column_stack([rigid, load])
+    return found[:, np.nanmax(np.abs(found), axis=0) > 0.0]
+
+
+def shown(columns: Array, tools: Array) -> NDArray[np.bool_]:
+    """Return which columns (T, k) the instruments (T, m) show, beside those that they show better, shape (k,)."""
+    scaled = columns / np.where((size := np.sqrt(np.mean(columns**2, axis=0))) > 0.0, size, 1.0)
+    seen = projected(scaled, tools)
+    found, taken = np.zeros(columns.shape[1], dtype=bool), np.zeros((len(columns), 0))
+
+    def share(k: int) -> float:
+        new = scaled[:, k] - taken @ (taken.T @ scaled[:, k])
+        part = seen[:, k] - taken @ (taken.T @ seen[:, k])
+        energy = float(new @ new)
+        return float(part @ part) / energy if energy > SAME * len(new) * SAME else 0.0
+
+    while not found.all():
+        shares = {int(k): share(int(k)) for k in np.flatnonzero(~found)}
+        best = next((k for k, part in shares.items() if part > EXOGENOUS), max(shares, key=shares.__getitem__))
+        if shares[best] < LEAST_SHOWN:
+            break
+        part = seen[:, best] - taken @ (taken.T @ seen[:, best])
+        taken, found[best] = np.column_stack([taken, part / np.linalg.norm(part)]), True
+    return found
+
+
+def projected(columns: Array, tools: Array) -> Array:
+    """Return what the instruments (T, m) show of columns (T, k): the first stage of two-stage least squares."""
+    basis = np.linalg.svd(tools / np.sqrt(np.mean(tools**2, axis=0)), full_matrices=False)
+    kept = basis[0][:, basis[1] > SAME * basis[1][0]]
+    return np.asarray(kept @ (kept.T @ columns))

@@ -1,0 +1,174 @@
+"""Joints with an encoder on both sides of the gear: the lag between these, instruments, and what their errors do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from joint_id_core.data.recording import Array
+from joint_id_core.data.signals import side_of
+from joint_id_core.estimators.regression.equations import Equation, Motion, columns_along
+from joint_id_core.estimators.regression.instruments import Path, beyond, instruments, of_motor
+from joint_id_core.estimators.regression.covariance import jackknife
+from joint_id_core.estimators.regression.least_squares import Solution, two_stage
+from joint_id_core.estimators.regression.signals import Rows, smoothed
+from joint_id_core.estimators.shared.fit_data import FitData
+from joint_id_core.filtering.offline import FilterOptions, differentiate
+from joint_id_core.models import Model
+
+COMMAND = "reference_position"
+SURE = 4.0  # standard deviations from which a lag is one
+LEAST_LAG_S = 3e-4
+ACCURACY = 0.01  # of a lag in samples: between two samples the motion is not exact
+
+
+def has_twist(model: Model) -> bool:
+    """Return whether a model has motion on both sides of the gear."""
+    return {side_of(n) for n in (*model.state_names, *model.input_names)} >= {"motor", "link"}
+
+
+@dataclass(frozen=True)
+class Lag:
+    """By how many s the encoder of the link is late against that of the motor.
+
+    Viscous friction of the link looks the same: it adds its ratio to the stiffness.
+
+    Attributes:
+        late, sigma: value and standard deviation in s.
+        name: of the parameter that says it and that is estimated; None if there is none.
+        effect: what one standard deviation more adds to the values of an equation, shape (k,).
+    """
+
+    late: float
+    sigma: float
+    name: str | None = None
+    effect: Array | None = None
+
+    @property
+    def sure(self) -> bool:
+        """Whether it is a lag, and not noise."""
+        return abs(self.late) > max(SURE * self.sigma, LEAST_LAG_S)
+
+
+@dataclass(frozen=True)
+class TwoSides:
+    """The motion on both sides of a gear.
+
+    Attributes:
+        moved: with the link's encoder corrected by `lag`, if the model has a delay that is estimated.
+        later: the same corrected by a standard deviation more.
+        path: along which the instruments are computed.
+        ratio: of the gear.
+        lag: what the twist says of the delay, and whether it was corrected.
+        values, free: those of the parameters, without the delays.
+    """
+
+    model: Model
+    moved: Motion
+    later: Motion
+    path: Path
+    ratio: float
+    lag: Lag
+    values: Mapping[str, float]
+    free: tuple[str, ...]
+
+    def beside(self, equation: Equation) -> dict[str, Array]:
+        """Return what a fit of an equation needs beside its columns, arrays (T, m) by name.
+
+        These are the instruments, the columns with a later encoder, and the angle, with which errors of encoders go.
+        """
+        along = partial(columns_along, self.model, equation, values=self.values)
+        return {
+            "tools": instruments(along, self.moved, self.path, self.ratio),
+            "later": along(self.later),
+            "angle": self.path.angle[:, None],
+        }
+
+    def unusable(self, equation: Equation) -> NDArray[np.bool_]:
+        """Return which columns of an equation cannot be had with instruments, shape (k,)."""
+        return beyond(partial(columns_along, self.model, equation, values=self.values), self.moved, self.ratio)
+
+    def doubted(
+        self, y: Array, tables: Mapping[str, Array], solution: Solution
+    ) -> tuple[Solution, Lag]:
+        """Return a solution of y (T,) whose covariance contains what errors of the encoders may do, and the lag.
+
+        These are the uncertainty of the lag, and errors that go with the angle, as those of an eccentric disc or of a
+        slightly wrong gear ratio: what a column for them changes counts as uncertain, and what a bound changes as well.
+        `tables` are the columns (T, k) and those of `beside`.
+        """
+
+        def values(columns: Array, tools: Array) -> Array:
+            usable = ~solution.unseen
+            found = np.full(len(usable), np.nan)
+            extra = columns.shape[1] - len(usable)
+            kept = np.concatenate([usable, np.ones(extra, dtype=bool)])
+            found[usable] = two_stage(y, columns[:, kept], tools)[: np.count_nonzero(usable)]
+            return found
+
+        columns, tools, angle = tables["columns"], tables["tools"], tables["angle"]
+        turned = values(np.column_stack([columns, angle]), np.column_stack([tools, angle])) - solution.unbounded
+        effect = values(tables["later"], tools) - solution.unbounded
+        bound = solution.values - solution.unbounded  # what the data say beside what is possible
+        covariance = solution.covariance + sum(np.outer(apart, apart) for apart in (turned, effect, bound))
+        wider = replace(solution, covariance=covariance, sigma=np.sqrt(np.diag(covariance)))
+        return wider, replace(self.lag, effect=effect)
+
+
+def two_sides(data: FitData, moved: Motion, rows: Rows, cutoff_hz: float, band_hz: float) -> TwoSides:
+    """Return the motion on both sides of the gear of a model that has both; signals had a low-pass with this cutoff."""
+    model, time = data.model, data.recording.time
+    values = dict(zip(model.parameter_names, data.p.tolist(), strict=True))
+    ratio, own = model.gear_ratio(values), model.encoder_lag
+    motor, command = of_motor(moved, ratio), data.recording.channels.get(COMMAND)
+    path = motor
+    if command is not None and np.isfinite(command).any():
+        path = Path(*differentiate(time, command, FilterOptions(cutoff_hz=cutoff_hz), 2))
+    lag = encoder_lag(time, moved, motor, ratio, rows, band_hz)
+    if own is None or own not in data.free:
+        late, step = values.get(own or "", 0.0), 0.0
+    else:
+        late, step, lag = lag.late, lag.sigma, replace(lag, name=own)
+    delays = {n for n in (own, model.drive_lag) if n is not None}
+    return TwoSides(
+        model, _corrected(moved, late), _corrected(moved, late + step), path, ratio, lag,
+        {n: 0.0 if n in delays else v for n, v in values.items()}, tuple(n for n in data.free if n not in delays),
+    )  # fmt: skip
+
+
+def encoder_lag(time: Array, moved: Motion, motor: Path, ratio: float, rows: Rows, band_hz: float) -> Lag:
+    """Return what the twist says of the delay of the link's encoder: the part that goes with the velocity.
+
+    The others are a constant, and the twist under inertia, Coulomb friction and gravity.
+    """
+    velocity = motor.velocity
+    slow = 0.1 * float(np.sqrt(np.nanmean(velocity**2))) or 1.0
+    table = [
+        motor.angle - moved.u["link_position"], velocity, motor.acceleration, np.tanh(velocity / slow),
+        np.ones_like(velocity), np.cos(motor.angle), np.sin(motor.angle),
+    ]  # fmt: skip
+    rows_ = smoothed(time, np.column_stack(table), band_hz)[rows.index]
+    rows_ = rows_[np.isfinite(rows_).all(axis=1)]
+    scale = np.sqrt(np.mean(rows_**2, axis=0))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    y, columns = rows_[:, 0], rows_[:, 1:] / scale[1:]
+
+    def late(kept: NDArray[np.bool_]) -> Array:
+        return np.asarray(np.linalg.lstsq(columns[kept], y[kept], rcond=None)[0][:1] / scale[1])
+
+    whole = float(late(np.ones(len(y), dtype=bool))[0])
+    period = float(np.median(np.diff(time)))
+    return Lag(whole, float(np.hypot(np.sqrt(jackknife(late, len(y))[0, 0]), ACCURACY * period)))
+
+
+def _corrected(moved: Motion, late: float) -> Motion:
+    """Return the motion with the link's encoder as it were if it were not late by so many s."""
+    u = dict(moved.u)
+    w = u["link_velocity"]
+    a = u["link_acceleration"] if "link_acceleration" in u else np.zeros_like(w)
+    u["link_position"], u["link_velocity"] = u["link_position"] + late * (w + 0.5 * late * a), w + late * a
+    return replace(moved, u=u)
