@@ -85,12 +85,15 @@ def fit(
     if isinstance(recording, Sequence):
         return fit_several(model, recording, settings, estimator, progress).estimate
     from joint_id_core.estimators.cross_check import cross_checked  # loads NumPy, as the next
+    from joint_id_core.estimators.regression_starts import started
     from joint_id_core.estimators.shared.data_check import concerning, noted, refused
 
     found = concerning(model, recording)
     bad = refused(model, estimator.name, found, recording)
     if bad is not None:
         return bad
+    if isinstance(estimator, Innovations):
+        settings = started(model, recording, settings)
     estimate = estimator.fit(model, recording, settings, progress)
     if isinstance(estimator, Innovations):
         estimate = cross_checked(estimate, model, recording, settings)

@@ -96,6 +96,16 @@ class Model:
         return "tau_0" in self.parameter_names
 
     @property
+    def twist_offset(self) -> str | None:
+        """Parameter that is the twist at which the encoders agree; None without."""
+        return "dtheta_0" if "dtheta_0" in self.parameter_names else None
+
+    @property
+    def stiffness(self) -> str | None:
+        """Parameter that is the linear stiffness of the gear; None without a spring."""
+        return "k_1" if "k_1" in self.parameter_names else None
+
+    @property
     def cubic_stiffness(self) -> str | None:
         """Parameter that makes the spring of the gear stiffer under load; None without such a spring."""
         return "k_2" if "k_2" in self.parameter_names else None

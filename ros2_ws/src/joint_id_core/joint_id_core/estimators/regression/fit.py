@@ -111,13 +111,13 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
         tables = {name: part[known] for name, part in tables.items()}
         samples = Samples(
             equation, Rows(index.index[known], index.pieces[known]), tables["y"][:, 0], tables["columns"],
-            {name: tables[name] for name in missing}, data.recording.time, drive, data.period, tables.get("tools"),
-            sides.unusable(equation) if sides is not None else None,
+            {name: tables[name] for name in missing}, data.recording.time, drive, data.period,
+            sides.tools(equation, tables["tools"]) if sides is not None else None,
         )  # fmt: skip
         positive = [model.parameter(n).positive for n in equation.names]
         solution, lag = samples.solve(positive, options.lag_s), None
         if sides is not None:
-            solution, lag = sides.doubted(samples.y, tables, solution)
+            solution, lag = sides.doubted(equation.names, samples.y, tables, solution)
         found.append(tested(samples, solution, positive, moved, band_hz, lag))
     if not found:
         raise UnusableError(

@@ -9,7 +9,7 @@ recorded, else that of the motor, whose errors are small against its way.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,8 @@ from joint_id_core.data.signals import derivative_of, side_of
 from joint_id_core.estimators.regression.equations import Motion
 
 LEAST_SHOWN = 0.1  # share of what is new in a column that the instruments must show
+# The same for a column that is not linear in the twist: left out, the linear one would stand for both, and seem known.
+LEAST_BENT = 1e-3
 EXOGENOUS = 0.9  # the same from which a column is as good as known
 SAME = 1e-6  # relative difference of two columns that rounding makes
 
@@ -46,6 +48,23 @@ class Path:
         return Motion(x, u, {n: along(derivative_of(n), v) for n, v in like.rates.items()})
 
 
+@dataclass(frozen=True)
+class Tools:
+    """Instruments of an equation.
+
+    Attributes:
+        table: signals, shape (T, m).
+        bent: which columns of the equation are not linear in the twist, shape (k,).
+    """
+
+    table: Array
+    bent: NDArray[np.bool_]
+
+    def part(self, rows: slice | NDArray[np.bool_]) -> Tools:
+        """Return the instruments of some of the samples."""
+        return replace(self, table=self.table[rows])
+
+
 def of_motor(moved: Motion, ratio: float) -> Path:
     """Return the path of the motor, divided by the gear ratio."""
     return Path(
@@ -67,29 +86,45 @@ def twisted(moved: Motion, ratio: float, factor: float, rate_factor: float) -> M
 
 
 def beyond(columns: Callable[[Motion], Array], moved: Motion, ratio: float) -> NDArray[np.bool_]:
-    """Return which columns (k,) of an equation instruments do not help.
+    """Return which columns (k,) of an equation go with the rate of the twist, whose noise is larger than the signal."""
+    with_rate, without = (columns(twisted(moved, ratio, 1.0, factor)) for factor in (1.0, 0.0))
+    return np.asarray(np.nanmax(np.abs(without - with_rate), axis=0) > SAME * np.nanmax(np.abs(with_rate), axis=0))
 
-    Those that are not linear in the twist, because its noise biases them whatever the instruments, and those that go
-    with its rate, whose noise is larger than the signal.
-    """
+
+def bent(columns: Callable[[Motion], Array], moved: Motion, ratio: float) -> NDArray[np.bool_]:
+    """Return which columns (k,) of an equation are not linear in the twist."""
     none, once, twice = (columns(twisted(moved, ratio, factor, factor)) for factor in (0.0, 1.0, 2.0))
-    without_rate = columns(twisted(moved, ratio, 1.0, 0.0))
-    size = SAME * np.nanmax(np.abs(twice), axis=0)
-    bent = np.nanmax(np.abs(twice - 2.0 * once + none), axis=0) > size
-    return np.asarray(bent | (np.nanmax(np.abs(without_rate - once), axis=0) > size))
+    return np.asarray(np.nanmax(np.abs(twice - 2.0 * once + none), axis=0) > SAME * np.nanmax(np.abs(twice), axis=0))
 
 
 def instruments(columns: Callable[[Motion], Array], moved: Motion, path: Path, ratio: float) -> Array:
-    """Return the columns of a rigid joint with gravity, shape (T, m); all that are zero are left out."""
+    """Return the columns of a rigid joint with gravity, shape (T, m); all that are zero are left out.
+
+    For columns that are not linear in the twist, those with the twist that the others show are added (Kelejian, Journal
+    of the American Statistical Association 66, 1971).
+    """
     rigid = columns(path.motion(moved, ratio))
     load = np.column_stack([np.ones_like(path.angle), np.cos(path.angle), np.sin(path.angle)])
     found = np.column_stack([rigid, load])
-    return found[:, np.nanmax(np.abs(found), axis=0) > 0.0]
+    found = found[:, np.nanmax(np.abs(found), axis=0) > 0.0]
+    more = bent(columns, moved, ratio)
+    if more.any():
+        known = np.isfinite(found).all(axis=1) & np.isfinite(moved.u["link_position"])
+        motor = moved.x["motor_position"] / ratio
+        twist = np.full_like(motor, np.nan)
+        twist[known] = projected((motor - moved.u["link_position"])[known, None], found[known])[:, 0]
+        fitted = Motion(moved.x, {**moved.u, "link_position": motor - twist}, moved.rates)
+        found = np.column_stack([found, columns(fitted)[:, more]])
+    return found
 
 
-def shown(columns: Array, tools: Array) -> NDArray[np.bool_]:
-    """Return which columns (T, k) the instruments (T, m) show, beside those that they show better, shape (k,)."""
-    scaled = columns / np.where((size := np.sqrt(np.mean(columns**2, axis=0))) > 0.0, size, 1.0)
+def shown(columns: Array, tools: Array, bent: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which columns (T, k) the instruments (T, m) show, beside those that they show better, shape (k,).
+
+    Columns that are `bent` (k,) come last, and only if all others are shown.
+    """
+    size = np.sqrt(np.mean(columns**2, axis=0))
+    scaled = columns / np.where(size > 0.0, size, 1.0)
     seen = projected(scaled, tools)
     found, taken = np.zeros(columns.shape[1], dtype=bool), np.zeros((len(columns), 0))
 
@@ -97,12 +132,13 @@ def shown(columns: Array, tools: Array) -> NDArray[np.bool_]:
         new = scaled[:, k] - taken @ (taken.T @ scaled[:, k])
         part = seen[:, k] - taken @ (taken.T @ seen[:, k])
         energy = float(new @ new)
-        return float(part @ part) / energy if energy > SAME * len(new) * SAME else 0.0
+        return float(part @ part) / energy if energy > SAME**2 * len(new) else 0.0
 
     while not found.all():
-        shares = {int(k): share(int(k)) for k in np.flatnonzero(~found)}
+        open_ = ~found if found[~bent].all() else ~found & ~bent
+        shares = {int(k): share(int(k)) for k in np.flatnonzero(open_)}
         best = next((k for k, part in shares.items() if part > EXOGENOUS), max(shares, key=shares.__getitem__))
-        if shares[best] < LEAST_SHOWN:
+        if shares[best] < (LEAST_BENT if bent[best] else LEAST_SHOWN):
             break
         part = seen[:, best] - taken @ (taken.T @ seen[:, best])
         taken, found[best] = np.column_stack([taken, part / np.linalg.norm(part)]), True

@@ -12,6 +12,7 @@ from joint_id_core.checking.shift import Shift
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.regression.covariance import autocorrelation
 from joint_id_core.estimators.regression.equations import Equation, Motion
+from joint_id_core.estimators.regression.instruments import Tools
 from joint_id_core.estimators.regression.lag import drive_shift
 from joint_id_core.estimators.regression.least_squares import Solution, explained_later, solve
 from joint_id_core.estimators.regression.missing import (
@@ -55,8 +56,7 @@ class Samples:
         time: instants of all samples of the recording in s, shape (T,).
         drive: part of y that the drive makes, at all samples, in the band, shape (T,).
         period: of the recording in s.
-        tools: instruments (R, m); None if least squares will do.
-        unusable: columns that instruments do not help, shape (k,).
+        tools: instruments; None if least squares will do.
     """
 
     equation: Equation
@@ -67,13 +67,12 @@ class Samples:
     time: Array
     drive: Array
     period: float
-    tools: Array | None = None
-    unusable: NDArray[np.bool_] | None = None
+    tools: Tools | None = None
 
     def solve(self, positive: Sequence[bool], lag_s: float) -> Solution:
         """Return the solution; `lag_s` as in the options."""
         lag = lag_s / self.step
-        return solve(self.y, self.columns, positive, self.rows.pieces, lag, self.tools, self.unusable)
+        return solve(self.y, self.columns, positive, self.rows.pieces, lag, self.tools)
 
     @property
     def step(self) -> float:
@@ -164,9 +163,9 @@ def tested(
     """Return a solution with what tells whether its equation is that of the motion."""
     y, columns, rows = samples.y, samples.columns, samples.rows
     fast, loose = (at_speed(motion, rows.index, least) for least in (SLOW, STUCK))
-    tools = None if samples.tools is None else samples.tools[fast]
+    tools = None if samples.tools is None else samples.tools.part(fast)
     static, pieces = samples.equation.static, rows.pieces[fast]
-    later = explained_later(y[fast], columns[fast], positive, static, pieces, tools, samples.unusable)
+    later = explained_later(y[fast], columns[fast], positive, static, pieces, tools)
     memory = autocorrelation(y - columns @ solution.values, max(1, round(1.0 / (band_hz * samples.step))))
     gravity, helps = 0.0, {}
     for advice, more in samples.lacked.items():
@@ -242,7 +241,7 @@ def judge(
         said.append(f"this motion does not show {listed(unseen)}")
     said += [f.lag for f in fitted if f.lag]
     if held:
-        said.append(f"held, because the equations are not linear in them: {listed(held)}")
+        said.append(f"held, because a regression cannot tell them: {listed(held)}")
     if dropped:
         said.append(f"{dropped} samples without an input were left out")
     return status, tuple(sentence(text) for text in said)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.regression.covariance import automatic_lag, jackknife, newey_west
-from joint_id_core.estimators.regression.instruments import projected, shown
+from joint_id_core.estimators.regression.instruments import Tools, projected, shown
 
 # What is certain at best, as a part of y: between two samples the equations are not exact where friction reverses.
 ACCURACY = 1e-3
@@ -48,27 +48,26 @@ class Solution:
 
 def solve(
     y: Array, columns: Array, positive: Sequence[bool], pieces: NDArray[np.int64], lag: float = 0.0,
-    tools: Array | None = None, unusable: NDArray[np.bool_] | None = None,
+    tools: Tools | None = None,
 ) -> Solution:  # fmt: skip
     """Fit y (T,) with columns (T, k); `positive` parameters do not get below zero.
 
     A positive parameter that least squares makes negative is held at zero, the most negative one first, and the
     others are fitted again. `lag` in samples is that of the covariance; 0 finds it.
 
-    With instruments `tools` (T, m) these are two-stage least squares, the covariance is that of a jackknife without
-    such bounds, and columns that the instruments do not show, or that are `unusable` (k,), are unseen.
+    With instruments these are two-stage least squares, the covariance is that of a jackknife without such bounds, and
+    columns that the instruments do not show are unseen.
     """
     count = columns.shape[1]
     held, unseen = np.zeros(count, dtype=bool), _unseen(columns)
     if tools is not None:
-        unseen |= np.zeros(count, dtype=bool) if unusable is None else unusable
-        unseen[~unseen] = ~shown(columns[:, ~unseen], tools)
+        unseen[~unseen] = ~shown(columns[:, ~unseen], tools.table, tools.bent[~unseen])
     unbounded = sigma = np.full(count, np.nan)
     covariance = np.full((count, count), np.nan)
     while True:
         free = np.flatnonzero(~held & ~unseen)
         values = np.zeros(count)
-        values[free] = _fitted(y, columns[:, free], tools)
+        values[free] = _fitted(y, columns[:, free], None if tools is None else tools.table)
         residuals = y - columns @ values
         memory = lag or automatic_lag(columns[:, free] * residuals[:, None])
         size = np.sqrt(np.mean(columns[:, free] ** 2, axis=0) / np.mean(y**2))
@@ -77,7 +76,7 @@ def solve(
             covariance[np.ix_(free, free)] = newey_west(columns[:, free], residuals, pieces, memory)
             covariance[free, free] += (ACCURACY / size) ** 2
         elif not held.any():
-            covariance[np.ix_(free, free)] = jackknife(partial(_refitted, y, columns[:, free], tools), len(y))
+            covariance[np.ix_(free, free)] = jackknife(partial(_refitted, y, columns[:, free], tools.table), len(y))
             covariance[free, free] += (ACCURACY / size) ** 2
         if not held.any():
             unbounded, sigma = values, np.sqrt(np.diag(covariance))
@@ -108,7 +107,7 @@ def _refitted(y: Array, columns: Array, tools: Array, kept: NDArray[np.bool_]) -
 
 def explained_later(
     y: Array, columns: Array, positive: Sequence[bool], static: NDArray[np.bool_], pieces: NDArray[np.int64],
-    tools: Array | None = None, unusable: NDArray[np.bool_] | None = None,
+    tools: Tools | None = None,
 ) -> float:  # fmt: skip
     """Return what a fit of the first samples explains of the last ones: a share of what a fit of rests leaves of them.
 
@@ -118,8 +117,8 @@ def explained_later(
     first = round(FIRST * len(y))
     if not 0 < first < len(y):
         return float("nan")
-    tools = None if tools is None else tools[:first]
-    fitted = solve(y[:first], columns[:first], positive, pieces[:first], 1.0, tools, unusable)
+    tools = None if tools is None else tools.part(slice(0, first))
+    fitted = solve(y[:first], columns[:first], positive, pieces[:first], 1.0, tools)
     if tools is None and (fitted.unseen & ~_unseen(columns)).any():
         return float("nan")
     rest = columns[:, static] if static.any() else np.ones((len(y), 1))

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array
 from joint_id_core.data.signals import side_of
-from joint_id_core.estimators.regression.equations import Equation, Motion, columns_along
-from joint_id_core.estimators.regression.instruments import Path, beyond, instruments, of_motor
+from joint_id_core.estimators.regression.equations import Equation, Motion, columns_along, equations
+from joint_id_core.estimators.regression.instruments import Path, Tools, bent, beyond, instruments, of_motor
 from joint_id_core.estimators.regression.covariance import jackknife
 from joint_id_core.estimators.regression.least_squares import Solution, two_stage
 from joint_id_core.estimators.regression.signals import Rows, smoothed
@@ -64,7 +64,7 @@ class TwoSides:
         path: along which the instruments are computed.
         ratio: of the gear.
         lag: what the twist says of the delay, and whether it was corrected.
-        values, free: those of the parameters, without the delays.
+        values, free: those of the parameters, without the delays and what no instruments can show.
     """
 
     model: Model
@@ -88,14 +88,15 @@ class TwoSides:
             "angle": self.path.angle[:, None],
         }
 
-    def unusable(self, equation: Equation) -> NDArray[np.bool_]:
-        """Return which columns of an equation cannot be had with instruments, shape (k,)."""
-        return beyond(partial(columns_along, self.model, equation, values=self.values), self.moved, self.ratio)
+    def tools(self, equation: Equation, table: Array) -> Tools:
+        """Return the instruments of an equation, whose signals are the `table` (R, m)."""
+        along = partial(columns_along, self.model, equation, values=self.values)
+        return Tools(table, bent(along, self.moved, self.ratio))
 
     def doubted(
-        self, y: Array, tables: Mapping[str, Array], solution: Solution
+        self, names: Sequence[str], y: Array, tables: Mapping[str, Array], solution: Solution
     ) -> tuple[Solution, Lag]:
-        """Return a solution of y (T,) whose covariance contains what errors of the encoders may do, and the lag.
+        """Return a solution of y (T,) for the parameters `names` whose covariance contains what errors of the encoders may do, and the lag.
 
         These are the uncertainty of the lag, and errors that go with the angle, as those of an eccentric disc or of a
         slightly wrong gear ratio: what a column for them changes counts as uncertain, and what a bound changes as well.
@@ -111,12 +112,28 @@ class TwoSides:
             return found
 
         columns, tools, angle = tables["columns"], tables["tools"], tables["angle"]
+        step = values(tables["later"], tools) - solution.unbounded
+        lag = self._lag(names, solution.unbounded, step)
         turned = values(np.column_stack([columns, angle]), np.column_stack([tools, angle])) - solution.unbounded
-        effect = values(tables["later"], tools) - solution.unbounded
         bound = solution.values - solution.unbounded  # what the data say beside what is possible
-        covariance = solution.covariance + sum(np.outer(apart, apart) for apart in (turned, effect, bound))
+        covariance = solution.covariance + sum(np.outer(apart, apart) for apart in (turned, lag.effect, bound))
         wider = replace(solution, covariance=covariance, sigma=np.sqrt(np.diag(covariance)))
-        return wider, replace(self.lag, effect=effect)
+        return wider, lag
+
+    def _lag(self, names: Sequence[str], values: Array, step: Array) -> Lag:
+        """Return the lag with its effect on values (k,), which one standard deviation of it changes by `step`.
+
+        The part of it that may be viscous friction of the link counts as uncertain: with all of the friction at the
+        link, that at the motor would be zero.
+        """
+        lag = self.lag
+        if lag.name is None:
+            return replace(lag, effect=np.zeros_like(step))
+        slope, positive = step / lag.sigma, np.array([self.model.parameter(n).positive for n in names])
+        grows = positive & (slope > 0.0) & (values > 0.0)
+        most = float(np.min(values[grows] / slope[grows], initial=np.inf))
+        sigma = float(np.hypot(lag.sigma, 0.5 * most)) if np.isfinite(most) else lag.sigma
+        return replace(lag, sigma=sigma, effect=sigma * slope)
 
 
 def two_sides(data: FitData, moved: Motion, rows: Rows, cutoff_hz: float, band_hz: float) -> TwoSides:
@@ -134,10 +151,13 @@ def two_sides(data: FitData, moved: Motion, rows: Rows, cutoff_hz: float, band_h
     else:
         late, step, lag = lag.late, lag.sigma, replace(lag, name=own)
     delays = {n for n in (own, model.drive_lag) if n is not None}
-    return TwoSides(
-        model, _corrected(moved, late), _corrected(moved, late + step), path, ratio, lag,
-        {n: 0.0 if n in delays else v for n, v in values.items()}, tuple(n for n in data.free if n not in delays),
-    )  # fmt: skip
+    values = {n: 0.0 if n in delays else v for n, v in values.items()}
+    moved, later = _corrected(moved, late), _corrected(moved, late + step)
+    free = tuple(n for n in data.free if n not in delays)
+    for equation in equations(model, moved, values, free):
+        hidden = beyond(partial(columns_along, model, equation, values=values), moved, ratio)
+        free = tuple(n for n in free if n not in np.array(equation.names)[hidden])
+    return TwoSides(model, moved, later, path, ratio, lag, values, free)
 
 
 def encoder_lag(time: Array, moved: Motion, motor: Path, ratio: float, rows: Rows, band_hz: float) -> Lag:
