@@ -88,7 +88,7 @@ def test_an_answer_waits_for_a_test_of_what_follows_and_is_dropped_when_the_join
     assert opinion.newest is None and len(answers) == 1
 
 
-@pytest.mark.parametrize(("name", "wanted"), [("motor_side", True), ("rigid_joint", False)])
+@pytest.mark.parametrize(("name", "wanted"), [("harmonic_drive", True), ("rigid_joint", False)])
 def test_a_model_without_a_second_estimator_asks_for_none(estimate, name, wanted):
     nobody = partial(pytest.fail, "no opinion is wanted")
     opinion = SecondOpinion(build(name), ParameterSettings(), 1.0, nobody, wanted)

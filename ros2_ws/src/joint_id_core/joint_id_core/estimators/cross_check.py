@@ -36,7 +36,7 @@ CAUSE = (
 MATTERS = 0.1  # least difference of a positive parameter, over its value, that counts as one
 MATTERS_TORQUE = 0.05  # the same of other parameters: the torque that it makes, over the rms torque
 LEAST = 0.1  # least value of a positive parameter between two, over the first one
-# Residual torque of an axis of a KUKA: 3 to 5 % of the energy, with an autocorrelation of 0.3 to 0.8 after a period of the
+# Residual torque of a KUKA's axes: 3 to 5 % of the energy, with an autocorrelation of 0.3 to 0.8 after a period of the
 # band. Simulated white noise has less than 0.15.
 MEMORY = 0.25
 LITTLE = 0.01  # share of the torque that may be left, whatever its memory
@@ -141,9 +141,9 @@ def judged(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
     """Return an estimate with a second opinion.
 
     Where the two values of a parameter differ by more than their intervals, the value becomes the middle, the interval
-    contains both, and the status is DISAGREE. Where the residual torque has a memory, the estimate's standard deviations,
-    which take it for white, become at least those of the regression. If the equations of motion do not explain the torque,
-    the status is POOR_FIT. An estimate that did not converge stays as it is, but for a note if the regression describes the
+    contains both, and the status is DISAGREE. Where the residual torque has a memory, standard deviations, which take
+    it for white, become at least those of the regression. If the equations of motion do not explain the torque, the
+    status is POOR_FIT. An estimate that did not converge stays as it is, but for a note if the regression describes the
     motion. A drive that is late or early is noted.
     """
     estimate = _without_useless_advice(estimate, opinion)
@@ -250,7 +250,9 @@ def _as_wide(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
         wider.append(second.name)
     if not wider:
         return replace(estimate, parameters=tuple(rows.values()))
-    said = f"the residual torque has a memory: the intervals of {listed(wider)} are those of a regression, which knows it"
+    said = (
+        f"the residual torque has a memory: the intervals of {listed(wider)} are those of a regression, which knows it"
+    )
     notes = (*estimate.notes[:1], sentence(said), *estimate.notes[1:])
     return replace(
         estimate, message=message(notes), notes=notes, parameters=tuple(rows.values()),

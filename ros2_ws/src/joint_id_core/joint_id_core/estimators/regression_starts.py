@@ -21,8 +21,8 @@ CERTAIN = 1.0  # largest standard deviation over the value: the order of magnitu
 def started(model: Model, recording: Recording, settings: ParameterSettings | None) -> ParameterSettings:
     """Return settings with start values of a regression for parameters that it finds far from the model's table.
 
-    That is by more than the spread of their prior. Other parameters of the same group get the same factor, and an offset
-    of the torque that its prior does not allow becomes one of the encoders. What the user has set stays.
+    That is by more than the spread of their prior. Other parameters of the same group get the same factor. An offset of
+    the torque that its prior does not allow becomes one of the encoders. What the user has set stays.
     """
     from joint_id_core.estimators.cross_check import suits
 

@@ -13,7 +13,9 @@ from joint_id_core.data.recording import Array
 # (Kiefer and Vogelsang, Econometric Theory 21, 2005).
 FIXED_B = np.array([1.96, 2.9694, 0.4160, -0.5324])
 BLOCKS = 10  # of a jackknife
-T_BLOCKS = 2.262 / 1.96  # 97.5 % quantile of Student's t with 9 degrees of freedom, over that of the normal distribution
+T_BLOCKS = (
+    2.262 / 1.96
+)  # 97.5 % quantile of Student's t with 9 degrees of freedom, over that of the normal distribution
 LONGEST_SHARE = 0.25  # of a record: a longer memory cannot be told from a trend
 
 

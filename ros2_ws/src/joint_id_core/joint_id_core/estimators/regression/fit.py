@@ -7,7 +7,7 @@ import time
 import numpy as np
 import scipy
 
-from joint_id_core.data.recording import Array, Recording
+from joint_id_core.data.recording import Recording
 from joint_id_core.data.signals import side_of
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.regression.equations import equations

@@ -2,7 +2,7 @@
 
 Errors of the encoders make the twist noisy, and least squares then finds too small a stiffness. Instruments are signals
 that go with the twist but not with these errors (two-stage least squares; for robots Janot, Vandanjon and Gautier, IEEE
-TCST 22, 2014): what a rigid joint with gravity would feel along the motion. The motion is the commanded one where it was
+TCST 22, 2014): what a rigid joint with gravity would feel along the motion. This is the commanded motion where it was
 recorded, else that of the motor, whose errors are small against its way.
 """
 

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from joint_id_core.checking.shift import Shift
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.regression.covariance import autocorrelation
+from joint_id_core.estimators.regression.encoder_lag import Lag
 from joint_id_core.estimators.regression.equations import Equation, Motion
 from joint_id_core.estimators.regression.instruments import Tools
 from joint_id_core.estimators.regression.lag import drive_shift
@@ -25,7 +25,6 @@ from joint_id_core.estimators.regression.missing import (
     share_predicted,
 )
 from joint_id_core.estimators.regression.signals import Rows
-from joint_id_core.estimators.regression.two_sides import Lag
 from joint_id_core.estimators.shared.sentences import listed, sentence
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import ParameterEstimate, Status
@@ -133,18 +132,18 @@ class Fitted:
     def fault(self) -> str:
         """Why the equation is not that of the motion; empty if it is."""
         left = "of what the model does not explain"
+        encoders = self.encoders
+        if encoders is not None and encoders.name is None and encoders.sure and self.solution.held.any():
+            when = f"{1e3 * abs(encoders.late):.3g} ms {'late' if encoders.late > 0.0 else 'early'}"
+            return (
+                f"the link's encoder seems to be {when} against the motor's, which looks like viscous friction: take a "
+                "model with delays (--delays), or correct its times"
+            )
         if not self.solution.r_squared > LEAST_R_SQUARED:
             return f"only {100.0 * self.solution.r_squared:.3g} % of the torque are explained"
         if self.gravity > MOST_GRAVITY and 1.0 - self.solution.r_squared > LITTLE:
             angle = f"a load that depends on the angle explains {100.0 * self.gravity:.2g} % {left}"
             return f"{angle}: take a model with gravity ({GRAVITY})"
-        pulled = self.solution.below.any()
-        if pulled and self.encoders is not None and self.encoders.name is None and self.encoders.sure:
-            when = f"{1e3 * abs(self.encoders.late):.3g} ms {'late' if self.encoders.late > 0.0 else 'early'}"
-            return (
-                f"the link's encoder seems to be {when} against the motor's, which looks like viscous friction: take a "
-                "model with delays (--delays), or correct its times"
-            )
         # With the motion of the link as an input no load is lacking, and noise of the twist enters what is predicted.
         least = LEAST_HELD_OUT if self.encoders is None else LEAST_R_SQUARED
         if self.held_out < least and self.memory > REMEMBERED:

@@ -137,7 +137,9 @@ def smoothed(time: Array, values: Array, band_hz: float) -> Array:
     return np.array([differentiate(time, row, options, 0)[0] for row in values.T]).T
 
 
-def all_smoothed(time: Array, tables: Mapping[str, Array], usable: NDArray[np.bool_], band_hz: float) -> dict[str, Array]:
+def all_smoothed(
+    time: Array, tables: Mapping[str, Array], usable: NDArray[np.bool_], band_hz: float
+) -> dict[str, Array]:
     """Return tables of columns (T, k) behind the low-pass of the band, from the usable samples (T,)."""
     table = np.column_stack([*tables.values()])
     table[~usable] = np.nan

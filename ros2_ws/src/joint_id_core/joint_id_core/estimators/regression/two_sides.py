@@ -7,51 +7,25 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array
 from joint_id_core.data.signals import side_of
+from joint_id_core.errors import JointIdError
+from joint_id_core.estimators.regression.encoder_lag import Lag, encoder_lag
 from joint_id_core.estimators.regression.equations import Equation, Motion, columns_along, equations
 from joint_id_core.estimators.regression.instruments import Path, Tools, bent, beyond, instruments, of_motor
-from joint_id_core.estimators.regression.covariance import jackknife
 from joint_id_core.estimators.regression.least_squares import Solution, two_stage
-from joint_id_core.estimators.regression.signals import Rows, smoothed
+from joint_id_core.estimators.regression.signals import Rows
 from joint_id_core.estimators.shared.fit_data import FitData
 from joint_id_core.filtering.offline import FilterOptions, differentiate
 from joint_id_core.models import Model
 
 COMMAND = "reference_position"
-SURE = 4.0  # standard deviations from which a lag is one
-LEAST_LAG_S = 3e-4
-ACCURACY = 0.01  # of a lag in samples: between two samples the motion is not exact
 
 
 def has_twist(model: Model) -> bool:
     """Return whether a model has motion on both sides of the gear."""
     return {side_of(n) for n in (*model.state_names, *model.input_names)} >= {"motor", "link"}
-
-
-@dataclass(frozen=True)
-class Lag:
-    """By how many s the encoder of the link is late against that of the motor.
-
-    Viscous friction of the link looks the same: it adds its ratio to the stiffness.
-
-    Attributes:
-        late, sigma: value and standard deviation in s.
-        name: of the parameter that says it and that is estimated; None if there is none.
-        effect: what one standard deviation more adds to the values of an equation, shape (k,).
-    """
-
-    late: float
-    sigma: float
-    name: str | None = None
-    effect: Array | None = None
-
-    @property
-    def sure(self) -> bool:
-        """Whether it is a lag, and not noise."""
-        return abs(self.late) > max(SURE * self.sigma, LEAST_LAG_S)
 
 
 @dataclass(frozen=True)
@@ -96,11 +70,12 @@ class TwoSides:
     def doubted(
         self, names: Sequence[str], y: Array, tables: Mapping[str, Array], solution: Solution
     ) -> tuple[Solution, Lag]:
-        """Return a solution of y (T,) for the parameters `names` whose covariance contains what errors of the encoders may do, and the lag.
+        """Return the solution of y (T,) for the parameters `names`, in doubt of the encoders, and the lag of these.
 
-        These are the uncertainty of the lag, and errors that go with the angle, as those of an eccentric disc or of a
-        slightly wrong gear ratio: what a column for them changes counts as uncertain, and what a bound changes as well.
-        `tables` are the columns (T, k) and those of `beside`.
+        Its covariance contains what errors of the encoders may do. These are the uncertainty of the lag, and errors
+        that go with the angle, as those of an eccentric disc or of a slightly wrong gear ratio: what a column for them
+        changes counts as uncertain, and what a bound changes as well. `tables` are the columns (T, k) and those of
+        `beside`.
         """
 
         def values(columns: Array, tools: Array) -> Array:
@@ -137,9 +112,18 @@ class TwoSides:
 
 
 def two_sides(data: FitData, moved: Motion, rows: Rows, cutoff_hz: float, band_hz: float) -> TwoSides:
-    """Return the motion on both sides of the gear of a model that has both; signals had a low-pass with this cutoff."""
+    """Return the motion on both sides of the gear of a model that has both; signals had a low-pass with this cutoff.
+
+    Raises:
+        JointIdError: the encoders are to have a delay against the drive.
+    """
     model, time = data.model, data.recording.time
     values = dict(zip(model.parameter_names, data.p.tolist(), strict=True))
+    if values.get(model.drive_lag or "", 0.0) != 0.0:
+        raise JointIdError(
+            f"estimator regression does not shift the drive by {model.drive_lag}: correct the times of the recording, "
+            f"or leave {model.drive_lag} at 0"
+        )
     ratio, own = model.gear_ratio(values), model.encoder_lag
     motor, command = of_motor(moved, ratio), data.recording.channels.get(COMMAND)
     path = motor
@@ -158,31 +142,6 @@ def two_sides(data: FitData, moved: Motion, rows: Rows, cutoff_hz: float, band_h
         hidden = beyond(partial(columns_along, model, equation, values=values), moved, ratio)
         free = tuple(n for n in free if n not in np.array(equation.names)[hidden])
     return TwoSides(model, moved, later, path, ratio, lag, values, free)
-
-
-def encoder_lag(time: Array, moved: Motion, motor: Path, ratio: float, rows: Rows, band_hz: float) -> Lag:
-    """Return what the twist says of the delay of the link's encoder: the part that goes with the velocity.
-
-    The others are a constant, and the twist under inertia, Coulomb friction and gravity.
-    """
-    velocity = motor.velocity
-    slow = 0.1 * float(np.sqrt(np.nanmean(velocity**2))) or 1.0
-    table = [
-        motor.angle - moved.u["link_position"], velocity, motor.acceleration, np.tanh(velocity / slow),
-        np.ones_like(velocity), np.cos(motor.angle), np.sin(motor.angle),
-    ]  # fmt: skip
-    rows_ = smoothed(time, np.column_stack(table), band_hz)[rows.index]
-    rows_ = rows_[np.isfinite(rows_).all(axis=1)]
-    scale = np.sqrt(np.mean(rows_**2, axis=0))
-    scale = np.where(scale > 0.0, scale, 1.0)
-    y, columns = rows_[:, 0], rows_[:, 1:] / scale[1:]
-
-    def late(kept: NDArray[np.bool_]) -> Array:
-        return np.asarray(np.linalg.lstsq(columns[kept], y[kept], rcond=None)[0][:1] / scale[1])
-
-    whole = float(late(np.ones(len(y), dtype=bool))[0])
-    period = float(np.median(np.diff(time)))
-    return Lag(whole, float(np.hypot(np.sqrt(jackknife(late, len(y))[0, 0]), ACCURACY * period)))
 
 
 def _corrected(moved: Motion, late: float) -> Motion:
