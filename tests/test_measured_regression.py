@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
+from robots.recordings import kuka
 
 from joint_id_core.checking.findings import findings
 from joint_id_core.data.recording import Recording
-from joint_id_core.estimators import Innovations, Regression, fit
+from joint_id_core.estimators import Innovations, ParameterSettings, Regression, fit
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Estimate, Status, Verdict
 from joint_id_core.validation.prediction import held_out, held_out_drive
@@ -165,3 +166,31 @@ def test_the_late_velocities_of_a_kuka_are_named_and_those_of_a_ur_are_not():
         motor, link = findings(Recording(0.004 * np.arange(2501), channels))
         assert "motor_velocity is late by 4." in motor.text and "link_velocity is late by 23" in link.text
         assert not motor.fatal and not link.fatal
+
+
+@pytest.mark.parametrize(("axis", "published"), [(1, None), (2, 7.519e6), (3, 4.100e6)])
+def test_stiffness_of_a_kuka_is_the_published_one_or_not_known(axis, published):
+    """Two runs together, with the motor inertia of the data sheet. These runs do not show the stiffness of axis 1."""
+    runs = [kuka(run, axis) for run in "AB"]
+    settings = ParameterSettings({"N": runs[0][0], "J_m": 0.0118, "k_2": 0.0}, ("J_m", "k_2"))
+    result = fit(build("motor_side", delays=True), [recording for _, recording in runs], settings, Regression())
+    assert result.converged
+    assert 0.0025 < result["delta_q"].value < 0.0035  # published: 2.7 to 3.1 ms
+    stiffness = result["k_1"]
+    if published is None:
+        assert stiffness.verdict is not Verdict.ESTIMATED
+    else:
+        assert stiffness.verdict is Verdict.ESTIMATED
+        assert abs(stiffness.value - published) < min(0.3 * published, 2.0 * stiffness.std_dev)
+
+
+@pytest.mark.parametrize("axis", [1, 2, 3])
+def test_nothing_of_a_kuka_that_is_called_good_is_far_off(axis):
+    """Its residual torque has a memory: a fit that takes it for white found a motor inertia 22 sigma off."""
+    for run in "AB":
+        ratio, recording = kuka(run, axis)
+        for estimator in (Innovations(), Regression()):
+            result = fit(build("motor_side", delays=True), recording, ParameterSettings({"N": ratio}), estimator)
+            inertia = result["J_m"]
+            if result.converged and inertia.verdict is Verdict.ESTIMATED:
+                assert abs(inertia.value - 0.0118) < 4.0 * inertia.std_dev

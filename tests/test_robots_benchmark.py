@@ -82,16 +82,17 @@ def test_targets_are_met_or_missed():
     assert verdicts([]) == [] and stiffness_verdicts([]) == []
 
 
-def axis(number: int, k_1: float, status: str = "converged") -> stiffness.Stiffness:
-    return stiffness.Stiffness("`--delays`", number, "A", status, "", 0.1, {"k_1": Value(k_1, 0.1e6)})
+def axis(number: int, k_1: float, status: str = "converged", run: str = stiffness.BOTH) -> stiffness.Stiffness:
+    values = {"k_1": Value(k_1, 0.1e6)}
+    return stiffness.Stiffness(stiffness.DOCUMENTED, methods.REGRESSION, number, run, status, "", 0.1, values)
 
 
 def test_a_stiffness_that_is_called_good_must_be_near():
-    fits = [axis(1, 3e6), axis(2, 7e6), axis(2, 2e6, "poor_fit"), axis(3, 1e6)]
+    fits = [axis(1, 3e6), axis(2, 7e6), axis(2, 2e6, "poor_fit", "A"), axis(3, 1e6)]
     said = [text for _, text in stiffness_verdicts(fits)]
     assert said[0].startswith("1 of 1 fits call it estimated") and said[0].endswith("**missed**")
-    assert said[1].startswith("1 of 2 fits; 0 called good are farther off")
-    assert said[2].startswith("0 of 1 fits; 1 called good are farther off")
+    assert said[1].startswith("7 ± 0.1e6 (-7 %, `converged`)") and said[1].endswith(": met")
+    assert said[2].startswith("1 ± 0.1e6 (-76 %") and said[2].endswith("**missed**")
     assert "`k_1` of axis 3, -31; 2 of 2" in said[3]
 
 

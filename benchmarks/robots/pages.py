@@ -10,7 +10,7 @@ from robots.cases import CASES
 from robots.fitted import FRICTION, Fitted
 from robots.judging import farthest, held_out, pairs, relative_sigma, times, usable
 from robots.methods import METHODS
-from robots.stiffness import FOLDER, PUBLISHED, SETTINGS, Stiffness, there
+from robots.stiffness import BOTH, ESTIMATORS, FOLDER, PUBLISHED, RUNS, SETTINGS, Stiffness, there
 from robots.targets import KNOWN, stiffness_verdicts, verdicts
 
 ABSENT = "skipped: `../shared/data/{}` is not there"
@@ -87,42 +87,39 @@ def _of_joint(fits: Sequence[Fitted]) -> str:
 
 
 def stiffness_table(fits: Sequence[Stiffness]) -> str:
-    """A row for each way to fit an axis: `k_1` of both runs."""
-    head = [
-        "axis",
-        "published",
-        "settings",
-        "run",
-        "status",
-        "`k_1`, 1e6 Nm/rad",
-        "verdict",
-        "off",
-        "`J_m`, kg m²",
-        "a fit",
-    ]
+    """A row for each way to fit an axis: stiffness and motor inertia from each run, and from both."""
+    runs = (*RUNS, BOTH)
+    head = ["axis", "published", "settings", "method", *(f"run {r}" for r in RUNS), BOTH, "a fit, longest"]
     if not fits and not there():
         return table(head, [[ABSENT.format(FOLDER), *["-"] * (len(head) - 1)]])
     rows = []
     for axis, published in PUBLISHED.items():
         known = published.get("k_1")
         for name in SETTINGS:
-            for f in (f for f in fits if (f.axis, f.settings) == (axis, name)):
-                k = f.values["k_1"]
-                off = f"{100.0 * (k.value / known.value - 1.0):+.0f} %" if known else "-"
-                inertia = f.values.get("J_m")
+            for method in ESTIMATORS:
+                some = {f.run: f for f in fits if (f.axis, f.settings, f.method) == (axis, name, method)}
                 rows.append([
-                    str(axis), f"{1e-6 * known.value:.3g}" if known else "not identifiable", name, f.run,
-                    f"`{f.status}`", f"{1e-6 * k.value:.2g} ± {1e-6 * k.sigma:.2g}", f"`{k.verdict}`", off,
-                    f"{inertia.value:.3g} ± {inertia.sigma:.1g}" if inertia else "held", f"{f.cpu_s:.1f} s",
+                    str(axis), f"{1e-6 * known.value:.3g}" if known else "not identifiable", name, method,
+                    *(_axis(some[r]) if r in some else "-" for r in runs),
+                    f"{max((f.cpu_s for r, f in some.items() if r != BOTH), default=0.0):.1f} s",
                 ])  # fmt: skip
     return table(head, rows)
 
 
+def _axis(f: Stiffness) -> str:
+    k, inertia = f.values["k_1"], f.values.get("J_m")
+    said = f"{1e-6 * k.value:.2g} ± {1e-6 * k.sigma:.2g}" if np.isfinite(k.sigma) else "-"
+    said = f"`{f.status}`; {said} `{k.verdict}`"
+    return f"{said}; {inertia.value:.3g} ± {inertia.sigma:.1g} `{inertia.verdict}`" if inertia else said
+
+
 def targets_table(fits: Sequence[Fitted], stiffness: Sequence[Stiffness]) -> str:
-    """A row for each target, a column for each method; `motor_side` is fitted by `innovations` alone."""
+    """A row for each target, a column for each method; plain least squares has no model of the motor side."""
     by_method = [verdicts([f for f in fits if f.method == method]) for method in METHODS]
     rows = [[cells[0][0], *(said for _, said in cells)] for cells in zip(*by_method, strict=True)]
-    rows += [[target, said, *["-"] * (len(METHODS) - 1)] for target, said in stiffness_verdicts(stiffness)]
+    by_axis = {m: dict(stiffness_verdicts([f for f in stiffness if f.method == m])) for m in METHODS}
+    targets = dict.fromkeys(target for found in by_axis.values() for target in found)
+    rows += [[target, *(by_axis[m].get(target, "-") for m in METHODS)] for target in targets]
     return table(["target", *METHODS], rows)
 
 

@@ -48,17 +48,20 @@ def emps(name: str = "DATA_EMPS") -> Recording:
 
 
 def kuka(run: str, axis: int) -> tuple[float, Recording]:
-    """Gear ratio, and a run (A or B) of axis 1 to 6 of a KUKA KR300: both encoders, torque at the motor."""
+    """Gear ratio, and a run (A or B) of axis 1 to 6 of a KUKA KR300: both encoders, torque at the motor, command."""
     file = scipy.io.loadmat(
         DATA / f"kuka_kr300/trajectory_{run}.mat", squeeze_me=True, struct_as_record=False,
         variable_names=["rec", "para"],
     )  # fmt: skip
     recorded, ratio = file["rec"], float(file["para"].u[axis - 1])
-    motor, link, torque = (
+    motor, link, torque, command = (
         np.asarray(getattr(recorded, name)[axis - 1], dtype=float)
-        for name in ("act_pos_mot_deg", "act_pos_se_deg", "act_torque_abs_nm")
+        for name in ("act_pos_mot_deg", "act_pos_se_deg", "act_torque_abs_nm", "ref_pos_deg")
     )
-    channels = {"motor_position": ratio * np.deg2rad(motor), "link_position": np.deg2rad(link), "torque": torque}
+    channels = {
+        "motor_position": ratio * np.deg2rad(motor), "link_position": np.deg2rad(link), "torque": torque,
+        "reference_position": np.deg2rad(command),
+    }  # fmt: skip
     return ratio, Recording(KUKA_PERIOD_S * np.arange(len(motor)), channels, source=f"run {run}, axis {axis}")
 
 

@@ -50,7 +50,7 @@ def test_the_jackknife_of_independent_samples_is_the_covariance_of_least_squares
     found = []
     for _ in range(40):
         y = columns @ [2.0, 3.0] + rng.standard_normal(4000)
-        found.append(np.diag(jackknife(lambda kept, y=y: two_stage(y[kept], columns[kept], columns[kept]), 4000)))
+        found.append(np.diag(jackknife(lambda kept, y=y: two_stage(y[kept], columns[kept], columns[kept]), 4000, 1.0)))
     widened = (2.262 / 1.96) ** 2
     assert np.allclose(np.mean(found, axis=0) / widened, np.diag(np.linalg.inv(columns.T @ columns)), rtol=0.3)
 

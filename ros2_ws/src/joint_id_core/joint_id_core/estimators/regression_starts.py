@@ -15,7 +15,7 @@ from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 
-CERTAIN = 1.0  # largest standard deviation over the value: the order of magnitude is enough
+CERTAIN = 2.0  # largest standard deviation over the value: the order of magnitude is enough
 
 
 def started(model: Model, recording: Recording, settings: ParameterSettings | None) -> ParameterSettings:

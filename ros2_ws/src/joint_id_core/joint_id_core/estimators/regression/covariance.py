@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import scipy  # whose parts load when used
 from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array
@@ -12,10 +13,7 @@ from joint_id_core.data.recording import Array
 # 97.5 % quantile of t with a Bartlett kernel that reaches over the share b of the samples: 1.96 + 2.97 b + ...
 # (Kiefer and Vogelsang, Econometric Theory 21, 2005).
 FIXED_B = np.array([1.96, 2.9694, 0.4160, -0.5324])
-BLOCKS = 10  # of a jackknife
-T_BLOCKS = (
-    2.262 / 1.96
-)  # 97.5 % quantile of Student's t with 9 degrees of freedom, over that of the normal distribution
+BLOCKS = (5, 10)  # least and most of a jackknife
 LONGEST_SHARE = 0.25  # of a record: a longer memory cannot be told from a trend
 
 
@@ -57,20 +55,23 @@ def newey_west(columns: Array, residuals: Array, pieces: NDArray[np.int64], lag:
     return np.asarray(inverse @ middle @ inverse * (freedom * wider**2) / np.outer(scale, scale))
 
 
-def jackknife(values: Callable[[NDArray[np.bool_]], Array], count: int) -> Array:
+def jackknife(values: Callable[[NDArray[np.bool_]], Array], count: int, lag: float) -> Array:
     """Return the covariance (k, k) of values (k,) of a fit of those of `count` samples that are True.
 
     It is that of the scatter when one block of the samples at a time is left out (Kuensch, Annals of Statistics 17,
-    1989), widened for so few blocks as Student's t. Where a motion hardly repeats itself it is the safer one: on the
-    axes of a KUKA whose two encoders tell their stiffness, Newey and West's is half as wide and too small.
+    1989), widened for so few blocks as Student's t. A block is as long as the memory `lag` in samples, as far as that
+    leaves enough blocks. Where a motion hardly repeats itself this is safer than Newey and West's: on the axes of a
+    KUKA that is half as wide, and too small.
     """
+    number = int(np.clip(count / max(lag, 1.0), *BLOCKS))
     found = []
-    for block in np.array_split(np.arange(count), BLOCKS):
+    for block in np.array_split(np.arange(count), number):
         kept = np.ones(count, dtype=bool)
         kept[block] = False
         found.append(values(kept))
     apart = np.array(found) - np.mean(found, axis=0)
-    return np.asarray((BLOCKS - 1) / BLOCKS * T_BLOCKS**2 * apart.T @ apart)
+    wider = float(scipy.special.stdtrit(number - 1, 0.975)) / FIXED_B[0]
+    return np.asarray((number - 1) / number * wider**2 * apart.T @ apart)
 
 
 def autocorrelation(residuals: Array, lag: int) -> float:

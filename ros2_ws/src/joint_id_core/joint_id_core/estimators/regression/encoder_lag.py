@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array
-from joint_id_core.estimators.regression.covariance import jackknife
+from joint_id_core.estimators.regression.covariance import automatic_lag, jackknife
 from joint_id_core.estimators.regression.equations import Motion
 from joint_id_core.estimators.regression.instruments import Path
 from joint_id_core.estimators.regression.signals import Rows, smoothed
@@ -34,7 +34,7 @@ class Lag:
     late: float
     sigma: float
     name: str | None = None
-    effect: Array | None = None
+    effect: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def sure(self) -> bool:
@@ -62,6 +62,7 @@ def encoder_lag(time: Array, moved: Motion, motor: Path, ratio: float, rows: Row
     def late(kept: NDArray[np.bool_]) -> Array:
         return np.asarray(np.linalg.lstsq(columns[kept], y[kept], rcond=None)[0][:1] / scale[1])
 
-    whole = float(late(np.ones(len(y), dtype=bool))[0])
-    period = float(np.median(np.diff(time)))
-    return Lag(whole, float(np.hypot(np.sqrt(jackknife(late, len(y))[0, 0]), ACCURACY * period)))
+    whole, period = float(late(np.ones(len(y), dtype=bool))[0]), float(np.median(np.diff(time)))
+    residuals = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
+    variance = jackknife(late, len(y), automatic_lag(columns * residuals[:, None]))[0, 0]
+    return Lag(whole, float(np.hypot(np.sqrt(variance), ACCURACY * period)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 
 import numpy as np
 import scipy
@@ -85,7 +86,8 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
     """
     found_bands = bands(data)
     model, band_hz = data.model, options.band_hz or found_bands.equations
-    values, free = dict(zip(model.parameter_names, data.p.tolist(), strict=True)), data.free
+    values: Mapping[str, float] = dict(zip(model.parameter_names, data.p.tolist(), strict=True))
+    free = data.free
     cutoff_hz = max(band_hz, found_bands.motion)
     moved = motion(data, cutoff_hz)
     usable = np.all([np.isfinite(v) for part in (moved.x, moved.u, moved.rates) for v in part.values()], axis=0)

@@ -111,7 +111,7 @@ class Fitted:
     def covariance(self) -> Array:
         """Covariance of the parameters, and last of the lag between the encoders if it is one of them."""
         encoders, known = self.encoders, self.solution.covariance
-        if encoders is None or encoders.name is None or encoders.effect is None:
+        if encoders is None or encoders.name is None:
             return known
         cross = encoders.sigma * encoders.effect[:, None]
         return np.block([[known, cross], [cross.T, np.array([[encoders.sigma**2]])]])

@@ -76,7 +76,9 @@ def solve(
             covariance[np.ix_(free, free)] = newey_west(columns[:, free], residuals, pieces, memory)
             covariance[free, free] += (ACCURACY / size) ** 2
         elif not held.any():
-            covariance[np.ix_(free, free)] = jackknife(partial(_refitted, y, columns[:, free], tools.table), len(y))
+            covariance[np.ix_(free, free)] = jackknife(
+                partial(_refitted, y, columns[:, free], tools.table), len(y), memory
+            )
             covariance[free, free] += (ACCURACY / size) ** 2
         if not held.any():
             unbounded, sigma = values, np.sqrt(np.diag(covariance))

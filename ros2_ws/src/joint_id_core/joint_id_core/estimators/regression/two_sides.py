@@ -91,7 +91,9 @@ class TwoSides:
         lag = self._lag(names, solution.unbounded, step)
         turned = values(np.column_stack([columns, angle]), np.column_stack([tools, angle])) - solution.unbounded
         bound = solution.values - solution.unbounded  # what the data say beside what is possible
-        covariance = solution.covariance + sum(np.outer(apart, apart) for apart in (turned, lag.effect, bound))
+        covariance = solution.covariance
+        for apart in (turned, lag.effect, bound):
+            covariance = covariance + np.outer(apart, apart)
         wider = replace(solution, covariance=covariance, sigma=np.sqrt(np.diag(covariance)))
         return wider, lag
 
@@ -115,11 +117,11 @@ def two_sides(data: FitData, moved: Motion, rows: Rows, cutoff_hz: float, band_h
     """Return the motion on both sides of the gear of a model that has both; signals had a low-pass with this cutoff.
 
     Raises:
-        JointIdError: the encoders are to have a delay against the drive.
+        JointIdError: the encoders are held at a delay against the drive.
     """
     model, time = data.model, data.recording.time
     values = dict(zip(model.parameter_names, data.p.tolist(), strict=True))
-    if values.get(model.drive_lag or "", 0.0) != 0.0:
+    if values.get(model.drive_lag or "", 0.0) != 0.0 and model.drive_lag not in data.free:
         raise JointIdError(
             f"estimator regression does not shift the drive by {model.drive_lag}: correct the times of the recording, "
             f"or leave {model.drive_lag} at 0"
