@@ -17,16 +17,16 @@ import numpy as np
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.regression.estimator import Regression
+from joint_id_core.estimators.shared.between import between
 from joint_id_core.estimators.shared.sentences import listed, message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
-from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status
+from joint_id_core.results.estimate import Estimate, Status
 from joint_id_core.results.verdict import MAGNITUDE, Verdict
 
 if TYPE_CHECKING:  # SciPy loads with it
     from joint_id_core.estimators.regression.judging import Fitted
 
-WIDTH = 1.96  # of a 95 % interval, in standard deviations
 APART = 3.0  # standard deviations from which two values disagree: with six parameters, 2 would be too few
 CAUSE = (
     "the torque has a part that the model lacks and that goes with the motion (a load of other joints, friction with a "
@@ -35,7 +35,6 @@ CAUSE = (
 # What the equations lack between two samples, where friction reverses, moves values by a few percent.
 MATTERS = 0.1  # least difference of a positive parameter, over its value, that counts as one
 MATTERS_TORQUE = 0.05  # the same of other parameters: the torque that it makes, over the rms torque
-LEAST = 0.1  # least value of a positive parameter between two, over the first one
 # Residual torque of a KUKA's axes: 3 to 5 % of the energy, with an autocorrelation of 0.3 to 0.8 after a period of the
 # band. Simulated white noise has less than 0.15.
 MEMORY = 0.25
@@ -215,7 +214,11 @@ def _widened(estimate: Estimate, model: Model, opinion: Opinion, apart: Sequence
         first = rows[second.name]
         distance = abs(first.value - second.value)
         if second in apart:
-            found = _between(estimate, first, second, model.parameter(second.name).positive)
+            said = (
+                f"{first.value:.3g} ± {first.std_dev:.2g} by {estimate.estimator}, "
+                f"{second.value:.3g} ± {second.sigma:.2g} by {Regression.name}"
+            )
+            found = between(model, first, (second.value, second.sigma), said)
             told.append(f"{second.name} is {found.reason}")
         else:
             found = replace(first, std_dev=math.hypot(first.std_dev, distance))
@@ -258,20 +261,3 @@ def _as_wide(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
         estimate, message=message(notes), notes=notes, parameters=tuple(rows.values()),
         covariance=estimate.covariance * np.outer(scale, scale),
     )  # fmt: skip
-
-
-def _between(estimate: Estimate, first: ParameterEstimate, second: Second, positive: bool) -> ParameterEstimate:
-    """Return a parameter whose value lies in the middle of two, and whose 95 % interval contains those of both."""
-    value = 0.5 * (first.value + second.value)
-    if positive:
-        value = max(value, LEAST * first.value)
-    reach = max(
-        abs(x - value) + WIDTH * sigma for x, sigma in ((first.value, first.std_dev), (second.value, second.sigma))
-    )
-    sigma = reach / WIDTH
-    verdict = Verdict.PRIOR if positive and sigma > MAGNITUDE * value else first.verdict
-    said = (
-        f"{first.value:.3g} ± {first.std_dev:.2g} by {estimate.estimator}, "
-        f"{second.value:.3g} ± {second.sigma:.2g} by {Regression.name}"
-    )
-    return replace(first, value=value, std_dev=sigma, verdict=verdict, reason=said)

@@ -14,6 +14,7 @@ from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.estimators.shared.stillness import STILL_S, seen_by
 from joint_id_core.models import Model
+from joint_id_core.online.agreement import Agreement
 from joint_id_core.online.checks import Background, WindowChecks, at_once
 from joint_id_core.online.follower import YOUNG, Found
 from joint_id_core.online.hops import Hops
@@ -79,6 +80,7 @@ class OnlineIdentifier:
         self._window = SlidingWindow(window_s)  # samples in motion
         self._second_look = SecondLook(window_s, background)
         self._opinion = SecondOpinion(model, self.settings, window_s, background, self.remembers)
+        self._agreement = Agreement(model, window_s)
         self._hops = Hops(self.options.hop_s)
         self._alone: Estimate | None = None  # newest fit that converged, where there is no memory
         self._situation = Situation.STARTING
@@ -128,7 +130,7 @@ class OnlineIdentifier:
         # Samples that waited while a window was fitted may be more than the window holds: they would be lost.
         for part in parts_of(samples, 0.5 * self.options.window_s if self.remembers else np.inf):
             newest = self._update(part) or newest
-        return None if newest is None else newest.updated(elapsed_s=time.perf_counter() - begun)
+        return None if newest is None else self._agreement.on(newest).updated(elapsed_s=time.perf_counter() - begun)
 
     def _update(self, samples: Recording) -> Estimate | None:
         """Add samples that are much shorter than the window; return the estimate when a hop has passed."""

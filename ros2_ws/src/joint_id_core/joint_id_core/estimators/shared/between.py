@@ -1,0 +1,32 @@
+"""A value between two that disagree, with an interval that contains both."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from joint_id_core.models import Model
+from joint_id_core.results.estimate import ParameterEstimate
+from joint_id_core.results.verdict import MAGNITUDE, Verdict
+
+WIDTH = 1.96  # standard deviations of a 95 % interval
+LEAST = 0.1  # least value of a positive parameter between two, over the first one
+
+
+def between(
+    model: Model, first: ParameterEstimate, second: tuple[float, float], reason: str
+) -> ParameterEstimate:  # fmt: skip
+    """Return a parameter whose value lies in the middle of two, and whose 95 % interval contains those of both.
+
+    Args:
+        model: of the parameter.
+        first: the parameter.
+        second: another value and its standard deviation.
+        reason: that the parameter tells.
+    """
+    positive, value = model.parameter(first.name).positive, 0.5 * (first.value + second[0])
+    if positive:
+        value = max(value, LEAST * first.value)
+    values = (first.value, first.std_dev), second
+    sigma = max(abs(x - value) + WIDTH * deviation for x, deviation in values) / WIDTH
+    verdict = Verdict.PRIOR if positive and sigma > MAGNITUDE * value else first.verdict
+    return replace(first, value=value, std_dev=sigma, verdict=verdict, reason=reason)

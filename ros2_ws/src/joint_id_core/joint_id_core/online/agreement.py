@@ -1,0 +1,90 @@
+"""Whether the estimates of separate stretches of motion agree.
+
+Each may look well by itself, with a memory of its own: on a joint that other joints load, the inertia went from 13 to
+28 and to 53 kg m^2 within 40 s, each with a standard deviation of a tenth or less.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from joint_id_core.estimators.shared.between import between
+from joint_id_core.estimators.shared.sentences import message, sentence
+from joint_id_core.models import Model
+from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status
+from joint_id_core.results.verdict import Verdict
+
+KEPT = 8  # estimates, each of another window, that must agree
+FAR = 4.0  # standard deviations of their difference from which two disagree; each may be 1.2 times too small
+MATTERS = 0.1  # least difference of a positive parameter over its value
+
+
+@dataclass(frozen=True)
+class _Told:
+    """What was published at an instant in s: the parameters that were called estimated, by name."""
+
+    time: float
+    rows: Mapping[str, ParameterEstimate]
+
+
+class Agreement:
+    """Keeps what was published of separate windows, and says where the newest estimate disagrees with it.
+
+    Args:
+        model: of the joint.
+        window_s: length of the window in s.
+    """
+
+    def __init__(self, model: Model, window_s: float) -> None:
+        self._model, self._window_s = model, window_s
+        self._told: deque[_Told] = deque(maxlen=KEPT)
+
+    def on(self, estimate: Estimate) -> Estimate:
+        """Return an estimate that converged with what it disagrees with: status DISAGREE, intervals that contain both.
+
+        Parameters that are said to have changed are compared with what was published since.
+        """
+        if not estimate.converged:
+            return estimate
+        rows = {p.name: p for p in estimate.parameters if p.verdict is Verdict.ESTIMATED}
+        changed = {change.name: change.since for change in estimate.changes}
+        apart = {}
+        for name, row in rows.items():
+            earlier = [t.rows[name] for t in self._told if name in t.rows and t.time >= changed.get(name, -np.inf)]
+            far = [old for old in earlier if self._distance(row, old) > FAR]
+            if far:
+                apart[name] = max(far, key=lambda old, row=row: self._distance(row, old))  # type: ignore[misc]
+        if not self._told or estimate.end >= self._told[-1].time + self._window_s:
+            self._told.append(_Told(estimate.end, rows))
+        return self._widened(estimate, apart) if apart else estimate
+
+    def _distance(self, row: ParameterEstimate, old: ParameterEstimate) -> float:
+        """Return the difference of two values of a parameter in standard deviations; 0 if it does not matter."""
+        if not self._model.parameter(row.name).positive:
+            return abs(row.value - old.value) / math.hypot(row.std_dev, old.std_dev)
+        if abs(row.value - old.value) < MATTERS * max(row.value, old.value):
+            return 0.0
+        return abs(math.log(row.value / old.value)) / math.hypot(row.std_dev / row.value, old.std_dev / old.value)
+
+    def _widened(self, estimate: Estimate, apart: Mapping[str, ParameterEstimate]) -> Estimate:
+        rows, scale, told = {p.name: p for p in estimate.parameters}, np.ones(len(estimate.free)), []
+        for name, old in apart.items():
+            row = rows[name]
+            said = f"{old.value:.3g} ± {old.std_dev:.2g} before, {row.value:.3g} ± {row.std_dev:.2g} now"
+            told.append(f"{name} is {said}")
+            rows[name] = between(self._model, row, (old.value, old.std_dev), said)
+            scale[estimate.free.index(name)] = rows[name].std_dev / row.std_dev
+        said = (
+            f"windows disagree: {'; '.join(told)}: the joint or its load changed, or the model does not describe all "
+            "of the motion"
+        )
+        notes = (sentence(said), "The value lies between, and the interval contains both.", *estimate.notes[1:])
+        return replace(
+            estimate, status=Status.DISAGREE, message=message(notes), notes=notes, parameters=tuple(rows.values()),
+            covariance=estimate.covariance * np.outer(scale, scale),
+        )  # fmt: skip
