@@ -214,11 +214,11 @@ def _widened(estimate: Estimate, model: Model, opinion: Opinion, apart: Sequence
         first = rows[second.name]
         distance = abs(first.value - second.value)
         if second in apart:
-            said = (
+            values = (
                 f"{first.value:.3g} ± {first.std_dev:.2g} by {estimate.estimator}, "
                 f"{second.value:.3g} ± {second.sigma:.2g} by {Regression.name}"
             )
-            found = between(model, first, (second.value, second.sigma), said)
+            found = between(model, first, (second.value, second.sigma), values)
             told.append(f"{second.name} is {found.reason}")
         else:
             found = replace(first, std_dev=math.hypot(first.std_dev, distance))

@@ -20,6 +20,7 @@ from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status
 from joint_id_core.results.verdict import Verdict
 
 KEPT = 8  # estimates, each of another window, that must agree
+POOR = 2.0  # window lengths of poor fits after which a new memory is no proof that the joint changed
 FAR = 4.0  # standard deviations of their difference from which two disagree; each may be 1.2 times too small
 MATTERS = 0.1  # least difference of a positive parameter over its value
 
@@ -43,12 +44,27 @@ class Agreement:
     def __init__(self, model: Model, window_s: float) -> None:
         self._model, self._window_s = model, window_s
         self._told: deque[_Told] = deque(maxlen=KEPT)
+        self._since = KEPT  # windows since the memory was replaced
+        self._poor_s, self._end = 0.0, np.inf  # length of poor fits since values were published; end of the newest one
+
+    def replaced(self) -> None:
+        """A new memory, which a trial confirmed, replaces the one before: values from before it do not count.
+
+        The joint may have changed once. If memories are replaced again and again, or if nothing described the motion
+        for longer, the model is at fault: all values count.
+        """
+        if self._since >= KEPT and self._poor_s < POOR * self._window_s:
+            self._told.clear()
+        self._since = 0
 
     def on(self, estimate: Estimate) -> Estimate:
         """Return an estimate that converged with what it disagrees with: status DISAGREE, intervals that contain both.
 
         Parameters that are said to have changed are compared with what was published since.
         """
+        if estimate.status is Status.POOR_FIT:
+            self._poor_s += max(0.0, estimate.end - self._end)
+        self._end = estimate.end
         if not estimate.converged:
             return estimate
         rows = {p.name: p for p in estimate.parameters if p.verdict is Verdict.ESTIMATED}
@@ -61,6 +77,7 @@ class Agreement:
                 apart[name] = max(far, key=lambda old, row=row: self._distance(row, old))  # type: ignore[misc]
         if not self._told or estimate.end >= self._told[-1].time + self._window_s:
             self._told.append(_Told(estimate.end, rows))
+            self._since, self._poor_s = self._since + 1, 0.0
         return self._widened(estimate, apart) if apart else estimate
 
     def _distance(self, row: ParameterEstimate, old: ParameterEstimate) -> float:

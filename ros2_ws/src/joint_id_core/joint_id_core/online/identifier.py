@@ -130,7 +130,8 @@ class OnlineIdentifier:
         # Samples that waited while a window was fitted may be more than the window holds: they would be lost.
         for part in parts_of(samples, 0.5 * self.options.window_s if self.remembers else np.inf):
             newest = self._update(part) or newest
-        return None if newest is None else self._agreement.on(newest).updated(elapsed_s=time.perf_counter() - begun)
+        agreed = self._agreement.on(newest) if newest is not None and self.remembers else newest
+        return None if agreed is None else agreed.updated(elapsed_s=time.perf_counter() - begun)
 
     def _update(self, samples: Recording) -> Estimate | None:
         """Add samples that are much shorter than the window; return the estimate when a hop has passed."""
@@ -249,7 +250,10 @@ class OnlineIdentifier:
             self._enter(self._situation.after_window(agrees=False))
             return with_note(known.last, window)
         estimate = self._opinion.on(known.estimate(window), follower.tested_from)
-        return forgotten(estimate) if replaced else estimate
+        if not replaced:
+            return estimate
+        self._agreement.replaced()
+        return forgotten(estimate)
 
     def _looked_again(self, known: Knowledge) -> Knowledge:
         """Fit all samples since the start, if it is time for that; begin anew with a fit that ends elsewhere."""
