@@ -51,10 +51,12 @@ def test_a_difference_that_does_not_matter_is_none():
     assert told(estimate(2.0)).on(estimate(4.0, J=2.15)).converged
 
 
-def test_a_change_that_is_told_is_no_disagreement():
-    change = ParameterChange("J", 2.0, 0.02, 3.0, 0.02, since=5.0)
-    agreement = told(estimate(2.0), estimate(4.0), estimate(6.0, J=3.0, changes=(change,)))
-    assert agreement.on(estimate(8.0, J=3.0, tau_0=2.0, changes=(change,))).status is Status.DISAGREE
+def test_a_change_that_is_told_is_no_disagreement_but_a_second_one_soon_after_is():
+    first, second = (ParameterChange("J", 2.0, 0.02, 3.0, 0.02, since=since) for since in (5.0, 9.0))
+    agreement = told(estimate(2.0), estimate(4.0), estimate(6.0, J=3.0, changes=(first,)))
+    agreement.on(estimate(8.0, J=3.0, tau_0=2.0, changes=(first,)))
+    found = agreement.on(estimate(10.0, J=4.0, tau_0=3.0, changes=(second,)))
+    assert found.status is Status.DISAGREE and "tau_0" in found.message and "J is" not in found.message
 
 
 def test_old_values_are_forgotten_after_some_windows_that_agree():

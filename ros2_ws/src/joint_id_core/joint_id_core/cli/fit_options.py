@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
-from joint_id_core.assignments import numbers_by_name
+from joint_id_core.assignments import measured_by_name, numbers_by_name
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ParameterSettings
 
@@ -19,8 +19,10 @@ MAP_HELP = "channel=column, or a product: torque=gtau*vir; of a bag channel=topi
 FileArgument = Annotated[Path, typer.Argument(help="CSV, MAT or bag")]
 FilesArgument = Annotated[list[Path], typer.Argument(help="CSV, MAT or bag; several: one fit of all")]
 JointOption = Annotated[Optional[str], typer.Option(help="joint of a bag that holds several")]
-SetOption = Annotated[Texts, typer.Option("--set", help="NAME=VALUE: start value, or value of a held parameter")]
-FixOption = Annotated[Texts, typer.Option("--fix", help="NAME or NAME=VALUE: hold this parameter")]
+SetOption = Annotated[
+    Texts, typer.Option("--set", help="NAME=VALUE: start value; of a held parameter also NAME=VALUE+-SD")
+]
+FixOption = Annotated[Texts, typer.Option("--fix", help="NAME, NAME=VALUE or NAME=VALUE+-SD: hold this parameter")]
 FreeOption = Annotated[Texts, typer.Option("--free", help="NAME: estimate this parameter that the model holds")]
 PRIOR_HELP = (
     "NAME=SD: what is known of a parameter before the data, one standard deviation (relative if it is positive)"
@@ -39,9 +41,11 @@ def parameter_settings(set_: Texts, fix: Texts, free: Texts, prior: Texts = None
         JointIdError: a text that is not NAME=VALUE, a name given twice, a prior that is not above zero.
     """
     fixed = fix or []
-    values = numbers_by_name(set_ or (), "--set") | numbers_by_name([t for t in fixed if "=" in t], "--fix")
+    values, deviations = measured_by_name(set_ or (), "--set")
+    held_values, held_deviations = measured_by_name([t for t in fixed if "=" in t], "--fix")
     held = [text.partition("=")[0].strip() for text in fixed]
-    return ParameterSettings(values, held, free or (), numbers_by_name(prior or (), "--prior"))
+    priors = numbers_by_name(prior or (), "--prior")
+    return ParameterSettings(values | held_values, held, free or (), priors, deviations | held_deviations)
 
 
 def window(recording: Recording, start: float | None, end: float | None) -> Recording:

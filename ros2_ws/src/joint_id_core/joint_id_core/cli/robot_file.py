@@ -31,8 +31,9 @@ def robot_settings(robot: str, joint: str | None, model: Model) -> ParameterSett
     parameters = _parameters(path)
     entries = {kind: _entries(path, parameters.get(kind) or [], kind, joint) for kind in ("set", "fix", "free")}
     values = {e.name: e.value for kind in ("set", "fix") for e in entries[kind] if e.value is not None}
+    deviations = {e.name: e.deviation for kind in ("set", "fix") for e in entries[kind] if e.deviation is not None}
     fixed, freed = ([e.name for e in entries[kind]] for kind in ("fix", "free"))
-    return ParameterSettings(values, fixed, freed).of(model)
+    return ParameterSettings(values, fixed, freed, deviations=deviations).of(model)
 
 
 def _file(robot: str) -> Path:

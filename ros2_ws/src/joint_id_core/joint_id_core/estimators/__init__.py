@@ -87,6 +87,7 @@ def fit(
     from joint_id_core.estimators.cross_check import cross_checked  # loads NumPy, as the next
     from joint_id_core.estimators.regression_starts import started
     from joint_id_core.estimators.shared.data_check import concerning, noted, refused
+    from joint_id_core.estimators.shared.held_values import with_held_values
 
     found = concerning(model, recording)
     bad = refused(model, estimator.name, found, recording)
@@ -97,7 +98,9 @@ def fit(
     estimate = estimator.fit(model, recording, settings, progress)
     if isinstance(estimator, Innovations):
         estimate = cross_checked(estimate, model, recording, settings)
-    return estimate if estimate.status.unusable else noted(estimate, found, model, recording)
+    if estimate.status.unusable:
+        return estimate
+    return with_held_values(noted(estimate, found, model, recording), model, settings)
 
 
 def fit_several(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from joint_id_core.assignments import value_and_deviation
 from joint_id_core.errors import JointIdError
 
 # The name of a joint may contain dots; the name of a model's parameter does not.
@@ -20,11 +21,13 @@ class Entry:
         joint: the joint that the text applies to; "" for all joints.
         name: parameter of the model.
         value: the given number, in the unit of the parameter; None without a number.
+        deviation: its standard deviation, if one was given ("k_t=0.1+-0.01").
     """
 
     joint: str
     name: str
     value: float | None
+    deviation: float | None = None
 
 
 def parse(text: str, parameter: str) -> Entry:
@@ -33,9 +36,10 @@ def parse(text: str, parameter: str) -> Entry:
     Raises:
         JointIdError: the text has another form; the message names the parameter and the text.
     """
-    found, value = _TEXT.fullmatch(text), None
+    found, value, deviation = _TEXT.fullmatch(text), None, None
     try:
-        value = float(found["value"]) if found and found["value"] is not None else None
+        if found and found["value"] is not None:
+            value, deviation = value_and_deviation(found["value"])
     except ValueError:
         found = None
     misplaced = (parameter == "set" and value is None) or (parameter == "free" and value is not None)
@@ -45,4 +49,4 @@ def parse(text: str, parameter: str) -> Entry:
             f'parameter {parameter}: {text!r} is not of the form {form}, e.g. "{example}" for all joints '
             f'or "elbow_joint.{example}" for one'
         )
-    return Entry(found["joint"] or "", found["name"], value)
+    return Entry(found["joint"] or "", found["name"], value, deviation)

@@ -39,19 +39,20 @@ class Agreement:
     Args:
         model: of the joint.
         window_s: length of the window in s.
+        wanted: whether estimates are compared at all.
     """
 
-    def __init__(self, model: Model, window_s: float) -> None:
-        self._model, self._window_s = model, window_s
+    def __init__(self, model: Model, window_s: float, wanted: bool = True) -> None:
+        self._model, self._window_s, self._wanted = model, window_s, wanted
         self._told: deque[_Told] = deque(maxlen=KEPT)
-        self._since = KEPT  # windows since the memory was replaced
+        self._since, self._changed = KEPT, -np.inf  # windows since what is known changed; instant of the newest change
         self._poor_s, self._end = 0.0, np.inf  # length of poor fits since values were published; end of the newest one
 
     def replaced(self) -> None:
         """A new memory, which a trial confirmed, replaces the one before: values from before it do not count.
 
-        The joint may have changed once. If memories are replaced again and again, or if nothing described the motion
-        for longer, the model is at fault: all values count.
+        The joint may have changed once. If that comes again and again, or if nothing described the motion for longer,
+        the model is at fault: all values count.
         """
         if self._since >= KEPT and self._poor_s < POOR * self._window_s:
             self._told.clear()
@@ -60,13 +61,18 @@ class Agreement:
     def on(self, estimate: Estimate) -> Estimate:
         """Return an estimate that converged with what it disagrees with: status DISAGREE, intervals that contain both.
 
-        Parameters that are said to have changed are compared with what was published since.
+        After a change of the joint that is told, values from before it do not count: see `replaced`. Parameters that
+        are said to have changed are compared with what was published since, in any case.
         """
         if estimate.status is Status.POOR_FIT:
             self._poor_s += max(0.0, estimate.end - self._end)
         self._end = estimate.end
-        if not estimate.converged:
+        if not (estimate.converged and self._wanted):
             return estimate
+        newest = max((change.since for change in estimate.changes), default=-np.inf)
+        if newest > self._changed:
+            self._changed = newest
+            self.replaced()
         rows = {p.name: p for p in estimate.parameters if p.verdict is Verdict.ESTIMATED}
         changed = {change.name: change.since for change in estimate.changes}
         apart = {}

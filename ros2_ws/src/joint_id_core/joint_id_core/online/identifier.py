@@ -11,6 +11,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import DEFAULT, Estimator
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.estimator import Innovations
+from joint_id_core.estimators.shared.held_values import with_held_values
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.estimators.shared.stillness import STILL_S, seen_by
 from joint_id_core.models import Model
@@ -80,7 +81,7 @@ class OnlineIdentifier:
         self._window = SlidingWindow(window_s)  # samples in motion
         self._second_look = SecondLook(window_s, background)
         self._opinion = SecondOpinion(model, self.settings, window_s, background, self.remembers)
-        self._agreement = Agreement(model, window_s)
+        self._agreement = Agreement(model, window_s, self.remembers)
         self._hops = Hops(self.options.hop_s)
         self._alone: Estimate | None = None  # newest fit that converged, where there is no memory
         self._situation = Situation.STARTING
@@ -130,8 +131,10 @@ class OnlineIdentifier:
         # Samples that waited while a window was fitted may be more than the window holds: they would be lost.
         for part in parts_of(samples, 0.5 * self.options.window_s if self.remembers else np.inf):
             newest = self._update(part) or newest
-        agreed = self._agreement.on(newest) if newest is not None and self.remembers else newest
-        return None if agreed is None else agreed.updated(elapsed_s=time.perf_counter() - begun)
+        if newest is None:
+            return None
+        newest = with_held_values(self._agreement.on(newest), self.model, self.settings)
+        return newest.updated(elapsed_s=time.perf_counter() - begun)
 
     def _update(self, samples: Recording) -> Estimate | None:
         """Add samples that are much shorter than the window; return the estimate when a hop has passed."""
@@ -250,10 +253,7 @@ class OnlineIdentifier:
             self._enter(self._situation.after_window(agrees=False))
             return with_note(known.last, window)
         estimate = self._opinion.on(known.estimate(window), follower.tested_from)
-        if not replaced:
-            return estimate
-        self._agreement.replaced()
-        return forgotten(estimate)
+        return forgotten(estimate, self._agreement) if replaced else estimate
 
     def _looked_again(self, known: Knowledge) -> Knowledge:
         """Fit all samples since the start, if it is time for that; begin anew with a fit that ends elsewhere."""

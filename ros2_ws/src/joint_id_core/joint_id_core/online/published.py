@@ -14,6 +14,7 @@ from joint_id_core.estimators.innovations.verdicts import findings, table, verdi
 from joint_id_core.estimators.shared.fit_data import UnusableError, unusable
 from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.models import Model
+from joint_id_core.online.agreement import Agreement
 from joint_id_core.online.window import SlidingWindow
 from joint_id_core.results.estimate import Estimate, ParameterChange, ParameterEstimate, Status
 
@@ -99,8 +100,9 @@ def with_note(estimate: Estimate, window: SlidingWindow) -> Estimate:
     )
 
 
-def forgotten(estimate: Estimate) -> Estimate:
+def forgotten(estimate: Estimate, agreement: Agreement) -> Estimate:
     """Return the estimate of a window with which a memory begins in place of one that did not describe it."""
+    agreement.replaced()
     notes = (estimate.notes[0], FORGOTTEN, *estimate.notes[1:])
     return replace(estimate, message=message(notes), notes=notes)
 

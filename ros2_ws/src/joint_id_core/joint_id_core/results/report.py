@@ -62,9 +62,10 @@ def correlations(estimate: Estimate, threshold: float = STRONG_CORRELATION) -> l
 
 def _row(p: ParameterEstimate, width: int) -> str:
     value = f"{p.value:>13.6g}"
-    if p.verdict is Verdict.FIXED:
-        return f"  {p.name:<10}{value}  {'':>10}  {'':>8}  {p.unit:<{width}}{p.verdict.value}"
     share = f"({100 * p.std_dev / abs(p.value):.2g} %)" if p.value and math.isfinite(p.std_dev) else ""
+    if p.verdict is Verdict.FIXED:
+        deviation = f"{p.std_dev:>10.2g}" if math.isfinite(p.std_dev) else ""
+        return f"  {p.name:<10}{value}  {deviation:>10}  {share:>8}  {p.unit:<{width}}{p.verdict.value}"
     return (
         f"  {p.name:<10}{value}  {p.std_dev:>10.2g}  {share:>8}  {p.unit:<{width}}{p.verdict.value:<12}{p.initial:.4g}"
     )

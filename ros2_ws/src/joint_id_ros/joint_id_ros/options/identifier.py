@@ -31,7 +31,9 @@ class IdentifierOptions(ModelOptions):
         "", "standard deviations known before any data, NAME=SD separated by commas; relative for positive parameters"
     )
     set: tuple[str, ...] = option(
-        (), 'start values, and values of fixed parameters, as "NAME=VALUE", or for one joint "JOINT.NAME=VALUE"'
+        (),
+        'start values, and values of fixed parameters, as "NAME=VALUE" or "NAME=VALUE+-SD" (what is known of a fixed '
+        'one), or for one joint "JOINT.NAME=VALUE"',
     )
     fix: tuple[str, ...] = option(
         (), 'parameters to hold, as "NAME" or "NAME=VALUE", or for one joint with "JOINT." in front'
@@ -77,7 +79,8 @@ class IdentifierOptions(ModelOptions):
             JointIdError: priors that are not of the form NAME=SD, or not above zero.
         """
         priors = numbers_by_name(filter(None, map(str.strip, self.priors.split(","))), "parameter priors")
-        return ParameterSettings(self.values(joint), self.fixed(joint), self.freed(joint), priors)
+        known = self.values(joint), self.fixed(joint), self.freed(joint), priors, self.deviations(joint)
+        return ParameterSettings(*known)
 
     @property
     def expected(self) -> tuple[str, ...]:
@@ -87,8 +90,16 @@ class IdentifierOptions(ModelOptions):
 
     def values(self, joint: str) -> dict[str, float]:
         """Return the values given for a joint with `set` and `fix`."""
+        return {e.name: e.value for e in self._given(joint) if e.value is not None}
+
+    def deviations(self, joint: str) -> dict[str, float]:
+        """Return the standard deviations of these values, where they are given."""
+        return {e.name: e.deviation for e in self._given(joint) if e.deviation is not None}
+
+    def _given(self, joint: str) -> list[Entry]:
+        """Return the entries of `set` and `fix` that hold for a joint, those of the joint alone last."""
         entries = [e for parameter in ("set", "fix") for e in self._entries(parameter)]
-        return {e.name: e.value for scope in ("", joint) for e in entries if e.joint == scope and e.value is not None}
+        return [e for scope in ("", joint) for e in entries if e.joint == scope]
 
     def fixed(self, joint: str) -> list[str]:
         """Return the parameters given for a joint with `fix`."""

@@ -27,6 +27,8 @@ class ParameterSettings:
         freed: parameters to estimate although the table holds them.
         priors: prior standard deviations that replace the spreads of the table: relative for a positive parameter, else
             in its unit. The mean of the prior is the start value.
+        deviations: standard deviations of values that are held, as known from elsewhere, in their units. They are told
+            with the estimate, and are in no standard deviation of the others.
 
     Raises:
         JointIdError: a standard deviation that is not above zero and finite, a text in place of a list of names.
@@ -36,6 +38,7 @@ class ParameterSettings:
     fixed: Collection[str] = ()
     freed: Collection[str] = ()
     priors: Mapping[str, float] = field(default_factory=dict)
+    deviations: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("fixed", "freed"):
@@ -43,7 +46,7 @@ class ParameterSettings:
             if isinstance(names, str):
                 raise JointIdError(f"{name} = {names!r}: give a list of names, e.g. {name}=[{names!r}]")
             object.__setattr__(self, name, tuple(dict.fromkeys(names)))
-        for name in ("values", "priors"):
+        for name in ("values", "priors", "deviations"):
             object.__setattr__(self, name, dict(getattr(self, name)))
         for name, deviation in self.priors.items():
             if not 0.0 < deviation < math.inf:
@@ -78,6 +81,7 @@ class ParameterSettings:
             [*self.fixed, *(n for n in other.fixed if n not in own)],
             [*self.freed, *(n for n in other.freed if n not in own)],
             {**other.priors, **self.priors},
+            {**{n: d for n, d in other.deviations.items() if n not in self.values}, **self.deviations},
         )
 
     def of(self, model: Model) -> ParameterSettings:
@@ -88,6 +92,7 @@ class ParameterSettings:
             [n for n in self.fixed if n in own],
             [n for n in self.freed if n in own],
             {n: v for n, v in self.priors.items() if n in own},
+            {n: v for n, v in self.deviations.items() if n in own},
         )
 
     def freed_in(self, model: Model) -> tuple[str, ...]:
