@@ -66,7 +66,7 @@ def unsourced(text):
 def test_every_value_for_a_robot_has_its_source_or_is_called_a_guess(robot):
     text = (CONFIG / f"{robot}.yaml").read_text()
     assert unsourced(text) == []
-    spoilt = re.sub(r"(k_t=[\d.]+)  #.*", r"\1  # choice", text).replace("rate: 500.0  #", "rate: 500.0  # [99]")
+    spoilt = re.sub(r"(k_t=[^ ]+)  #.*", r"\1  # choice", text).replace("rate: 500.0  #", "rate: 500.0  # [99]")
     assert len(unsourced(spoilt)) == 7
 
 
@@ -78,6 +78,8 @@ def test_a_robot_has_a_torque_constant_for_every_joint_and_one_ratio_everywhere(
     options = IdentifierOptions(joints=tuple(identifier["joints"]), set=tuple(identifier["set"]))
     values = [options.values(joint) for joint in driver["joints"]]
     assert all(0.02 < v["k_t"] < 0.2 for v in values)
+    spreads = [options.deviations(joint)["k_t"] / options.values(joint)["k_t"] for joint in driver["joints"]]
+    assert all(0.01 < spread < 0.3 for spread in spreads)
     assert {v["N"] for v in values} == set(driver["gear_ratio"])
 
 

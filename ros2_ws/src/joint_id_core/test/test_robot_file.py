@@ -19,7 +19,7 @@ TEXT = """
 /**/identifier:
   ros__parameters:
     model: rigid_joint
-    set: [N=2, k_t=0.5, elbow.k_t=0.25]
+    set: [N=2, k_t=0.5+-10%, elbow.k_t=0.25+-0.1]
     fix: [tau_0=0, wrist.c]
 """
 
@@ -38,6 +38,7 @@ def test_a_joint_gets_what_holds_for_all_and_what_names_it(file):
     elbow, other = robot_settings(str(file), "elbow", model), robot_settings("arm", None, model)
     assert elbow.values == {"N": 2.0, "k_t": 0.25, "tau_0": 0.0} and elbow.fixed == ("tau_0",)
     assert other.values["k_t"] == 0.5
+    assert elbow.deviations == {"k_t": 0.1} and other.deviations == {"k_t": 0.05}
     assert robot_settings("arm", "wrist", model).fixed == ("tau_0", "c")
     assert "k_t" not in robot_settings("arm", "elbow", build("rigid_joint")).values  # this model has none
 
