@@ -30,7 +30,9 @@ def test_a_value_may_have_a_standard_deviation():
     assert deviations == pytest.approx({"k_t": 0.02, "c": 0.5, "d": 0.4})
 
 
-@pytest.mark.parametrize("bad", ["k_t=0.1+-", "k_t=+-1", "k_t=1+-0", "k_t=1+--1", "k_t=1+-nan", "k_t=1+-x", "k_t=0+-10%"])
+@pytest.mark.parametrize(
+    "bad", ["k_t=0.1+-", "k_t=+-1", "k_t=1+-0", "k_t=1+--1", "k_t=1+-nan", "k_t=1+-x", "k_t=0+-10%"]
+)
 def test_a_standard_deviation_of_another_form_is_refused(bad):
     with pytest.raises(JointIdError, match="is not a number"):
         measured_by_name([bad], "--set")

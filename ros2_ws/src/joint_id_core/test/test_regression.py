@@ -13,6 +13,7 @@ from joint_id_core.estimators.regression.equations import Motion, equations
 from joint_id_core.estimators.regression.least_squares import explained_later, solve
 from joint_id_core.models import build as build_model
 from joint_id_core.results.estimate import Status, Verdict
+from joint_id_core.simulation.motion import simulate_motion
 from joint_id_core.simulation.simulator import simulate
 
 from .online_motion import MODEL, TRUTH, motion
@@ -208,8 +209,8 @@ def test_data_that_cannot_be_used_come_back_with_a_status():
     assert fit(MODEL, only, estimator=Regression()).status is Status.MISSING_SIGNAL
 
 
-@pytest.mark.parametrize("name", ["harmonic_drive", "dc_motor", "electromechanical"])
-def test_models_whose_noise_would_bias_it_are_refused(name):
+@pytest.mark.parametrize("name", ["harmonic_drive", "electromechanical"])
+def test_models_that_it_does_not_suit_are_refused(name):
     with pytest.raises(JointIdError, match="regression does not suit"):
         fit(build_model(name), motion(), ParameterSettings(), build("regression"))
 
@@ -224,3 +225,22 @@ def test_the_result_can_be_saved_and_shown(tmp_path):
     found.save(tmp_path / "found.json")
     assert type(found).load(tmp_path / "found.json") == found
     assert "rigid_joint by regression: converged" in str(found)
+
+
+def test_a_motor_with_its_circuit_is_found():
+    """Both equations, of the voltage and of the torque, with the inertia of the rotor known."""
+    model = build_model("dc_motor")
+    truth = model.values()
+    found = fit(model, simulate_motion(model, 6.0, 1000.0, seed=3), estimator=Regression())
+    assert found.converged
+    for name in ("R", "k_b", "k_t", "c_b", "tau_fc"):
+        assert found[name].verdict is Verdict.ESTIMATED
+        assert abs(found[name].value - truth[name]) < min(3.0 * found[name].std_dev, 0.02 * truth[name])
+
+
+def test_a_voltage_that_does_not_drive_the_current_is_named():
+    model = build_model("dc_motor")
+    record = simulate_motion(model, 6.0, 1000.0, seed=3)
+    wrong = record.with_channels({"voltage": np.random.default_rng(0).permutation(record["voltage"])})
+    found = fit(model, wrong, estimator=Regression())
+    assert found.status is Status.POOR_FIT and "of the voltage" in found.message

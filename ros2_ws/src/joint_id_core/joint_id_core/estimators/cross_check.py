@@ -86,6 +86,8 @@ def suits(model: Model) -> bool:
         require_suitable(model)
     except JointIdError:
         return False
+    if model.torque_drive is None:  # noise of a current that is a state biases it, by little, but more than its sigma
+        return False
     import scipy.signal  # noqa: F401  # half a second, which the first opinion of a live joint must not take
 
     return True

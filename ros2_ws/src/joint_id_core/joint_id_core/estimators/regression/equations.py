@@ -39,6 +39,11 @@ class Equation:
     factor: float
     static: NDArray[np.bool_]
 
+    @property
+    def quantity(self) -> str:
+        """What the equation is of."""
+        return "voltage" if self.state == "current" else "torque"
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -140,7 +145,7 @@ def _equation(
     still = _columns(model, state, inertia, motion.stopped, values, names)[1]
     y = columns @ [values[n] for n in names] - base
     factor = 0.0
-    if model.torque_drive is not None:
+    if model.drive is not None:
         zero, one = (_error(model, state, inertia, motion, values, drive)[0] for drive in (0.0, 1.0))
         factor = float(zero - one)
     apart, size = np.abs(still - columns).max(axis=0, initial=0.0), np.abs(columns).max(axis=0, initial=0.0)

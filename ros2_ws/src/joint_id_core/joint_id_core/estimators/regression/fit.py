@@ -14,6 +14,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.regression.equations import equations
 from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.regression.judging import Fitted, Samples, estimates, judge, tested
+from joint_id_core.estimators.regression.least_squares import ACCURACY, ACCURACY_OF_CURRENT
 from joint_id_core.estimators.regression.missing import missing_torques
 from joint_id_core.estimators.regression.signals import Rows, all_smoothed, bands, motion, rows
 from joint_id_core.estimators.regression.two_sides import has_twist, two_sides
@@ -65,16 +66,16 @@ def regressed(model: Model, recording: Recording, settings: ParameterSettings, o
 
 
 def require_suitable(model: Model) -> None:
-    """Check that noise of sensors does not bias a regression of this model.
+    """Check that a regression suits a model.
 
     Raises:
-        JointIdError: the drive is no torque or current, or the states have motion on both sides of the gear.
+        JointIdError: it has no drive, or states on both sides of the gear.
     """
     sides = {side_of(n) for n in model.state_names} - {None}
-    if model.torque_drive is None or len(sides) != 1:
+    if model.drive is None or len(sides) != 1:
         raise JointIdError(
-            f"estimator regression does not suit model {model.name}: it needs a torque or a current, and states on one "
-            "side of the gear. Use the estimator innovations, or model rigid_joint or motor_side"
+            f"estimator regression does not suit model {model.name}: it needs a drive, and states on one side of the "
+            "gear. Use the estimator innovations, or model rigid_joint or motor_side"
         )
 
 
@@ -103,7 +104,7 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
         moved, values, free = sides.moved, sides.values, sides.free
     missing, found = missing_torques(moved, model), []
     for equation in equations(model, moved, values, free):
-        drive = equation.factor * moved.u[model.torque_drive] if model.torque_drive else np.zeros(len(usable))
+        drive = equation.factor * moved.u[model.drive] if model.drive else np.zeros(len(usable))
         beside = sides.beside(equation) if sides is not None else {}
         tables = {"y": equation.y[:, None], "columns": equation.columns, "drive": drive[:, None], **missing, **beside}
         tables = all_smoothed(data.recording.time, tables, usable, band_hz)
@@ -115,6 +116,7 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
             equation, Rows(index.index[known], index.pieces[known]), tables["y"][:, 0], tables["columns"],
             {name: tables[name] for name in missing}, data.recording.time, drive, data.period,
             sides.tools(equation, tables["tools"]) if sides is not None else None,
+            ACCURACY if "current" not in model.state_names else ACCURACY_OF_CURRENT,
         )  # fmt: skip
         positive = [model.parameter(n).positive for n in equation.names]
         solution, lag = samples.solve(positive, options.lag_s), None
@@ -155,7 +157,7 @@ def _estimate(data: FitData, fitted: list[Fitted], band_hz: float, begun: float)
 
 def _predictions(data: FitData, fitted: list[Fitted]) -> tuple[dict[str, float], Predictions]:
     """Return rms error over standard deviation, and measurement and prediction, of the drive in the band."""
-    drive, f = data.model.torque_drive, next(f for f in fitted if f.samples.equation.factor)
+    drive, f = data.model.drive, next(f for f in fitted if f.samples.equation.factor)
     assert drive is not None
     measured, predicted = (
         f.samples.y / f.samples.equation.factor,

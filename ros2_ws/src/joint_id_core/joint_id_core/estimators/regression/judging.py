@@ -14,7 +14,7 @@ from joint_id_core.estimators.regression.encoder_lag import Lag
 from joint_id_core.estimators.regression.equations import Equation, Motion
 from joint_id_core.estimators.regression.instruments import Tools
 from joint_id_core.estimators.regression.lag import drive_shift
-from joint_id_core.estimators.regression.least_squares import Solution, explained_later, solve
+from joint_id_core.estimators.regression.least_squares import ACCURACY, Solution, explained_later, solve
 from joint_id_core.estimators.regression.missing import (
     GRAVITY,
     SLOW,
@@ -56,6 +56,7 @@ class Samples:
         drive: part of y that the drive makes, at all samples, in the band, shape (T,).
         period: of the recording in s.
         tools: instruments; None if least squares will do.
+        accuracy: see `least_squares.solve`.
     """
 
     equation: Equation
@@ -67,11 +68,12 @@ class Samples:
     drive: Array
     period: float
     tools: Tools | None = None
+    accuracy: float = ACCURACY
 
     def solve(self, positive: Sequence[bool], lag_s: float) -> Solution:
         """Return the solution; `lag_s` as in the options."""
         lag = lag_s / self.step
-        return solve(self.y, self.columns, positive, self.rows.pieces, lag, self.tools)
+        return solve(self.y, self.columns, positive, self.rows.pieces, lag, self.tools, self.accuracy)
 
     @property
     def step(self) -> float:
@@ -140,7 +142,8 @@ class Fitted:
                 "model with delays (--delays), or correct its times"
             )
         if not self.solution.r_squared > LEAST_R_SQUARED:
-            return f"only {100.0 * self.solution.r_squared:.3g} % of the torque are explained"
+            quantity = self.samples.equation.quantity
+            return f"only {100.0 * self.solution.r_squared:.3g} % of the {quantity} are explained"
         if self.gravity > MOST_GRAVITY and 1.0 - self.solution.r_squared > LITTLE:
             angle = f"a load that depends on the angle explains {100.0 * self.gravity:.2g} % {left}"
             return f"{angle}: take a model with gravity ({GRAVITY})"
@@ -222,7 +225,8 @@ def judge(
     worst = min(fitted, key=lambda f: f.solution.r_squared)
     below = [n for n, found_row in found.items() if found_row.verdict is Verdict.AT_BOUND]
     unseen = [n for n, found_row in found.items() if found_row.verdict in (Verdict.NOT_EXCITED, Verdict.PRIOR)]
-    explained = f"{100.0 * worst.solution.r_squared:.3g} % of the torque below {band_hz:.3g} Hz are explained"
+    quantity = worst.samples.equation.quantity
+    explained = f"{100.0 * worst.solution.r_squared:.3g} % of the {quantity} below {band_hz:.3g} Hz are explained"
     if np.isfinite(worst.held_out):
         explained += (
             f"; a fit of the first part explains {_percent(worst.held_out)} of friction and inertia in the rest"

@@ -15,6 +15,8 @@ from joint_id_core.estimators.regression.instruments import Tools, projected, sh
 
 # What is certain at best, as a part of y: between two samples the equations are not exact where friction reverses.
 ACCURACY = 1e-3
+# The same with a current that is a state: it changes within a sample, so the samples are not its mean.
+ACCURACY_OF_CURRENT = 5e-3
 FIRST = 0.7  # share of the samples that is fitted to predict the others
 UNKNOWN = 1e-12  # smallest singular value of columns of unit length that rounding does not make
 
@@ -48,12 +50,13 @@ class Solution:
 
 def solve(
     y: Array, columns: Array, positive: Sequence[bool], pieces: NDArray[np.int64], lag: float = 0.0,
-    tools: Tools | None = None,
+    tools: Tools | None = None, accuracy: float = ACCURACY,
 ) -> Solution:  # fmt: skip
     """Fit y (T,) with columns (T, k); `positive` parameters do not get below zero.
 
     A positive parameter that least squares makes negative is held at zero, the most negative one first, and the
-    others are fitted again. `lag` in samples is that of the covariance; 0 finds it.
+    others are fitted again. `lag` in samples is that of the covariance; 0 finds it. No value is known better than to
+    the part `accuracy` of y.
 
     With instruments these are two-stage least squares, the covariance is that of a jackknife without such bounds, and
     columns that the instruments do not show are unseen.
@@ -74,12 +77,12 @@ def solve(
         if tools is None:
             covariance = np.full((count, count), np.nan)
             covariance[np.ix_(free, free)] = newey_west(columns[:, free], residuals, pieces, memory)
-            covariance[free, free] += (ACCURACY / size) ** 2
+            covariance[free, free] += (accuracy / size) ** 2
         elif not held.any():
             covariance[np.ix_(free, free)] = jackknife(
                 partial(_refitted, y, columns[:, free], tools.table), len(y), memory
             )
-            covariance[free, free] += (ACCURACY / size) ** 2
+            covariance[free, free] += (accuracy / size) ** 2
         if not held.any():
             unbounded, sigma = values, np.sqrt(np.diag(covariance))
         below = np.where(np.array(positive) & ~held & ~unseen, values / np.sqrt(np.diag(covariance)), np.inf)
