@@ -242,3 +242,12 @@ def test_an_oscillation_that_the_samples_do_not_show_is_named(k_1, rate, said):
     assert fastest_oscillation(model, values) == pytest.approx(frequency, rel=0.03)
     assert fastest_oscillation(MODEL, TRUTH | {"N": 1.0, "w_s": 1e-3}) == 0.0
     assert bool(slow_samples(model, values, rate)) is said
+
+
+@pytest.mark.parametrize("wrong", [lambda q: 57.3 * q, lambda q: 0.0 * q, lambda q: np.roll(q, 150)])
+def test_a_command_that_the_link_does_not_follow_is_named(wrong):
+    record = moved()
+    q = record["link_position"]
+    assert not any(f.about == "command" for f in findings(record.with_channels({"reference_position": q + 0.01})))
+    (found,) = (f for f in findings(record.with_channels({"reference_position": wrong(q)})) if f.about == "command")
+    assert "reference_position" in found.text and not found.fatal

@@ -87,6 +87,13 @@ def test_without_the_command_the_measured_motion_serves():
     assert with_command.value == pytest.approx(without.value, rel=0.02)
 
 
+def test_a_command_in_another_unit_is_not_used():
+    record = flexible(1)
+    degrees = record.with_channels({"reference_position": np.rad2deg(record["reference_position"])})
+    alone = Recording(record.time, {n: v for n, v in record.channels.items() if n != "reference_position"})
+    assert regressed(degrees)["k_1"].value == regressed(alone)["k_1"].value
+
+
 def test_a_gear_that_stiffens_under_load_is_found():
     record = flexible(2, k_2=9e8)
     found = regressed(record)

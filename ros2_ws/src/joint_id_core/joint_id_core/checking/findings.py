@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from joint_id_core.checking.command import unfollowed
 from joint_id_core.checking.constant import constant_channels
 from joint_id_core.checking.finding import Finding
 from joint_id_core.checking.rate import low_rate
@@ -15,6 +16,7 @@ from joint_id_core.data.recording import Recording
 LEAST = 50  # samples; fewer show nothing
 CHECKS = (
     time_units, position_units, constant_channels, velocities, low_rate, outliers, repeated, zeros, twist_offset,
+    unfollowed,
 )  # fmt: skip
 
 

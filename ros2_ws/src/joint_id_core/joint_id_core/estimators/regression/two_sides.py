@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from joint_id_core.checking.command import COMMAND, follows
 from joint_id_core.data.recording import Array
 from joint_id_core.data.signals import side_of
 from joint_id_core.errors import JointIdError
@@ -19,8 +20,6 @@ from joint_id_core.estimators.regression.signals import Rows
 from joint_id_core.estimators.shared.fit_data import FitData
 from joint_id_core.filtering.offline import FilterOptions, differentiate
 from joint_id_core.models import Model
-
-COMMAND = "reference_position"
 
 
 def has_twist(model: Model) -> bool:
@@ -129,7 +128,7 @@ def two_sides(data: FitData, moved: Motion, rows: Rows, cutoff_hz: float, band_h
     ratio, own = model.gear_ratio(values), model.encoder_lag
     motor, command = of_motor(moved, ratio), data.recording.channels.get(COMMAND)
     path = motor
-    if command is not None and np.isfinite(command).any():
+    if command is not None and follows(command, motor.angle):
         path = Path(*differentiate(time, command, FilterOptions(cutoff_hz=cutoff_hz), 2))
     lag = encoder_lag(time, moved, motor, ratio, rows, band_hz)
     if own is None or own not in data.free:
