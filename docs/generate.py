@@ -18,7 +18,7 @@ import typer
 from joint_id_core.cli import app
 from joint_id_core.data.signals import CHANNELS, Parameter
 from joint_id_core.estimators import ESTIMATORS
-from joint_id_core.formats.topics import CONDITIONS, RAW
+from joint_id_core.formats.topics import RAW, SIGNALS
 from joint_id_core.models import LAWS, MODELS, Model, build
 from joint_id_core.results.estimate import Status
 from joint_id_ros.launch_files import LAUNCH_FILES, LaunchFile
@@ -140,7 +140,7 @@ def model_table() -> str:
 
 def channel_table() -> str:
     """Channels, which are CSV columns and message fields at once, with the topic that carries each."""
-    carried = {channel: f"`{t.name}.{field}`" for t in (*RAW, CONDITIONS) for field, channel in t.fields.items()}
+    carried = {channel: f"`{t.name}.{field}`" for t in (*RAW, SIGNALS) for field, channel in t.fields.items()}
     rows = [[f"`{s.name}`", s.symbol, s.unit, s.meaning, carried.get(s.name, "-")] for s in CHANNELS.values()]
     return table(["channel", "symbol", "unit", "meaning", "raw topic and field"], rows)
 

@@ -83,6 +83,19 @@ def test_any_recording_reads_back_exactly(tmp_path_factory, start, data):
     assert_same(formats.read(path), original)
 
 
+def test_a_command_and_the_controllers_load_can_be_read(tmp_path):
+    """From the driver's robot_signals: the command by itself, other fields by a mapping."""
+    one = recording(("link_position", "current", "reference_position"))
+    formats.write(tmp_path / "bag", one)
+    back = formats.read(tmp_path / "bag")
+    np.testing.assert_array_equal(back["reference_position"], one["reference_position"])
+    mapping = {"link_position": "link_states.position", "external_torque": "2*robot_signals.target_q"}
+    mapped = formats.read(tmp_path / "bag", mapping=mapping)
+    np.testing.assert_array_equal(mapped["external_torque"], 2.0 * one["reference_position"])
+    with pytest.raises(JointIdError, match="no message carries reference_position"):
+        formats.write(tmp_path / "other", recording(("link_acceleration", "reference_position")))
+
+
 def test_stamps_of_a_clock_keep_their_nanoseconds(tmp_path):
     """As seconds since 1970 in doubles, they would be rounded to 0.24 us."""
     time = 0.25 + np.arange(5) * 0.002 + 1e-9 * np.array([0, 1, 2, 3, 4])

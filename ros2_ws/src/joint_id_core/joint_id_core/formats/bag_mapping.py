@@ -11,9 +11,10 @@ from rosbags.interfaces import Connection
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.mapping import TIME, parse
-from joint_id_core.formats.topics import JOINT_STATE, RAW, Topic
+from joint_id_core.formats.topics import JOINT_STATE, RAW, SIGNAL_FIELDS, SIGNALS, Topic
 
-FIELDS = {topic.type: tuple(topic.fields) for topic in RAW} | {JOINT_STATE: ("position", "velocity", "effort")}
+FIELDS = {topic.type: tuple(topic.fields) for topic in RAW}
+FIELDS |= {JOINT_STATE: ("position", "velocity", "effort"), SIGNALS.type: SIGNAL_FIELDS}
 
 
 class Source(NamedTuple):

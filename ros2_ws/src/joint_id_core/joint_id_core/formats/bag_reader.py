@@ -26,7 +26,7 @@ from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.bag_mapping import Source, example, plan
 from joint_id_core.formats.definitions import typestore
-from joint_id_core.formats.topics import CONDITIONS, MEASURED_BITS, RAW, SAMPLES, Topic
+from joint_id_core.formats.topics import MEASURED_BITS, RAW, SAMPLES, SIGNALS, Topic
 from joint_id_core.formats.unclosed_bag import UnclosedReader, is_unclosed
 
 log = logging.getLogger(__name__)
@@ -184,7 +184,7 @@ def _known(path: Path, reader: Bag) -> list[tuple[Topic, Connection]]:
         raise JointIdError(f"{path}: no message on {', '.join(c.topic for _, c in matched)}: record it again")
     chosen = [(topic, c) for topic, c in filled if topic is not SAMPLES] or filled
     if chosen[0][0] is not SAMPLES:
-        chosen += [(CONDITIONS, c) for c in reader.connections if _are_conditions(c, _spaces(chosen))]
+        chosen += [(SIGNALS, c) for c in reader.connections if _are_signals(c, _spaces(chosen))]
     if len({c.topic for _, c in chosen}) > len({topic.name for topic, _ in chosen}) or len(_spaces(chosen)) > 1:
         raise JointIdError(
             f"{path}: several namespaces hold known topics ({', '.join(_spaces(chosen))}): keep one robot a bag "
@@ -197,10 +197,10 @@ def _spaces(chosen: list[tuple[Topic, Connection]]) -> list[str]:
     return sorted({c.topic.rpartition("/")[0] or "/" for _, c in chosen})
 
 
-def _are_conditions(connection: Connection, spaces: Sequence[str]) -> bool:
-    """Return whether a topic holds conditions of the robot whose raw topics are in the namespaces."""
+def _are_signals(connection: Connection, spaces: Sequence[str]) -> bool:
+    """Return whether a topic holds other signals of the robot whose raw topics are in the namespaces."""
     space, _, name = connection.topic.rpartition("/")
-    right = (name, connection.msgtype) == (CONDITIONS.name, CONDITIONS.type)
+    right = (name, connection.msgtype) == (SIGNALS.name, SIGNALS.type)
     return right and bool(connection.msgcount) and (space or "/") in spaces
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,17 +13,14 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.definitions import typestore
-from joint_id_core.formats.topics import CONDITIONS, JOINT_STATE, MEASURED_BITS, RAW, SAMPLES, Topic
+from joint_id_core.formats.topics import JOINT_STATE, MEASURED_BITS, RAW, SAMPLES, SIGNAL_FIELDS, SIGNALS, Topic
 
 _PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 # Arrays of the messages that no channel of every topic fills.
 FILLED_BY_OTHERS = {
     JOINT_STATE: ("effort",),
-    CONDITIONS.type: (
-        "target_q", "target_qd", "target_qdd", "target_current", "target_moment", "actual_current_as_torque",
-        "joint_control_output",
-    ),
-}  # fmt: skip
+    SIGNALS.type: SIGNAL_FIELDS,
+}
 _MAX_STAMP = 2**31  # s, header.stamp.sec is an int32
 
 
@@ -42,12 +39,12 @@ def write_bag(path: str | Path, recordings: Mapping[str, Recording], storage: st
         raise JointIdError(f"storage {storage!r}: choose one of {', '.join(_PLUGINS)}")
     if path.exists():
         raise JointIdError(f"{path} exists already: remove it or choose another name")
-    _check(path, recordings)
     store = typestore()
-    raw = {name for topic in (*RAW, CONDITIONS) for name in topic.fields.values()}
+    raw = {name for topic in (*RAW, SIGNALS) for name in topic.fields.values()}
     fits = all(set(r.channels) <= raw and not r.derived for r in recordings.values())
+    _check(path, recordings, raw if fits else MEASURED_BITS)
     used = {name for r in recordings.values() for name in r.channels}
-    topics = [t for t in (*RAW, CONDITIONS) if used & set(t.fields.values())] if fits else [SAMPLES]
+    topics = [t for t in (*RAW, SIGNALS) if used & set(t.fields.values())] if fits else [SAMPLES]
     rows = _rows(path, recordings)
     with Writer(path, version=9, storage_plugin=_PLUGINS[storage]) as writer:
         connections = {t.name: writer.add_connection(f"/{t.name}", t.type, typestore=store) for t in topics}
@@ -58,12 +55,12 @@ def write_bag(path: str | Path, recordings: Mapping[str, Recording], storage: st
                     writer.write(connections[topic.name], stamp, data)
 
 
-def _check(path: Path, recordings: Mapping[str, Recording]) -> None:
-    """Check that messages can hold the recordings, before anything is created."""
+def _check(path: Path, recordings: Mapping[str, Recording], carried: Collection[str]) -> None:
+    """Check that messages, which carry some channels, can hold the recordings, before anything is created."""
     if not any(len(r) and r.channels for r in recordings.values()):
         raise JointIdError(f"{path}: no sample to write: give at least one recording with a channel")
     for joint, recording in recordings.items():
-        extra = [name for name in recording.channels if name not in MEASURED_BITS]
+        extra = [name for name in recording.channels if name not in carried]
         if extra:
             raise JointIdError(
                 f"{path}: no message carries {extra[0]} (joint {joint}): leave it out or write a CSV file"

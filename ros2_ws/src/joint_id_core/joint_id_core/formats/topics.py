@@ -30,6 +30,12 @@ RAW = (
 
 # Conditions that change slowly: they are not joined to the samples by stamp, the newest value holds.
 CONDITIONS = Topic("robot_signals", "joint_id_msgs/msg/RobotSignals", {"joint_temperatures": "temperature"})
+# The same topic in a bag, where the command goes with its samples.
+SIGNALS = Topic(CONDITIONS.name, CONDITIONS.type, {**CONDITIONS.fields, "target_q": "reference_position"})
+SIGNAL_FIELDS = (
+    "joint_temperatures", "target_q", "target_qd", "target_qdd", "target_current", "target_moment",
+    "actual_current_as_torque", "joint_control_output",
+)  # fmt: skip
 
 # Bit of each channel in JointSamples.measured.
 MEASURED_BITS = {
