@@ -20,7 +20,9 @@ from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status
 from joint_id_core.results.verdict import Verdict
 
 KEPT = 8  # estimates, each of another window, that must agree
-POOR = 2.0  # window lengths of poor fits after which a new memory is no proof that the joint changed
+# Different fits while nothing described the motion, old and new values among them, up to which the new ones prove that
+# the joint changed.
+TRIED = 3
 FAR = 4.0  # standard deviations of their difference from which two disagree; each may be 1.2 times too small
 MATTERS = 0.1  # least difference of a positive parameter over its value
 
@@ -46,15 +48,15 @@ class Agreement:
         self._model, self._window_s, self._wanted = model, window_s, wanted
         self._told: deque[_Told] = deque(maxlen=KEPT)
         self._since, self._changed = KEPT, -np.inf  # windows since what is known changed; instant of the newest change
-        self._poor_s, self._end = 0.0, np.inf  # length of poor fits since values were published; end of the newest one
+        self._tried: set[tuple[float, ...]] = set()  # values while nothing described the motion
 
     def replaced(self) -> None:
         """A new memory, which a trial confirmed, replaces the one before: values from before it do not count.
 
-        The joint may have changed once. If that comes again and again, or if nothing described the motion for longer,
-        the model is at fault: all values count.
+        The joint may have changed once. If that comes again and again, or after many other fits, the model is at fault:
+        all values count.
         """
-        if self._since >= KEPT and self._poor_s < POOR * self._window_s:
+        if self._since >= KEPT and len(self._tried) <= TRIED:
             self._told.clear()
         self._since = 0
 
@@ -65,8 +67,7 @@ class Agreement:
         are said to have changed are compared with what was published since, in any case.
         """
         if estimate.status is Status.POOR_FIT:
-            self._poor_s += max(0.0, estimate.end - self._end)
-        self._end = estimate.end
+            self._tried.add(tuple(p.value for p in estimate.parameters))
         if not (estimate.converged and self._wanted):
             return estimate
         newest = max((change.since for change in estimate.changes), default=-np.inf)
@@ -83,7 +84,8 @@ class Agreement:
                 apart[name] = max(far, key=lambda old, row=row: self._distance(row, old))  # type: ignore[misc]
         if not self._told or estimate.end >= self._told[-1].time + self._window_s:
             self._told.append(_Told(estimate.end, rows))
-            self._since, self._poor_s = self._since + 1, 0.0
+            self._since += 1
+            self._tried.clear()
         return self._widened(estimate, apart) if apart else estimate
 
     def _distance(self, row: ParameterEstimate, old: ParameterEstimate) -> float:
