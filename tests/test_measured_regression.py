@@ -16,6 +16,7 @@ from robots.recordings import kuka
 from joint_id_core.checking.findings import findings
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import Innovations, ParameterSettings, Regression, fit
+from joint_id_core.estimators.regression_starts import started
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Estimate, Status, Verdict
 from joint_id_core.validation.prediction import held_out, held_out_drive
@@ -194,3 +195,13 @@ def test_nothing_of_a_kuka_that_is_called_good_is_far_off(axis):
             inertia = result["J_m"]
             if result.converged and inertia.verdict is Verdict.ESTIMATED:
                 assert abs(inertia.value - 0.0118) < 4.0 * inertia.std_dev
+
+
+@pytest.mark.parametrize("run", "AB")
+@pytest.mark.parametrize("axis", [1, 2, 3])
+def test_the_offset_of_the_encoders_is_a_start_only_with_a_stiffness(run, axis):
+    """It is the torque offset over the stiffness: with that of the table, of a cobot, it would be a radian and more."""
+    ratio, recording = kuka(run, axis)
+    values = started(build("motor_side", delays=True), recording, ParameterSettings({"N": ratio})).values
+    assert ("dtheta_0" in values) <= ("k_1" in values)
+    assert abs(values.get("dtheta_0", 0.0)) < 0.01

@@ -53,7 +53,7 @@ def started(model: Model, recording: Recording, settings: ParameterSettings | No
             if other not in own and other not in found:
                 far.setdefault(other, table[other] * value / table[name])
     if far:
-        far |= _offset(model, {**table, **found}, settings)
+        far |= _offset(model, found, table, settings)
     return settings.with_values(far)
 
 
@@ -61,11 +61,13 @@ def _far(model: Model, name: str, value: float, table: Mapping[str, float]) -> b
     return value > 0.0 and abs(math.log(value / table[name])) > model.parameter(name).spread
 
 
-def _offset(model: Model, values: Mapping[str, float], settings: ParameterSettings) -> dict[str, float]:
+def _offset(
+    model: Model, found: Mapping[str, float], table: Mapping[str, float], settings: ParameterSettings
+) -> dict[str, float]:  # fmt: skip
     """Return the twist offset that stands for the torque offset, if that is beyond its prior and none is set."""
     torque, twist, stiffness = "tau_0", model.twist_offset, model.stiffness
-    if twist is None or stiffness is None or not model.has_torque_offset or {torque, twist} & set(settings.names):
+    if twist is None or not {torque, stiffness} <= set(found) or {torque, twist} & set(settings.names):
         return {}
-    if abs(values[torque]) < model.parameter(torque).spread:
+    if abs(found[torque]) < model.parameter(torque).spread:
         return {}
-    return {twist: -values[torque] * model.gear_ratio(values) / values[stiffness]}
+    return {twist: -found[torque] * model.gear_ratio(table) / found[stiffness or ""]}

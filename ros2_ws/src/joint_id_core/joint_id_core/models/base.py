@@ -98,27 +98,30 @@ class Model:
     @property
     def twist_offset(self) -> str | None:
         """Parameter that is the twist at which the encoders agree; None without."""
-        return "dtheta_0" if "dtheta_0" in self.parameter_names else None
+        return self._own("dtheta_0")
 
     @property
     def stiffness(self) -> str | None:
         """Parameter that is the linear stiffness of the gear; None without a spring."""
-        return "k_1" if "k_1" in self.parameter_names else None
+        return self._own("k_1")
 
     @property
     def cubic_stiffness(self) -> str | None:
         """Parameter that makes the spring of the gear stiffer under load; None without such a spring."""
-        return "k_2" if "k_2" in self.parameter_names else None
+        return self._own("k_2")
 
     @property
     def encoder_lag(self) -> str | None:
         """Parameter that is the delay of the link's encoder against the motor's; None without delays."""
-        return "delta_q" if "delta_q" in self.parameter_names else None
+        return self._own("delta_q")
 
     @property
     def drive_lag(self) -> str | None:
         """Parameter that is the delay of all encoders against the drive; None without delays."""
-        return "delta_p" if "delta_p" in self.parameter_names else None
+        return self._own("delta_p")
+
+    def _own(self, name: str) -> str | None:
+        return name if name in self.parameter_names else None
 
     def twist_under(self, drive: float, velocity: float, acceleration: float, p: Any) -> float:
         """Return the twist of the gear in rad, at the link, that balances the `torque_drive`; 0 for a rigid gear.

@@ -66,7 +66,7 @@ class Agreement:
         After a change of the joint that is told, values from before it do not count: see `replaced`. Parameters that
         are said to have changed are compared with what was published since, in any case.
         """
-        if estimate.status is Status.POOR_FIT:
+        if estimate.status is Status.POOR_FIT and len(self._tried) <= TRIED:  # more need not be kept
             self._tried.add(tuple(p.value for p in estimate.parameters))
         if not (estimate.converged and self._wanted):
             return estimate
@@ -79,9 +79,9 @@ class Agreement:
         apart = {}
         for name, row in rows.items():
             earlier = [t.rows[name] for t in self._told if name in t.rows and t.time >= changed.get(name, -np.inf)]
-            far = [old for old in earlier if self._distance(row, old) > FAR]
-            if far:
-                apart[name] = max(far, key=lambda old, row=row: self._distance(row, old))  # type: ignore[misc]
+            distances = [self._distance(row, old) for old in earlier]
+            if max(distances, default=0.0) > FAR:
+                apart[name] = earlier[int(np.argmax(distances))]
         if not self._told or estimate.end >= self._told[-1].time + self._window_s:
             self._told.append(_Told(estimate.end, rows))
             self._since += 1

@@ -35,7 +35,6 @@ class Path:
 
     def motion(self, like: Motion, ratio: float) -> Motion:
         """Return the motion of a rigid joint with a gear ratio, with the inputs of `like` that are no motion."""
-
         kinds = {"position": self.angle, "velocity": self.velocity, "acceleration": self.acceleration}
 
         def along(name: str | None, own: Array) -> Array:
