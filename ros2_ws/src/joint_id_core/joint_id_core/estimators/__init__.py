@@ -85,12 +85,15 @@ def fit(
     if isinstance(recording, Sequence):
         return fit_several(model, recording, settings, estimator, progress).estimate
     from joint_id_core.estimators.cross_check import cross_checked  # loads NumPy, as the next
+    from joint_id_core.estimators.one_encoder import hides_compliance
     from joint_id_core.estimators.regression_starts import started
     from joint_id_core.estimators.shared.data_check import concerning, noted, refused
     from joint_id_core.estimators.shared.held_values import with_held_values
 
     found = concerning(model, recording)
     bad = refused(model, estimator.name, found, recording)
+    if bad is None and isinstance(estimator, Innovations):
+        bad = hides_compliance(model, estimator.name, recording, settings)
     if bad is not None:
         return bad
     if isinstance(estimator, Innovations):

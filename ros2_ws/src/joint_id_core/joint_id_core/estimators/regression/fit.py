@@ -102,7 +102,7 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
     sides = two_sides(data, moved, index, cutoff_hz, band_hz) if has_twist(model) else None
     if sides is not None:
         moved, values, free = sides.moved, sides.values, sides.free
-    missing, found = missing_torques(moved, model), []
+    missing, found = missing_torques(moved, model, data.recording.time, cutoff_hz), []
     for equation in equations(model, moved, values, free):
         drive = equation.factor * moved.u[model.drive] if model.drive else np.zeros(len(usable))
         beside = sides.beside(equation) if sides is not None else {}

@@ -6,19 +6,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array
+from joint_id_core.data.signals import side_of
 from joint_id_core.estimators.regression.equations import Motion
+from joint_id_core.filtering.offline import FilterOptions, differentiate
 from joint_id_core.models import Model
 
 GRAVITY, STRIBECK, EYRING = "--gravity", "--friction stribeck", "--friction eyring"  # options that add a torque
+COMPLIANCE = "a flexible gear"
 SLOW = 0.1  # of the rms velocity, below which a joint may stick
 STUCK = 0.02  # the same for friction that rises at low speed
 FOLDS = 4  # of the samples; each is predicted by a fit of the others
 
 
-def missing_torques(motion: Motion, model: Model) -> dict[str, Array]:
-    """Return columns (T, m) of the torques that a model lacks, by the option that adds them."""
+def missing_torques(motion: Motion, model: Model, time: Array, cutoff_hz: float) -> dict[str, Array]:
+    """Return columns (T, m) of the torques that a model lacks, by the option that adds them.
+
+    `motion` at the instants `time` in s had a low-pass with this cutoff. A gear between two inertias adds, to first
+    order in its compliance, a torque that goes with the fourth derivative of the position (Spong 1987).
+    """
     q, w = motion.x.get("link_position"), motion.x.get("link_velocity")
     found = {}
+    if {side_of(n) for n in (*model.state_names, *model.input_names)} - {None} == {"link"}:
+        options = FilterOptions(cutoff_hz=cutoff_hz)
+        found[COMPLIANCE] = differentiate(time, motion.rates["link_velocity"], options, 2)[2][:, None]
     if q is not None and not model.has_gravity:
         found[GRAVITY] = np.column_stack([np.cos(q), np.sin(q)])
     if w is not None:
