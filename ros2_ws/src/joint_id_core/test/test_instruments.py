@@ -12,10 +12,12 @@ from joint_id_core.estimators.regression.covariance import jackknife
 from joint_id_core.estimators.regression.instruments import projected, shown
 from joint_id_core.estimators.regression.least_squares import two_stage
 from joint_id_core.models import build
+from joint_id_core.online import OnlineIdentifier, OnlineOptions
 from joint_id_core.results.estimate import Estimate, Status
 from joint_id_core.results.verdict import Verdict
 
 from .flexible_joint import TRUTH, flexible, late, stiffer
+from .online_motion import batches
 
 MODEL, DELAYED = build("motor_side"), build("motor_side", delays=True)
 FRICTION = ParameterSettings({"w_sm": TRUTH["w_sm"]})
@@ -139,6 +141,20 @@ def test_a_search_for_a_joint_far_from_the_table_starts_where_the_regression_is(
     assert found["J_m"].value == pytest.approx(factor * TRUTH["J_m"], rel=0.1)
     own = fit(MODEL, record, FRICTION.with_values({"k_1": 4e6}))
     assert own["k_1"].initial == 4e6
+
+
+def test_online_it_starts_there_as_well_also_after_a_restart():
+    record, options = stiffer(flexible(0, disturbance=0.002), 1000.0), OnlineOptions(window_s=6.0, hop_s=1.0)
+    first = OnlineIdentifier(MODEL, FRICTION, options)
+    found = [e for part in batches(record.slice(0, 2501)) if (e := first.update(part)) is not None]
+    good = [e for e in found if e.converged][-1]
+    assert good["k_1"].initial == pytest.approx(1000.0 * TRUTH["k_1"], rel=0.3)
+    assert good["k_1"].value == pytest.approx(1000.0 * TRUTH["k_1"], rel=0.2)
+    second = OnlineIdentifier(MODEL, FRICTION, options)
+    second.resume(good, 10.0)
+    later = [e for part in batches(record.slice(2501, len(record))) if (e := second.update(part)) is not None]
+    assert later[-1].converged and later[-1]["k_1"].initial == good["k_1"].initial
+    assert later[-1]["k_1"].value == pytest.approx(1000.0 * TRUTH["k_1"], rel=0.1)
 
 
 def test_a_search_near_the_table_starts_at_the_table():

@@ -11,9 +11,11 @@ import pytest
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ParameterSettings, fit
+from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.shared.stillness import STILL_S
 from joint_id_core.online import OnlineIdentifier, OnlineOptions
 from joint_id_core.online.checks import in_thread
+from joint_id_core.online.published import published, said
 from joint_id_core.online.window import SlidingWindow
 from joint_id_core.results.estimate import Status
 from joint_id_core.simulation.excitation import multisine
@@ -184,6 +186,18 @@ def test_an_estimate_at_every_sample_is_as_good_as_one_from_batches():
     for name in TRUTH:
         assert abs(same[name].value - batched[name].value) < 0.1 * batched[name].std_dev
         assert same[name].std_dev == pytest.approx(batched[name].std_dev, rel=0.05)
+
+
+def test_a_memory_that_knows_nothing_is_uninformative():
+    """As soon as its doubts are as wide as the prior: it said converged, with an inertia of 0 kg m^2."""
+    estimate = run(motion(4.0), OnlineIdentifier(MODEL, options=OnlineOptions(window_s=2.0, hop_s=0.5)))[-1]
+    coordinates = Coordinates(MODEL, estimate.free)
+    z = coordinates.z(np.array([estimate.values[n] for n in estimate.free]))
+    now = z, np.diag(np.square(coordinates.spread))
+    words = said(MODEL, coordinates, estimate, now, ())
+    assert words.status is Status.UNINFORMATIVE and words.message.startswith("This motion shows none of the parameters")
+    found = published(coordinates, estimate, now, words, {})
+    assert found.status is Status.UNINFORMATIVE and not found.converged
 
 
 def test_misuse_is_named_at_once():

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -10,7 +13,8 @@ from joint_id_core.emulator.arm import TICK_S, Arm
 from joint_id_core.emulator.robots import build_joints
 from joint_id_core.estimators import ParameterSettings
 from joint_id_core.models import HarmonicDrive
-from joint_id_core.online import OnlineIdentifier
+from joint_id_core.online import OnlineIdentifier, input_noise
+from joint_id_core.online.input_noise import InputNoise
 from joint_id_core.simulation.sensors import Sensors
 
 SECONDS = 40
@@ -51,3 +55,13 @@ def test_noise_in_the_recorded_current_biases_no_inertia_beyond_its_sigma(motion
             off.append([(row.value - joint.values[row.name]) / row.std_dev for row in rows])
     assert np.max(np.abs(np.mean(off, axis=0))) < 1.5
     assert np.max(np.abs(off)) < 3.0
+
+
+def test_a_bias_beyond_the_prior_is_none(monkeypatch):
+    """On a wrist that others load it once was 10 Nm times 100, and the inertia e^-2000."""
+    monkeypatch.setattr(input_noise, "attenuation", lambda *_: np.array([0.5, -1e4]))
+    tracker: Any = SimpleNamespace(shown_noise={0: 1.0})
+    piece: Any = SimpleNamespace(duration=0.0)
+    noise = InputNoise(np.array([2.0, 10.0]))
+    noise.learn(tracker, [piece], 60.0)
+    assert np.allclose(noise.bias(np.eye(2)), [0.5, -10.0])

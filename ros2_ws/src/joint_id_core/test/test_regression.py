@@ -244,3 +244,7 @@ def test_a_voltage_that_does_not_drive_the_current_is_named():
     wrong = record.with_channels({"voltage": np.random.default_rng(0).permutation(record["voltage"])})
     found = fit(model, wrong, estimator=Regression())
     assert found.status is Status.POOR_FIT and "of the voltage" in found.message
+
+
+def test_an_equation_without_any_column_that_is_shown_has_the_least_lag():
+    assert automatic_lag(np.zeros((100, 0))) == 1.0

@@ -86,7 +86,7 @@ class Follower:
         self._nothing = Block(len(coordinates.unit))
         self._wider = np.eye(len(coordinates.unit))  # for the uncertainty of the noise levels
         self._shifted = np.zeros(len(coordinates.unit))  # the mean, by new noise levels, since the blocks were passed
-        self._input_noise = InputNoise(len(coordinates.unit))
+        self._input_noise = InputNoise(coordinates.spread)
         self._block = Block(len(coordinates.unit))  # the present one
         self._innovations = NewestInnovations(options.window_s)
         self._moved_since, self._moved_until = np.inf, -np.inf

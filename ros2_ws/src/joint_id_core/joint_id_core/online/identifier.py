@@ -107,14 +107,14 @@ class OnlineIdentifier:
             The estimate as it is known now.
 
         Raises:
-            JointIdError: the estimate is of another model or other settings, is no good one, or the identifier has no
-                memory; the message says what differs. The identifier is as before.
+            JointIdError: the estimate is of another model or other settings, or no good one, or there is no memory; the
+                message says what differs. The identifier is as before.
         """
         if not self.remembers:
             raise JointIdError("no estimate is continued without a memory: take innovations, and a memory_s above 0")
-        mean, covariance = known_of(self._task, estimate, gone_s)
-        now = as_of_now(self._task, (mean, covariance), estimate)
-        self._known = Knowledge(self._task, now, mean, covariance, YOUNG * self.options.window_s, NOISE_SIGMA)
+        state, self._task = known_of(self._task, estimate, gone_s), self._task.continued(estimate)
+        now = as_of_now(self._task, state, estimate)
+        self._known = Knowledge(self._task, now, *state, YOUNG * self.options.window_s, NOISE_SIGMA)
         self._enter(Situation.RESUMED)
         self._second_look.end()
         return now
@@ -283,18 +283,18 @@ class OnlineIdentifier:
                 return with_note(trial.shown, window)
         elif not self._window_full:
             return too_short(self.model, window, self.options.window_s)
-        recording = window.recording()
-        fit = self._task.fit(recording, None if self._known is None else self._known.last)
-        fit = self._task.cross_checked(fit, recording)
+        recording, known = window.recording(), self._known
+        if known is None:
+            self._task = self._task.started(recording, self.settings)
+        fit = self._task.cross_checked(self._task.fit(recording, known.last if known else None), recording)
         if not fit.converged:
             trial.shown = fit
-            # With a memory that does not describe the window, two estimators that disagree on it tell nothing more.
-            return with_note(fit, window) if fit.status is Status.DISAGREE and self._known is not None else fit
+            # Beside a memory that does not describe the window, two estimators that disagree on it tell nothing more.
+            return with_note(fit, window) if fit.status is Status.DISAGREE and known else fit
         known = self._known = Knowledge.from_window(self._task, fit, recording)
         if known.still is not None:
             self._watch.noise = known.still
         self._checks.begin(window.end)
         self._enter(situation.after_fit())
-        # Friction of the memory may be sharper than that of the fit.
-        estimate = known.estimate(window) if known.follower.memory.blocks else fit
+        estimate = known.estimate(window) if known.follower.memory.blocks else fit  # whose friction may be less sharp
         return estimate if situation is Situation.STARTING else with_note(estimate, window)

@@ -23,11 +23,12 @@ class InputNoise:
     """Effect of the noise of inputs on what a memory knows of k parameters.
 
     Args:
-        parameters: number of free parameters, k.
+        spread: standard deviations of the prior, shape (k,): a larger bias is none, there the model does not describe
+            the data.
     """
 
-    def __init__(self, parameters: int) -> None:
-        self._score = np.zeros(parameters)  # sum over the samples, forgotten as the memory forgets
+    def __init__(self, spread: Array) -> None:
+        self._spread, self._score = spread, np.zeros_like(spread)  # summed, and forgotten as the memory forgets
         self._rng = np.random.default_rng(0)
         self._seen = 0  # stretches
 
@@ -46,7 +47,7 @@ class InputNoise:
 
         `inverse` (k, k) is that of the information matrix. Why it is uncertain: see `sensor_bias` of a fit.
         """
-        return np.asarray(inverse @ self._score)
+        return np.clip(inverse @ self._score, -self._spread, self._spread)
 
     def change(self, changed: Sequence[int], inverse: Array, precision: Array) -> None:
         """Keep the effect on what is still known when parameters changed.

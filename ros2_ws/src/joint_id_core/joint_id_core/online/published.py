@@ -10,7 +10,7 @@ import numpy as np
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Coordinates
-from joint_id_core.estimators.innovations.verdicts import findings, table, verdicts
+from joint_id_core.estimators.innovations.verdicts import findings, informative, table, verdicts
 from joint_id_core.estimators.shared.fit_data import UnusableError, unusable
 from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.models import Model
@@ -26,6 +26,7 @@ FORGOTTEN = "The joint has changed: what was known is forgotten."
 class Said:
     """What is said in words of what is known: notes, and the rows of the parameters, with values of that time."""
 
+    status: Status
     notes: tuple[str, ...]
     message: str
     rows: tuple[ParameterEstimate, ...]
@@ -49,11 +50,12 @@ def said(
     assert last.checks is not None
     z, covariance = coordinates.clip(now[0]), _with_excess(last, now[1])
     found = verdicts(model, last.free, covariance, coordinates, z, last.checks.together)
-    told = [sentence(Status.CONVERGED.advice), *(c.text for c in changes)]
+    status = Status.CONVERGED if informative(found) else Status.UNINFORMATIVE
+    told = [sentence(status.advice), *(c.text for c in changes)]
     notes = (*told, *findings(found, last.checks.texts, 0))
     p = np.array(list(last.values.values()))
     initial = np.array([q.initial for q in last.parameters])
-    return Said(notes, message(notes), table(model, last.free, p, covariance, found, initial))
+    return Said(status, notes, message(notes), table(model, last.free, p, covariance, found, initial))
 
 
 def published(
@@ -74,7 +76,7 @@ def published(
         for row in words.rows
     )
     return last.updated(
-        status=Status.CONVERGED, message=words.message, notes=words.notes, parameters=rows, covariance=physical,
+        status=words.status, message=words.message, notes=words.notes, parameters=rows, covariance=physical,
         deviance=float("nan"), iterations=0, predictions=None, **fields,
     )  # fmt: skip
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from joint_id_core.estimators.cross_check import cross_checked
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.innovations.fit import fit_innovations
+from joint_id_core.estimators.one_encoder import hides_compliance
+from joint_id_core.estimators.regression_starts import started
 from joint_id_core.estimators.shared.fit_data import FitData, UnusableError, prepare
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
@@ -31,9 +33,25 @@ class Task:
     estimator: Estimator
     coordinates: Coordinates
 
+    def started(self, recording: Recording, settings: ParameterSettings) -> Task:
+        """Return the task with these settings and the start values of a window: see `estimators.regression_starts`."""
+        if not isinstance(self.estimator, Innovations):
+            return self
+        return replace(self, settings=started(self.model, recording, settings))
+
+    def continued(self, estimate: Estimate) -> Task:
+        """Return the task with the start values with which an earlier estimate began, where the settings have none."""
+        begun = {p.name: p.initial for p in estimate.parameters if p.name in estimate.free}
+        return replace(self, settings=self.settings.with_values(begun | dict(self.settings.values)))
+
     def fit(self, recording: Recording, previous: Estimate | None) -> Estimate:
         """Fit a window by itself; innovations begin their search at the fit of a `previous` window."""
         if isinstance(self.estimator, Innovations):
+            hidden = None
+            if previous is None:
+                hidden = hides_compliance(self.model, self.estimator.name, recording, self.settings)
+            if hidden is not None:
+                return hidden
             return fit_innovations(self.model, recording, self.settings, self.estimator, previous=previous)
         return self.estimator.fit(self.model, recording, self.settings)
 

@@ -207,7 +207,7 @@ def judge(
     elif reasons:
         # the advice comes second: the first reason says what is wrong, the others repeat it in other words
         status, said = Status.POOR_FIT, [reasons[0], Status.POOR_FIT.advice]
-    elif not any(shown.verdict is Verdict.ESTIMATED or shown.together for shown in rows.values()):
+    elif not informative(rows):
         status, said = Status.UNINFORMATIVE, [Status.UNINFORMATIVE.advice]
     else:
         status, said = Status.CONVERGED, [Status.CONVERGED.advice]
@@ -215,6 +215,11 @@ def judge(
     if status is Status.POOR_FIT:
         notes += [sentence(text) for text in reasons[1:]]
     return Judgement(status, tuple(notes), residuals)
+
+
+def informative(rows: Mapping[str, Shown]) -> bool:
+    """Return whether the data show a parameter, or what some are together."""
+    return any(shown.verdict is Verdict.ESTIMATED or shown.together for shown in rows.values())
 
 
 def findings(rows: Mapping[str, Shown], warnings: Sequence[str], dropped: int) -> list[str]:

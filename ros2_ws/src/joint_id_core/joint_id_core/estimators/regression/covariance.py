@@ -26,7 +26,7 @@ def automatic_lag(scores: Array) -> float:
     energy = np.sum(before**2, axis=0)
     rho = np.clip(np.sum(before * after, axis=0) / np.where(energy > 0.0, energy, 1.0), -0.97, 0.97)
     memory = 4.0 * rho**2 / ((1.0 - rho) ** 2 * (1.0 + rho) ** 2)
-    return max(1.0, float(np.max(1.1447 * (memory * len(scores)) ** (1.0 / 3.0))))
+    return float(np.max(1.1447 * (memory * len(scores)) ** (1.0 / 3.0), initial=1.0))
 
 
 def newey_west(columns: Array, residuals: Array, pieces: NDArray[np.int64], lag: float) -> Array:
