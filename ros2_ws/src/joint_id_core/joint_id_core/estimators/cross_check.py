@@ -46,13 +46,20 @@ HELPS = 0.05  # least share of the error of new samples that a torque takes away
 class Second:
     """Value and standard deviation of a parameter by the second estimator.
 
-    `torque` is what one unit of the parameter makes, over the rms torque.
+    `torque` is what one unit of the parameter makes, over the rms torque. The doubt is what the value may be off beside
+    `sigma`, as that of the regression, where the model lacks something.
     """
 
     name: str
     value: float
     sigma: float
     torque: float
+    doubt: float = 0.0
+
+    @property
+    def wide(self) -> float:
+        """Standard deviation with the doubt."""
+        return math.hypot(self.sigma, self.doubt)
 
 
 @dataclass(frozen=True)
@@ -134,7 +141,8 @@ def second_opinion(
 def _seconds(fitted: Fitted) -> list[Second]:
     """Return what a regression knows of each parameter."""
     found, torque = fitted.solution, np.sqrt(np.mean(fitted.samples.columns**2, axis=0) / np.mean(fitted.samples.y**2))
-    rows = zip(fitted.names, found.unbounded.tolist(), found.sigma.tolist(), torque.tolist(), strict=True)
+    doubt = np.broadcast_to(found.doubt, torque.shape)
+    rows = zip(fitted.names, *(part.tolist() for part in (found.unbounded, found.sigma, torque, doubt)), strict=True)
     return [Second(*row) for row in rows if np.isfinite(row[2])]
 
 
@@ -164,7 +172,7 @@ def judged(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
 
 
 def _disagrees(estimate: Estimate, model: Model, second: Second) -> bool:
-    """Return whether two values differ by an amount that matters and their intervals have nothing in common."""
+    """Return whether two values differ by an amount that matters, and by more than chance."""
     first = estimate[second.name]
     if first.verdict is not Verdict.ESTIMATED:
         return False
@@ -172,12 +180,10 @@ def _disagrees(estimate: Estimate, model: Model, second: Second) -> bool:
     if model.parameter(second.name).positive:  # estimated as a logarithm
         matters = apart > MATTERS * max(first.value, second.value)
         factor = math.exp(APART * first.std_dev / first.value)
-        lowest, highest = first.value / factor, first.value * factor
+        reach = first.value * (factor - 1.0 if second.value > first.value else 1.0 - 1.0 / factor)
     else:
-        matters = apart * second.torque > MATTERS_TORQUE
-        lowest, highest = first.value - APART * first.std_dev, first.value + APART * first.std_dev
-    reach = APART * second.sigma
-    return matters and (second.value + reach < lowest or second.value - reach > highest)
+        matters, reach = apart * second.torque > MATTERS_TORQUE, APART * first.std_dev
+    return matters and apart > math.hypot(reach, APART * second.sigma)
 
 
 def _without_useless_advice(estimate: Estimate, opinion: Opinion) -> Estimate:
@@ -218,9 +224,9 @@ def _widened(estimate: Estimate, model: Model, opinion: Opinion, apart: Sequence
         if second in apart:
             values = (
                 f"{first.value:.3g} ± {first.std_dev:.2g} by {estimate.estimator}, "
-                f"{second.value:.3g} ± {second.sigma:.2g} by {Regression.name}"
+                f"{second.value:.3g} ± {second.wide:.2g} by {Regression.name}"
             )
-            found = between(model, first, (second.value, second.sigma), values)
+            found = between(model, first, (second.value, second.wide), values)
             told.append(f"{second.name} is {found.reason}")
         else:
             found = replace(first, std_dev=math.hypot(first.std_dev, distance))
@@ -244,14 +250,14 @@ def _as_wide(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
             rows[name] = replace(rows[name], verdict=Verdict.PRIOR, reason=said)
     for second in opinion.seconds:
         first = rows[second.name]
-        if first.verdict is not Verdict.ESTIMATED or not second.sigma > first.std_dev:
+        if first.verdict is not Verdict.ESTIMATED or not second.wide > first.std_dev:
             continue
-        magnitude = model.parameter(second.name).positive and second.sigma > MAGNITUDE * first.value
-        said = f"95 % interval {first.value - 1.96 * second.sigma:.4g} to {first.value + 1.96 * second.sigma:.4g}"
-        said = f"it lies below about {first.value + 2.0 * second.sigma:.2g}, more is not known" if magnitude else said
+        magnitude = model.parameter(second.name).positive and second.wide > MAGNITUDE * first.value
+        said = f"95 % interval {first.value - 1.96 * second.wide:.4g} to {first.value + 1.96 * second.wide:.4g}"
+        said = f"it lies below about {first.value + 2.0 * second.wide:.2g}, more is not known" if magnitude else said
         verdict = Verdict.PRIOR if magnitude else first.verdict
-        scale[estimate.free.index(second.name)] = second.sigma / first.std_dev
-        rows[second.name] = replace(first, std_dev=second.sigma, verdict=verdict, reason=said)
+        scale[estimate.free.index(second.name)] = second.wide / first.std_dev
+        rows[second.name] = replace(first, std_dev=second.wide, verdict=verdict, reason=said)
         wider.append(second.name)
     if not wider:
         return replace(estimate, parameters=tuple(rows.values()))

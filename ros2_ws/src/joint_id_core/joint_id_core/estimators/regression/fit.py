@@ -15,7 +15,7 @@ from joint_id_core.estimators.regression.equations import equations
 from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.regression.judging import Fitted, Samples, estimates, judge, tested
 from joint_id_core.estimators.regression.least_squares import ACCURACY, ACCURACY_OF_CURRENT
-from joint_id_core.estimators.regression.missing import missing_torques
+from joint_id_core.estimators.regression.missing import at_speed, missing_torques
 from joint_id_core.estimators.regression.signals import Rows, all_smoothed, bands, motion, rows
 from joint_id_core.estimators.regression.two_sides import has_twist, two_sides
 from joint_id_core.estimators.shared.fit_data import (
@@ -113,9 +113,9 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
         known = np.all([np.isfinite(part).all(axis=1) for part in tables.values()], axis=0)
         tables = {name: part[known] for name, part in tables.items()}
         samples = Samples(
-            equation, Rows(index.index[known], index.pieces[known]), tables["y"][:, 0], tables["columns"],
-            {name: tables[name] for name in missing}, data.recording.time, drive, data.period,
-            sides.tools(equation, tables["tools"]) if sides is not None else None,
+            equation, Rows(index.index[known], index.pieces[known]), at_speed(moved, index.index[known]),
+            tables["y"][:, 0], tables["columns"], {name: tables[name] for name in missing}, data.recording.time, drive,
+            data.period, sides.tools(equation, tables["tools"]) if sides is not None else None,
             ACCURACY if "current" not in model.state_names else ACCURACY_OF_CURRENT,
         )  # fmt: skip
         positive = [model.parameter(n).positive for n in equation.names]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from joint_id_core.checking.shift import Shift
 from joint_id_core.data.recording import Array
@@ -14,10 +15,17 @@ from joint_id_core.estimators.regression.encoder_lag import Lag
 from joint_id_core.estimators.regression.equations import Equation, Motion
 from joint_id_core.estimators.regression.instruments import Tools
 from joint_id_core.estimators.regression.lag import drive_shift
-from joint_id_core.estimators.regression.least_squares import ACCURACY, Solution, explained_later, solve
+from joint_id_core.estimators.regression.least_squares import (
+    ACCURACY,
+    Solution,
+    explained,
+    explained_later,
+    least_squares,
+    solve,
+    without,
+)
 from joint_id_core.estimators.regression.missing import (
     GRAVITY,
-    SLOW,
     STRIBECK,
     STUCK,
     at_speed,
@@ -50,6 +58,7 @@ class Samples:
 
     Attributes:
         rows: the samples.
+        fast: True for those at which the joint does not nearly rest, shape (R,).
         y, columns: in the band, shapes (R,) and (R, k).
         lacked: columns (R, m) of torques that the model lacks, by the option that adds them.
         time: instants of all samples of the recording in s, shape (T,).
@@ -61,6 +70,7 @@ class Samples:
 
     equation: Equation
     rows: Rows
+    fast: NDArray[np.bool_]
     y: Array
     columns: Array
     lacked: Mapping[str, Array]
@@ -71,9 +81,26 @@ class Samples:
     accuracy: float = ACCURACY
 
     def solve(self, positive: Sequence[bool], lag_s: float) -> Solution:
-        """Return the solution; `lag_s` as in the options."""
-        lag = lag_s / self.step
-        return solve(self.y, self.columns, positive, self.rows.pieces, lag, self.tools, self.accuracy)
+        """Return the solution; `lag_s` as in the options.
+
+        Where a joint reverses, its acceleration is largest, and friction has a memory that no law has, which looks like
+        a negative inertia (presliding: Armstrong-Helouvry, Dupont & Canudas de Wit, Automatica 30, 1994). So inertia is
+        taken from samples at speed alone: at the others it is another parameter, which is not returned. What all
+        samples together would make of it is in doubt.
+        """
+        lag, pieces = lag_s / self.step, self.rows.pieces
+        if self.tools is not None or self.equation.inertia not in self.equation.names:
+            return solve(self.y, self.columns, positive, pieces, lag, self.tools, self.accuracy)
+        place = self.equation.names.index(self.equation.inertia)
+        at_reversals = np.where(self.fast, 0.0, self.columns[:, place])
+        y, columns = without(self.y[:, None], at_reversals)[:, 0], without(self.columns, at_reversals)
+        found = solve(y, columns, positive, pieces, lag, None, self.accuracy)
+        doubt, usable = np.zeros(len(found.values)), np.flatnonzero(~found.unseen)
+        if not found.unseen[place]:
+            of_all = least_squares(self.y, self.columns[:, usable])[np.searchsorted(usable, place)]
+            doubt[place] = abs(of_all - found.unbounded[place])
+        share = explained(self.y, self.columns @ found.values)
+        return replace(found, covariance=found.covariance + np.diag(doubt**2), r_squared=share, doubt=doubt)
 
     @property
     def step(self) -> float:
@@ -164,7 +191,7 @@ def tested(
 ) -> Fitted:  # fmt: skip
     """Return a solution with what tells whether its equation is that of the motion."""
     y, columns, rows = samples.y, samples.columns, samples.rows
-    fast, loose = (at_speed(motion, rows.index, least) for least in (SLOW, STUCK))
+    fast, loose = samples.fast, at_speed(motion, rows.index, STUCK)
     tools = None if samples.tools is None else samples.tools.part(fast)
     static, pieces = samples.equation.static, rows.pieces[fast]
     later = explained_later(y[fast], columns[fast], positive, static, pieces, tools)
@@ -205,10 +232,10 @@ def row(model: Model, name: str, fitted: Fitted, j: int, start: float) -> Parame
         if fitted.samples.tools is not None:
             value, reason = 0.0, f"{reason}: taken as 0"
     elif solution.below[j]:
-        pulled = f"{solution.unbounded[j]:.3g} ± {solution.sigma[j]:.2g} {q.unit}"
+        pulled = f"{solution.unbounded[j]:.3g} ± {solution.wide[j]:.2g} {q.unit}"
         verdict, reason = Verdict.AT_BOUND, f"the data pull it below 0, to {pulled}"
     elif solution.held[j] or (q.positive and sigma > MAGNITUDE * value):
-        sigma = float(solution.sigma[j]) if solution.held[j] else sigma
+        sigma = float(solution.wide[j]) if solution.held[j] else sigma
         verdict, reason = Verdict.PRIOR, f"it lies below about {value + 2.0 * sigma:.2g} {q.unit}, more is not known"
     else:
         verdict, reason = Verdict.ESTIMATED, f"95 % interval {value - 1.96 * sigma:.4g} to {value + 1.96 * sigma:.4g}"

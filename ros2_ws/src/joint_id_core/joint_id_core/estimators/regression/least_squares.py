@@ -28,6 +28,7 @@ class Solution:
     Attributes:
         held: True for positive parameters that least squares makes negative, shape (k,); their values are zero.
         unbounded, sigma: values and standard deviations without these bounds, shape (k,).
+        doubt: what the model lacks may change of them, shape (k,): in the covariance, not in `sigma`.
         unseen: True for parameters whose column is zero or follows from the others, shape (k,).
         r_squared: share of the mean square of y about its mean that is explained.
         lag: memory of the residuals in samples.
@@ -41,11 +42,17 @@ class Solution:
     sigma: Array
     r_squared: float
     lag: float
+    doubt: Array | float = 0.0
+
+    @property
+    def wide(self) -> Array:
+        """Standard deviations without the bounds of positive parameters, with the doubt, shape (k,)."""
+        return np.hypot(self.sigma, self.doubt)
 
     @property
     def below(self) -> NDArray[np.bool_]:
         """True for positive parameters that the data pull below zero by more than their intervals, shape (k,)."""
-        return np.asarray(self.held & (self.unbounded < -1.96 * self.sigma))
+        return np.asarray(self.held & (self.unbounded < -1.96 * self.wide))
 
 
 def solve(
@@ -89,9 +96,25 @@ def solve(
         if not len(free) or below.min() >= 0.0:
             break
         held[int(np.argmin(below))] = True
+    return Solution(
+        values, covariance, held, unseen, unbounded, sigma, explained(y, columns @ values), memory
+    )  # fmt: skip
+
+
+def explained(y: Array, predicted: Array) -> float:
+    """Return the share of the mean square of y (T,) about its mean that is predicted; NaN if y is constant."""
     spread = float(np.mean((y - y.mean()) ** 2))
-    explained = 1.0 - float(np.mean(residuals**2)) / spread if spread > 0.0 else np.nan
-    return Solution(values, covariance, held, unseen, unbounded, sigma, explained, memory)
+    return 1.0 - float(np.mean((y - predicted) ** 2)) / spread if spread > 0.0 else float("nan")
+
+
+def without(table: Array, column: Array) -> Array:
+    """Return a table (T, m) without what a column (T,) explains of it.
+
+    A fit of what is left gives the values and the covariance of one with this column (Frisch & Waugh, Econometrica 1,
+    1933; Lovell, J. Am. Stat. Assoc. 58, 1963).
+    """
+    energy = float(column @ column)
+    return np.asarray(table - np.outer(column, column @ table / energy)) if energy > 0.0 else table
 
 
 def two_stage(y: Array, columns: Array, tools: Array) -> Array:
@@ -100,10 +123,13 @@ def two_stage(y: Array, columns: Array, tools: Array) -> Array:
     return np.asarray(np.linalg.lstsq(projected(columns / scale, tools), y, rcond=None)[0] / scale)
 
 
+def least_squares(y: Array, columns: Array) -> Array:
+    """Return the values (k,) of least squares of y (T,) on columns (T, k)."""
+    return np.asarray(np.linalg.lstsq(columns, y, rcond=None)[0])
+
+
 def _fitted(y: Array, columns: Array, tools: Array | None) -> Array:
-    if tools is None:
-        return np.asarray(np.linalg.lstsq(columns, y, rcond=None)[0])
-    return two_stage(y, columns, tools)
+    return least_squares(y, columns) if tools is None else two_stage(y, columns, tools)
 
 
 def _refitted(y: Array, columns: Array, tools: Array, kept: NDArray[np.bool_]) -> Array:
