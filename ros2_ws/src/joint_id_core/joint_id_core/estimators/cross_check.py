@@ -17,6 +17,7 @@ import numpy as np
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.regression.estimator import Regression
+from joint_id_core.estimators.regression.missing import HELPS
 from joint_id_core.estimators.shared.between import between
 from joint_id_core.estimators.shared.sentences import listed, message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
@@ -39,7 +40,6 @@ MATTERS_TORQUE = 0.05  # the same of other parameters: the torque that it makes,
 # band. Simulated white noise has less than 0.15.
 MEMORY = 0.25
 LITTLE = 0.01  # share of the torque that may be left, whatever its memory
-HELPS = 0.05  # least share of the error of new samples that a torque takes away for which the user is told to add it
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,8 @@ from __future__ import annotations
 from joint_id_core.data.recording import Recording
 from joint_id_core.data.signals import across_gear, side_of
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators.cross_check import HELPS
 from joint_id_core.estimators.regression.estimator import Regression
-from joint_id_core.estimators.regression.missing import COMPLIANCE
+from joint_id_core.estimators.regression.missing import COMPLIANCE, HELPS
 from joint_id_core.estimators.shared.fit_data import UnusableError, unusable
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model

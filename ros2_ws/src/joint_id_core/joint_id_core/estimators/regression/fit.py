@@ -16,6 +16,7 @@ from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.regression.judging import Fitted, Samples, estimates, judge, tested
 from joint_id_core.estimators.regression.least_squares import ACCURACY, ACCURACY_OF_CURRENT
 from joint_id_core.estimators.regression.missing import at_speed, missing_torques
+from joint_id_core.estimators.regression.presliding import turning
 from joint_id_core.estimators.regression.signals import Rows, all_smoothed, bands, motion, rows
 from joint_id_core.estimators.regression.two_sides import has_twist, two_sides
 from joint_id_core.estimators.shared.fit_data import (
@@ -106,7 +107,14 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
     for equation in equations(model, moved, values, free):
         drive = equation.factor * moved.u[model.drive] if model.drive else np.zeros(len(usable))
         beside = sides.beside(equation) if sides is not None else {}
-        tables = {"y": equation.y[:, None], "columns": equation.columns, "drive": drive[:, None], **missing, **beside}
+        tables = {
+            "y": equation.y[:, None],
+            "columns": equation.columns,
+            "drive": drive[:, None],
+            "turning": turning(moved, model),
+            **missing,
+            **beside,
+        }
         tables = all_smoothed(data.recording.time, tables, usable, band_hz)
         drive = tables.pop("drive")[:, 0]
         tables = {name: part[index.index] for name, part in tables.items()}
@@ -116,7 +124,7 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
             equation, Rows(index.index[known], index.pieces[known]), at_speed(moved, index.index[known]),
             tables["y"][:, 0], tables["columns"], {name: tables[name] for name in missing}, data.recording.time, drive,
             data.period, sides.tools(equation, tables["tools"]) if sides is not None else None,
-            ACCURACY if "current" not in model.state_names else ACCURACY_OF_CURRENT,
+            ACCURACY if "current" not in model.state_names else ACCURACY_OF_CURRENT, tables["turning"],
         )  # fmt: skip
         positive = [model.parameter(n).positive for n in equation.names]
         solution, lag = samples.solve(positive, options.lag_s), None

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,20 +19,20 @@ from joint_id_core.estimators.regression.lag import drive_shift
 from joint_id_core.estimators.regression.least_squares import (
     ACCURACY,
     Solution,
-    explained,
     explained_later,
-    least_squares,
     solve,
     without,
 )
 from joint_id_core.estimators.regression.missing import (
     GRAVITY,
+    HELPS,
     STRIBECK,
     STUCK,
     at_speed,
     share_explained,
     share_predicted,
 )
+from joint_id_core.estimators.regression.presliding import with_inertia
 from joint_id_core.estimators.regression.signals import Rows
 from joint_id_core.estimators.shared.sentences import listed, sentence
 from joint_id_core.models import Model
@@ -49,6 +50,7 @@ MOST_GRAVITY = 0.5  # share of what is left that a load with the angle explains,
 # matter, simulated or put into the EMPS benchmark, it leaves less than 2 %.
 LATE = 0.75  # samples
 LEFT = 0.2  # share of what is left unexplained, which is left with the best shift
+TOLD = 0.05  # doubt over the value from which its reason is told
 LITTLE = 0.005  # share of the torque that may be left unexplained, whatever would explain it
 
 
@@ -66,6 +68,7 @@ class Samples:
         period: of the recording in s.
         tools: instruments; None if least squares will do.
         accuracy: see `least_squares.solve`.
+        turning: see `presliding.turning`, shape (R, m).
     """
 
     equation: Equation
@@ -79,28 +82,31 @@ class Samples:
     period: float
     tools: Tools | None = None
     accuracy: float = ACCURACY
+    turning: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def solve(self, positive: Sequence[bool], lag_s: float) -> Solution:
         """Return the solution; `lag_s` as in the options.
 
-        Where a joint reverses, its acceleration is largest, and friction has a memory that no law has, which looks like
-        a negative inertia (presliding: Armstrong-Helouvry, Dupont & Canudas de Wit, Automatica 30, 1994). So inertia is
-        taken from samples at speed alone: at the others it is another parameter, which is not returned. What all
-        samples together would make of it is in doubt.
+        If friction that turns over some distance predicts new samples better, inertia is that of a fit with it, since
+        without it the inertia would be too small. The other parameters are those that describe the motion without it.
+        Half of what it changes of the inertia is in doubt, and what it changes of the others if it matters.
         """
-        lag, pieces = lag_s / self.step, self.rows.pieces
-        if self.tools is not None or self.equation.inertia not in self.equation.names:
-            return solve(self.y, self.columns, positive, pieces, lag, self.tools, self.accuracy)
-        place = self.equation.names.index(self.equation.inertia)
-        at_reversals = np.where(self.fast, 0.0, self.columns[:, place])
-        y, columns = without(self.y[:, None], at_reversals)[:, 0], without(self.columns, at_reversals)
-        found = solve(y, columns, positive, pieces, lag, None, self.accuracy)
-        doubt, usable = np.zeros(len(found.values)), np.flatnonzero(~found.unseen)
-        if not found.unseen[place]:
-            of_all = least_squares(self.y, self.columns[:, usable])[np.searchsorted(usable, place)]
-            doubt[place] = abs(of_all - found.unbounded[place])
-        share = explained(self.y, self.columns @ found.values)
-        return replace(found, covariance=found.covariance + np.diag(doubt**2), r_squared=share, doubt=doubt)
+        ask = partial(solve, positive=positive, pieces=self.rows.pieces, lag=lag_s / self.step, accuracy=self.accuracy)
+        found, turn = ask(self.y, self.columns, tools=self.tools), self.turn
+        inertia = np.array([n == self.equation.inertia for n in self.equation.names])
+        if turn is None or not inertia.any():
+            return found
+        other = ask(without(self.y[:, None], turn)[:, 0], without(self.columns, turn))
+        return with_inertia(found, other, inertia, np.array(positive))
+
+    @cached_property
+    def turn(self) -> Array | None:
+        """What friction lacks after reversals, shape (R,); None if that would predict new samples no better."""
+        left = [share_explained(self.y, self.columns, column[:, None]) for column in self.turning.T]
+        if not left or self.tools is not None:
+            return None
+        best = self.turning[:, int(np.argmax(left))]
+        return best if share_predicted(self.y, self.columns, best[:, None]) > HELPS else None
 
     @property
     def step(self) -> float:
@@ -270,6 +276,10 @@ def judge(
     if unseen and status is not Status.UNINFORMATIVE:
         said.append(f"this motion does not show {listed(unseen)}")
     said += [f.lag for f in fitted if f.lag]
+    if any((f.solution.doubt > TOLD * np.abs(f.solution.unbounded)).any() for f in fitted):
+        said.append(
+            "after reversals friction turns over some distance, which no law has; the inertia is that beside it"
+        )
     if held:
         said.append(f"held, because a regression cannot tell them: {listed(held)}")
     if dropped:

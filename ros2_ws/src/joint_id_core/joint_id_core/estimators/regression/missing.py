@@ -15,6 +15,7 @@ GRAVITY, STRIBECK, EYRING = "--gravity", "--friction stribeck", "--friction eyri
 COMPLIANCE = "a flexible gear"
 SLOW = 0.1  # of the rms velocity, below which a joint may stick
 STUCK = 0.02  # the same for friction that rises at low speed
+HELPS = 0.05  # least share of the error of new samples that a torque takes away, for it to be believed
 FOLDS = 4  # of the samples; each is predicted by a fit of the others
 
 
