@@ -1,5 +1,7 @@
 """CSV in and out."""
 
+import gzip
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -54,11 +56,11 @@ def test_mapping_multiplies_columns_and_numbers(csv):
     ("text", "message"),
     [
         (
-            "time,q,i\n0,1,2\n",
-            r"log.csv: no known time_s among the columns time, q, i: understood are time_s, motor_position, .*in SI "
-            r"units; name yours, e.g. --map time_s=time --map link_position=0.0174533\*q$",
+            "when,q,i\n0,1,2\n",
+            r"log.csv: no known time_s among the columns when, q, i: understood are time_s, motor_position, .*in SI "
+            r"units; name yours, e.g. --map time_s=when --map 'link_position=0.0174533\*q'$",
         ),
-        ("time_s,q\n0,1\n", r"no known channel among the columns time_s, q: .*--map link_position=0.0174533\*q$"),
+        ("time_s,q\n0,1\n", r"no known channel among the columns time_s, q: .*--map 'link_position=0.0174533\*q'$"),
         ("0,1,2\n1,2,3\n", r"log.csv: no header, line 1 holds numbers only: put column names above it, time_s, motor"),
         ("time_s,current\n", r"log.csv: only a header \(time_s, current\), no samples"),
         ("\n\n", r"log.csv: the file holds no line"),
@@ -107,9 +109,11 @@ def test_not_text(tmp_path):
 def test_unknown_and_missing_paths(tmp_path):
     with pytest.raises(JointIdError, match=r"nothing.csv: no such file or directory"):
         formats.read(tmp_path / "nothing.csv")
-    (tmp_path / "log.txt").write_text("x")
-    with pytest.raises(JointIdError, match=r"log.txt: not a known format: give a .csv, .mat, .mcap or .db3 file"):
-        formats.read(tmp_path / "log.txt")
+    (tmp_path / "log.doc").write_text("x")
+    with pytest.raises(
+        JointIdError, match=r"log.doc: not a known format: give a .csv, .txt, .tsv, .mat, .mcap, .db3 file"
+    ):
+        formats.read(tmp_path / "log.doc")
 
 
 def test_writing_leaves_out_derived_channels_and_never_overwrites(tmp_path):
@@ -142,3 +146,45 @@ def test_any_recording_reads_back_exactly(tmp_path, times, data):
     np.testing.assert_array_equal(back.time, times)
     for name, column in channels.items():
         np.testing.assert_array_equal(back[name], column)
+
+
+HEADERS = {
+    "Time (ms),Link position [deg],Motor velocity (rpm),Current (mA)\n0,180,60,500\n250,90,30,250\n",
+    "# taken with a UR\n# time  link_position motor.velocity current\n0 3.141592653589793 6.283185307179586 0.5\n"
+    "0.25 1.5707963267948966 3.141592653589793 0.25\n",
+    "| t_ms | link position_deg | motor_velocity_rpm | current |\n| 0 | 180 | 60 | 0.5 |\n\n| 250 | 90 | 30 | 0.25 |\n",
+    "% a comment\nTIMESTAMP;Link Position (°);Motor Velocity (deg/s);Current (A);Note (x)\n0;180;360;0.5;1\n"
+    "// later\n0.25;90;180;0.25;2\n",
+}
+
+
+@pytest.mark.parametrize("text", sorted(HEADERS))
+@pytest.mark.parametrize("name", ["log.csv", "log.txt", "log.TSV", "log.csv.gz"])
+def test_headers_as_people_write_them(tmp_path, name, text):
+    path = tmp_path / name
+    path.write_bytes(gzip.compress(text.encode()) if name.endswith(".gz") else text.encode())
+    recording = formats.read(path)
+    assert recording.time.tolist() == [0.0, 0.25]
+    assert recording["link_position"] == pytest.approx([np.pi, np.pi / 2])
+    assert recording["motor_velocity"] == pytest.approx([2 * np.pi, np.pi])
+    assert recording["current"] == pytest.approx([0.5, 0.25])
+    assert any(said.startswith("link_position = ") or said.startswith("time_s = ") for said in formats.taken(path))
+
+
+def test_a_name_that_fits_twice_and_a_unit_of_another_kind_are_not_guessed(csv):
+    with pytest.raises(JointIdError, match=r"'Time \(s\)' and 't' could all be time_s: say which, .*--map 'time_s=T"):
+        formats.read(csv("Time (s),t,current\n0,1,2\n"))
+    with pytest.raises(JointIdError, match="no known channel among the columns time, Current"):
+        formats.read(csv("time,Current (Nm)\n0,1\n"))
+    exact = formats.read(csv("time_s,Time (ms),torque,torque (mNm)\n0,5,1,2\n"))
+    assert exact.time.tolist() == [0.0] and exact["torque"].tolist() == [1.0]
+
+
+def test_a_damaged_compressed_file_is_named(tmp_path):
+    path = tmp_path / "log.csv.gz"
+    path.write_bytes(gzip.compress(b"time_s,current\n0,1\n1,2\n" * 100)[:40])
+    with pytest.raises(JointIdError, match=r"log.csv.gz: "):
+        formats.read(path)
+    path.write_bytes(b"time_s,current\n0,1\n")
+    with pytest.raises(JointIdError, match=r"log.csv.gz: cannot be read"):
+        formats.read(path)

@@ -53,7 +53,7 @@ def test_scalars_may_be_factors(mat):
 @pytest.mark.parametrize(
     ("variables", "mapping", "message"),
     [
-        ({"t": TIME, "q": TIME}, {}, r"log.mat: no known time_s among the columns t, q: .*--map time_s=t"),
+        ({"x": TIME, "q": TIME}, {}, r"log.mat: no known time_s among the columns x, q: .*--map time_s=x"),
         ({"time_s": TIME, "current": TIME[:3]}, {}, r"log.mat: current has 3 values, time_s has 5"),
         (
             {"time_s": TIME, "a": TIME, "b": TIME[:4]},

@@ -1,7 +1,8 @@
 """Read and write recordings: rosbag2 (mcap, sqlite3), CSV and MAT.
 
-`read` picks the format: `.csv`, `.mat`, or a bag, which is a directory with `metadata.yaml` or a bare `.mcap` or
-`.db3` file. Gaps, unequal steps and NaN are kept as they are; nothing is resampled or filled in.
+`read` picks the format: `.csv` (or `.txt`, `.tsv`, also with `.gz`), `.mat`, or a bag, which is a directory with
+`metadata.yaml` or a bare `.mcap` or `.db3` file. Gaps, unequal steps and NaN are kept as they are; nothing is resampled
+or filled in.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.formats import csv_file, mat_file
 from joint_id_core.formats.csv_file import write_csv
 
-__all__ = ["contents", "joints", "read", "write", "write_bag", "write_csv"]
+KINDS = {".csv": "csv", ".txt": "csv", ".tsv": "csv", ".mat": "mat", ".mcap": "bag", ".db3": "bag"}  # by ending
+__all__ = ["contents", "joints", "read", "taken", "write", "write_bag", "write_csv"]
 
 
 def read(path: str | Path, joint: str | None = None, mapping: Mapping[str, str] | None = None) -> Recording:
@@ -67,6 +69,16 @@ def contents(path: str | Path) -> tuple[str, ...]:
     return mat_file.variables(path) if kind == "mat" else _bags().topics(path)
 
 
+def taken(path: str | Path, mapping: Mapping[str, str] | None = None) -> list[str]:
+    """Return in words which columns of a text file with other names are read as which channels; [] for other files.
+
+    Raises:
+        JointIdError: unreadable file, columns that are not understood.
+    """
+    path = Path(path)
+    return csv_file.taken(path, mapping or {}) if _kind(path) == "csv" else []
+
+
 def write(path: str | Path, recording: Recording) -> None:
     """Write a recording: as CSV if the path ends in .csv, else as a bag directory.
 
@@ -106,11 +118,15 @@ def _kind(path: Path) -> str:
         raise JointIdError(f"{path}: no such file or directory: check the path")
     if path.is_dir():
         return "bag"
-    kind = {".csv": "csv", ".mat": "mat", ".mcap": "bag", ".db3": "bag"}.get(path.suffix.lower())
+    name = path.name.lower().removesuffix(".gz")
+    kind = next((kind for ending, kind in KINDS.items() if name.endswith(ending)), None)
+    kind = None if kind != "csv" and path.suffix.lower() == ".gz" else kind
     if path.name == "metadata.yaml":
         raise JointIdError(f"{path}: this is the index of a bag: give its directory, {path.parent}")
     if kind is None:
-        raise JointIdError(f"{path}: not a known format: give a .csv, .mat, .mcap or .db3 file or a bag directory")
+        raise JointIdError(
+            f"{path}: not a known format: give a .csv, .txt, .tsv, .mat, .mcap or .db3 file or a bag directory"
+        )
     if path.stat().st_size == 0:
         raise JointIdError(f"{path}: the file is empty: record it again")
     return kind

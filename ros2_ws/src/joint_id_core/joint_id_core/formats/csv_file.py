@@ -1,22 +1,31 @@
 """CSV files: a header, then one line per sample.
 
-Columns are `time_s` and any of `joint_id_core.data.signals.CHANNELS`, in SI units. A signal without a column was not
-measured; an empty cell or `nan` is a missing value. Other columns are ignored unless a mapping names them. The
-delimiter (comma, semicolon, tab or spaces) is found from the header.
+Columns are `time_s` and any of `joint_id_core.data.signals.CHANNELS`, in SI units, or written as people do (see
+`column_names`). A signal without a column was not measured; an empty cell or `nan` is a missing value. Other columns
+are ignored unless a mapping names them. The delimiter (comma, semicolon, tab, bar or spaces) is found from the header.
+Lines that begin with #, % or // are comments; the last one above the numbers may be the header.
 """
 
 from __future__ import annotations
 
 import csv
+import gzip
 import math
-from collections.abc import Mapping
+import warnings
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.formats.mapping import TARGETS, TIME, plan
+from joint_id_core.formats.column_names import TIME
+from joint_id_core.formats.mapping import TARGETS, plan
+from joint_id_core.formats.mapping import taken as in_words
+
+COMMENTS = ("#", "%", "//")
 
 
 def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:
@@ -26,13 +35,13 @@ def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:
         JointIdError: no usable header, a line of the wrong length, a cell that is not a number. The message names file,
             line and column.
     """
-    header, rows, numbers = _table(path)
-    products = plan(path, header, mapping)
-    columns: dict[str, Array] = {}
-    for name in {name for product in products.values() for name in product.names}:
-        if header.count(name) > 1:
-            raise JointIdError(f"{path}: {header.count(name)} columns are called {name!r}: rename all but one")
-        columns[name] = _column(path, name, header.index(name), rows, numbers)
+    header = _header(path)
+    products = plan(path, header.names, mapping)
+    used = {name for product in products.values() for name in product.names}
+    for name in used:
+        if header.names.count(name) > 1:
+            raise JointIdError(f"{path}: {header.names.count(name)} columns are called {name!r}: rename all but one")
+    columns = _columns(path, header, used)
     values: dict[str, Array] = {}
     for target, product in products.items():
         values[target] = np.prod([columns[name] for name in product.names], axis=0)
@@ -47,7 +56,7 @@ def columns(path: Path) -> tuple[str, ...]:
     Raises:
         JointIdError: no header, or not a text file.
     """
-    return tuple(_table(path)[0])
+    return tuple(_header(path).names)
 
 
 def write_csv(path: str | Path, recording: Recording) -> None:
@@ -72,40 +81,118 @@ def write_csv(path: str | Path, recording: Recording) -> None:
             writer.writerow([repr(time), *("" if math.isnan(value) else repr(value) for value in row)])
 
 
-def _table(path: Path) -> tuple[list[str], list[list[str]], list[int]]:
-    """Return the header, the cells by row, and the line number of each row."""
+def _open(path: Path) -> TextIO:
+    return gzip.open(path, "rt", encoding="utf-8-sig") if path.suffix == ".gz" else path.open(encoding="utf-8-sig")
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Yield the lines of a file with their numbers; the message of an error names the path.
+
+    Raises:
+        JointIdError: the file cannot be read, or is no text.
+    """
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        with _open(path) as file:
+            yield from enumerate(file, 1)
     except OSError as error:
-        raise JointIdError(f"{path}: cannot be read ({error.strerror}): check the path and its permissions") from None
+        why = error.strerror or str(error)
+        raise JointIdError(f"{path}: cannot be read ({why}): check the path and its permissions") from None
+    except EOFError:
+        raise JointIdError(f"{path}: the compressed file ends too early: copy it again") from None
     except UnicodeDecodeError as error:
         raise JointIdError(f"{path}: byte {error.start} is not UTF-8 text: save the file as plain CSV") from None
-    filled = [(k, line) for k, line in enumerate(lines, 1) if line.strip()]
-    if not filled:
-        raise JointIdError(f"{path}: the file holds no line: record it again")
-    frequent = max(";\t,", key=filled[0][1].count)
-    delimiter = frequent if frequent in filled[0][1] else None
-    table = [_cells(line, delimiter) for _, line in filled]
-    header, numbers = table[0], [k for k, _ in filled]
-    if all(_is_number(cell) for cell in header):
+
+
+@dataclass(frozen=True)
+class _Header:
+    """Names of the columns, the number of the line that holds them, and the delimiter (None: spaces)."""
+
+    names: list[str]
+    line: int
+    delimiter: str | None
+
+
+def _header(path: Path) -> _Header:
+    """Find the header: the first line that is no comment, or the last comment above it if it holds numbers only."""
+    comment: tuple[int, str] | None = None
+    for number, line in _lines(path):
+        text = line.strip()
+        if not text:
+            continue
+        if text.startswith(COMMENTS):
+            comment = number, text.lstrip("#%/ ")
+            continue
+        delimiter = _delimiter(text)
+        names = _cells(text, delimiter)
+        if not all(_is_number(cell) for cell in names):
+            return _Header(names, number, delimiter)
+        if comment is not None:
+            above = _cells(comment[1], _delimiter(comment[1]))
+            if len(above) == len(names) and not any(_is_number(cell) for cell in above):
+                return _Header(above, comment[0], delimiter)
         raise JointIdError(
-            f"{path}: no header, line {numbers[0]} holds numbers only: put column names above it, {', '.join(TARGETS)} "
+            f"{path}: no header, line {number} holds numbers only: put column names above it, {', '.join(TARGETS)} "
             "(SI units) or your own with e.g. --map link_position=q"
         )
-    for number, row in zip(numbers, table, strict=False):
-        if len(row) != len(header):
+    raise JointIdError(f"{path}: the file holds no line: record it again")
+
+
+def _delimiter(line: str) -> str | None:
+    frequent = max(";\t,|", key=line.count)
+    return frequent if frequent in line else None
+
+
+def _numbers(path: Path, header: _Header) -> Array | None:
+    """Return all cells as numbers (rows, columns), read by NumPy; None if a cell or a line is not as it expects."""
+    try:
+        with _open(path) as file, warnings.catch_warnings(action="ignore"):  # no rows: said below
+            table = np.loadtxt(file, delimiter=header.delimiter, skiprows=header.line, comments=COMMENTS, ndmin=2)
+    except (ValueError, OSError, EOFError):
+        return None
+    return table if len(table) and table.shape[1] == len(header.names) else None
+
+
+def _table(path: Path, header: _Header) -> tuple[list[list[str]], list[int]]:
+    """Return the cells by row, and the line number of each row."""
+    rows, numbers = [], []
+    for number, line in _lines(path):
+        text = line.strip()
+        if number <= header.line or not text or text.startswith(COMMENTS):
+            continue
+        cells = _cells(line, header.delimiter)
+        if len(cells) != len(header.names):
             raise JointIdError(
-                f"{path}: line {number} has {len(row)} cells, the header has {len(header)}: mend or cut this line"
+                f"{path}: line {number} has {len(cells)} cells, the header has {len(header.names)}: mend or cut this "
+                "line"
             )
-    if len(table) == 1:
-        raise JointIdError(f"{path}: only a header ({', '.join(header)}), no samples: record it again")
-    return header, table[1:], numbers[1:]
+        rows.append(cells)
+        numbers.append(number)
+    if not rows:
+        raise JointIdError(f"{path}: only a header ({', '.join(header.names)}), no samples: record it again")
+    return rows, numbers
 
 
 def _cells(line: str, delimiter: str | None) -> list[str]:
     """Return the cells of one line; the delimiter None splits at spaces."""
+    line = line.rstrip("\r\n")
+    if delimiter == "|":  # a table in text has one at both ends
+        line = line.strip().removeprefix("|").removesuffix("|")
     cells = next(csv.reader([line], delimiter=delimiter)) if delimiter and '"' in line else line.split(delimiter)
     return [cell.strip() for cell in cells]
+
+
+def _columns(path: Path, header: _Header, used: Collection[str]) -> dict[str, Array]:
+    """Return the columns that are used, by name."""
+    table = _numbers(path, header)
+    if table is not None:
+        return {name: table[:, header.names.index(name)].copy() for name in used}
+    rows, numbers = _table(path, header)  # slower, with empty cells, and says what is wrong and where
+    return {name: _column(path, name, header.names.index(name), rows, numbers) for name in used}
+
+
+def taken(path: Path, mapping: Mapping[str, str]) -> list[str]:
+    """Return in words which columns with other names are read as which channels."""
+    return in_words(plan(path, _header(path).names, mapping))
 
 
 def _column(path: Path, name: str, index: int, rows: list[list[str]], numbers: list[int]) -> Array:

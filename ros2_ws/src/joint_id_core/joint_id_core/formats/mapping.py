@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError
+from joint_id_core.formats.column_names import TIME, understood
 
-TIME = "time_s"
 TARGETS = (TIME, *CHANNELS)
 
 
@@ -25,7 +26,8 @@ class Product:
 def plan(path: Path, found: Collection[str], mapping: Mapping[str, str]) -> dict[str, Product]:
     """Determine how time and each channel are computed from the columns `found` in a file.
 
-    Columns with a known name are taken as they are unless `mapping` names another source. Other columns are ignored.
+    Columns with a known name are taken as they are unless `mapping` names another source; those whose name and unit are
+    written in another way (`column_names`) are converted. Other columns are ignored.
 
     Returns:
         By target (`time_s`, channel names), the product to compute; in the order of `TARGETS`.
@@ -34,6 +36,18 @@ def plan(path: Path, found: Collection[str], mapping: Mapping[str, str]) -> dict
         JointIdError: no time, no channel, an unknown target, an expression that is not a product of columns.
     """
     targets = {name: Product(1.0, (name,)) for name in TARGETS if name in found}
+    written: dict[str, list[tuple[str, float]]] = {}
+    for column in found:
+        known = understood(column) if column not in TARGETS else None
+        if known is not None and known[0] not in targets and known[0] not in mapping:
+            written.setdefault(known[0], []).append((column, known[1]))
+    for target, ((column, factor), *others) in written.items():
+        if others:
+            raise JointIdError(
+                f"{path}: {' and '.join(repr(c) for c, _ in written[target])} could all be {target}: say which, e.g. "
+                f"--map {shlex.quote(f'{target}={column}')}"
+            )
+        targets[target] = Product(factor, (column,))
     for target, expression in mapping.items():
         if target not in TARGETS:
             raise JointIdError(f"{path}: cannot map to {target!r}: known are {', '.join(TARGETS)}")
@@ -85,12 +99,21 @@ def listed(columns: Collection[str]) -> str:
     return ", ".join(shown)
 
 
+def taken(plan_: Mapping[str, Product]) -> list[str]:
+    """Return in words which columns with other names became which channels."""
+    return [
+        f"{target} = {'' if product.factor == 1.0 else f'{product.factor:.6g} * '}{' * '.join(product.names)}"
+        for target, product in plan_.items()
+        if product != Product(1.0, (target,))
+    ]
+
+
 def _example(found: Collection[str]) -> str:
     """Return example options that map the user's own columns."""
     own = _own(found)
-    time = TIME if TIME in found else next(own, "t")
-    position = next(own, "q_deg")
-    return f"--map {TIME}={time} --map link_position=0.0174533*{position}"
+    time = next((c for c in found if (understood(c) or ("",))[0] == TIME), None) or next(own, "t")
+    position = next((c for c in own if c != time), "q_deg")
+    return " ".join(f"--map {shlex.quote(text)}" for text in (f"{TIME}={time}", f"link_position=0.0174533*{position}"))
 
 
 def _own(found: Collection[str]) -> Iterator[str]:
