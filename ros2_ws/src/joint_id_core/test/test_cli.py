@@ -200,7 +200,7 @@ def test_free_estimates_what_the_model_holds(tmp_path, run):
         (["fit", "{motor}", "--model", "dc_motor", "--plot", "{tmp}/x.doc"], "not a picture format"),
         (["fit", "{tmp}/none.csv", "--model", "dc_motor"], "none.csv"),
         (["fit", "{tmp}/empty.mcap", "--model", "dc_motor"], "empty"),
-        (["fit", "{motor}"], "--model"),
+        (["fit", "{motor}", "--set", "k_9=1"], "no parameter 'k_9'"),
         (["fit", "{motor}", "--model", "dc_motor", "--bogus"], "--bogus"),
         (["info", "{tmp}/none.csv"], "none.csv"),
         (["simulate", "pendulum", "--out", "{tmp}/x.csv"], "option model = 'pendulum': choose one of dc_motor"),

@@ -111,7 +111,7 @@ def test_unknown_and_missing_paths(tmp_path):
         formats.read(tmp_path / "nothing.csv")
     (tmp_path / "log.doc").write_text("x")
     with pytest.raises(
-        JointIdError, match=r"log.doc: not a known format: give a .csv, .txt, .tsv, .mat, .mcap, .db3 file"
+        JointIdError, match=r"log.doc: not a known format: give a .csv, .txt, .tsv, .mat, .mcap or .db3 file"
     ):
         formats.read(tmp_path / "log.doc")
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
 from joint_id_core.assignments import texts_by_name
-from joint_id_core.cli.fit_job import ALL, FitJob, joints_json, joints_table, run_all
+from joint_id_core.cli.fit_job import ALL, FitJob, Result, joints_json, joints_table, run_all
 from joint_id_core.cli.fit_options import (
     EndOption,
     FilesArgument,
@@ -25,7 +27,7 @@ from joint_id_core.cli.group import BAD_INPUT, complain
 from joint_id_core.cli.options import with_options
 from joint_id_core.cli.output import Progress, print_json
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators import ESTIMATORS
+from joint_id_core.estimators import ESTIMATORS, Innovations
 from joint_id_core.models.options import ModelOptions
 
 if TYPE_CHECKING:
@@ -38,7 +40,7 @@ JOINT_HELP = f"joint of a bag that holds several; {ALL}: each of them, on all co
 ROBOT_HELP = "set, fix and free from a parameter file of the identifier, such as config/ur10e.yaml, or by name (ur10e)"
 
 
-@with_options("model_options", (ModelOptions,), required=("model",))
+@with_options("model_options", (ModelOptions,), no_default=("model",))
 @with_options("estimator_options", tuple(ESTIMATORS.values()), only=SHOWN)
 def fit(
     files: FilesArgument,
@@ -61,7 +63,8 @@ def fit(
 ) -> None:
     """Identify the parameters of a joint model, with standard deviations and verdicts.
 
-    Several files are recordings of the same joint: common physics; own start, noise and offsets.
+    Several files are recordings of the same joint: common physics; own start, noise and offsets. Without --model, the
+    models that the signals allow are tried, and every joint of a bag is fitted.
 
     Exit code 0: converged; 1: no convergence or a poor fit; 2: bad input.
     """
@@ -69,6 +72,9 @@ def fit(
 
     from joint_id_core import estimators, formats
 
+    mapping = texts_by_name(map_ or (), "--map")
+    if joint is None and "model" not in model_options and len(formats.joints(files[0], mapping)) > 1:
+        joint = ALL
     for option, path in (("--validate", validate), ("--plot", plot), ("--save", save)):
         if joint == ALL and path is not None:
             raise JointIdError(f"{option} is for one joint: name it (--joint NAME), or leave {option} out")
@@ -78,22 +84,27 @@ def fit(
         from joint_id_core.results.plot import require_writable
 
         require_writable(plot)
-    mapping = texts_by_name(map_ or (), "--map")
     solver = estimators.build(estimator, **estimator_options)
-    job = FitJob(files, joint, mapping, start, end, ModelOptions(**model_options), settings, solver, robot)
+    ModelOptions(**model_options)  # wrong values are said first
+    job = FitJob(files, joint, mapping, start, end, model_options, settings, solver, robot)
     if joint == ALL:
         _fit_all(job, json)
         return
     other = formats.read(validate, joint, mapping) if validate is not None else None
     recordings = job.recordings()
-    model = job.built(recordings[0])
     with Progress() as progress:
-        together = job.run(recordings, progress)
-    estimate = together.estimate
+        found = job.run(recordings, progress)
+    together, estimate = found.together, found.estimate
     result, text = _result(together), str(together if len(files) > 1 else estimate)
+    if found.why:
+        options: dict[str, Any] = {"map": map_, "set": set_, "fix": fix, "free": free, "prior": prior, "joint": joint}
+        options |= {"robot": robot, "start": start, "end": end}
+        options["estimator"] = estimator if estimator != Innovations.name else None
+        text = "\n".join([*formats.taken(files[0], mapping), *found.why, "", text, "", *_again(files, found, options)])
     if other is not None and estimate.nrmse:
         from joint_id_core.validation.prediction import held_out, held_out_drive
 
+        model = found.job.built(recordings[0])
         nrmse = held_out(model, other, estimate)
         result["validation"] = [{"signal": name, "nrmse": value} for name, value in nrmse.items()]
         text += f"\nheld out, {validate}: " + ", ".join(f"{name} nrmse {v:.3g}" for name, v in nrmse.items())
@@ -112,6 +123,18 @@ def fit(
     if not estimate.converged:
         complain(f"{estimate.status.value}: {estimate.message}")
         raise typer.Exit(_exit_code([estimate]))
+
+
+def _again(files: list[Path], found: Result, options: Mapping[str, Any]) -> list[str]:
+    """Return what to do next, as commands that can be pasted: the same fit, and one more."""
+    words = ["joint-id", "fit", *map(str, files), *found.arguments]
+    for name, given in options.items():
+        for text in [given] if isinstance(given, (str, float)) else given or ():
+            words += [f"--{name}", str(text)]
+    same = shlex.join(words)
+    if found.estimate.converged:
+        return [f"the same, and keep it: {same} --save estimate.json"]
+    return [f"the same: {same}", f"other models: {shlex.join(['joint-id', 'compare', str(files[0])])}"]
 
 
 def _result(together: Together) -> dict[str, Any]:

@@ -23,19 +23,20 @@ if TYPE_CHECKING:
     from joint_id_core.options import Progress
     from joint_id_core.results.estimate import Estimate
 
+DESCRIBED = ("converged", "disagree")  # status of an estimate of a model that describes the motion
 ALL = "all"  # the name that stands for every joint
 
 
 @dataclass(frozen=True)
 class FitJob:
-    """What is fitted, and how; the fields are the arguments of the command."""
+    """What is fitted, and how; the fields are the arguments of the command. Without a `model`, it is found."""
 
     files: Sequence[Path]
     joint: str | None
     mapping: Mapping[str, str]
     start: float | None
     end: float | None
-    model: ModelOptions
+    model_options: Mapping[str, Any]
     settings: ParameterSettings
     estimator: Estimator
     robot: str | None = None
@@ -48,7 +49,8 @@ class FitJob:
 
     def built(self, recording: Recording) -> Model:
         """Return the model, for the drive that a recording has."""
-        return self.model.build(self.model.drive_in(recording))
+        options = ModelOptions(**self.model_options)
+        return options.build(options.drive_in(recording))
 
     def settings_for(self, model: Model) -> ParameterSettings:
         """Return the settings of the command, over those of the robot's file."""
@@ -56,9 +58,33 @@ class FitJob:
             return self.settings
         return self.settings.over(robot_settings(self.robot, self.joint, model))
 
-    def run(self, recordings: Sequence[Recording] = (), progress: Progress | None = None) -> Together:
-        """Fit one joint, from recordings that were read already, or else from the files."""
+    def run(self, recordings: Sequence[Recording] = (), progress: Progress | None = None) -> Result:
+        """Fit one joint, from recordings that were read already, or else from the files.
+
+        Without a model, those that the signals allow are fitted, the richest first, until one describes the motion.
+        """
         recordings = recordings or self.recordings()
+        if "model" in self.model_options:
+            return Result(self, self._fitted(recordings, progress))
+        from joint_id_core.comparison.proposal import proposals
+
+        left_out, found = [], proposals(recordings[0], self.model_options)
+        models = [proposal.options.build(proposal.options.drive_in(recordings[0])) for proposal in found]
+        for name in self.settings.names:
+            if not any(name in model.parameter_names for model in models):
+                models[-1].parameter(name)  # says what there is
+        for proposal, model in zip(found, models, strict=True):
+            given = {n: getattr(proposal.options, n) for n in ("model", "gravity", *self.model_options)}
+            job = replace(self, model_options=given, settings=self.settings.of(model))
+            together = job._fitted(recordings, progress)
+            doubt = _doubt(model, together.estimate)
+            if not doubt or model is models[-1]:
+                break
+            left_out.append(f"{model.name} was tried and left out: {doubt}")
+        chosen = f"model {' '.join(proposal.arguments[1:])}: {proposal.why}"
+        return Result(job, together, (chosen, *left_out), proposal.arguments)
+
+    def _fitted(self, recordings: Sequence[Recording], progress: Progress | None) -> Together:
         model = self.built(recordings[0])
         return fit_several(model, recordings, self.settings_for(model), self.estimator, progress)
 
@@ -79,7 +105,31 @@ class FitJob:
         return [replace(self, joint=name) for name in names]
 
 
-def _one(job: FitJob) -> tuple[str, Together | str]:
+def _doubt(model: Model, estimate: Estimate) -> str:
+    """Return why a simpler model should be tried; empty if this one describes the motion, with its gear."""
+    if estimate.status.value not in DESCRIBED:
+        return estimate.message
+    if model.stiffness in estimate.free and estimate[model.stiffness].verdict.value != "estimated":
+        return f"this motion does not show {model.stiffness}"
+    return ""
+
+
+@dataclass(frozen=True)
+class Result:
+    """A fit: the job with the model that was fitted, why it is this one, and the arguments that choose it again."""
+
+    job: FitJob
+    together: Together
+    why: tuple[str, ...] = ()
+    arguments: tuple[str, ...] = ()
+
+    @property
+    def estimate(self) -> Estimate:
+        """The estimate of all recordings."""
+        return self.together.estimate
+
+
+def _one(job: FitJob) -> tuple[str, Result | str]:
     """Fit one joint; return its name and the result, or what was wrong with it."""
     assert job.joint is not None
     try:
@@ -88,7 +138,7 @@ def _one(job: FitJob) -> tuple[str, Together | str]:
         return job.joint, str(error)
 
 
-def run_all(jobs: Sequence[FitJob]) -> dict[str, Together | str]:
+def run_all(jobs: Sequence[FitJob]) -> dict[str, Result | str]:
     """Fit several joints on all cores; return by joint the result, or what was wrong with it."""
     workers = min(len(jobs), os.cpu_count() or 1)
     if workers < 2:
@@ -97,18 +147,19 @@ def run_all(jobs: Sequence[FitJob]) -> dict[str, Together | str]:
         return dict(pool.map(_one, jobs))
 
 
-def joints_table(results: Mapping[str, Together | str]) -> str:
+def joints_table(results: Mapping[str, Result | str]) -> str:
     """Return a table with a row a joint: status, and the estimated parameters."""
     width = max(len("joint"), *map(len, results)) + 2
-    lines = [f"  {'joint':<{width}}{'status':<16}parameters"]
+    lines = [f"  {'joint':<{width}}{'model':<22}{'status':<16}parameters"]
     also = []
     for joint, result in results.items():
         if isinstance(result, str):
-            lines.append(f"  {joint:<{width}}{'not fitted':<16}")
+            lines.append(f"  {joint:<{width}}{'-':<22}{'not fitted':<16}")
             also.append(f"  {joint}: {result}")
             continue
         estimate = result.estimate
-        lines.append(f"  {joint:<{width}}{estimate.status.value:<16}{_values(estimate)}")
+        gravity = " gravity" if estimate.model_options.get("gravity") else ""
+        lines.append(f"  {joint:<{width}}{estimate.model + gravity:<22}{estimate.status.value:<16}{_values(estimate)}")
         if not estimate.converged:
             also.append(f"  {joint}: {estimate.message}")
     return "\n".join([*lines, *([""] if also else []), *also])
@@ -121,7 +172,7 @@ def _values(estimate: Estimate) -> str:
     return ", ".join(f"{p.name} {p.value:.4g} ± {p.std_dev:.2g} {p.unit}" for p in known) or "-"
 
 
-def joints_json(results: Mapping[str, Together | str]) -> list[dict[str, Any]]:
+def joints_json(results: Mapping[str, Result | str]) -> list[dict[str, Any]]:
     """Return the results as plain JSON types, an entry a joint."""
     return [
         {"joint": joint, "error": result} if isinstance(result, str) else {"joint": joint, **result.estimate.to_dict()}

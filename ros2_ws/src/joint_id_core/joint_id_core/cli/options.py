@@ -14,12 +14,12 @@ from joint_id_core.options import names
 
 
 def with_options(
-    argument: str, kinds: Sequence[type], only: Collection[str] = (), required: Collection[str] = ()
+    argument: str, kinds: Sequence[type], only: Collection[str] = (), no_default: Collection[str] = ()
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return a decorator that adds one option for every field of these dataclasses, or only for the fields in `only`.
 
     The command receives the options that the user gave as a dictionary, in its parameter `argument`. A field that
-    several dataclasses have becomes one option.
+    several dataclasses have becomes one option. For those in `no_default` the command finds a value itself.
     """
     chosen: dict[str, list[tuple[type, Field[Any]]]] = {}
     for kind in kinds:
@@ -35,7 +35,7 @@ def with_options(
 
         signature, hints = inspect.signature(command), get_type_hints(command, include_extras=True)
         own = [p.replace(annotation=hints[n]) for n, p in signature.parameters.items() if n != argument]
-        made = [_parameter(name, group, name in required, len(kinds) > 1) for name, group in chosen.items()]
+        made = [_parameter(name, group, name in no_default, len(kinds) > 1) for name, group in chosen.items()]
         ordered = sorted([*own, *made], key=lambda p: p.default is not inspect.Parameter.empty)
         called.__signature__ = signature.replace(parameters=ordered)  # type: ignore[attr-defined]  # typer reads it
         called.__annotations__ = {p.name: p.annotation for p in ordered} | {"return": None}
@@ -44,7 +44,7 @@ def with_options(
     return decorate
 
 
-def _parameter(name: str, group: list[tuple[type, Field[Any]]], required: bool, tell_kind: bool) -> inspect.Parameter:
+def _parameter(name: str, group: list[tuple[type, Field[Any]]], no_default: bool, tell_kind: bool) -> inspect.Parameter:
     """Return the command's parameter for one field."""
     said = []
     for kind, f in group:
@@ -55,8 +55,7 @@ def _parameter(name: str, group: list[tuple[type, Field[Any]]], required: bool, 
             text += f" [{unit}]"
         said.append(f"{getattr(kind, 'name', '')}: {text}" if tell_kind else text)
     default, decl = group[0][1].default, f"--{name.replace('_', '-')}"
-    shown = False if default is MISSING or default in ("", False) or required else str(default)
+    shown = False if default is MISSING or default in ("", False) or no_default else str(default)
     settings = typer.Option(decl, help="; ".join(said), show_default=shown)
-    annotation = Annotated[type(default) if required else Optional[type(default)], settings]  # type: ignore[valid-type]  # of a field
-    end = inspect.Parameter.empty if required else None
-    return inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD, default=end, annotation=annotation)
+    annotation = Annotated[Optional[type(default)], settings]  # type: ignore[valid-type]  # of a field
+    return inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD, default=None, annotation=annotation)
