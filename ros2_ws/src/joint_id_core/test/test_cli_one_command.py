@@ -66,8 +66,13 @@ def test_gravity_is_taken_where_the_motion_shows_it(tmp_path, run):
     seen = Sensors(noise={"link_position": 1e-5}).measure(moved, 1, keep=("link_position",))
     formats.write(tmp_path / "log.csv", seen.with_channels({"torque": torque}))
     code, out = run("fit", "log.csv")
-    assert code == 0 and "model rigid_joint --gravity: the link is measured, and with gravity" in out
+    assert code == 0 and "model rigid_joint with gravity: the link is measured, and with gravity" in out
     assert "--gravity" in pasted(out)
+    code, out = run("fit", "log.csv", "--friction", "coulomb_viscous", "--estimator", "regression", "--band-hz", "8")
+    assert code == 0
+    words = " ".join(pasted(out))
+    assert "--friction coulomb_viscous" in words and "--estimator regression --band-hz 8" in words
+    assert run(*pasted(out))[0] == 0
 
 
 def test_a_model_that_does_not_describe_the_motion_is_left_out_and_said(tmp_path, run):

@@ -98,8 +98,9 @@ def fit(
     result, text = _result(together), str(together if len(files) > 1 else estimate)
     if found.why:
         options: dict[str, Any] = {"map": map_, "set": set_, "fix": fix, "free": free, "prior": prior, "joint": joint}
-        options |= {"robot": robot, "start": start, "end": end}
-        options["estimator"] = estimator if estimator != Innovations.name else None
+        options |= {"robot": robot, "start": start, "end": end, "estimator": solver.name, **estimator_options}
+        if solver.name == Innovations.name:
+            del options["estimator"]
         text = "\n".join([*formats.taken(files[0], mapping), *found.why, "", text, "", *_again(files, found, options)])
     if other is not None and estimate.nrmse:
         from joint_id_core.validation.prediction import held_out, held_out_drive
@@ -127,10 +128,14 @@ def fit(
 
 def _again(files: list[Path], found: Result, options: Mapping[str, Any]) -> list[str]:
     """Return what to do next, as commands that can be pasted: the same fit, and one more."""
-    words = ["joint-id", "fit", *map(str, files), *found.arguments]
-    for name, given in options.items():
-        for text in [given] if isinstance(given, (str, float)) else given or ():
-            words += [f"--{name}", str(text)]
+    words = ["joint-id", "fit", *map(str, files)]
+    for name, given in {**found.job.model_options, **options}.items():
+        option = f"--{name.replace('_', '-')}"
+        if isinstance(given, bool):
+            words += [option] if given else []
+            continue
+        for text in given if isinstance(given, list) else [given]:
+            words += [] if text is None else [option, str(text)]
     same = shlex.join(words)
     if found.estimate.converged:
         return [f"the same, and keep it: {same} --save estimate.json"]

@@ -81,8 +81,7 @@ class FitJob:
             if not doubt or model is models[-1]:
                 break
             left_out.append(f"{model.name} was tried and left out: {doubt}")
-        chosen = f"model {' '.join(proposal.arguments[1:])}: {proposal.why}"
-        return Result(job, together, (chosen, *left_out), proposal.arguments)
+        return Result(job, together, (f"model {proposal}", *left_out))
 
     def _fitted(self, recordings: Sequence[Recording], progress: Progress | None) -> Together:
         model = self.built(recordings[0])
@@ -116,12 +115,11 @@ def _doubt(model: Model, estimate: Estimate) -> str:
 
 @dataclass(frozen=True)
 class Result:
-    """A fit: the job with the model that was fitted, why it is this one, and the arguments that choose it again."""
+    """A fit: the job with the model that was fitted, and why it is this one."""
 
     job: FitJob
     together: Together
     why: tuple[str, ...] = ()
-    arguments: tuple[str, ...] = ()
 
     @property
     def estimate(self) -> Estimate:

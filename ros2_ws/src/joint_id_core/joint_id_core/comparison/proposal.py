@@ -25,10 +25,9 @@ class Proposal:
     options: ModelOptions
     why: str
 
-    @property
-    def arguments(self) -> tuple[str, ...]:
-        """Arguments of `joint-id fit` that choose it."""
-        return ("--model", self.options.model, *(("--gravity",) if self.options.gravity else ()))
+    def __str__(self) -> str:
+        """Return it in words."""
+        return f"{self.options.model}{' with gravity' if self.options.gravity else ''}: {self.why}"
 
 
 def proposals(recording: Recording, given: Mapping[str, Any]) -> list[Proposal]:
