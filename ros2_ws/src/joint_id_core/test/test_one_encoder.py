@@ -57,6 +57,12 @@ def test_a_stiffness_that_is_held_or_believed_is_not_asked_for():
         assert fit(MODEL, quick, settings).status is not Status.MISSING_SIGNAL
 
 
+def test_without_a_torque_that_is_what_is_missing():
+    still = motion(2.0)
+    found = fit(MODEL, Recording(still.time, {"link_position": still["link_position"]}))
+    assert found.status is Status.MISSING_SIGNAL and "torque" in found.message and "flexible" not in found.message
+
+
 def test_online_it_is_said_as_well():
     joint = OnlineIdentifier(MODEL, options=OnlineOptions(window_s=2.0, hop_s=0.5))
     found = [e for samples in batches(motion(4.0)) if (e := joint.update(samples)) is not None]

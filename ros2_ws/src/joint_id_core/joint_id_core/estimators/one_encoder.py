@@ -49,12 +49,12 @@ def hides_compliance(
 
 
 def _only_side(model: Model, recording: Recording) -> str | None:
-    """Return the side of the gear on which alone there are measurements; None if there are both, or a current.
+    """Return the side of the gear on which alone there are measurements; None if there are both, or no drive.
 
-    A current that is a state shows the motor by the voltage that its motion makes.
+    None as well for a voltage: there the current shows the motor, by the voltage that its motion makes.
     """
     sides = {side_of(n) for n in model.state_names} - {None}
-    if len(sides) < 2 or model.stiffness is None or model.torque_drive is None:
+    if len(sides) < 2 or model.stiffness is None or not recording.measured(model.torque_drive or ""):
         return None
     measured = {side_of(n) for n in model.state_names if recording.measured(n)} - {None}
     return measured.pop() if len(measured) == 1 else None
