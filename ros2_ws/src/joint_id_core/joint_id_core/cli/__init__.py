@@ -12,6 +12,7 @@ from importlib.metadata import entry_points
 import typer
 
 from joint_id_core.cli.compare import compare
+from joint_id_core.cli.diff import diff
 from joint_id_core.cli.fit import fit
 from joint_id_core.cli.group import OneLineErrors
 from joint_id_core.cli.info import info
@@ -32,6 +33,7 @@ app.command()(simulate)
 app.command()(info)
 app.command()(fit)
 app.command()(compare)
+app.command()(diff)
 app.command(epilog=EPILOG)(robot_emulator)
 
 
