@@ -131,8 +131,8 @@ def test_the_command_fits_every_joint_of_a_bag(tmp_path, run):
     formats.write_bag(bag, {"lift": PARTS[0], "elbow": PARTS[1]})
     code, out, err = run("fit", bag, "--model", "rigid_joint", "--joint", "all")
     assert (code, err) == (0, "")
-    rows = [line.split()[:2] for line in out.splitlines()[1:3]]
-    assert rows == [["lift", "converged"], ["elbow", "converged"]]
+    rows = [line.split()[:3] for line in out.splitlines()[1:3]]
+    assert rows == [[joint, "rigid_joint", "converged"] for joint in ("lift", "elbow")]
     code, out, _ = run("fit", bag, "--model", "rigid_joint", "--joint", "all", "--json")
     assert [(e["joint"], e["status"]) for e in json.loads(out)] == [("lift", "converged"), ("elbow", "converged")]
     code, _, err = run("fit", bag, "--model", "rigid_joint", "--joint", "all", "--save", tmp_path / "x.json")
