@@ -45,8 +45,8 @@ test-long: setup $(VENV)/.paper
 	$(RUN) python -m pytest -n 2 --dist loadfile --durations=10 -m long $(NODE_TESTS)
 
 # The numeric unit tests as on a processor without AVX-512, as most laptops are: LAPACK, sums and kernels round differently there.
-NUMERIC_TESTS := changes combinations drift esdirk fit_data follower gauss_newton held_out information innovations levels memory messages misfit \
-	noise online online_checks processor ranking recursion regression resume rounding second_look starts stillness translate whiteness
+NUMERIC_TESTS := changes combinations drift esdirk fit_data follower gauss_newton held_out information innovations instruments levels memory messages \
+	misfit noise one_encoder online online_checks presliding processor ranking recursion regression resume rounding second_look starts stillness translate whiteness
 test-haswell: setup
 	$(RUN) setup/haswell python -m pytest -n 2 --dist worksteal $(NUMERIC_TESTS:%=$(UNIT_TESTS)/test_%.py)
 

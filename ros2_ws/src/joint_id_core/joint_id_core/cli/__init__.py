@@ -13,6 +13,7 @@ import typer
 
 from joint_id_core.cli.compare import compare
 from joint_id_core.cli.diff import diff
+from joint_id_core.cli.export import export
 from joint_id_core.cli.fit import fit
 from joint_id_core.cli.group import OneLineErrors
 from joint_id_core.cli.info import info
@@ -34,6 +35,7 @@ app.command()(info)
 app.command()(fit)
 app.command()(compare)
 app.command()(diff)
+app.command()(export)
 app.command(epilog=EPILOG)(robot_emulator)
 
 

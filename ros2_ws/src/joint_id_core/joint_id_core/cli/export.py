@@ -1,0 +1,98 @@
+"""`joint-id export`: what was identified, for a simulator."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Optional
+
+import typer
+
+from joint_id_core.errors import JointIdError
+
+if TYPE_CHECKING:
+    from joint_id_core.results.at_link import AtLink
+    from joint_id_core.results.estimate import Estimate
+
+JOINT_HELP = (
+    "name of the joint in the description, one for each estimate, in their order (default: that of the estimate)"
+)
+ALL_HELP = "also what is not known to half of its value, and estimates that are not good ones"
+
+
+def export(
+    estimates: Annotated[list[Path], typer.Argument(help="estimates, from fit --save, one a joint")],
+    urdf: Annotated[Optional[Path], typer.Option(help="robot description to take over, with these joints")] = None,
+    mjcf: Annotated[Optional[Path], typer.Option(help="the same for MuJoCo")] = None,
+    out: Annotated[Optional[Path], typer.Option("--out", "-o", help="file to write (default: CSV on stdout)")] = None,
+    joint: Annotated[Optional[list[str]], typer.Option(help=JOINT_HELP)] = None,
+    all_: Annotated[bool, typer.Option("--all", help=ALL_HELP)] = False,
+) -> None:
+    """Write damping, Coulomb friction and rotor inertia at the link, with their uncertainty, for a simulator.
+
+    Only what is known is written, unless --all is given; the rest is named on stderr.
+    """
+    from joint_id_core.cli.group import complain
+    from joint_id_core.results.at_link import at_link
+    from joint_id_core.results.estimate import Estimate
+    from joint_id_core.results.robot_files import with_joints
+
+    if urdf is not None and mjcf is not None:
+        raise JointIdError("--urdf and --mjcf exclude each other: give one, and run the command twice for both")
+    template, kind = (urdf, "urdf") if urdf is not None else (mjcf, "mjcf")
+    if template is not None and out is None:
+        raise JointIdError(f"--{kind} needs a file to write: give --out FILE")
+    if out is not None and out.exists():
+        raise JointIdError(f"{out} exists already: remove it or choose another name")
+    if joint is not None and len(joint) != len(estimates):
+        raise JointIdError(f"{len(joint)} names and {len(estimates)} estimates: give one --joint for each")
+    found: dict[str, list[AtLink]] = {}
+    source: dict[str, str] = {}
+    for k, path in enumerate(estimates):
+        estimate = Estimate.load(path)
+        name = joint[k] if joint is not None else estimate.joint
+        if not name:
+            raise JointIdError(f"{path} is of a joint without a name: give it with --joint NAME")
+        if name in found:
+            raise JointIdError(f"two estimates are of joint {name}: give one")
+        if not estimate.converged and not all_:
+            raise JointIdError(f"{path}: {estimate.status.value}, not a good estimate: leave it out, or add --all")
+        every = at_link(estimate)
+        found[name] = [q for q in every if q.known or all_]
+        source[name] = f"joint_id, {path.name}, {estimate.model} by {estimate.estimator}"
+        for quantity in every:
+            if quantity not in found[name]:
+                complain(f"{name}: left out, not known: {quantity.text}")
+        for text in _beside(estimate):
+            complain(f"{name}: {text}")
+    text = with_joints(template, kind, found, source) if template is not None else _csv(found, source)
+    if out is None:
+        print(text, end="")
+        return
+    try:
+        out.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise JointIdError(
+            f"{out}: cannot be written ({error.strerror}): check folder, permissions and space"
+        ) from None
+
+
+def _beside(estimate: Estimate) -> list[str]:
+    """Return what an estimate tells that damping and Coulomb friction do not hold."""
+    law = estimate.model_options.get("friction", "coulomb_viscous")
+    texts = [f"its friction law is {law}: only its Coulomb level and its viscous slope are exported"]
+    said = texts if law != "coulomb_viscous" else []
+    if "J" in estimate.values:
+        said.append("J is of rotor and link together, so no rotor inertia is exported")
+    return said
+
+
+def _csv(found: dict[str, list[AtLink]], source: dict[str, str]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["joint", "quantity", "value", "std_dev", "unit", "formula", "source"])
+    for name, quantities in found.items():
+        for q in quantities:
+            writer.writerow([name, q.name, f"{q.value:.9g}", f"{q.std_dev:.3g}", q.unit, q.formula, source[name]])
+    return text.getvalue()
