@@ -58,4 +58,8 @@ def with_joints(path: Path, kind: str, joints: Mapping[str, Sequence[AtLink]], s
 def _dynamics(joint: ET.Element) -> ET.Element:
     """Return the element of a URDF joint that holds damping and friction; make it if there is none."""
     found = joint.find("dynamics")
-    return ET.SubElement(joint, "dynamics") if found is None else found
+    if found is None:
+        found = ET.SubElement(joint, "dynamics")
+        if len(joint) > 1:  # on a line of its own, as the others
+            found.tail, joint[-2].tail = joint[-2].tail, joint.text
+    return found
