@@ -86,7 +86,7 @@ def _arguments() -> argparse.Namespace:
         "--model", choices=list(PLANTS), default=next(iter(PLANTS)), help="joint (default: %(default)s)"
     )
     parser.add_argument("--duration", type=float, default=20.0, help="motion in s (default: %(default)s)")
-    parser.add_argument("--picture", type=Path, default=ROOT / "docs/images/demo.png", help="default: %(default)s")
+    parser.add_argument("--picture", type=Path, default=ROOT / "out/demo/demo.png", help="(default: %(default)s)")
     parser.add_argument("--out", type=Path, default=ROOT / "out/demo", help="bag and logs (default: %(default)s)")
     args = parser.parse_args()
     if not MIN_DURATION_S <= args.duration <= 3600.0:
