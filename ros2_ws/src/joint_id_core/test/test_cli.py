@@ -1,5 +1,6 @@
 """What a user of `joint-id` relies on: results on stdout, one line on stderr, exit codes."""
 
+import importlib.metadata
 import inspect
 import json
 import subprocess
@@ -273,6 +274,12 @@ def test_help_of_the_real_command_loads_nothing_heavy():
     assert not {"numpy", "numba", "torch", "scipy", "sympy", "matplotlib", "rclpy", "rosbags"} & set(
         done.stderr.split()
     )
+
+
+def test_version_and_short_help(run):
+    code, out, _ = run("--version")
+    assert code == 0 and out == f"joint-id {importlib.metadata.version('joint-id-core')}\n"
+    assert run("fit", "-h")[1] == run("fit", "--help")[1]
 
 
 def test_annotations_are_those_that_typer_of_ubuntu_reads():

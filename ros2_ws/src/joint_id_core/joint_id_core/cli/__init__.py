@@ -7,7 +7,8 @@ entry-point group `joint_id.commands` (joint_id_ros: record). Commands that are 
 from __future__ import annotations
 
 import sys
-from importlib.metadata import entry_points
+from importlib.metadata import entry_points, version
+from typing import Annotated
 
 import typer
 
@@ -24,12 +25,27 @@ GROUP = "joint_id.commands"
 
 app = typer.Typer(
     cls=OneLineErrors,
-    help="Identify the dynamics of robot joints: inertia, friction, stiffness, each with its uncertainty.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(f"joint-id {version('joint-id-core')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _group(
+    _: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="print it and leave")] = False,
+) -> None:
+    """Identify the dynamics of robot joints: inertia, friction, stiffness, each with its uncertainty."""
+
+
 app.command()(simulate)
 app.command()(info)
 app.command()(fit)
