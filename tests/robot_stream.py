@@ -82,7 +82,8 @@ class Wire:
         self.kinds: list[bytes] = []
         self._robot_port = robot_port
         self._server = socket.create_server((host, port))
-        threading.Thread(target=self._run, daemon=True).start()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
 
     def _run(self) -> None:
         with suppress(OSError):  # closed
@@ -109,5 +110,8 @@ class Wire:
                 end.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
-        """Take no more connections."""
+        """Take no more connections, and free the address: a thread that waits in `accept` would keep it."""
+        with suppress(OSError):
+            self._server.shutdown(socket.SHUT_RDWR)
         self._server.close()
+        self._thread.join(10.0)
