@@ -104,17 +104,12 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
     if sides is not None:
         moved, values, free = sides.moved, sides.values, sides.free
     missing, found = missing_torques(moved, model, data.recording.time, cutoff_hz), []
+    turned = turning(moved, model) if sides is None else np.zeros((len(usable), 0))
     for equation in equations(model, moved, values, free):
         drive = equation.factor * moved.u[model.drive] if model.drive else np.zeros(len(usable))
         beside = sides.beside(equation) if sides is not None else {}
-        tables = {
-            "y": equation.y[:, None],
-            "columns": equation.columns,
-            "drive": drive[:, None],
-            "turning": turning(moved, model),
-            **missing,
-            **beside,
-        }
+        tables = {"y": equation.y[:, None], "columns": equation.columns, "drive": drive[:, None], "turning": turned}
+        tables |= {**missing, **beside}
         tables = all_smoothed(data.recording.time, tables, usable, band_hz)
         drive = tables.pop("drive")[:, 0]
         tables = {name: part[index.index] for name, part in tables.items()}

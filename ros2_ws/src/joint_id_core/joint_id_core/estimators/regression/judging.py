@@ -103,7 +103,7 @@ class Samples:
     def turn(self) -> Array | None:
         """What friction lacks after reversals, shape (R,); None if that would predict new samples no better."""
         left = [share_explained(self.y, self.columns, column[:, None]) for column in self.turning.T]
-        if not left or self.tools is not None:
+        if not left:
             return None
         best = self.turning[:, int(np.argmax(left))]
         return best if share_predicted(self.y, self.columns, best[:, None]) > HELPS else None

@@ -123,13 +123,10 @@ def two_stage(y: Array, columns: Array, tools: Array) -> Array:
     return np.asarray(np.linalg.lstsq(projected(columns / scale, tools), y, rcond=None)[0] / scale)
 
 
-def least_squares(y: Array, columns: Array) -> Array:
-    """Return the values (k,) of least squares of y (T,) on columns (T, k)."""
-    return np.asarray(np.linalg.lstsq(columns, y, rcond=None)[0])
-
-
 def _fitted(y: Array, columns: Array, tools: Array | None) -> Array:
-    return least_squares(y, columns) if tools is None else two_stage(y, columns, tools)
+    if tools is None:
+        return np.asarray(np.linalg.lstsq(columns, y, rcond=None)[0])
+    return two_stage(y, columns, tools)
 
 
 def _refitted(y: Array, columns: Array, tools: Array, kept: NDArray[np.bool_]) -> Array:
