@@ -51,7 +51,7 @@ def test_simulated_steps_give_the_motor_and_gear_parameters_live(start, probe):
     start("filter")
     probe.until(lambda: probe.count_subscribers("joint_samples") == 2, "the identifier")
     sim = start("sim", wait_subscribers=1, duration=6.0, set=["k_1=7000"])
-    probe.until(lambda: converged(found), "an estimate")
+    probe.until(lambda: converged(found) and truth, "an estimate and the truth")
     assert values(truth[0])["k_1"] == 7000.0
     assert {p.std_dev for p in truth[0].joints[0].parameters} == {0.0}
     assert_near(converged(found)[-1].joints[0], values(truth[0]), CLEAR)
@@ -70,7 +70,7 @@ def test_a_position_controlled_joint_with_the_signals_of_a_ur_robot(start, probe
     start("filter")
     probe.until(lambda: probe.count_subscribers("joint_samples") == 2, "the identifier")
     start("sim", model="harmonic_drive", wait_subscribers=1)
-    probe.until(lambda: converged(found), "an estimate")
+    probe.until(lambda: converged(found) and truth, "an estimate and the truth")
     measured = JointSamples.LINK_POSITION | JointSamples.MOTOR_VELOCITY | JointSamples.CURRENT
     assert {s.measured for s in samples} == {measured}
     assert_near(converged(found)[-1].joints[0], values(truth[0]), ("J_m", "tau_fm", "k_1", "k_2", "J_q", "tau_fq"))
