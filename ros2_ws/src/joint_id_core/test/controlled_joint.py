@@ -11,10 +11,13 @@ RATE = 100  # Hz, of the recording
 STEPS = 20  # of the integration in one sample
 
 
-def controlled(disturbance: float, memory_s: float, seconds: float = 40.0, seed: int = 0) -> Recording:
+def controlled(
+    disturbance: float, memory_s: float, seconds: float = 40.0, seed: int = 0, noise: float = 1e-5
+) -> Recording:
     """The recording of a joint that a stiff position loop leads along a slow path.
 
-    The disturbance is an Ornstein-Uhlenbeck torque with this standard deviation (Nm) and memory (s).
+    The disturbance is an Ornstein-Uhlenbeck torque with this standard deviation (Nm) and memory (s). The encoder has this
+    noise in rad; the controller has one without.
     """
     rng = np.random.default_rng(seed)
     J, c, tau_f = TRUTH["J"], TRUTH["c"], TRUTH["tau_f"]
@@ -36,5 +39,6 @@ def controlled(disturbance: float, memory_s: float, seconds: float = 40.0, seed:
             d = kept * d + push[j]
             w += dt * (torque + d - c * w - tau_f * np.tanh(w / 0.02)) / J
             q += dt * w
-    seen = angles + 1e-5 * rng.standard_normal(count)
-    return Recording(time, {"link_position": seen, "torque": torques}, source="controlled")
+    seen = angles + noise * rng.standard_normal(count)
+    channels = {"link_position": seen, "torque": torques, "reference_position": path[::STEPS]}
+    return Recording(time, channels, source="controlled")

@@ -16,6 +16,8 @@ from joint_id_core.online import OnlineIdentifier, OnlineOptions
 from joint_id_core.results.estimate import Estimate, Status
 from joint_id_core.results.verdict import Verdict
 
+from .controlled_joint import TRUTH as RIGID_TRUTH
+from .controlled_joint import controlled
 from .flexible_joint import TRUTH, flexible, late, stiffer
 from .online_motion import batches
 
@@ -25,6 +27,11 @@ FRICTION = ParameterSettings({"w_sm": TRUTH["w_sm"]})
 
 def regressed(recording: Recording, settings: ParameterSettings = FRICTION, delays: bool = False) -> Estimate:
     return fit(DELAYED if delays else MODEL, recording, settings, Regression())
+
+
+def alone(recording: Recording) -> Recording:
+    """The recording without the command."""
+    return Recording(recording.time, {n: v for n, v in recording.channels.items() if n != "reference_position"})
 
 
 def test_noise_of_a_column_makes_least_squares_small_but_not_two_stages():
@@ -84,16 +91,14 @@ def test_noise_of_the_encoders_does_not_make_the_stiffness_small():
 
 def test_without_the_command_the_measured_motion_serves():
     record = flexible(1)
-    alone = Recording(record.time, {n: v for n, v in record.channels.items() if n != "reference_position"})
-    with_command, without = regressed(record)["k_1"], regressed(alone)["k_1"]
+    with_command, without = regressed(record)["k_1"], regressed(alone(record))["k_1"]
     assert with_command.value == pytest.approx(without.value, rel=0.02)
 
 
 def test_a_command_in_another_unit_is_not_used():
     record = flexible(1)
     degrees = record.with_channels({"reference_position": np.rad2deg(record["reference_position"])})
-    alone = Recording(record.time, {n: v for n, v in record.channels.items() if n != "reference_position"})
-    assert regressed(degrees)["k_1"].value == regressed(alone)["k_1"].value
+    assert regressed(degrees)["k_1"].value == regressed(alone(record))["k_1"].value
 
 
 def test_a_gear_that_stiffens_under_load_is_found():
@@ -169,3 +174,30 @@ def test_intervals_of_a_search_are_no_smaller_where_the_residual_torque_has_a_me
         assert any("memory" in note for note in found.notes)
         for name in ("J_m", "k_1", "tau_fm"):
             assert found[name].std_dev > 0.9 * other[name].std_dev
+
+
+@pytest.mark.parametrize("noise", [3e-3, 1e-2])
+def test_the_command_as_instrument_finds_the_inertia_in_a_band_full_of_noise(noise):
+    """Noise of the acceleration makes least squares small; the command has none of it (Janot et al. 2014)."""
+    record, model = controlled(0.3, 0.3, noise=noise), build("rigid_joint")
+    least, command = (
+        fit(model, record, None, Regression(band_hz=6.0, instruments=choice))["J"]
+        for choice in ("automatic", "command")
+    )
+    assert least.value < 0.85 * RIGID_TRUTH["J"]
+    assert abs(command.value - RIGID_TRUTH["J"]) < 3.0 * command.std_dev < 0.5 * RIGID_TRUTH["J"]
+
+
+def test_motion_and_command_as_instruments_agree_on_a_stiffness():
+    own, other = (
+        fit(MODEL, flexible(0), FRICTION, Regression(instruments=choice))["k_1"] for choice in ("motion", "command")
+    )
+    assert own.value != other.value
+    assert abs(own.value - other.value) < own.std_dev
+
+
+def test_a_command_that_is_asked_for_and_missing_is_named():
+    with pytest.raises(JointIdError, match=r"instruments = command: .* has no reference_position"):
+        fit(MODEL, alone(flexible(0)), FRICTION, Regression(instruments="command"))
+    with pytest.raises(JointIdError, match="choose one of automatic, command, motion"):
+        Regression(instruments="gravity")

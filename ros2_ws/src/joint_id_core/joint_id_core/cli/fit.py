@@ -34,7 +34,15 @@ if TYPE_CHECKING:
     from joint_id_core.estimators.together.fit import Together
     from joint_id_core.results.estimate import Estimate
 
-SHOWN = ("cell", "substeps", "band_hz", "lag_s", "epochs", "learning_rate")  # of the options of the estimators
+SHOWN = (
+    "cell",
+    "substeps",
+    "band_hz",
+    "lag_s",
+    "instruments",
+    "epochs",
+    "learning_rate",
+)  # of the options of the estimators
 JOINT_HELP = f"joint of a bag that holds several; {ALL}: each of them, on all cores, a row a joint"
 
 ROBOT_HELP = "set, fix and free from a parameter file of the identifier, such as config/ur10e.yaml, or by name (ur10e)"

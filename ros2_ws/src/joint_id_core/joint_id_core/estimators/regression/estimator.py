@@ -27,6 +27,13 @@ class Regression:
     band_hz: float = option(0.0, "band of the equations that are fitted; 0 finds it", "Hz", lower=0.0, upper=1e4)
     lag_s: float = option(0.0, "memory of the residuals in the covariance; 0 finds it", "s", lower=0.0, upper=1e3)
 
+    instruments: str = option(
+        "automatic",
+        "motion along which the instruments are computed; command needs reference_position. automatic: for models with "
+        "a twist that of the command, else that of the motor, and for others none, but plain least squares",
+        choices=("automatic", "command", "motion"),
+    )
+
     def __post_init__(self) -> None:
         check(self)
 

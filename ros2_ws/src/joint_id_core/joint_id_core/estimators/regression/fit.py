@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 import scipy
 
-from joint_id_core.data.recording import Recording
+from joint_id_core.data.recording import Array, Recording
 from joint_id_core.data.signals import side_of
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators.regression.equations import equations
+from joint_id_core.estimators.regression.equations import Motion, columns_along, equations
 from joint_id_core.estimators.regression.estimator import Regression
+from joint_id_core.estimators.regression.instruments import Tools, rigid
 from joint_id_core.estimators.regression.judging import Fitted, Samples, estimates, judge, tested
 from joint_id_core.estimators.regression.least_squares import ACCURACY, ACCURACY_OF_CURRENT
 from joint_id_core.estimators.regression.missing import at_speed, missing_torques
+from joint_id_core.estimators.regression.path import commanded, required
 from joint_id_core.estimators.regression.presliding import turning
 from joint_id_core.estimators.regression.signals import Rows, all_smoothed, bands, motion, rows
 from joint_id_core.estimators.regression.two_sides import has_twist, two_sides
@@ -100,14 +103,19 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
             f"{data.recording.source}: {len(index.index)} independent samples of motion below {band_hz:.3g} Hz, a "
             f"regression needs {MIN_SAMPLES}: record longer, or give a wider band (band_hz)",
         )
-    sides = two_sides(data, moved, index, cutoff_hz, band_hz) if has_twist(model) else None
-    if sides is not None:
+    sides, path = None, None
+    if has_twist(model):
+        sides = two_sides(data, moved, index, cutoff_hz, band_hz, options.instruments)
         moved, values, free = sides.moved, sides.values, sides.free
+    elif options.instruments == "command":
+        path = required(commanded(data.recording, _angle_of_link(model, moved), cutoff_hz), data.recording)
     missing, found = missing_torques(moved, model, data.recording.time, cutoff_hz), []
-    turned = turning(moved, model) if sides is None else np.zeros((len(usable), 0))
+    turned = turning(moved, model) if sides is path is None else np.zeros((len(usable), 0))
     for equation in equations(model, moved, values, free):
         drive = equation.factor * moved.u[model.drive] if model.drive else np.zeros(len(usable))
         beside = sides.beside(equation) if sides is not None else {}
+        if path is not None:
+            beside = {"tools": rigid(partial(columns_along, model, equation, values=values), moved, path)}
         tables = {"y": equation.y[:, None], "columns": equation.columns, "drive": drive[:, None], "turning": turned}
         tables |= {**missing, **beside}
         tables = all_smoothed(data.recording.time, tables, usable, band_hz)
@@ -115,11 +123,14 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
         tables = {name: part[index.index] for name, part in tables.items()}
         known = np.all([np.isfinite(part).all(axis=1) for part in tables.values()], axis=0)
         tables = {name: part[known] for name, part in tables.items()}
+        tools = sides.tools(equation, tables["tools"]) if sides is not None else None
+        if path is not None:
+            tools = Tools(tables["tools"], np.zeros(len(equation.names), dtype=bool))
         samples = Samples(
             equation, Rows(index.index[known], index.pieces[known]), at_speed(moved, index.index[known]),
             tables["y"][:, 0], tables["columns"], {name: tables[name] for name in missing}, data.recording.time, drive,
-            data.period, sides.tools(equation, tables["tools"]) if sides is not None else None,
-            ACCURACY if "current" not in model.state_names else ACCURACY_OF_CURRENT, tables["turning"],
+            data.period, tools, ACCURACY if "current" not in model.state_names else ACCURACY_OF_CURRENT,
+            tables["turning"],
         )  # fmt: skip
         positive = [model.parameter(n).positive for n in equation.names]
         solution, lag = samples.solve(positive, options.lag_s), None
@@ -133,6 +144,20 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
             "innovations",
         )
     return band_hz, found
+
+
+def _angle_of_link(model: Model, moved: Motion) -> Array:
+    """Return the angle of the link, shape (T,).
+
+    Raises:
+        JointIdError: it is no state of the model.
+    """
+    if "link_position" not in moved.x:
+        raise JointIdError(
+            f"instruments = command: model {model.name} has no link_position, which a command is compared with; leave "
+            "this option out"
+        )
+    return moved.x["link_position"]
 
 
 def _estimate(data: FitData, fitted: list[Fitted], band_hz: float, begun: float) -> Estimate:

@@ -15,36 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array
-from joint_id_core.data.signals import derivative_of, side_of
+from joint_id_core.data.signals import side_of
 from joint_id_core.estimators.regression.equations import Motion
+from joint_id_core.estimators.regression.path import Path
 
 LEAST_SHOWN = 0.1  # share of what is new in a column that the instruments must show
 # The same for a column that is not linear in the twist: left out, the linear one would stand for both, and seem known.
 LEAST_BENT = 1e-3
 EXOGENOUS = 0.9  # the same from which a column is as good as known
 SAME = 1e-6  # relative difference of two columns that rounding makes
-
-
-@dataclass(frozen=True)
-class Path:
-    """Angle, velocity and acceleration of the link of a rigid joint, each of shape (T,), SI units."""
-
-    angle: Array
-    velocity: Array
-    acceleration: Array
-
-    def motion(self, like: Motion, ratio: float) -> Motion:
-        """Return the motion of a rigid joint with a gear ratio, with the inputs of `like` that are no motion."""
-        kinds = {"position": self.angle, "velocity": self.velocity, "acceleration": self.acceleration}
-
-        def along(name: str | None, own: Array) -> Array:
-            side = side_of(name or "")
-            if name is None or side is None:
-                return own
-            return np.asarray((ratio if side == "motor" else 1.0) * kinds[name.removeprefix(f"{side}_")])
-
-        x, u = ({n: along(n, v) for n, v in part.items()} for part in (like.x, like.u))
-        return Motion(x, u, {n: along(derivative_of(n), v) for n, v in like.rates.items()})
 
 
 @dataclass(frozen=True)
@@ -62,13 +41,6 @@ class Tools:
     def part(self, rows: slice | NDArray[np.bool_]) -> Tools:
         """Return the instruments of some of the samples."""
         return replace(self, table=self.table[rows])
-
-
-def of_motor(moved: Motion, ratio: float) -> Path:
-    """Return the path of the motor, divided by the gear ratio."""
-    return Path(
-        moved.x["motor_position"] / ratio, moved.x["motor_velocity"] / ratio, moved.rates["motor_velocity"] / ratio
-    )
 
 
 def twisted(moved: Motion, ratio: float, factor: float, rate_factor: float) -> Motion:
@@ -96,16 +68,20 @@ def bent(columns: Callable[[Motion], Array], moved: Motion, ratio: float) -> NDA
     return np.asarray(np.nanmax(np.abs(twice - 2.0 * once + none), axis=0) > SAME * np.nanmax(np.abs(twice), axis=0))
 
 
+def rigid(columns: Callable[[Motion], Array], moved: Motion, path: Path, ratio: float = 1.0) -> Array:
+    """Return the columns of a rigid joint with gravity, shape (T, m); all that are zero are left out."""
+    load = np.column_stack([np.ones_like(path.angle), np.cos(path.angle), np.sin(path.angle)])
+    found = np.column_stack([columns(path.motion(moved, ratio)), load])
+    return np.asarray(found[:, np.nanmax(np.abs(found), axis=0) > 0.0])
+
+
 def instruments(columns: Callable[[Motion], Array], moved: Motion, path: Path, ratio: float) -> Array:
-    """Return the columns of a rigid joint with gravity, shape (T, m); all that are zero are left out.
+    """Return the instruments of a joint with a twist, shape (T, m): what `rigid` returns, and more.
 
     For columns that are not linear in the twist, those with the twist that the others show are added (Kelejian, Journal
     of the American Statistical Association 66, 1971).
     """
-    rigid = columns(path.motion(moved, ratio))
-    load = np.column_stack([np.ones_like(path.angle), np.cos(path.angle), np.sin(path.angle)])
-    found = np.column_stack([rigid, load])
-    found = found[:, np.nanmax(np.abs(found), axis=0) > 0.0]
+    found = rigid(columns, moved, path, ratio)
     more = bent(columns, moved, ratio)
     if more.any():
         known = np.isfinite(found).all(axis=1) & np.isfinite(moved.u["link_position"])

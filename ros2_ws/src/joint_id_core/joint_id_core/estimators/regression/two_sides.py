@@ -8,17 +8,16 @@ from functools import partial
 
 import numpy as np
 
-from joint_id_core.checking.command import COMMAND, follows
 from joint_id_core.data.recording import Array
 from joint_id_core.data.signals import side_of
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.regression.encoder_lag import Lag, encoder_lag
 from joint_id_core.estimators.regression.equations import Equation, Motion, columns_along, equations
-from joint_id_core.estimators.regression.instruments import Path, Tools, bent, beyond, instruments, of_motor
+from joint_id_core.estimators.regression.instruments import Tools, bent, beyond, instruments
 from joint_id_core.estimators.regression.least_squares import Solution, two_stage
+from joint_id_core.estimators.regression.path import Path, commanded, of_motor, required
 from joint_id_core.estimators.regression.signals import Rows
 from joint_id_core.estimators.shared.fit_data import FitData
-from joint_id_core.filtering.offline import FilterOptions, differentiate
 from joint_id_core.models import Model
 
 
@@ -112,11 +111,15 @@ class TwoSides:
         return replace(lag, sigma=sigma, effect=sigma * slope)
 
 
-def two_sides(data: FitData, moved: Motion, rows: Rows, cutoff_hz: float, band_hz: float) -> TwoSides:
+def two_sides(
+    data: FitData, moved: Motion, rows: Rows, cutoff_hz: float, band_hz: float, choice: str
+) -> TwoSides:  # fmt: skip
     """Return the motion on both sides of the gear of a model that has both; signals had a low-pass with this cutoff.
 
+    `choice` is of the instruments, as in the options.
+
     Raises:
-        JointIdError: the encoders are held at a delay against the drive.
+        JointIdError: the encoders are held at a delay against the drive, or the chosen command is missing.
     """
     model, time = data.model, data.recording.time
     values = dict(zip(model.parameter_names, data.p.tolist(), strict=True))
@@ -126,10 +129,9 @@ def two_sides(data: FitData, moved: Motion, rows: Rows, cutoff_hz: float, band_h
             f"or leave {model.drive_lag} at 0"
         )
     ratio, own = model.gear_ratio(values), model.encoder_lag
-    motor, command = of_motor(moved, ratio), data.recording.channels.get(COMMAND)
-    path = motor
-    if command is not None and follows(command, motor.angle):
-        path = Path(*differentiate(time, command, FilterOptions(cutoff_hz=cutoff_hz), 2))
+    motor = of_motor(moved, ratio)
+    command = None if choice == "motion" else commanded(data.recording, motor.angle, cutoff_hz)
+    path = required(command, data.recording) if choice == "command" else command or motor
     lag = encoder_lag(time, moved, motor, ratio, rows, band_hz)
     if own is None or own not in data.free:
         late, step = values.get(own or "", 0.0), 0.0
