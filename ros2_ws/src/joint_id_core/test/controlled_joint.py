@@ -16,8 +16,8 @@ def controlled(
 ) -> Recording:
     """The recording of a joint that a stiff position loop leads along a slow path.
 
-    The disturbance is an Ornstein-Uhlenbeck torque with this standard deviation (Nm) and memory (s). The encoder has this
-    noise in rad; the controller has one without.
+    The disturbance is an Ornstein-Uhlenbeck torque with this standard deviation (Nm) and memory (s). The encoder has
+    this noise in rad; the controller has one without.
     """
     rng = np.random.default_rng(seed)
     J, c, tau_f = TRUTH["J"], TRUTH["c"], TRUTH["tau_f"]
