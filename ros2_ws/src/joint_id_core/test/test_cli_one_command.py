@@ -113,3 +113,48 @@ def test_what_cannot_be_guessed_is_asked_for(tmp_path, run):
     (tmp_path / "still.csv").write_text("time_s,temperature\n0,20\n1,20\n")
     code, out = run("fit", "still.csv")
     assert code == 2 and "no model follows from that" in out
+
+
+@pytest.fixture
+def robot_log(tmp_path):
+    """A log as RTDE recorders write it: two of the joints of a robot, of which the second one moves."""
+    record = motion(6.0)
+    columns = {"timestamp": 4000.0 + record.time}
+    for k, moves in enumerate((0.0, 1.0)):
+        columns |= {
+            f"actual_q_{k}": moves * record["link_position"],
+            f"actual_current_{k}": moves * record["torque"] / (101.0 * 0.1),
+        }
+    names = [*columns]
+    rows = [" ".join(repr(float(v)) for v in row) for row in zip(*columns.values(), strict=True)]
+    (tmp_path / "robot.csv").write_text("\n".join([" ".join(names), *rows]) + "\n")
+    (tmp_path / "arm.yaml").write_text("/**/identifier: {ros__parameters: {set: [N=101, k_t=0.1]}}")
+    return "robot.csv"
+
+
+def test_a_log_of_a_robot_is_read_joint_by_joint(robot_log, run):
+    code, out = run("fit", robot_log, "--robot", "arm.yaml")
+    rows = [line.split() for line in out.splitlines() if line.startswith("  shoulder") and ":" not in line]
+    assert [row[:3] for row in rows] == [
+        ["shoulder_pan_joint", "rigid_joint", "no_motion"], ["shoulder_lift_joint", "rigid_joint", "converged"],
+    ]  # fmt: skip
+    assert code == 1 and "no good estimate of shoulder_pan_joint" in out
+    code, out = run("fit", robot_log, "--robot", "arm.yaml", "--joint", "shoulder_lift_joint")
+    assert code == 0 and "link_position = actual_q_1" in out
+    code, out = run(*pasted(out), "--json")
+    found = {p["name"]: p for p in json.loads(out)["parameters"]}
+    assert all(abs(found[n]["value"] - truth) < 4.0 * found[n]["std_dev"] for n, truth in TRUTH.items())
+    assert run("compare", robot_log, "--robot", "arm.yaml", "--joint", "shoulder_lift_joint")[0] == 0
+
+
+def test_the_columns_of_a_log_that_are_named_are_one_joint(robot_log, run):
+    named = ["--map", "link_position=actual_q_1", "--map", "current=actual_current_1"]
+    code, out = run("fit", robot_log, *named, "--set", "N=101", "--set", "k_t=0.1")
+    assert code == 0 and "current = actual_current_1" in out
+
+
+def test_a_joint_that_a_log_does_not_have_is_named_and_what_all_joints_lack_is_said_once(robot_log, run):
+    code, out = run("fit", robot_log, "--joint", "elbow_joint")
+    assert code == 2 and "no joint 'elbow_joint': it holds shoulder_pan_joint, shoulder_lift_joint" in out
+    code, out = run("fit", robot_log)
+    assert code == 2 and out.count("needs k_t") == 1 and "(--robot ur10e)" in out

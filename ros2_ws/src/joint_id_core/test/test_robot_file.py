@@ -35,12 +35,17 @@ def file(tmp_path, monkeypatch):
 
 def test_a_joint_gets_what_holds_for_all_and_what_names_it(file):
     model = build("rigid_joint", actuation="current")
-    elbow, other = robot_settings(str(file), "elbow", model), robot_settings("arm", None, model)
+    elbow, other = (
+        robot_settings(str(file), "elbow", model.parameter_names),
+        robot_settings("arm", None, model.parameter_names),
+    )
     assert elbow.values == {"N": 2.0, "k_t": 0.25, "tau_0": 0.0} and elbow.fixed == ("tau_0",)
     assert other.values["k_t"] == 0.5
     assert elbow.deviations == {"k_t": 0.1} and other.deviations == {"k_t": 0.05}
-    assert robot_settings("arm", "wrist", model).fixed == ("tau_0", "c")
-    assert "k_t" not in robot_settings("arm", "elbow", build("rigid_joint")).values  # this model has none
+    assert robot_settings("arm", "wrist", model.parameter_names).fixed == ("tau_0", "c")
+    assert (
+        "k_t" not in robot_settings("arm", "elbow", build("rigid_joint").parameter_names).values
+    )  # this model has none
 
 
 @pytest.mark.parametrize(
@@ -54,7 +59,7 @@ def test_a_joint_gets_what_holds_for_all_and_what_names_it(file):
 def test_a_file_that_is_no_parameter_file_is_refused(file, text, says):
     file.write_text(text)
     with pytest.raises(JointIdError, match=says):
-        robot_settings("arm", None, build("rigid_joint"))
+        robot_settings("arm", None, build("rigid_joint").parameter_names)
 
 
 def test_the_command_takes_it_and_its_own_settings_have_precedence(file, run):

@@ -17,6 +17,7 @@ from joint_id_core.cli.fit_options import (
     JointOption,
     JsonOption,
     MapOption,
+    RobotOption,
     SetOption,
     StartOption,
     Texts,
@@ -25,6 +26,7 @@ from joint_id_core.cli.fit_options import (
 )
 from joint_id_core.cli.group import BAD_INPUT, complain
 from joint_id_core.cli.output import Progress, print_json
+from joint_id_core.cli.robot_file import robot_settings
 from joint_id_core.comparison.model_text import GRAMMAR
 from joint_id_core.errors import JointIdError
 
@@ -46,6 +48,7 @@ def compare(
     fix: FixOption = None,
     free: FreeOption = None,
     map_: MapOption = None,
+    robot: RobotOption = None,
     start: StartOption = None,
     end: EndOption = None,
     validate: Annotated[Optional[Path], typer.Option(help="recording to predict, instead of the last part")] = None,
@@ -63,10 +66,14 @@ def compare(
 
     from joint_id_core import formats
     from joint_id_core.comparison import comparing as comparison
+    from joint_id_core.comparison.model_text import parse
 
     mapping = texts_by_name(map_ or (), "--map")
     recording = window(formats.read(file, joint, mapping), start, end)
     validation = formats.read(validate, joint, mapping) if validate is not None else None
+    if robot is not None:
+        known = {n for c in parse(texts, recording) for n in c.model.parameter_names}
+        settings = settings.over(robot_settings(robot, joint, known))
     share = comparison.HELD_OUT_SHARE if held_out is None else held_out
     with Progress() as progress:
         result = comparison.compare(texts, recording, validation, share, settings, progress)
@@ -77,7 +84,13 @@ def compare(
     else:
         print(result)
         if best:
-            data = [("--joint", joint), *(("--map", text) for text in map_ or ()), ("--start", start), ("--end", end)]
+            data = [
+                ("--joint", joint),
+                ("--robot", robot),
+                *(("--map", text) for text in map_ or ()),
+                ("--start", start),
+                ("--end", end),
+            ]
             said = [word for option, value in data if value is not None for word in (option, str(value))]
             print(f"its parameters: {shlex.join(['joint-id', 'fit', str(file), *again, *said])}")
     if not any(row.trial.estimate.converged for row in result.ranking.rows):

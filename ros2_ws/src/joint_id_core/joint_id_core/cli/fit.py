@@ -19,6 +19,7 @@ from joint_id_core.cli.fit_options import (
     JsonOption,
     MapOption,
     PriorOption,
+    RobotOption,
     SetOption,
     StartOption,
     parameter_settings,
@@ -43,9 +44,7 @@ SHOWN = (
     "epochs",
     "learning_rate",
 )  # of the options of the estimators
-JOINT_HELP = f"joint of a bag that holds several; {ALL}: each of them, on all cores, a row a joint"
-
-ROBOT_HELP = "set, fix and free from a parameter file of the identifier, such as config/ur10e.yaml, or by name (ur10e)"
+JOINT_HELP = f"joint of a bag or a robot's log that holds several; {ALL}: each of them, on all cores, a row a joint"
 
 
 @with_options("model_options", (ModelOptions,), no_default=("model",))
@@ -61,7 +60,7 @@ def fit(
     map_: MapOption = None,
     estimator: Annotated[str, typer.Option(help=f"{', '.join(ESTIMATORS)} (needs torch)")] = "innovations",
     prior: PriorOption = None,
-    robot: Annotated[Optional[str], typer.Option(help=ROBOT_HELP)] = None,
+    robot: RobotOption = None,
     start: StartOption = None,
     end: EndOption = None,
     validate: Annotated[Optional[Path], typer.Option(help="recording that the fitted model must predict")] = None,
@@ -72,7 +71,7 @@ def fit(
     """Identify the parameters of a joint model, with standard deviations and verdicts.
 
     Several files are recordings of the same joint: common physics; own start, noise and offsets. Without --model, the
-    models that the signals allow are tried, and every joint of a bag is fitted.
+    models that the signals allow are tried, and every joint of a bag or a robot's log is fitted.
 
     Exit code 0: converged; 1: no convergence or a poor fit; 2: bad input.
     """
@@ -109,7 +108,9 @@ def fit(
         options |= {"robot": robot, "start": start, "end": end, "estimator": solver.name, **estimator_options}
         if solver.name == Innovations.name:
             del options["estimator"]
-        text = "\n".join([*formats.taken(files[0], mapping), *found.why, "", text, "", *_again(files, found, options)])
+        text = "\n".join(
+            [*formats.taken(files[0], joint, mapping), *found.why, "", text, "", *_again(files, found, options)]
+        )
     if other is not None and estimate.nrmse:
         from joint_id_core.validation.prediction import held_out, held_out_drive
 
@@ -147,7 +148,8 @@ def _again(files: list[Path], found: Result, options: Mapping[str, Any]) -> list
     same = shlex.join(words)
     if found.estimate.converged:
         return [f"the same, and keep it: {same} --save estimate.json"]
-    return [f"the same: {same}", f"other models: {shlex.join(['joint-id', 'compare', str(files[0])])}"]
+    others = ["joint-id", "compare", str(files[0])] + (["--joint", options["joint"]] if options["joint"] else [])
+    return [f"the same: {same}", f"other models: {shlex.join(others)}"]
 
 
 def _result(together: Together) -> dict[str, Any]:

@@ -56,7 +56,7 @@ class FitJob:
         """Return the settings of the command, over those of the robot's file."""
         if self.robot is None:
             return self.settings
-        return self.settings.over(robot_settings(self.robot, self.joint, model))
+        return self.settings.over(robot_settings(self.robot, self.joint, model.parameter_names))
 
     def run(self, recordings: Sequence[Recording] = (), progress: Progress | None = None) -> Result:
         """Fit one joint, from recordings that were read already, or else from the files.
@@ -99,7 +99,9 @@ class FitJob:
         for file in self.files:
             found = formats.joints(file, self.mapping)
             if not found:
-                raise JointIdError(f"{file}: --joint {ALL} needs a bag; this file holds one joint without a name")
+                raise JointIdError(
+                    f"{file}: --joint {ALL} needs a bag or a robot's log; this file holds one joint without a name"
+                )
             names |= dict.fromkeys(found)
         return [replace(self, joint=name) for name in names]
 
@@ -149,18 +151,19 @@ def joints_table(results: Mapping[str, Result | str]) -> str:
     """Return a table with a row a joint: status, and the estimated parameters."""
     width = max(len("joint"), *map(len, results)) + 2
     lines = [f"  {'joint':<{width}}{'model':<22}{'status':<16}parameters"]
-    also = []
+    also: dict[str, list[str]] = {}  # joints by message: what is wrong with all of them is said once
     for joint, result in results.items():
         if isinstance(result, str):
             lines.append(f"  {joint:<{width}}{'-':<22}{'not fitted':<16}")
-            also.append(f"  {joint}: {result}")
+            also.setdefault(result, []).append(joint)
             continue
         estimate = result.estimate
         gravity = " gravity" if estimate.model_options.get("gravity") else ""
         lines.append(f"  {joint:<{width}}{estimate.model + gravity:<22}{estimate.status.value:<16}{_values(estimate)}")
         if not estimate.converged:
-            also.append(f"  {joint}: {estimate.message}")
-    return "\n".join([*lines, *([""] if also else []), *also])
+            also.setdefault(estimate.message, []).append(joint)
+    remarks = [f"  {', '.join(joints)}: {text}" for text, joints in also.items()]
+    return "\n".join([*lines, *([""] if also else []), *remarks])
 
 
 def _values(estimate: Estimate) -> str:

@@ -18,7 +18,7 @@ Texts = Optional[list[str]]
 MAP_HELP = "channel=column, or a product: torque=gtau*vir; of a bag channel=topic.field"
 FileArgument = Annotated[Path, typer.Argument(help="CSV, MAT or bag")]
 FilesArgument = Annotated[list[Path], typer.Argument(help="CSV, MAT or bag; several: one fit of all")]
-JointOption = Annotated[Optional[str], typer.Option(help="joint of a bag that holds several")]
+JointOption = Annotated[Optional[str], typer.Option(help="joint of a bag or a robot's log that holds several")]
 SetOption = Annotated[
     Texts, typer.Option("--set", help="NAME=VALUE: start value; of a held parameter also NAME=VALUE+-SD")
 ]
@@ -29,6 +29,8 @@ PRIOR_HELP = (
 )
 PriorOption = Annotated[Texts, typer.Option("--prior", help=PRIOR_HELP)]
 MapOption = Annotated[Texts, typer.Option("--map", help=MAP_HELP)]
+ROBOT_HELP = "set, fix and free from a parameter file of the identifier, such as config/ur10e.yaml, or by name (ur10e)"
+RobotOption = Annotated[Optional[str], typer.Option(help=ROBOT_HELP)]
 StartOption = Annotated[Optional[float], typer.Option(help="leave out what is before, s after the first sample")]
 EndOption = Annotated[Optional[float], typer.Option(help="leave out what is after, s after the first sample")]
 JsonOption = Annotated[bool, typer.Option("--json", help="machine-readable result")]

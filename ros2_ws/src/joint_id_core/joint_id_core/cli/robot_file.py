@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Collection
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ParameterSettings
 from joint_id_core.models.per_joint import Entry, parse
 
-if TYPE_CHECKING:
-    from joint_id_core.models import Model
-
 NODE = "identifier"
 
 
-def robot_settings(robot: str, joint: str | None, model: Model) -> ParameterSettings:
-    """Return the settings `set`, `fix` and `free` of a file for a joint, of those parameters that the model has.
+def robot_settings(robot: str, joint: str | None, names: Collection[str]) -> ParameterSettings:
+    """Return the settings `set`, `fix` and `free` of a file for a joint, of the parameters with these names.
 
     Args:
         robot: path of the file, or the name of a robot: NAME.yaml in the folder config, or installed with joint_id_ros.
         joint: name of the joint, as in the file; None takes what holds for all joints.
-        model: of the joint.
+        names: of the parameters of a model.
 
     Raises:
         JointIdError: no such file, it cannot be read, or it holds no parameters of the node.
@@ -33,7 +31,7 @@ def robot_settings(robot: str, joint: str | None, model: Model) -> ParameterSett
     values = {e.name: e.value for kind in ("set", "fix") for e in entries[kind] if e.value is not None}
     deviations = {e.name: e.deviation for kind in ("set", "fix") for e in entries[kind] if e.deviation is not None}
     fixed, freed = ([e.name for e in entries[kind]] for kind in ("fix", "free"))
-    return ParameterSettings(values, fixed, freed, deviations=deviations).of(model)
+    return ParameterSettings(values, fixed, freed, deviations=deviations).only(names)
 
 
 def _file(robot: str) -> Path:

@@ -25,8 +25,8 @@ def read(path: str | Path, joint: str | None = None, mapping: Mapping[str, str] 
 
     Args:
         path: the file or bag.
-        joint: name of the joint; needed when a bag holds several. CSV and MAT hold one unnamed joint, which then
-            gets this name.
+        joint: name of the joint; needed when a bag or a robot's log holds several. Other files hold one unnamed joint,
+            which then gets this name.
         mapping: where `time_s` and channels come from: {channel: expression}. An expression is a product of columns and
             numbers, e.g. {"time_s": "t", "torque": "gtau*vir"}. Columns of CSV and MAT files with a known name need no
             mapping. With a mapping, only the mapped channels of a bag are read, each from one field:
@@ -45,7 +45,9 @@ def read(path: str | Path, joint: str | None = None, mapping: Mapping[str, str] 
 
 
 def joints(path: str | Path, mapping: Mapping[str, str] | None = None) -> tuple[str, ...]:
-    """Return the names of the joints in a bag, in order of appearance; () for CSV and MAT, which hold one joint.
+    """Return the names of the joints in a bag, in order of appearance, or in a UR robot's log, from the base.
+
+    () for other files, which hold one joint.
 
     `mapping` as for `read`.
 
@@ -53,7 +55,10 @@ def joints(path: str | Path, mapping: Mapping[str, str] | None = None) -> tuple[
         JointIdError: unreadable or damaged file; of a bag, no known topic, or a mapping that is not understood.
     """
     path = Path(path)
-    return _bags().joints(path, mapping or {}) if _kind(path) == "bag" else ()
+    kind = _kind(path)
+    if kind == "csv":
+        return csv_file.joints(path, mapping or {})
+    return _bags().joints(path, mapping or {}) if kind == "bag" else ()
 
 
 def contents(path: str | Path) -> tuple[str, ...]:
@@ -69,14 +74,14 @@ def contents(path: str | Path) -> tuple[str, ...]:
     return mat_file.variables(path) if kind == "mat" else _bags().topics(path)
 
 
-def taken(path: str | Path, mapping: Mapping[str, str] | None = None) -> list[str]:
-    """Return in words which columns of a text file with other names are read as which channels; [] for other files.
+def taken(path: str | Path, joint: str | None = None, mapping: Mapping[str, str] | None = None) -> list[str]:
+    """Return in words which columns of a text file are read as which channels, of other names; [] for other files.
 
     Raises:
         JointIdError: unreadable file, columns that are not understood.
     """
     path = Path(path)
-    return csv_file.taken(path, mapping or {}) if _kind(path) == "csv" else []
+    return csv_file.taken(path, joint or "", mapping or {}) if _kind(path) == "csv" else []
 
 
 def write(path: str | Path, recording: Recording) -> None:

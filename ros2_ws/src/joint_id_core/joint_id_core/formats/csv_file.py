@@ -1,7 +1,7 @@
 """CSV files: a header, then one line per sample.
 
 Columns are `time_s` and any of `joint_id_core.data.signals.CHANNELS`, in SI units, or written as people do (see
-`column_names`). A signal without a column was not measured; an empty cell or `nan` is a missing value. Other columns
+`column_names`), or those of a robot's log (`robot_log`). A signal without a column was not measured; an empty cell or `nan` is a missing value. Other columns
 are ignored unless a mapping names them. The delimiter (comma, semicolon, tab, bar or spaces) is found from the header.
 Lines that begin with #, % or // are comments; the last one above the numbers may be the header.
 """
@@ -21,6 +21,7 @@ import numpy as np
 
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
+from joint_id_core.formats import robot_log
 from joint_id_core.formats.column_names import TIME
 from joint_id_core.formats.mapping import TARGETS, plan
 from joint_id_core.formats.mapping import taken as in_words
@@ -36,7 +37,7 @@ def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:
             line and column.
     """
     header = _header(path)
-    products = plan(path, header.names, mapping)
+    products = plan(path, header.names, robot_log.columns(path, header.names, joint, mapping))
     used = {name for product in products.values() for name in product.names}
     for name in used:
         if header.names.count(name) > 1:
@@ -190,9 +191,15 @@ def _columns(path: Path, header: _Header, used: Collection[str]) -> dict[str, Ar
     return {name: _column(path, name, header.names.index(name), rows, numbers) for name in used}
 
 
-def taken(path: Path, mapping: Mapping[str, str]) -> list[str]:
+def joints(path: Path, mapping: Mapping[str, str]) -> tuple[str, ...]:
+    """Return the names of the joints of a robot's log; () for a file of one unnamed joint."""
+    return robot_log.joints(_header(path).names, mapping)
+
+
+def taken(path: Path, joint: str, mapping: Mapping[str, str]) -> list[str]:
     """Return in words which columns with other names are read as which channels."""
-    return in_words(plan(path, _header(path).names, mapping))
+    names = _header(path).names
+    return in_words(plan(path, names, robot_log.columns(path, names, joint, mapping)))
 
 
 def _column(path: Path, name: str, index: int, rows: list[list[str]], numbers: list[int]) -> Array:

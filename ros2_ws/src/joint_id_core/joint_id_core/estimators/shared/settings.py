@@ -86,7 +86,11 @@ class ParameterSettings:
 
     def of(self, model: Model) -> ParameterSettings:
         """Return the settings of those parameters that `model` has."""
-        own = set(model.parameter_names)
+        return self.only(model.parameter_names)
+
+    def only(self, names: Collection[str]) -> ParameterSettings:
+        """Return the settings of the parameters with these names."""
+        own = set(names)
         return ParameterSettings(
             {n: v for n, v in self.values.items() if n in own},
             [n for n in self.fixed if n in own],
