@@ -1,8 +1,9 @@
 """CSV files: a header, then one line per sample.
 
 Columns are `time_s` and any of `joint_id_core.data.signals.CHANNELS`, in SI units, or written as people do (see
-`column_names`), or those of a robot's log (`robot_log`). A signal without a column was not measured; an empty cell or `nan` is a missing value. Other columns
-are ignored unless a mapping names them. The delimiter (comma, semicolon, tab, bar or spaces) is found from the header.
+`column_names`), or those of a robot's log (`robot_log`). A signal without a column was not measured; an empty cell or
+`nan` is a missing value. Other columns are ignored unless a mapping names them. The delimiter (comma, semicolon, tab,
+bar or spaces) is found from the header.
 Lines that begin with #, % or // are comments; the last one above the numbers may be the header.
 """
 
