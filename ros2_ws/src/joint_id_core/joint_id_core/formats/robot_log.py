@@ -1,6 +1,6 @@
 """Text files with a column for each field and joint of a UR robot, as RTDE recorders write: `actual_q_0`, `actual_q_1`.
 
-Source: Universal Robots, RTDE client library, `record.py`: a field of six joints gets the number of the joint behind it.
+Source: Universal Robots, RTDE client library, `record.py`: fields of six joints get its number at the end.
 """
 
 from __future__ import annotations
