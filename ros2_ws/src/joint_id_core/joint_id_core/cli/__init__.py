@@ -18,6 +18,7 @@ from joint_id_core.cli.export import export
 from joint_id_core.cli.fit import fit
 from joint_id_core.cli.group import OneLineErrors
 from joint_id_core.cli.info import info
+from joint_id_core.cli.report import report
 from joint_id_core.cli.robot_emulator import EPILOG, robot_emulator
 from joint_id_core.cli.simulate import simulate
 
@@ -50,6 +51,7 @@ app.command()(simulate)
 app.command()(info)
 app.command()(fit)
 app.command()(compare)
+app.command()(report)
 app.command()(diff)
 app.command()(export)
 app.command(epilog=EPILOG)(robot_emulator)

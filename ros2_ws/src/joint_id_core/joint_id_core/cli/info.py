@@ -30,7 +30,7 @@ def info(
     names: tuple[str | None, ...] = (joint,) if joint else (found or (None,))
     contents = formats.contents(file)
     recordings = [formats.read(file, name, mapping) for name in names]
-    described = [_describe(recording) | {"findings": _doubts(recording, recordings)} for recording in recordings]
+    described = [_describe(recording) | {"findings": doubts(recording, recordings)} for recording in recordings]
     used = " ".join(mapping.values()).replace("*", " ").split()
     unknown = [c for c in contents if c not in TARGETS and c not in used] if not found else []
     if json:
@@ -73,7 +73,7 @@ def _describe(recording: Recording) -> dict[str, Any]:
     }
 
 
-def _doubts(recording: Recording, all_joints: Sequence[Recording]) -> list[dict[str, Any]]:
+def doubts(recording: Recording, all_joints: Sequence[Recording]) -> list[dict[str, Any]]:
     """Return what the checks find, fatal findings first, as plain types."""
     from joint_id_core.checking.finding import Finding
     from joint_id_core.checking.findings import findings

@@ -1,0 +1,116 @@
+"""`joint-id report`: a page about a fit, in one file."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Optional
+
+import typer
+
+from joint_id_core.assignments import texts_by_name
+from joint_id_core.cli.fit_job import FitJob
+from joint_id_core.cli.fit_options import (
+    EndOption,
+    FixOption,
+    FreeOption,
+    JointOption,
+    MapOption,
+    RobotOption,
+    SetOption,
+    StartOption,
+    parameter_settings,
+)
+from joint_id_core.cli.group import complain
+from joint_id_core.cli.info import doubts
+from joint_id_core.cli.options import with_options
+from joint_id_core.cli.output import Progress
+from joint_id_core.errors import JointIdError
+from joint_id_core.estimators import ESTIMATORS
+from joint_id_core.models.options import ModelOptions
+
+if TYPE_CHECKING:
+    from joint_id_core.pages.contents import Contents
+
+
+@with_options("model_options", (ModelOptions,), no_default=("model",))
+def report(
+    source: Annotated[Path, typer.Argument(help="CSV, MAT or bag, which is fitted; or an estimate, from fit --save")],
+    model_options: dict[str, Any],
+    out: Annotated[Path, typer.Option("--out", "-o", help="file to write")] = Path("report.html"),
+    joint: JointOption = None,
+    set_: SetOption = None,
+    fix: FixOption = None,
+    free: FreeOption = None,
+    map_: MapOption = None,
+    estimator: Annotated[str, typer.Option(help=", ".join(ESTIMATORS))] = "innovations",
+    robot: RobotOption = None,
+    start: StartOption = None,
+    end: EndOption = None,
+    against: Annotated[Optional[Path], typer.Option(help="earlier estimate to compare with, from fit --save")] = None,
+) -> None:
+    """Write a page about a recording and its fit: one file of HTML that needs no network.
+
+    Of an estimate alone, the page has no pictures: they need the recording.
+
+    Exit code 0: converged; 1: no convergence or a poor fit; 2: bad input. The page is written in all cases but the last.
+    """
+    from joint_id_core import estimators
+    from joint_id_core.pages.contents import Contents
+    from joint_id_core.pages.report import report as page
+    from joint_id_core.results.estimate import Estimate
+
+    _require_writable(out)
+    earlier = Estimate.load(against) if against is not None else None
+    command = shlex.join(["joint-id", *sys.argv[1:]])
+    if source.suffix.lower() == ".json":
+        contents = Contents(Estimate.load(source), command=command, earlier=earlier)
+    else:
+        settings = parameter_settings(set_, fix, free)
+        solver = estimators.build(estimator)
+        mapping = texts_by_name(map_ or (), "--map")
+        job = FitJob([source], joint, mapping, start, end, model_options, settings, solver, robot)
+        contents = _fitted(job, command, earlier)
+    try:
+        out.write_text(page(contents), encoding="utf-8")
+    except OSError as error:
+        out.unlink(missing_ok=True)
+        raise JointIdError(f"{out}: cannot be written: {error.strerror}") from None
+    estimate = contents.estimate
+    print(f"{out}: {estimate.model}, {estimate.status.value}, {out.stat().st_size / 1e3:.0f} kB")
+    if not estimate.converged:
+        complain(f"{estimate.status.value}: {estimate.message}")
+        raise typer.Exit(1)
+
+
+def _fitted(job: FitJob, command: str, earlier: Any) -> Contents:
+    """Fit a recording, and find what a report shows beside the estimate."""
+    from joint_id_core.pages.contents import Contents, held_out, windows
+
+    recordings = job.recordings()
+    with Progress() as progress:
+        found = job.run(recordings, progress)
+        model = found.job.built(recordings[0])
+        rest = (model, recordings[0], found.job.settings_for(model), job.estimator)
+        progress("fitting the first part, to predict the rest")
+        predicted = held_out(*rest)
+        progress("following the motion with the online identifier")
+        followed = windows(*rest)
+    texts = [row["text"] for row in doubts(recordings[0], recordings)]
+    return Contents(found.estimate, recordings[0], command, found.why, texts, followed, predicted, earlier)
+
+
+def _require_writable(path: Path) -> None:
+    """Check, before a long fit, that the page can be written.
+
+    Raises:
+        JointIdError: it cannot.
+    """
+    try:
+        existed = path.exists()
+        path.open("a").close()
+        if not existed:
+            path.unlink()
+    except OSError as error:
+        raise JointIdError(f"{path}: cannot be written: {error.strerror}: choose another place with --out") from None

@@ -1,0 +1,48 @@
+"use strict";
+// Draws every figure from the data of the page. The curves of all figures over time share their cursor.
+(() => {
+  const COLOURS = ["#9aa5b1", "#1f6fb2", "#c4552d", "#2c7a4b", "#7b4ea3", "#8a6100", "#0b7a75", "#ad2f6b"];
+  const plots = JSON.parse(document.getElementById("plots").textContent);
+  const drawn = [];
+
+  const width = (figure) => Math.max(260, figure.clientWidth);
+
+  function options(plot, figure) {
+    const single = plot.series.length === 1;
+    const series = plot.series.map((s, k) => ({
+      label: s.name,
+      stroke: COLOURS[(k + (single ? 1 : 0)) % COLOURS.length],
+      width: 1.3,
+      points: s.dots ? { show: true, size: 3 } : { show: false },
+      paths: s.dots ? () => null : undefined,
+      value: (_, v) => (v == null ? "-" : v.toPrecision(5)),
+    }));
+    // The limits of a band are two more series that are not named.
+    const edges = plot.bands.flatMap((k) => [k, k]).map((k) => ({
+      label: "", stroke: series[k].stroke + "55", width: 1, points: { show: false }, class: "edge",
+    }));
+    const first = plot.series.length + 1;
+    const bands = plot.bands.map((k, n) => ({
+      series: [first + 2 * n + 1, first + 2 * n], fill: series[k].stroke + "22",
+    }));
+    const scale = plot.log ? { distr: 3 } : {};
+    return {
+      width: width(figure), height: 260, bands,
+      series: [{ label: plot.x_label, value: (_, v) => (v == null ? "-" : String(v)) }, ...series, ...edges],
+      scales: { x: { time: false, ...scale }, y: scale },
+      axes: [{ label: plot.x_label, labelSize: 20 }, { size: 70 }],
+      cursor: plot.x_label === "time [s]" ? { sync: { key: "time" } } : {},
+    };
+  }
+
+  for (const figure of document.querySelectorAll("figure[data-plot]")) {
+    const plot = plots[Number(figure.dataset.plot)];
+    const chart = new uPlot(options(plot, figure), plot.data, figure);
+    figure.querySelectorAll(".u-legend .edge").forEach((row) => row.remove());
+    drawn.push([figure, chart]);
+  }
+  const fit = () => drawn.forEach(([figure, chart]) => chart.setSize({ width: width(figure), height: 260 }));
+  addEventListener("resize", fit);
+  addEventListener("beforeprint", fit);
+  document.body.dataset.drawn = String(drawn.length);
+})();

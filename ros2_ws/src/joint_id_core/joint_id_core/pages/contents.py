@@ -1,0 +1,78 @@
+"""What a report shows beside the estimate: how it grows with the motion, and what it predicts of samples not fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from joint_id_core.data.recording import Recording
+from joint_id_core.errors import JointIdError
+from joint_id_core.estimators import Estimator, ParameterSettings
+from joint_id_core.models import Model
+from joint_id_core.results.estimate import Estimate
+
+FITTED = 0.7  # share of the samples whose fit predicts the others
+HOPS = 60  # estimates on the way, at most
+WINDOW_S = 2.0
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What a report is made of.
+
+    Attributes:
+        estimate: the result.
+        recording: that was fitted; None if only the estimate is there.
+        command: that makes the report again.
+        why: how the model was chosen, in words.
+        doubts: findings of the checks of the recording.
+        windows: the estimates while the motion goes on, from the online identifier.
+        held_out: what the first part of the motion predicts of the rest: rows of signal and figure in words.
+        earlier: estimate to compare with.
+    """
+
+    estimate: Estimate
+    recording: Recording | None = None
+    command: str = ""
+    why: Sequence[str] = ()
+    doubts: Sequence[str] = ()
+    windows: Sequence[Estimate] = ()
+    held_out: Sequence[tuple[str, str]] = ()
+    earlier: Estimate | None = None
+
+
+def windows(
+    model: Model, recording: Recording, settings: ParameterSettings, solver: Estimator
+) -> list[Estimate]:  # fmt: skip
+    """Return the estimates that the online identifier gives while the motion goes on; [] if it gives none."""
+    from joint_id_core.online import OnlineIdentifier, OnlineOptions
+
+    hop = max(WINDOW_S / 4.0, recording.duration / HOPS)
+    size = max(1, round(hop / recording.period))
+    try:
+        identifier = OnlineIdentifier(model, settings, OnlineOptions(max(WINDOW_S, 2.0 * hop), hop), solver)
+        found = [identifier.update(recording.slice(i, i + size)) for i in range(0, len(recording), size)]
+    except JointIdError:
+        return []
+    return [estimate for estimate in found if estimate is not None]
+
+
+def held_out(
+    model: Model, recording: Recording, settings: ParameterSettings, solver: Estimator
+) -> list[tuple[str, str]]:  # fmt: skip
+    """Return by signal, in words, what a fit of the first part of a recording predicts of the rest."""
+    from joint_id_core.estimators import fit
+    from joint_id_core.validation.prediction import held_out as errors
+    from joint_id_core.validation.prediction import held_out_drive
+
+    first = round(FITTED * len(recording))
+    try:
+        found = fit(model, recording.slice(0, first), settings, solver)
+        if found.status.unusable:
+            return [("-", f"the first {FITTED:.0%} cannot be fitted: {found.message}")]
+        rest = recording.slice(first, len(recording))
+        rows = [(n, f"nrmse {v:.3g}, 0.1 s ahead") for n, v in errors(model, rest, found).items()]
+        drive = held_out_drive(model, rest, found)
+        return [*rows, (drive[0], f"R² {drive[1]:.4f}, from the motion, below 10 Hz")] if drive else rows
+    except JointIdError as error:
+        return [("-", f"not known: {error}")]

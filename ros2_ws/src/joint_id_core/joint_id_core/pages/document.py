@@ -1,0 +1,72 @@
+"""A page as one file: sections of HTML, with styles, script and data inside; it fetches nothing."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from html import escape
+from importlib.resources import files
+from typing import Any
+
+# A page may only use what is in it.
+POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:"
+
+
+class Page:
+    """A page that grows section by section."""
+
+    def __init__(self, title: str) -> None:
+        self._title = title
+        self._body: list[str] = []
+        self._plots: list[dict[str, Any]] = []
+
+    def section(self, title: str, *parts: str) -> None:
+        """Add a section of HTML; nothing without parts."""
+        if parts:
+            self._body.append(f"<section><h2>{escape(title)}</h2>{''.join(parts)}</section>")
+
+    def head(self, *parts: str) -> None:
+        """Add what stands above the sections."""
+        self._body.append(f"<header>{''.join(parts)}</header>")
+
+    def figure(self, plot: dict[str, Any]) -> str:
+        """Return the place of a plot (`series.plot`), whose data are kept for the script."""
+        self._plots.append(plot)
+        return f'<figure data-plot="{len(self._plots) - 1}"><figcaption>{escape(plot["title"])}</figcaption></figure>'
+
+    def html(self) -> str:
+        """Return the page."""
+        data = json.dumps(self._plots, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+        return (
+            '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+            '<meta name="viewport" content="width=device-width, initial-scale=1">'
+            f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
+            f"<title>{escape(self._title)}</title>"
+            f"<style>{_asset('uPlot.min.css')}{_asset('style.css')}</style></head>\n"
+            f"<body>{''.join(self._body)}\n"
+            f'<script id="plots" type="application/json">{data}</script>\n'
+            f"<!-- uPlot: {_asset('uPlot.LICENSE.txt')} -->\n"
+            f"<script>{_asset('uPlot.iife.min.js')}</script>\n<script>{_asset('plots.js')}</script></body></html>\n"
+        )
+
+
+def paragraph(text: str) -> str:
+    """Return a paragraph of text."""
+    return f"<p>{escape(text)}</p>"
+
+
+def listed(texts: Iterable[str]) -> str:
+    """Return a list; empty for no texts."""
+    items = "".join(f"<li>{escape(text)}</li>" for text in texts)
+    return f"<ul>{items}</ul>" if items else ""
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table of text; a narrow screen scrolls it."""
+    top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
+    body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
+    return f'<div class="wide"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def _asset(name: str) -> str:
+    return (files("joint_id_core.pages") / "assets" / name).read_text(encoding="utf-8")

@@ -1,0 +1,205 @@
+"""The report of a fit as a page: what is known, how well, why, and what the recording is worth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from html import escape
+
+import numpy as np
+import scipy
+
+from joint_id_core.data.recording import Array, Recording
+from joint_id_core.data.signals import CHANNELS
+from joint_id_core.errors import JointIdError
+from joint_id_core.pages.contents import Contents
+from joint_id_core.pages.document import Page, listed, paragraph, table
+from joint_id_core.pages.series import plot
+from joint_id_core.results.difference import differences
+from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions, Status
+from joint_id_core.results.verdict import Verdict
+
+WIDE = 1.96  # standard deviations, half of a 95 % interval
+NO_TREND = (Verdict.FIXED, Verdict.NOT_EXCITED)
+
+
+def report(contents: Contents) -> str:
+    """Return the report as one file of HTML that fetches nothing."""
+    estimate, recording = contents.estimate, contents.recording
+    what = f"{estimate.joint or 'joint'}: {estimate.model}"
+    page = Page(f"{what}, {estimate.status.value}")
+    page.head(*_head(what, contents))
+    page.section("Parameters", _parameters(estimate))
+    page.section("What this motion does not show", *_unknown(estimate))
+    if estimate.predictions is not None:
+        page.section("Measured and predicted", *_predictions(page, estimate.predictions))
+    if recording is not None:
+        page.section("Inputs", *_inputs(page, estimate, recording))
+    page.section("While the motion goes on", *_windows(page, contents))
+    page.section("Samples that were not fitted", *_held_out(contents))
+    page.section("Correlations", *_correlations(estimate))
+    if contents.earlier is not None:
+        page.section("Compared with an earlier estimate", *_earlier(contents.earlier, estimate))
+    if recording is not None:
+        page.section("The recording", *_recording(recording, contents))
+    page.section("How to repeat it", f"<pre>{escape(contents.command)}</pre>" if contents.command else "", _how(estimate))
+    return page.html()
+
+
+def _head(what: str, contents: Contents) -> Iterator[str]:
+    estimate = contents.estimate
+    look = "good" if estimate.converged else "fair" if estimate.status is Status.DISAGREE else ""
+    yield f'<h1>{escape(what)} <span class="status {look}">{escape(estimate.status.value)}</span></h1>'
+    yield f'<p class="message">{escape(estimate.message)}</p>' if estimate.message else ""
+    yield listed(note for note in estimate.notes if note not in estimate.message)
+    yield paragraph(f"{estimate.source}; {estimate.samples} samples, {estimate.end - estimate.start:.3g} s of motion")
+    yield listed(contents.why)
+
+
+def _parameters(estimate: Estimate) -> str:
+    head = ("parameter", "value", "95 % interval", "", "unit", "verdict", "reason")
+    return table(head, [_row(p) for p in estimate.parameters])
+
+
+def _row(p: ParameterEstimate) -> tuple[str, ...]:
+    known = math.isfinite(p.std_dev)
+    interval = f"{p.value - WIDE * p.std_dev:.4g} to {p.value + WIDE * p.std_dev:.4g}" if known else ""
+    share = f"± {100.0 * WIDE * p.std_dev / abs(p.value):.2g} %" if known and p.value else ""
+    return p.name, f"{p.value:.5g}", interval, share, p.unit, p.verdict.value, p.reason
+
+
+def _unknown(estimate: Estimate) -> Iterator[str]:
+    unknown = [p for p in estimate.parameters if p.name in estimate.free and p.verdict is not Verdict.ESTIMATED]
+    if unknown:
+        yield listed(f"{p.name} ({p.verdict.value}): {p.reason}" for p in unknown)
+
+
+def _predictions(page: Page, shown: Predictions) -> Iterator[str]:
+    yield '<p class="hint">Drag over a plot to zoom in, click twice to zoom out.</p>'
+    time = shown.time - shown.time[0]
+    for name, predicted in shown.predicted.items():
+        measured, unit = shown.measured[name], CHANNELS[name].unit if name in CHANNELS else ""
+        label = name.replace("_", " ")
+        both = {"measured": measured, "predicted": predicted}
+        yield page.figure(plot(f"{label} [{unit}]", time, both, dots=("measured",)))
+        error = predicted - measured
+        yield page.figure(plot(f"error of {label} [{unit}]", time, {"predicted - measured": error}))
+        spectrum = _spectrum(time, error)
+        if spectrum is not None:
+            density = {"residual": spectrum[1]}
+            title = f"spectrum of the error of {label} [({unit})²/Hz]"
+            yield page.figure(plot(title, spectrum[0], density, "frequency [Hz]", log=True))
+
+
+def _spectrum(time: Array, error: Array) -> tuple[Array, Array] | None:
+    """Return frequencies in Hz and the power density of an error (T,), over its longest stretch without a gap."""
+    period = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    ends = np.flatnonzero((np.diff(time) > 1.5 * period) | ~np.isfinite(np.diff(error))) + 1
+    stretch = max(np.split(np.arange(len(time)), ends), key=len)
+    row = error[stretch][np.isfinite(error[stretch])]
+    if len(row) < 64:
+        return None
+    f, power = scipy.signal.welch(row, 1.0 / period, nperseg=min(len(row), 1024))
+    seen = (f > 0.0) & (power > 0.0)
+    return f[seen], power[seen]
+
+
+def _inputs(page: Page, estimate: Estimate, recording: Recording) -> Iterator[str]:
+    shown = estimate.predictions.predicted if estimate.predictions is not None else {}
+    time = recording.time - (recording.time[0] if len(recording) else 0.0)
+    for name in recording.channels:
+        if recording.measured(name) and name not in shown:
+            label = f"{name.replace('_', ' ')} [{CHANNELS[name].unit}]"
+            yield page.figure(plot(label, time, {name: recording[name]}))
+
+
+def _windows(page: Page, contents: Contents) -> Iterator[str]:
+    found = [e for e in contents.windows if e.free]
+    if not found:
+        return
+    yield paragraph("What the online identifier says at each moment, with 95 % intervals, and the values above (level).")
+    time = np.array([e.end for e in found]) - (contents.estimate.start if contents.estimate.samples else found[0].end)
+    for p in contents.estimate.parameters:
+        if p.name not in found[-1].free or p.verdict in NO_TREND:
+            continue
+        values, sigmas = (np.array([getattr(e[p.name], f) for e in found]) for f in ("value", "std_dev"))
+        known = sigmas < 2.0 * np.maximum(np.abs(values), p.std_dev)  # wider ones would hide the others
+        if not known.any():
+            continue
+        rows = {"online": np.where(known, values, np.nan), "all samples": np.full(len(time), p.value)}
+        bands = {"online": np.where(known, WIDE * sigmas, np.nan)}
+        yield page.figure(plot(f"{p.name} [{p.unit}]", time, rows, bands=bands))
+
+
+def _held_out(contents: Contents) -> Iterator[str]:
+    if contents.held_out:
+        yield paragraph("A fit of the first 70 % of the samples predicts the others:")
+        yield table(("signal", "prediction"), contents.held_out)
+
+
+def _correlations(estimate: Estimate) -> Iterator[str]:
+    sd = np.sqrt(np.diag(estimate.covariance))
+    known = [k for k, s in enumerate(sd.tolist()) if math.isfinite(s) and s > 0.0]
+    if len(known) < 2:
+        return
+    names = [estimate.free[k] for k in known]
+    r = (estimate.covariance / np.outer(sd, sd))[np.ix_(known, known)] if (sd > 0.0).all() else np.eye(len(known))
+    head = "".join(f"<th>{escape(n)}</th>" for n in ("", *names))
+    rows = "".join(
+        f"<tr><th>{escape(n)}</th>"
+        + "".join(f'<td style="background:{_shade(v)}">{v:+.2f}</td>' for v in row.tolist())
+        + "</tr>"
+        for n, row in zip(names, r, strict=True)
+    )
+    yield f'<div class="wide"><table class="matrix"><tr>{head}</tr>{rows}</table></div>'
+
+
+def _shade(r: float) -> str:
+    return f"rgba({'31,111,178' if r > 0.0 else '196,85,45'},{0.6 * min(1.0, abs(r)):.2f})"
+
+
+def _earlier(earlier: Estimate, estimate: Estimate) -> Iterator[str]:
+    yield paragraph(f"The earlier one: {earlier.source or 'source not known'}, {earlier.status.value}.")
+    try:
+        rows = differences(earlier, estimate)
+    except JointIdError as error:
+        yield paragraph(f"Not compared: {error}")
+        return
+    cells = [
+        (d.name, *(f"{p.value:.4g} ± {p.std_dev:.2g}" for p in (d.before, d.after)), d.before.unit, d.text)
+        for d in rows
+    ]
+    yield table(("parameter", "earlier", "now", "unit", "change"), cells)
+
+
+def _recording(recording: Recording, contents: Contents) -> Iterator[str]:
+    rate = f"{1.0 / recording.period:.6g} Hz" if len(recording) > 1 else "-"
+    yield paragraph(
+        f"{len(recording)} samples, {recording.duration:.6g} s, {rate}, {recording.gaps} gaps. Missing values: "
+        + (", ".join(_missing(recording)) or "none")
+        + "."
+    )
+    yield listed(contents.doubts) or paragraph("The checks found nothing wrong.")
+
+
+def _missing(recording: Recording) -> Iterator[str]:
+    for name, values in recording.channels.items():
+        count = int(np.count_nonzero(~np.isfinite(values)))
+        if count and name not in recording.derived:
+            yield f"{name} {count}"
+
+
+def _how(estimate: Estimate) -> str:
+    options = ", ".join(f"{n} = {v}" for n, v in estimate.model_options.items())
+    starts = ", ".join(f"{p.name} = {p.initial:.6g}" for p in estimate.parameters if math.isfinite(p.initial))
+    held = ", ".join(f"{p.name} = {p.value:.6g}" for p in estimate.parameters if p.name not in estimate.free)
+    return listed(
+        text
+        for text in (
+            f"model {estimate.model}" + (f" with {options}" if options else ""),
+            f"estimator {estimate.estimator}, cell {estimate.cell}",
+            f"start values: {starts}" if starts else "",
+            f"held: {held}" if held else "",
+        )
+        if text
+    )
