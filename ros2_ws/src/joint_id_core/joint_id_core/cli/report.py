@@ -54,7 +54,7 @@ def report(
 
     Of an estimate alone, the page has no pictures: they need the recording.
 
-    Exit code 0: converged; 1: no convergence or a poor fit; 2: bad input. The page is written in all cases but the last.
+    Exit code 0: converged; 1: no convergence or a poor fit, which has its page, too; 2: bad input.
     """
     from joint_id_core import estimators
     from joint_id_core.pages.contents import Contents

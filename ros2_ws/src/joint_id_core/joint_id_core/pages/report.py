@@ -12,6 +12,7 @@ import scipy
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError
+from joint_id_core.estimators import Regression
 from joint_id_core.pages.contents import Contents
 from joint_id_core.pages.document import Page, listed, paragraph, table
 from joint_id_core.pages.series import plot
@@ -20,6 +21,7 @@ from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predicti
 from joint_id_core.results.verdict import Verdict
 
 WIDE = 1.96  # standard deviations, half of a 95 % interval
+TOO_WIDE = 0.3  # standard deviation over the value
 NO_TREND = (Verdict.FIXED, Verdict.NOT_EXCITED)
 
 
@@ -32,7 +34,7 @@ def report(contents: Contents) -> str:
     page.section("Parameters", _parameters(estimate))
     page.section("What this motion does not show", *_unknown(estimate))
     if estimate.predictions is not None:
-        page.section("Measured and predicted", *_predictions(page, estimate.predictions))
+        page.section("Measured and predicted", *_predictions(page, estimate, estimate.predictions))
     if recording is not None:
         page.section("Inputs", *_inputs(page, estimate, recording))
     page.section("While the motion goes on", *_windows(page, contents))
@@ -42,7 +44,9 @@ def report(contents: Contents) -> str:
         page.section("Compared with an earlier estimate", *_earlier(contents.earlier, estimate))
     if recording is not None:
         page.section("The recording", *_recording(recording, contents))
-    page.section("How to repeat it", f"<pre>{escape(contents.command)}</pre>" if contents.command else "", _how(estimate))
+    page.section(
+        "How to repeat it", f"<pre>{escape(contents.command)}</pre>" if contents.command else "", _how(estimate)
+    )
     return page.html()
 
 
@@ -57,14 +61,14 @@ def _head(what: str, contents: Contents) -> Iterator[str]:
 
 
 def _parameters(estimate: Estimate) -> str:
-    head = ("parameter", "value", "95 % interval", "", "unit", "verdict", "reason")
+    head = ("parameter", "value", "± (95 %)", "", "unit", "verdict", "reason")
     return table(head, [_row(p) for p in estimate.parameters])
 
 
 def _row(p: ParameterEstimate) -> tuple[str, ...]:
     known = math.isfinite(p.std_dev)
-    interval = f"{p.value - WIDE * p.std_dev:.4g} to {p.value + WIDE * p.std_dev:.4g}" if known else ""
-    share = f"± {100.0 * WIDE * p.std_dev / abs(p.value):.2g} %" if known and p.value else ""
+    interval = f"± {WIDE * p.std_dev:.2g}" if known else ""
+    share = f"{100.0 * WIDE * p.std_dev / abs(p.value):.2g} %" if known and p.value else ""
     return p.name, f"{p.value:.5g}", interval, share, p.unit, p.verdict.value, p.reason
 
 
@@ -74,8 +78,10 @@ def _unknown(estimate: Estimate) -> Iterator[str]:
         yield listed(f"{p.name} ({p.verdict.value}): {p.reason}" for p in unknown)
 
 
-def _predictions(page: Page, shown: Predictions) -> Iterator[str]:
+def _predictions(page: Page, estimate: Estimate, shown: Predictions) -> Iterator[str]:
     yield '<p class="hint">Drag over a plot to zoom in, click twice to zoom out.</p>'
+    if estimate.estimator != Regression.name:
+        yield paragraph("Predictions begin anew at the filtered state every 0.1 s: their errors grow from there.")
     time = shown.time - shown.time[0]
     for name, predicted in shown.predicted.items():
         measured, unit = shown.measured[name], CHANNELS[name].unit if name in CHANNELS else ""
@@ -117,13 +123,15 @@ def _windows(page: Page, contents: Contents) -> Iterator[str]:
     found = [e for e in contents.windows if e.free]
     if not found:
         return
-    yield paragraph("What the online identifier says at each moment, with 95 % intervals, and the values above (level).")
+    yield paragraph(
+        "What the online identifier says at each moment, with 95 % intervals, and the values above (level)."
+    )
     time = np.array([e.end for e in found]) - (contents.estimate.start if contents.estimate.samples else found[0].end)
     for p in contents.estimate.parameters:
         if p.name not in found[-1].free or p.verdict in NO_TREND:
             continue
         values, sigmas = (np.array([getattr(e[p.name], f) for e in found]) for f in ("value", "std_dev"))
-        known = sigmas < 2.0 * np.maximum(np.abs(values), p.std_dev)  # wider ones would hide the others
+        known = sigmas < np.fmax(TOO_WIDE * np.abs(values), 2.0 * p.std_dev)  # wider ones would hide the others
         if not known.any():
             continue
         rows = {"online": np.where(known, values, np.nan), "all samples": np.full(len(time), p.value)}

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array
 from joint_id_core.results.plot import broken
@@ -42,11 +43,11 @@ def plot(
     }  # fmt: skip
 
 
-def thinned(values: Array) -> Array:
+def thinned(values: Array) -> NDArray[np.int64]:
     """Return indices of at most about `MOST` columns of values (k, T), with the extremes of each row and every gap."""
     count = values.shape[1]
     if count <= MOST:
-        return np.arange(count)
+        return np.arange(count, dtype=np.int64)
     edges = np.linspace(0, count, max(2, MOST // (2 * len(values))) + 1).astype(int)
     kept = [0, count - 1]
     for begin, end in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
@@ -56,7 +57,7 @@ def thinned(values: Array) -> Array:
                 kept += [begin + int(known[np.argmin(row[known])]), begin + int(known[np.argmax(row[known])])]
         lost = np.flatnonzero(~np.isfinite(values[:, begin:end]).any(axis=0))
         kept += [begin + int(lost[0])] if len(lost) else []
-    return np.unique(kept)
+    return np.unique(kept).astype(np.int64)
 
 
 def _filled(time: Array) -> Array:

@@ -96,7 +96,7 @@ def verdicts(
             text = f"the data tell only its order of magnitude: it lies between {middle / factor:.2g} and "
             found[name] = Shown(Verdict.PRIOR, f"{text}{middle * factor:.2g} {row.unit}{apart}")
         else:
-            found[name] = Shown(Verdict.ESTIMATED, f"the data narrow what was believed before {1 / r:.2g} times{apart}")
+            found[name] = Shown(Verdict.ESTIMATED, f"the data narrow what was believed before {times(1 / r)}{apart}")
     return found
 
 

@@ -5,6 +5,11 @@
   const plots = JSON.parse(document.getElementById("plots").textContent);
   const drawn = [];
 
+  // Ticks as short as they can be told apart, also those far from 1.
+  const ticks = (_, values) => values.map((v) => (v == null ? "" : String(Number(v.toPrecision(6)))
+    .replace(/^(-?)0\.0000*(\d)(\d*)$/, (text) => Number(text).toExponential())));
+  const decades = (_, values) => values.map((v) => (v != null && Math.abs(Math.log10(v) % 1) < 1e-9
+    ? v.toExponential(0) : ""));
   const width = (figure) => Math.max(260, figure.clientWidth);
 
   function options(plot, figure) {
@@ -13,7 +18,7 @@
       label: s.name,
       stroke: COLOURS[(k + (single ? 1 : 0)) % COLOURS.length],
       width: 1.3,
-      points: s.dots ? { show: true, size: 3 } : { show: false },
+      points: s.dots ? { show: true, size: 5, fill: COLOURS[0], stroke: COLOURS[0] } : { show: false },
       paths: s.dots ? () => null : undefined,
       value: (_, v) => (v == null ? "-" : v.toPrecision(5)),
     }));
@@ -30,7 +35,7 @@
       width: width(figure), height: 260, bands,
       series: [{ label: plot.x_label, value: (_, v) => (v == null ? "-" : String(v)) }, ...series, ...edges],
       scales: { x: { time: false, ...scale }, y: scale },
-      axes: [{ label: plot.x_label, labelSize: 20 }, { size: 70 }],
+      axes: [{ label: plot.x_label, labelSize: 20 }, plot.log ? { size: 70, values: decades } : { size: 70, values: ticks }],
       cursor: plot.x_label === "time [s]" ? { sync: { key: "time" } } : {},
     };
   }

@@ -1,0 +1,120 @@
+"""The report: one file that a browser shows without a network, with all that is known of the fit."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from joint_id_core import formats
+from joint_id_core.cli import app
+from joint_id_core.data.recording import Recording
+from joint_id_core.pages import series
+from joint_id_core.results.estimate import Estimate
+
+from . import browser
+from .online_motion import motion
+
+needs_browser = pytest.mark.skipif(browser.PROGRAM is None, reason=browser.MISSING)
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words):
+        result = CliRunner().invoke(app, [str(w) for w in words])
+        return result.exit_code, result.output
+
+    return call
+
+
+@pytest.fixture
+def page(tmp_path, run):
+    """A report of a motion with a gap, and of its comparison with an estimate of another one."""
+    formats.write(tmp_path / "monday.csv", motion(8.0, seed=1))
+    assert run("fit", "monday.csv", "--save", "monday.json")[0] == 0
+    whole = motion(12.0)
+    kept = (whole.time < 4.0) | (whole.time > 6.0)
+    channels = {n: v[kept] for n, v in whole.channels.items()}
+    formats.write(tmp_path / "friday.csv", Recording(whole.time[kept], channels))
+    code, out = run("report", "friday.csv", "--against", "monday.json", "-o", "friday.html")
+    assert code == 0, out
+    return tmp_path / "friday.html"
+
+
+def plots(text: str) -> list[dict]:
+    return json.loads(re.search(r'<script id="plots"[^>]*>(.*?)</script>', text, re.DOTALL)[1])
+
+
+def test_a_report_has_all_parts_in_one_small_file_that_fetches_nothing(page):
+    text = page.read_text()
+    assert len(text) < 1e6
+    for title in (
+        "Parameters", "Measured and predicted", "Inputs", "While the motion goes on", "Samples that were not fitted",
+        "Correlations", "Compared with an earlier estimate", "The recording", "How to repeat it",
+    ):  # fmt: skip
+        assert f"<h2>{title}</h2>" in text
+    own = text.replace("http://www.w3.org/", "").replace("https://github.com/leeoniya/uPlot", "")
+    assert "src=" not in own.split("<body>")[1].split("<script")[0] and "<link" not in own and "@import" not in own
+    titles = [p["title"] for p in plots(text)]
+    assert {"link position [rad]", "error of link position [rad]", "torque [Nm]", "J [kg m^2]"} <= set(titles)
+
+
+def test_no_curve_runs_across_a_gap(page):
+    position = next(p for p in plots(page.read_text()) if p["title"] == "link position [rad]")
+    time, measured, predicted = position["data"]
+    inside = [k for k, t in enumerate(time) if 4.05 < t < 5.95]
+    assert inside and all(measured[k] is None and predicted[k] is None for k in inside)
+
+
+@needs_browser
+@pytest.mark.parametrize("width", [1100, 390])
+def test_a_browser_draws_every_plot_without_a_word_in_its_console(page, width):
+    seen = browser.opened(page, width)
+    count = len(plots(page.read_text()))
+    assert seen.console == []
+    assert f'data-drawn="{count}"' in seen.page and seen.page.count("<canvas") == count
+
+
+def test_of_an_estimate_alone_there_is_a_table(tmp_path, run):
+    formats.write(tmp_path / "log.csv", motion(6.0))
+    assert run("fit", "log.csv", "--save", "e.json")[0] == 0
+    code, _ = run("report", "e.json", "-o", "e.html")
+    text = (tmp_path / "e.html").read_text()
+    assert code == 0 and "<h2>Parameters</h2>" in text and plots(text) == []
+    for p in Estimate.load(tmp_path / "e.json").parameters:
+        assert f"<td>{p.name}</td>" in text
+
+
+def test_a_poor_fit_still_gets_its_page_and_names_are_not_taken_for_html(tmp_path, run):
+    record = motion(6.0)
+    torque = np.random.default_rng(0).standard_normal(len(record))
+    formats.write(
+        tmp_path / "<b>&.csv", Recording(record.time, {"link_position": record["link_position"], "torque": torque})
+    )
+    code, out = run("report", "<b>&.csv")
+    text = (tmp_path / "report.html").read_text()
+    assert code == 1 and "poor_fit" in out
+    assert "&lt;b&gt;&amp;.csv" in text and "<b>" not in text.split("<script")[0]
+
+
+def test_what_cannot_be_written_is_said_before_the_fit(tmp_path, run):
+    formats.write(tmp_path / "log.csv", motion(4.0))
+    code, out = run("report", "log.csv", "-o", "no/such/report.html")
+    assert code == 2 and "cannot be written" in out
+    code, out = run("report", "log.csv", "--against", "no.json")
+    assert code == 2 and "no.json" in out
+
+
+def test_thinning_keeps_extremes_and_gaps():
+    rng = np.random.default_rng(1)
+    values = rng.standard_normal((2, 100_000))
+    values[0, 31_234], values[:, 70_000:70_003] = 50.0, np.nan
+    kept = series.thinned(values)
+    assert len(kept) < 2.5 * series.MOST
+    assert 31_234 in kept and np.nanmin(values[1, kept]) == np.nanmin(values[1])
+    assert np.isnan(values[0, kept]).any()
