@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators import Estimator, ParameterSettings
+from joint_id_core.estimators import Estimator, Innovations, ParameterSettings, Regression, fit
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate
 
 FITTED = 0.7  # share of the samples whose fit predicts the others
 HOPS = 60  # estimates on the way, at most
 WINDOW_S = 2.0
+GROWING = 20  # regressions on the way
 
 
 @dataclass(frozen=True)
@@ -26,7 +29,7 @@ class Contents:
         command: that makes the report again.
         why: how the model was chosen, in words.
         doubts: findings of the checks of the recording.
-        windows: the estimates while the motion goes on, from the online identifier.
+        windows: estimates while the motion goes on, see `windows`.
         held_out: what the first part of the motion predicts of the rest: rows of signal and figure in words.
         earlier: estimate to compare with.
     """
@@ -44,24 +47,29 @@ class Contents:
 def windows(
     model: Model, recording: Recording, settings: ParameterSettings, solver: Estimator
 ) -> list[Estimate]:  # fmt: skip
-    """Return the estimates that the online identifier gives while the motion goes on; [] if it gives none."""
+    """Return estimates while the motion goes on: of the online identifier, or of a regression of all samples so far.
+
+    [] if there are none, or if every one would take long.
+    """
+    if isinstance(solver, Regression):
+        ends = np.linspace(0, len(recording), GROWING + 1).astype(int)[1:]
+        found = [fit(model, recording.slice(0, end), settings, solver) for end in ends.tolist()]
+        return [estimate for estimate in found if not estimate.status.unusable]
+    if not isinstance(solver, Innovations):
+        return []
     from joint_id_core.online import OnlineIdentifier, OnlineOptions
 
     hop = max(WINDOW_S / 4.0, recording.duration / HOPS)
     size = max(1, round(hop / recording.period))
-    try:
-        identifier = OnlineIdentifier(model, settings, OnlineOptions(max(WINDOW_S, 2.0 * hop), hop), solver)
-        found = [identifier.update(recording.slice(i, i + size)) for i in range(0, len(recording), size)]
-    except JointIdError:
-        return []
-    return [estimate for estimate in found if estimate is not None]
+    identifier = OnlineIdentifier(model, settings, OnlineOptions(max(WINDOW_S, 2.0 * hop), hop), solver)
+    hops = [identifier.update(recording.slice(i, i + size)) for i in range(0, len(recording), size)]
+    return [estimate for estimate in hops if estimate is not None]
 
 
 def held_out(
     model: Model, recording: Recording, settings: ParameterSettings, solver: Estimator
 ) -> list[tuple[str, str]]:  # fmt: skip
     """Return by signal, in words, what a fit of the first part of a recording predicts of the rest."""
-    from joint_id_core.estimators import fit
     from joint_id_core.validation.prediction import held_out as errors
     from joint_id_core.validation.prediction import held_out_drive
 

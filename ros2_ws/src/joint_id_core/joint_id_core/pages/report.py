@@ -29,15 +29,16 @@ def report(contents: Contents) -> str:
     """Return the report as one file of HTML that fetches nothing."""
     estimate, recording = contents.estimate, contents.recording
     what = f"{estimate.joint or 'joint'}: {estimate.model}"
+    origin = float(recording.time[0]) if recording is not None and len(recording) else 0.0
     page = Page(f"{what}, {estimate.status.value}")
     page.head(*_head(what, contents))
     page.section("Parameters", _parameters(estimate))
     page.section("What this motion does not show", *_unknown(estimate))
     if estimate.predictions is not None:
-        page.section("Measured and predicted", *_predictions(page, estimate, estimate.predictions))
+        page.section("Measured and predicted", *_predictions(page, estimate, estimate.predictions, origin))
     if recording is not None:
-        page.section("Inputs", *_inputs(page, estimate, recording))
-    page.section("While the motion goes on", *_windows(page, contents))
+        page.section("Inputs", *_inputs(page, estimate, recording, origin))
+    page.section("While the motion goes on", *_windows(page, contents, origin))
     page.section("Samples that were not fitted", *_held_out(contents))
     page.section("Correlations", *_correlations(estimate))
     if contents.earlier is not None:
@@ -78,11 +79,11 @@ def _unknown(estimate: Estimate) -> Iterator[str]:
         yield listed(f"{p.name} ({p.verdict.value}): {p.reason}" for p in unknown)
 
 
-def _predictions(page: Page, estimate: Estimate, shown: Predictions) -> Iterator[str]:
+def _predictions(page: Page, estimate: Estimate, shown: Predictions, origin: float) -> Iterator[str]:
     yield '<p class="hint">Drag over a plot to zoom in, click twice to zoom out.</p>'
     if estimate.estimator != Regression.name:
         yield paragraph("Predictions begin anew at the filtered state every 0.1 s: their errors grow from there.")
-    time = shown.time - shown.time[0]
+    time = shown.time - origin
     for name, predicted in shown.predicted.items():
         measured, unit = shown.measured[name], CHANNELS[name].unit if name in CHANNELS else ""
         label = name.replace("_", " ")
@@ -110,23 +111,23 @@ def _spectrum(time: Array, error: Array) -> tuple[Array, Array] | None:
     return f[seen], power[seen]
 
 
-def _inputs(page: Page, estimate: Estimate, recording: Recording) -> Iterator[str]:
+def _inputs(page: Page, estimate: Estimate, recording: Recording, origin: float) -> Iterator[str]:
     shown = estimate.predictions.predicted if estimate.predictions is not None else {}
-    time = recording.time - (recording.time[0] if len(recording) else 0.0)
+    time = recording.time - origin
     for name in recording.channels:
         if recording.measured(name) and name not in shown:
             label = f"{name.replace('_', ' ')} [{CHANNELS[name].unit}]"
             yield page.figure(plot(label, time, {name: recording[name]}))
 
 
-def _windows(page: Page, contents: Contents) -> Iterator[str]:
+def _windows(page: Page, contents: Contents, origin: float) -> Iterator[str]:
     found = [e for e in contents.windows if e.free]
     if not found:
         return
-    yield paragraph(
-        "What the online identifier says at each moment, with 95 % intervals, and the values above (level)."
-    )
-    time = np.array([e.end for e in found]) - (contents.estimate.start if contents.estimate.samples else found[0].end)
+    regression = contents.estimate.estimator == Regression.name
+    who = "a regression of all samples so far" if regression else "the online identifier"
+    yield paragraph(f"What {who} says at each moment, with 95 % intervals, and the values above (level).")
+    time = np.array([e.end for e in found]) - origin
     for p in contents.estimate.parameters:
         if p.name not in found[-1].free or p.verdict in NO_TREND:
             continue
@@ -134,8 +135,8 @@ def _windows(page: Page, contents: Contents) -> Iterator[str]:
         known = sigmas < np.fmax(TOO_WIDE * np.abs(values), 2.0 * p.std_dev)  # wider ones would hide the others
         if not known.any():
             continue
-        rows = {"online": np.where(known, values, np.nan), "all samples": np.full(len(time), p.value)}
-        bands = {"online": np.where(known, WIDE * sigmas, np.nan)}
+        rows = {"so far": np.where(known, values, np.nan), "all samples": np.full(len(time), p.value)}
+        bands = {"so far": np.where(known, WIDE * sigmas, np.nan)}
         yield page.figure(plot(f"{p.name} [{p.unit}]", time, rows, bands=bands))
 
 
