@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 import typer
 
 from joint_id_core.errors import JointIdError
+from joint_id_core.text_file import write_text
 
 if TYPE_CHECKING:
     from joint_id_core.results.at_link import AtLink
@@ -70,12 +71,7 @@ def export(
     if out is None:
         print(text, end="")
         return
-    try:
-        out.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise JointIdError(
-            f"{out}: cannot be written ({error.strerror}): check folder, permissions and space"
-        ) from None
+    write_text(out, text, "the export")
 
 
 def _beside(estimate: Estimate) -> list[str]:

@@ -40,12 +40,18 @@ def parameter_settings(set_: Texts, fix: Texts, free: Texts, prior: Texts = None
     """Return the parameter settings of --set, --fix, --free and --prior.
 
     Raises:
-        JointIdError: a text that is not NAME=VALUE, a name given twice, a prior that is not above zero.
+        JointIdError: a text that is not NAME=VALUE, a name given twice or in ways that exclude each other, a prior that
+            is not above zero.
     """
     fixed = fix or []
     values, deviations = measured_by_name(set_ or (), "--set")
     held_values, held_deviations = measured_by_name([t for t in fixed if "=" in t], "--fix")
     held = [text.partition("=")[0].strip() for text in fixed]
+    for name in held:
+        if name in (free or ()):
+            raise JointIdError(f"--fix {name} and --free {name} exclude each other: give one of them")
+        if name in held_values and name in values:
+            raise JointIdError(f"--fix {name} and --set {name} both give a value: give one of them")
     priors = numbers_by_name(prior or (), "--prior")
     return ParameterSettings(values | held_values, held, free or (), priors, deviations | held_deviations)
 

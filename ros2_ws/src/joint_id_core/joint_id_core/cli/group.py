@@ -28,6 +28,13 @@ class OneLineErrors(TyperGroup):
         except UsageError as error:
             help_ = " ".join(filter(None, ("joint-id", ctx.invoked_subcommand, "--help")))
             complain(f"{error.format_message()} See {help_}")  # type: ignore[attr-defined]  # see UsageError
+        except MemoryError:
+            complain("not enough memory: take less of the recording (--start, --end), or a computer with more of it")
+        except BrokenPipeError:  # a reader such as head has seen enough
+            raise
+        except OSError as error:
+            place = f"{error.filename}: " if error.filename is not None else ""
+            complain(f"{place}{error.strerror or error}: check the path, its permissions and the space")
         raise typer.Exit(BAD_INPUT)
 
 

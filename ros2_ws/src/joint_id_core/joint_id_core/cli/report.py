@@ -29,6 +29,7 @@ from joint_id_core.cli.output import Progress
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ESTIMATORS
 from joint_id_core.models.options import ModelOptions
+from joint_id_core.text_file import write_text
 
 if TYPE_CHECKING:
     from joint_id_core.pages.contents import Contents
@@ -72,13 +73,10 @@ def report(
         mapping = texts_by_name(map_ or (), "--map")
         job = FitJob([source], joint, mapping, start, end, model_options, settings, solver, robot)
         contents = _fitted(job, command, earlier)
-    try:
-        out.write_text(page(contents), encoding="utf-8")
-    except OSError as error:
-        out.unlink(missing_ok=True)
-        raise JointIdError(f"{out}: cannot be written: {error.strerror}") from None
+    text = page(contents)
+    write_text(out, text, "the report")
     estimate = contents.estimate
-    print(f"{out}: {estimate.model}, {estimate.status.value}, {out.stat().st_size / 1e3:.0f} kB")
+    print(f"{out}: {estimate.model}, {estimate.status.value}, {len(text.encode()) / 1e3:.0f} kB")
     if not estimate.converged:
         complain(f"{estimate.status.value}: {estimate.message}")
         raise typer.Exit(1)

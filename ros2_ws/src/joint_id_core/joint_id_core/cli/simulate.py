@@ -16,6 +16,8 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.models import MODELS
 from joint_id_core.models.options import ModelOptions
 
+OTHERS = (".mat", ".txt", ".tsv", ".gz", ".json", ".mcap", ".db3")  # files that are not written
+
 
 @with_options("model_options", (ModelOptions,), only=("actuation", "friction", "gravity", "kinematic_error"))
 def simulate(
@@ -36,6 +38,8 @@ def simulate(
     """
     if out.exists():
         raise JointIdError(f"{out} exists already: remove it or choose another name")
+    if out.suffix.lower() in OTHERS:
+        raise JointIdError(f"{out}: a simulation is written as .csv, or else as a bag directory: give such a name")
     built = ModelOptions(model, **model_options).build()
     truth = built.values(numbers_by_name(set_ or (), "--set"))
 

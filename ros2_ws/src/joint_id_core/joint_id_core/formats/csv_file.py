@@ -67,7 +67,7 @@ def write_csv(path: str | Path, recording: Recording) -> None:
     Derived channels are left out: a CSV file cannot mark them, so they would read back as measurements.
 
     Raises:
-        JointIdError: the file exists, or the recording has no measured channel.
+        JointIdError: the file exists or cannot be written, or the recording has no measured channel.
     """
     path = Path(path)
     if path.exists():
@@ -76,11 +76,17 @@ def write_csv(path: str | Path, recording: Recording) -> None:
     if not names:
         raise JointIdError(f"{recording.source} has no measured channel: nothing to write to {path}")
     table = zip(*(recording[name].tolist() for name in names), strict=True)
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([TIME, *names])
-        for time, row in zip(recording.time.tolist(), table, strict=True):
-            writer.writerow([repr(time), *("" if math.isnan(value) else repr(value) for value in row)])
+    try:
+        with path.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow([TIME, *names])
+            for time, row in zip(recording.time.tolist(), table, strict=True):
+                writer.writerow([repr(time), *("" if math.isnan(value) else repr(value) for value in row)])
+    except OSError as error:
+        path.unlink(missing_ok=True)
+        raise JointIdError(
+            f"{path}: cannot be written: {error.strerror}: check folder, permissions and space"
+        ) from None
 
 
 def _open(path: Path) -> TextIO:

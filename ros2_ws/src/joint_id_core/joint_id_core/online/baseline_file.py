@@ -8,6 +8,7 @@ from pathlib import Path
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.results.estimate import Estimate
+from joint_id_core.text_file import write_text
 
 FORMAT = "joint_id baselines"
 VERSION = 1  # increased when a reader of the previous version would misread a file
@@ -21,12 +22,7 @@ def save(path: Path, baselines: Mapping[str, Estimate]) -> None:
     """
     joints = {joint: estimate.to_dict() for joint, estimate in sorted(baselines.items())}
     text = json.dumps({"format": FORMAT, "version": VERSION, "joints": joints}, indent=1, allow_nan=False) + "\n"
-    draft = path.with_name(path.name + ".part")
-    try:
-        draft.write_text(text, encoding="utf-8")
-        draft.replace(path)
-    except OSError as error:
-        raise JointIdError(f"{path}: the baselines cannot be written: {error.strerror}") from None
+    write_text(path, text, "the baselines")
 
 
 def load(path: Path) -> dict[str, Estimate]:

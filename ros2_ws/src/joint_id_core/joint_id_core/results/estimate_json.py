@@ -13,6 +13,7 @@ import numpy as np
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.results.estimate import Checks, Estimate, ParameterChange, ParameterEstimate, Status, Verdict
+from joint_id_core.text_file import write_text
 
 FORMAT = "joint_id estimate"
 VERSION = 1  # increased when a reader of the previous version would misread a file
@@ -146,13 +147,7 @@ def save(estimate: Estimate, path: Path) -> None:
     Raises:
         JointIdError: the file cannot be written.
     """
-    text = json.dumps(to_dict(estimate), indent=1, allow_nan=False) + "\n"
-    draft = path.with_name(path.name + ".part")
-    try:
-        draft.write_text(text, encoding="utf-8")
-        draft.replace(path)
-    except OSError as error:
-        raise JointIdError(f"{path}: the estimate cannot be written: {error.strerror}") from None
+    write_text(path, json.dumps(to_dict(estimate), indent=1, allow_nan=False) + "\n", "the estimate")
 
 
 def load(path: Path) -> Estimate:

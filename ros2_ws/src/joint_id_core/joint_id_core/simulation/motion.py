@@ -16,6 +16,8 @@ from joint_id_core.simulation.position_control import PositionController, simula
 from joint_id_core.simulation.sensors import ur_robot_sensors
 from joint_id_core.simulation.simulator import simulate
 
+MOST = 1e7  # samples, which take some GB of memory
+
 
 def simulate_motion(
     model: Model,
@@ -38,11 +40,15 @@ def simulate_motion(
         seed: seed of the noise.
 
     Raises:
-        JointIdError: a length or rate that is not above zero, unknown parameter names, values out of bounds.
+        JointIdError: a length or rate that is not above zero, too many samples, unknown parameter names, values out of bounds.
     """
     for name, value in (("duration", duration), ("rate", rate)):
         if not (math.isfinite(value) and value > 0.0):
             raise JointIdError(f"{name} = {value:g}: give a number above 0")
+    if duration * rate > MOST:
+        raise JointIdError(
+            f"{duration:g} s at {rate:g} Hz are {duration * rate:.2g} samples: at most {MOST:.0e} are simulated"
+        )
     truth = model.values(values)
     exact = _moved(model, np.arange(round(duration * rate) + 1) / rate, truth)
     if not noise:

@@ -1,0 +1,32 @@
+"""Write a text file whole, or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from joint_id_core.errors import JointIdError
+
+
+def write_text(path: Path, text: str, what: str) -> None:
+    """Write a text in UTF-8. A file that is there is replaced only after the new one is complete.
+
+    `what` says in the error what could not be written, e.g. "the estimate".
+
+    Raises:
+        JointIdError: the file cannot be written; nothing is left of it.
+    """
+    try:
+        if path.exists() and not path.is_file():  # a device or a pipe, or a folder, which is an error
+            path.write_text(text, encoding="utf-8")
+            return
+        draft = path.with_name(path.name + ".part")
+        try:
+            draft.write_text(text, encoding="utf-8")
+            draft.replace(path)
+        except OSError:
+            draft.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise JointIdError(
+            f"{path}: {what} cannot be written: {error.strerror}: check folder, permissions and space"
+        ) from None
