@@ -17,6 +17,7 @@ from joint_id_core.cli.diff import diff
 from joint_id_core.cli.export import export
 from joint_id_core.cli.fit import fit
 from joint_id_core.cli.group import OneLineErrors
+from joint_id_core.cli.history import history
 from joint_id_core.cli.info import info
 from joint_id_core.cli.report import report
 from joint_id_core.cli.robot_emulator import EPILOG, robot_emulator
@@ -53,6 +54,7 @@ app.command()(fit)
 app.command()(compare)
 app.command()(report)
 app.command()(diff)
+app.command()(history)
 app.command()(export)
 app.command(epilog=EPILOG)(robot_emulator)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from joint_id_core.data.recording import Array
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError
 from joint_id_core.results.estimate import Estimate
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 GAP = 10.0  # steps of the typical length, from which no line is drawn across
 
@@ -63,6 +67,15 @@ def save(path: Path, estimate: Estimate) -> None:
         below.set_ylabel(f"error [{unit}]")
     axes[0, 0].set_title(f"{estimate.model}, {estimate.status.value}: {estimate.source}")
     axes[-1, 0].set_xlabel("time [s]")
+    written(path, figure)
+
+
+def written(path: Path, figure: Figure) -> None:
+    """Write a picture.
+
+    Raises:
+        JointIdError: it cannot be written.
+    """
     try:
         figure.savefig(path, dpi=120)
     except OSError as error:

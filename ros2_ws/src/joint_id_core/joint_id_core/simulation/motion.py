@@ -40,15 +40,14 @@ def simulate_motion(
         seed: seed of the noise.
 
     Raises:
-        JointIdError: a length or rate that is not above zero, too many samples, unknown parameter names, values out of bounds.
+        JointIdError: a length or rate that is not above zero, too many samples, unknown names, values out of bounds.
     """
     for name, value in (("duration", duration), ("rate", rate)):
         if not (math.isfinite(value) and value > 0.0):
             raise JointIdError(f"{name} = {value:g}: give a number above 0")
     if duration * rate > MOST:
-        raise JointIdError(
-            f"{duration:g} s at {rate:g} Hz are {duration * rate:.2g} samples: at most {MOST:.0e} are simulated"
-        )
+        count = f"{duration * rate:.2g}"
+        raise JointIdError(f"{duration:g} s at {rate:g} Hz are {count} samples: at most {MOST:.0e} are simulated")
     truth = model.values(values)
     exact = _moved(model, np.arange(round(duration * rate) + 1) / rate, truth)
     if not noise:

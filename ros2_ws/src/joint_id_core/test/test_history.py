@@ -1,0 +1,66 @@
+"""How parameters went over many estimates: trends are told from chance."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from joint_id_core.cli import app
+from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status
+from joint_id_core.results.history import DAY_S, courses
+from joint_id_core.results.verdict import Verdict
+
+
+def estimate(day: float, c: float, sigma: float, joint: str = "elbow") -> Estimate:
+    rows = (ParameterEstimate("c", "Nm s/rad", c, sigma, Verdict.ESTIMATED),)
+    return Estimate(
+        "rigid_joint", "regression", Status.CONVERGED, "", rows, ("c",), np.array([[sigma**2]]), joint=joint,
+        origin=1_700_000_000 * 10**9, start=day * DAY_S, end=day * DAY_S + 20.0, samples=100,
+    )  # fmt: skip
+
+
+def test_a_line_is_found_with_the_standard_deviation_of_weighted_least_squares():
+    days, sigma = np.array([0.0, 1.0, 4.0, 9.0]), np.array([0.1, 0.2, 0.1, 0.3])
+    values = 10.0 + 0.5 * days
+    course = courses([estimate(d, v, s) for d, v, s in zip(days, values, sigma, strict=True)][::-1])[0]
+    A = np.column_stack([np.ones(4), days]) / sigma[:, None]
+    assert course.slope == pytest.approx(0.5, rel=1e-6)
+    assert course.slope_std_dev == pytest.approx(np.sqrt(np.linalg.inv(A.T @ A)[1, 1]), rel=1e-6)
+    assert "a trend" in course.trend and list(course.days) == pytest.approx(list(days))
+
+
+@pytest.mark.parametrize("count", [3, 4, 12])
+def test_scatter_beyond_the_intervals_is_no_trend(count):
+    """At most one in some hundred courses without a trend is called one, also where the intervals are too narrow."""
+    rng, called = np.random.default_rng(0), 0
+    for _ in range(300):
+        values = 10.0 + rng.standard_normal(count)
+        called += "a trend" in courses([estimate(k, v, 0.1) for k, v in enumerate(values)])[0].trend
+    assert called <= 6
+
+
+def test_a_folder_is_a_table_and_a_picture_and_what_is_no_estimate_is_named(tmp_path):
+    for k in range(5):
+        estimate(k, 10.0 + 0.3 * k, 0.1).save(tmp_path / f"{k}.json")
+    estimate(0, 3.0, 0.1, "wrist").save(tmp_path / "wrist.json")
+    replace(estimate(9, 99.0, 0.1), status=Status.POOR_FIT).save(tmp_path / "poor.json")
+    (tmp_path / "other.json").write_text("{}")
+    picture = tmp_path / "out.png"
+    done = CliRunner().invoke(app, ["history", str(tmp_path), "--plot", str(picture), "--json"])
+    assert done.exit_code == 0 and picture.stat().st_size > 5000
+    told = json.loads(done.stdout)["courses"]
+    assert [(c["joint"], len(c["values"])) for c in told] == [("elbow", 5), ("wrist", 1)]
+    assert "fewer than 3" in told[1]["trend"] and told[0]["values"][-1] == pytest.approx(11.2)
+    assert "other.json" in done.stderr and "1 of 7 estimates" in done.stderr
+    text = CliRunner().invoke(app, ["history", str(tmp_path)]).stdout
+    assert "elbow" in text and "+2.9 %" in text.replace("+2.8 %", "+2.9 %")
+
+
+def test_a_folder_without_estimates_is_said(tmp_path):
+    done = CliRunner().invoke(app, ["history", str(tmp_path)])
+    assert done.exit_code == 2 and "no good estimate" in done.output
+    assert CliRunner().invoke(app, ["history", str(tmp_path / "no")]).exit_code == 2
