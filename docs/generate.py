@@ -27,7 +27,19 @@ from joint_id_ros.record import record
 
 ROOT = Path(__file__).resolve().parent.parent
 MESSAGES = ROOT / "ros2_ws/src/joint_id_msgs/msg"
-COMMANDS = ("fit", "report", "diff", "history", "export", "compare", "simulate", "info", "record", "robot-emulator")
+COMMANDS = (
+    "fit",
+    "report",
+    "diff",
+    "history",
+    "export",
+    "compare",
+    "simulate",
+    "info",
+    "record",
+    "robot-emulator",
+    "doctor",
+)
 BLOCK = re.compile(r"(<!-- generated: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 

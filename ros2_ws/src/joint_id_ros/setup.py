@@ -29,5 +29,6 @@ setup(
             "driver = joint_id_ros.running:driver",
         ],
         "joint_id.commands": ["record = joint_id_ros.record:record"],
+        "joint_id.checks": ["ros = joint_id_ros.doctor:checks"],
     },
 )

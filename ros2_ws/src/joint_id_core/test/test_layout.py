@@ -23,7 +23,7 @@ FLOORS = (
     ("estimators",),
     ("validation", "online"),
     ("comparison", "stored", "pages"),
-    ("emulator",),
+    ("emulator", "doctor"),
     ("cli",),
 )
 LEVEL = {room: level for level, floor in enumerate(FLOORS) for room in floor}

@@ -14,6 +14,7 @@ import typer
 
 from joint_id_core.cli.compare import compare
 from joint_id_core.cli.diff import diff
+from joint_id_core.cli.doctor import doctor
 from joint_id_core.cli.export import export
 from joint_id_core.cli.fit import fit
 from joint_id_core.cli.group import OneLineErrors
@@ -28,7 +29,6 @@ GROUP = "joint_id.commands"
 app = typer.Typer(
     cls=OneLineErrors,
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -56,6 +56,7 @@ app.command()(report)
 app.command()(diff)
 app.command()(history)
 app.command()(export)
+app.command()(doctor)
 app.command(epilog=EPILOG)(robot_emulator)
 
 
