@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import json
 import re
 import subprocess
 import sys
@@ -41,3 +43,21 @@ def test_it_runs(file: Path, tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert re.search(SAYS[file.name[:2]], done.stdout), done.stdout
+
+
+def test_every_cell_of_the_notebook_runs_and_shows_what_it_says(tmp_path: Path) -> None:
+    """The cells are run as Jupyter does, in one namespace; what a last line gives is shown."""
+    cells = json.loads((EXAMPLES / "notebook.ipynb").read_text())["cells"]
+    code = ["".join(c["source"]) for c in cells if c["cell_type"] == "code"]
+    assert all(not c["outputs"] for c in cells if c["cell_type"] == "code")  # nothing that grows old is stored
+    names: dict[str, object] = {}
+    shown = []
+    for text in code:
+        tree = ast.parse("\n".join(line for line in text.splitlines() if not line.startswith("%")))
+        last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
+        exec(compile(tree, "notebook", "exec"), names)
+        if last is not None:
+            shown.append(eval(compile(ast.Expression(last.value), "notebook", "eval"), names))
+    page, picture, frame, other = [value for value in shown if value is not None]
+    assert "<table>" in page._repr_html_() and picture.axes and other.loc["J", "verdict"] == "estimated"
+    assert abs(frame.loc["J", "value"] - 2.0) < 4.0 * frame.loc["J", "std_dev"]

@@ -9,6 +9,8 @@ import pytest
 
 import joint_id_core as jid
 
+MODEL = jid.build("rigid_joint")
+MOTION = jid.simulate_motion(MODEL, 3.0)
 NAMES = (
     "Estimate", "HPinn", "Innovations", "JointIdError", "Model", "OnlineIdentifier", "OnlineOptions",
     "ParameterSettings", "Recording", "Regression", "Status", "Verdict", "build", "compare", "fit", "fit_several",
@@ -65,3 +67,28 @@ def test_the_true_values_of_a_simulated_motion_are_found(recording):
     assert estimate.converged
     assert abs(estimate["J"].value - 1.0) < 4.0 * estimate["J"].std_dev
     assert set(jid.held_out(jid.build("rigid_joint"), recording, estimate)) == {"link_position"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("rigid_joint", MOTION), r"model is 'rigid_joint', of type str: make it with build"),
+        ((MODEL, "log.csv"), r"recording is 'log.csv', of type str: make it with read"),
+        ((MODEL, [MOTION, None]), "recording is None, of type NoneType"),
+        ((MODEL, MOTION, {"J": 2.0}), "settings is .* of type dict: make it with ParameterSettings"),
+        ((MODEL, MOTION, None, "regression"), "estimator is 'regression', of type str: make it with Regression"),
+    ],
+)
+def test_an_argument_of_another_type_is_named(arguments, said):
+    with pytest.raises(jid.JointIdError, match=said):
+        jid.fit(*arguments)
+
+
+def test_an_estimate_is_a_frame_and_a_figure(monkeypatch):
+    found = jid.fit(MODEL, MOTION)
+    frame = found.to_frame()
+    assert list(frame.index) == [p.name for p in found.parameters] and frame.loc["J", "value"] == found["J"].value
+    assert len(found.plot().axes) == 2 * len(found.predictions.predicted)
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(jid.JointIdError, match="pip install pandas"):
+        found.to_frame()

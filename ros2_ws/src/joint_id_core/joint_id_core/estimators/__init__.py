@@ -80,8 +80,10 @@ def fit(
         exception: the status says what is wrong and what to do. Doubts about the recording end the notes.
 
     Raises:
-        JointIdError: misuse of parameter names, values or options; a library that the estimator needs is missing.
+        JointIdError: misuse of parameter names, values or options, or an argument of another type; a library that the
+            estimator needs is missing.
     """
+    require_types(model, recording, settings, estimator)
     if isinstance(recording, Sequence):
         return fit_several(model, recording, settings, estimator, progress).estimate
     from joint_id_core.estimators.cross_check import cross_checked  # loads NumPy, as the next
@@ -104,6 +106,26 @@ def fit(
     if estimate.status.unusable:
         return estimate
     return with_held_values(noted(estimate, found, model, recording), model, settings)
+
+
+def require_types(model: object, recording: object, settings: object, estimator: object) -> None:
+    """Check the types of the arguments of `fit`.
+
+    Raises:
+        JointIdError: one is of another type; the message says how to make the right one.
+    """
+    from joint_id_core.data.recording import Recording
+    from joint_id_core.models.base import Model
+
+    several = recording if isinstance(recording, (list, tuple)) else [recording]
+    for what, value, kinds, how in (
+        ("model", model, Model, 'build("rigid_joint")'),
+        *(("recording", one, Recording, 'read("motion.csv")') for one in several),
+        ("settings", settings, (ParameterSettings, type(None)), 'ParameterSettings({"J": 2.0})'),
+        ("estimator", estimator, tuple(ESTIMATORS.values()), "Regression()"),
+    ):
+        if not isinstance(value, kinds):
+            raise JointIdError(f"{what} is {value!r:.60}, of type {type(value).__name__}: make it with {how}")
 
 
 def fit_several(

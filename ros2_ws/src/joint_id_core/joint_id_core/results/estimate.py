@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,10 @@ from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError
 from joint_id_core.results.status import Status as Status
 from joint_id_core.results.verdict import Verdict as Verdict
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
 
 
 @dataclass(frozen=True)
@@ -234,12 +238,31 @@ class Estimate:
 
         return load(Path(path))
 
-    def plot(self, path: str | Path) -> None:
-        """Save a plot of measured and predicted labels; the file extension sets the format. Needs matplotlib.
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """Return a picture of measured and predicted labels, and save it if there is a path. Needs matplotlib.
+
+        The file extension sets the format.
 
         Raises:
             JointIdError: matplotlib is missing, there are no predictions, or the file cannot be written.
         """
-        from joint_id_core.results.plot import save
+        from joint_id_core.results.plot import figure, save
 
-        save(Path(path), self)
+        if path is not None:
+            save(Path(path), self)
+        return figure(self)
+
+    def to_frame(self) -> DataFrame:
+        """Return a pandas table: a row a parameter with value, std_dev, unit, verdict, initial and reason.
+
+        Raises:
+            JointIdError: pandas is not installed.
+        """
+        try:
+            from pandas import DataFrame
+        except ImportError:
+            raise JointIdError("to_frame needs pandas, which is not installed: pip install pandas") from None
+        columns = ("value", "std_dev", "unit", "verdict", "initial", "reason")
+        rows = [[getattr(p, c) if c != "verdict" else p.verdict.value for c in columns] for p in self.parameters]
+        names = [p.name for p in self.parameters]
+        return DataFrame(rows, index=names, columns=list(columns)).rename_axis("parameter")

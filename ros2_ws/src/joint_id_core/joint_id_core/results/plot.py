@@ -41,20 +41,32 @@ def require_writable(path: Path) -> None:
 
 
 def save(path: Path, estimate: Estimate) -> None:
-    """Plot every label with its prediction, and their difference below.
+    """Save the picture of `figure`.
 
     Raises:
-        JointIdError: as `require_writable`; the estimate has no predictions.
+        JointIdError: as `require_writable` and `figure`; the file cannot be written.
     """
     require_writable(path)
+    written(path, figure(estimate))
+
+
+def figure(estimate: Estimate) -> Figure:
+    """Return a picture of every label with its prediction, and of their difference below.
+
+    Raises:
+        JointIdError: matplotlib is not installed; the estimate has no predictions.
+    """
     shown = estimate.predictions
     if shown is None or not shown.predicted:
         raise JointIdError(f"the estimate of {estimate.model} holds no predictions, there is nothing to plot")
-    from matplotlib.figure import Figure
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise JointIdError("a plot needs matplotlib, which is not installed: pip install matplotlib") from None
 
     count = len(shown.predicted)
-    figure = Figure(figsize=(9.0, 3.2 * count), layout="constrained")
-    axes = figure.subplots(2 * count, 1, sharex=True, squeeze=False, height_ratios=[2, 1] * count)
+    drawn = Figure(figsize=(9.0, 3.2 * count), layout="constrained")
+    axes = drawn.subplots(2 * count, 1, sharex=True, squeeze=False, height_ratios=[2, 1] * count)
     for k, (name, found) in enumerate(shown.predicted.items()):
         unit = CHANNELS[name].unit if name in CHANNELS else "rad"
         time, measured, predicted = broken(shown.time - shown.time[0], shown.measured[name], found)
@@ -67,7 +79,7 @@ def save(path: Path, estimate: Estimate) -> None:
         below.set_ylabel(f"error [{unit}]")
     axes[0, 0].set_title(f"{estimate.model}, {estimate.status.value}: {estimate.source}")
     axes[-1, 0].set_xlabel("time [s]")
-    written(path, figure)
+    return drawn
 
 
 def written(path: Path, figure: Figure) -> None:
