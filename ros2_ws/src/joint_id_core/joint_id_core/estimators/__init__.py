@@ -118,12 +118,13 @@ def require_types(model: object, recording: object, settings: object, estimator:
     from joint_id_core.models.base import Model
 
     several = recording if isinstance(recording, (list, tuple)) else [recording]
-    for what, value, kinds, how in (
+    wanted: list[tuple[str, object, type | tuple[type, ...], str]] = [
         ("model", model, Model, 'build("rigid_joint")'),
         *(("recording", one, Recording, 'read("motion.csv")') for one in several),
         ("settings", settings, (ParameterSettings, type(None)), 'ParameterSettings({"J": 2.0})'),
         ("estimator", estimator, tuple(ESTIMATORS.values()), "Regression()"),
-    ):
+    ]
+    for what, value, kinds, how in wanted:
         if not isinstance(value, kinds):
             raise JointIdError(f"{what} is {value!r:.60}, of type {type(value).__name__}: make it with {how}")
 
