@@ -147,13 +147,15 @@ class Graph:
         return joints.get(name)
 
     def estimate_of_now(self, name: str = "joint", also: Iterable[Callable[[], None]] = ()) -> JointEstimate:
-        """Go on until the estimate of a window that begins now has come."""
+        """Go on until the estimate of a window that begins now has come, and says something of the joint."""
         begin_ns = self.now_ns
-        for _ in range(40):
+        for _ in range(60):  # half a minute of samples, sent faster than that: the checks of the identifier take time
             self.send(0.5, also=also)
             newest = self.newest(name)
             if newest is not None and newest.status != JointEstimate.CONVERGED:
                 continue  # a window with the fault in it
+            if newest is not None and not says_something(newest):
+                continue  # the fault may have cost the memory
             if newest is None or not begin_ns <= instant(newest.window_start) < self.now_ns:
                 continue
             if instant(newest.window_end) - instant(newest.window_start) > 0.9 * WINDOW_S * NANO:  # not after a gap
@@ -170,10 +172,15 @@ def instant(stamp_: Any) -> int:
     return int(stamp_.sec * NANO + stamp_.nanosec)
 
 
+def says_something(estimate: JointEstimate) -> bool:
+    """Whether the standard deviation of every parameter is small enough to say something of it."""
+    return all(p.std_dev < 0.4 * TRUTH[p.name] for p in estimate.parameters if p.name in TRUTH)
+
+
 def assert_true(estimate: JointEstimate) -> None:
     """Every parameter within 5 of its own standard deviations, and those small enough to say something."""
     assert estimate.status == JointEstimate.CONVERGED, estimate.message
     for p in estimate.parameters:
         if p.name in TRUTH:
             assert abs(p.value - TRUTH[p.name]) < 5.0 * p.std_dev, f"{p.name} {p.value} +- {p.std_dev}"
-            assert p.std_dev < 0.4 * TRUTH[p.name]
+    assert says_something(estimate)

@@ -15,7 +15,7 @@ from joint_id_core.estimators.cross_check import Opinion, Second
 from joint_id_core.models import build
 from joint_id_core.online import OnlineIdentifier, OnlineOptions, second_opinion
 from joint_id_core.online.checks import at_once
-from joint_id_core.online.second_opinion import REACH, SecondOpinion
+from joint_id_core.online.second_opinion import AFTER_FAULT, REACH, SecondOpinion
 from joint_id_core.results.estimate import Estimate, Status
 
 from .online_motion import MODEL, TRUTH, batches, motion
@@ -67,6 +67,24 @@ def test_it_is_asked_after_one_two_and_four_windows_more_and_looks_back_over_eig
         opinion.on(estimate, float(samples.time[-1]))
     assert np.round([r.time[-1] for r in asked]).tolist() == [1.0, 3.0, 7.0, 15.0]
     assert asked[-1].duration == pytest.approx(REACH, abs=0.2)
+    assert opinion.newest is GOOD
+
+
+def test_after_a_fault_it_is_asked_again_soon_and_about_new_motion_only(monkeypatch, estimate):
+    """Samples of another source, or of a failing sensor, may have been the cause, and may have ended."""
+    asked: list[Recording] = []
+
+    def ask(_estimate, _model, recording, _settings) -> Opinion:
+        asked.append(recording)
+        return GOOD if len(asked) > 4 else Opinion("the samples are of another joint", (), 0.1)
+
+    monkeypatch.setattr(second_opinion, "second_opinion", ask)
+    opinion = SecondOpinion(MODEL, ParameterSettings(), 1.0, at_once)
+    for samples in batches(motion(20.0)):
+        opinion.append(samples)
+        opinion.on(estimate, float(samples.time[-1]))
+    assert np.round(np.diff([r.time[-1] for r in asked[:5]])).tolist() == [AFTER_FAULT] * 4
+    assert all(r.duration <= AFTER_FAULT + 0.1 for r in asked[1:5])
     assert opinion.newest is GOOD
 
 

@@ -17,6 +17,7 @@ from joint_id_core.online.window import SlidingWindow
 from joint_id_core.results.estimate import Estimate
 
 REACH = 8.0  # lengths of the window in which friction and inertia are compared
+AFTER_FAULT = 3.0  # the same of new motion, after which a motion that was not that of the model is asked for again
 
 
 class SecondOpinion:
@@ -49,6 +50,11 @@ class SecondOpinion:
         self._count, self._waits_s = 0, CHECK_AFTER[0] * self._window_s
         self._running: tuple[Future[Opinion | None], float] | None = None
 
+    def _forget_motion(self) -> None:
+        """Ask again soon, about new motion: what was wrong may have been in the samples, and may have ended."""
+        self._motion = SlidingWindow(REACH * self._window_s)
+        self._waits_s = AFTER_FAULT * self._window_s
+
     def append(self, samples: Recording) -> None:
         """Add samples in motion."""
         if self._wanted:
@@ -68,4 +74,6 @@ class SecondOpinion:
             self._running = self._background(ask), self._motion.end
         if self._running is not None and tested_from >= self._running[1] and self._running[0].done():
             self.newest, self._running = self._running[0].result(), None
+            if self.newest is not None and self.newest.fault:
+                self._forget_motion()
         return estimate if self.newest is None else judged(estimate, self._model, self.newest)
