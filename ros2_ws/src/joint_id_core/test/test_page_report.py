@@ -86,6 +86,8 @@ def test_of_an_estimate_alone_there_is_a_table(tmp_path, run):
     code, _ = run("report", "e.json", "-o", "e.html")
     text = (tmp_path / "e.html").read_text()
     assert code == 0 and "<h2>Parameters</h2>" in text and plots(text) == []
+    code, out = run("report", "e.json", "--set", "J=2")
+    assert code == 2 and "is not fitted again" in out
     for p in Estimate.load(tmp_path / "e.json").parameters:
         assert f"<td>{p.name}</td>" in text
 

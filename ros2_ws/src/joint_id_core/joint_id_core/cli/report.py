@@ -66,6 +66,10 @@ def report(
     earlier = Estimate.load(against) if against is not None else None
     command = shlex.join(["joint-id", *sys.argv[1:]])
     if source.suffix.lower() == ".json":
+        if model_options or any((joint, set_, fix, free, map_, robot, start, end)):
+            raise JointIdError(
+                f"{source} is an estimate, which is not fitted again: leave out all options but --against"
+            )
         contents = Contents(Estimate.load(source), command=command, earlier=earlier)
     else:
         settings = parameter_settings(set_, fix, free)
