@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from hypothesis import settings
+from typer.testing import CliRunner
 
 from joint_id_core.cli import app
 from joint_id_core.emulator.controller import Controller
@@ -25,6 +26,18 @@ def run(capsys):
             app([str(a) for a in arguments], prog_name="joint-id")
         out, err = capsys.readouterr()
         return end.value.code, out, err
+
+    return call
+
+
+@pytest.fixture
+def run_here(tmp_path, monkeypatch):
+    """Run a command in this process and in the folder of the test: (exit code, all of its output)."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words):
+        result = CliRunner().invoke(app, [str(w) for w in words])
+        return result.exit_code, result.output
 
     return call
 

@@ -7,10 +7,8 @@ import shlex
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from joint_id_core import formats
-from joint_id_core.cli import app
 from joint_id_core.data.recording import Recording
 from joint_id_core.models import build
 from joint_id_core.simulation.excitation import multisine
@@ -20,37 +18,26 @@ from joint_id_core.simulation.simulator import simulate
 from .online_motion import TRUTH, motion
 
 
-@pytest.fixture
-def run(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-    def call(*words):
-        result = CliRunner().invoke(app, [str(w) for w in words])
-        return result.exit_code, result.output
-
-    return call
-
-
 def pasted(output: str) -> list[str]:
     """The words of the command after `joint-id` that the program proposes to repeat its fit."""
     line = next(line for line in output.splitlines() if line.startswith("the same"))
     return shlex.split(line.partition("joint-id ")[2])
 
 
-def test_a_file_as_people_write_it_is_all_it_takes(tmp_path, run):
+def test_a_file_as_people_write_it_is_all_it_takes(tmp_path, run_here):
     record = motion(6.0)
     table = np.column_stack([1e3 * record.time, np.rad2deg(record["link_position"]), record["torque"]])
     lines = [" , ".join(f"{v:.10g}" for v in row) for row in table]
     (tmp_path / "my log.txt").write_text(
         "# from the lab\nTime (ms), Link position (deg), Torque (Nm)\n" + "\n".join(lines)
     )
-    code, out = run("fit", "my log.txt")
+    code, out = run_here("fit", "my log.txt")
     assert code == 0, out
     assert "time_s = 0.001 * Time (ms)" in out and "link_position = 0.0174533 * Link position (deg)" in out
     assert "model rigid_joint: the link is measured" in out
     again = pasted(out)
     assert again[-2:] == ["--save", "estimate.json"] and "my log.txt" in again
-    code, _ = run(*again)
+    code, _ = run_here(*again)
     assert code == 0
     saved = json.loads((tmp_path / "estimate.json").read_text())
     found = {p["name"]: p for p in saved["parameters"]}
@@ -58,24 +45,26 @@ def test_a_file_as_people_write_it_is_all_it_takes(tmp_path, run):
         assert abs(found[name]["value"] - truth) < 4.0 * found[name]["std_dev"]
 
 
-def test_gravity_is_taken_where_the_motion_shows_it(tmp_path, run):
+def test_gravity_is_taken_where_the_motion_shows_it(tmp_path, run_here):
     time = np.arange(0.0, 8.0, 0.004)
     torque = multisine(time, 25.0, (0.3, 0.9, 2.1), seed=2)
     truth = TRUTH | {"a_g": 8.0, "b_g": 3.0}
     moved = simulate(build("rigid_joint", gravity=True), time, {"torque": torque}, truth)
     seen = Sensors(noise={"link_position": 1e-5}).measure(moved, 1, keep=("link_position",))
     formats.write(tmp_path / "log.csv", seen.with_channels({"torque": torque}))
-    code, out = run("fit", "log.csv")
+    code, out = run_here("fit", "log.csv")
     assert code == 0 and "model rigid_joint with gravity: the link is measured, and with gravity" in out
     assert "--gravity" in pasted(out)
-    code, out = run("fit", "log.csv", "--friction", "coulomb_viscous", "--estimator", "regression", "--band-hz", "8")
+    code, out = run_here(
+        "fit", "log.csv", "--friction", "coulomb_viscous", "--estimator", "regression", "--band-hz", "8"
+    )
     assert code == 0
     words = " ".join(pasted(out))
     assert "--friction coulomb_viscous" in words and "--estimator regression --band-hz 8" in words
-    assert run(*pasted(out))[0] == 0
+    assert run_here(*pasted(out))[0] == 0
 
 
-def test_a_model_that_does_not_describe_the_motion_is_left_out_and_said(tmp_path, run):
+def test_a_model_that_does_not_describe_the_motion_is_left_out_and_said(tmp_path, run_here):
     rigid = motion(6.0)
     both = (
         {"link_position": rigid["link_position"], "motor_velocity": 101.0 * rigid["link_velocity"]}
@@ -88,30 +77,30 @@ def test_a_model_that_does_not_describe_the_motion_is_left_out_and_said(tmp_path
         "motor_velocity": 101.0 * np.gradient(rigid["link_position"], rigid.time) + noise,
     }
     formats.write(tmp_path / "log.csv", Recording(rigid.time, both | {"torque": rigid["torque"]}))
-    code, out = run("fit", "log.csv")
+    code, out = run_here("fit", "log.csv")
     assert code == 0 and "model rigid_joint" in out
     assert "harmonic_drive was tried and left out: " in out
 
 
-def test_every_joint_of_a_bag_is_a_row(tmp_path, run):
+def test_every_joint_of_a_bag_is_a_row(tmp_path, run_here):
     one = motion(4.0)
     formats.write_bag(tmp_path / "bag", {"shoulder": one, "elbow": motion(4.0, seed=1)})
-    code, out = run("fit", "bag", "--set", "N=1")
+    code, out = run_here("fit", "bag", "--set", "N=1")
     assert code == 0, out
     rows = [line.split() for line in out.splitlines() if "converged" in line]
     assert [row[:3] for row in rows] == [[j, "rigid_joint", "converged"] for j in ("shoulder", "elbow")]
 
 
-def test_what_cannot_be_guessed_is_asked_for(tmp_path, run):
+def test_what_cannot_be_guessed_is_asked_for(tmp_path, run_here):
     record = motion(4.0)
     formats.write(
         tmp_path / "log.csv",
         Recording(record.time, {"link_position": record["link_position"], "current": record["torque"]}),
     )
-    code, out = run("fit", "log.csv")
+    code, out = run_here("fit", "log.csv")
     assert code == 2 and "k_t" in out and "--set k_t=" in out
     (tmp_path / "still.csv").write_text("time_s,temperature\n0,20\n1,20\n")
-    code, out = run("fit", "still.csv")
+    code, out = run_here("fit", "still.csv")
     assert code == 2 and "no model follows from that" in out
 
 
@@ -132,29 +121,29 @@ def robot_log(tmp_path):
     return "robot.csv"
 
 
-def test_a_log_of_a_robot_is_read_joint_by_joint(robot_log, run):
-    code, out = run("fit", robot_log, "--robot", "arm.yaml")
+def test_a_log_of_a_robot_is_read_joint_by_joint(robot_log, run_here):
+    code, out = run_here("fit", robot_log, "--robot", "arm.yaml")
     rows = [line.split() for line in out.splitlines() if line.startswith("  shoulder") and ":" not in line]
     assert [row[:3] for row in rows] == [
         ["shoulder_pan_joint", "rigid_joint", "no_motion"], ["shoulder_lift_joint", "rigid_joint", "converged"],
     ]  # fmt: skip
     assert code == 1 and "no good estimate of shoulder_pan_joint" in out
-    code, out = run("fit", robot_log, "--robot", "arm.yaml", "--joint", "shoulder_lift_joint")
+    code, out = run_here("fit", robot_log, "--robot", "arm.yaml", "--joint", "shoulder_lift_joint")
     assert code == 0 and "link_position = actual_q_1" in out
-    code, out = run(*pasted(out), "--json")
+    code, out = run_here(*pasted(out), "--json")
     found = {p["name"]: p for p in json.loads(out)["parameters"]}
     assert all(abs(found[n]["value"] - truth) < 4.0 * found[n]["std_dev"] for n, truth in TRUTH.items())
-    assert run("compare", robot_log, "--robot", "arm.yaml", "--joint", "shoulder_lift_joint")[0] == 0
+    assert run_here("compare", robot_log, "--robot", "arm.yaml", "--joint", "shoulder_lift_joint")[0] == 0
 
 
-def test_the_columns_of_a_log_that_are_named_are_one_joint(robot_log, run):
+def test_the_columns_of_a_log_that_are_named_are_one_joint(robot_log, run_here):
     named = ["--map", "link_position=actual_q_1", "--map", "current=actual_current_1"]
-    code, out = run("fit", robot_log, *named, "--set", "N=101", "--set", "k_t=0.1")
+    code, out = run_here("fit", robot_log, *named, "--set", "N=101", "--set", "k_t=0.1")
     assert code == 0 and "current = actual_current_1" in out
 
 
-def test_a_joint_that_a_log_does_not_have_is_named_and_what_all_joints_lack_is_said_once(robot_log, run):
-    code, out = run("fit", robot_log, "--joint", "elbow_joint")
+def test_a_joint_that_a_log_does_not_have_is_named_and_what_all_joints_lack_is_said_once(robot_log, run_here):
+    code, out = run_here("fit", robot_log, "--joint", "elbow_joint")
     assert code == 2 and "no joint 'elbow_joint': it holds shoulder_pan_joint, shoulder_lift_joint" in out
-    code, out = run("fit", robot_log)
+    code, out = run_here("fit", robot_log)
     assert code == 2 and out.count("needs k_t") == 1 and "(--robot ur10e)" in out

@@ -7,10 +7,8 @@ import re
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from joint_id_core import formats
-from joint_id_core.cli import app
 from joint_id_core.data.recording import Recording
 from joint_id_core.pages import series
 from joint_id_core.results.estimate import Estimate
@@ -22,26 +20,15 @@ needs_browser = pytest.mark.skipif(browser.PROGRAM is None, reason=browser.MISSI
 
 
 @pytest.fixture
-def run(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-    def call(*words):
-        result = CliRunner().invoke(app, [str(w) for w in words])
-        return result.exit_code, result.output
-
-    return call
-
-
-@pytest.fixture
-def page(tmp_path, run):
+def page(tmp_path, run_here):
     """A report of a motion with a gap, and of its comparison with an estimate of another one."""
     formats.write(tmp_path / "monday.csv", motion(8.0, seed=1))
-    assert run("fit", "monday.csv", "--save", "monday.json")[0] == 0
+    assert run_here("fit", "monday.csv", "--save", "monday.json")[0] == 0
     whole = motion(12.0)
     kept = (whole.time < 4.0) | (whole.time > 6.0)
     channels = {n: v[kept] for n, v in whole.channels.items()}
     formats.write(tmp_path / "friday.csv", Recording(whole.time[kept], channels))
-    code, out = run("report", "friday.csv", "--against", "monday.json", "-o", "friday.html")
+    code, out = run_here("report", "friday.csv", "--against", "monday.json", "-o", "friday.html")
     assert code == 0, out
     return tmp_path / "friday.html"
 
@@ -80,35 +67,35 @@ def test_a_browser_draws_every_plot_without_a_word_in_its_console(page, width):
     assert f'data-drawn="{count}"' in seen.page and seen.page.count("<canvas") == count
 
 
-def test_of_an_estimate_alone_there_is_a_table(tmp_path, run):
+def test_of_an_estimate_alone_there_is_a_table(tmp_path, run_here):
     formats.write(tmp_path / "log.csv", motion(6.0))
-    assert run("fit", "log.csv", "--save", "e.json")[0] == 0
-    code, _ = run("report", "e.json", "-o", "e.html")
+    assert run_here("fit", "log.csv", "--save", "e.json")[0] == 0
+    code, _ = run_here("report", "e.json", "-o", "e.html")
     text = (tmp_path / "e.html").read_text()
     assert code == 0 and "<h2>Parameters</h2>" in text and plots(text) == []
-    code, out = run("report", "e.json", "--set", "J=2")
+    code, out = run_here("report", "e.json", "--set", "J=2")
     assert code == 2 and "is not fitted again" in out
     for p in Estimate.load(tmp_path / "e.json").parameters:
         assert f"<td>{p.name}</td>" in text
 
 
-def test_a_poor_fit_still_gets_its_page_and_names_are_not_taken_for_html(tmp_path, run):
+def test_a_poor_fit_still_gets_its_page_and_names_are_not_taken_for_html(tmp_path, run_here):
     record = motion(6.0)
     torque = np.random.default_rng(0).standard_normal(len(record))
     formats.write(
         tmp_path / "<b>&.csv", Recording(record.time, {"link_position": record["link_position"], "torque": torque})
     )
-    code, out = run("report", "<b>&.csv")
+    code, out = run_here("report", "<b>&.csv")
     text = (tmp_path / "report.html").read_text()
     assert code == 1 and "poor_fit" in out
     assert "&lt;b&gt;&amp;.csv" in text and "<b>" not in text.split("<script")[0]
 
 
-def test_what_cannot_be_written_is_said_before_the_fit(tmp_path, run):
+def test_what_cannot_be_written_is_said_before_the_fit(tmp_path, run_here):
     formats.write(tmp_path / "log.csv", motion(4.0))
-    code, out = run("report", "log.csv", "-o", "no/such/report.html")
+    code, out = run_here("report", "log.csv", "-o", "no/such/report.html")
     assert code == 2 and "cannot be written" in out
-    code, out = run("report", "log.csv", "--against", "no.json")
+    code, out = run_here("report", "log.csv", "--against", "no.json")
     assert code == 2 and "no.json" in out
 
 
