@@ -60,3 +60,16 @@ def test_a_signal_during_start_leaves_no_traceback(start, probe, number):
     process.signal(number)
     process.wait()
     assert "Traceback" not in process.text
+
+
+def test_many_signals_end_the_node_as_one_does(start, probe):
+    # The handler of one can be interrupted by the next.
+    process = start("filter")
+    probe.until(lambda: probe.told("filter", ""), "the node's diagnostics")
+    for _ in range(2000):
+        for number in (signal.SIGTERM, signal.SIGINT):
+            if process.running:
+                process.signal(number)
+    # The interpreter gives the signals back to the system in its last moment.
+    assert process.wait() in (0, -signal.SIGTERM, -signal.SIGINT)
+    assert "Traceback" not in process.text

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Sequence
 
 from joint_id_core.errors import JointIdError
-from joint_id_ros.running import STOPPING
+from joint_id_ros.running import SIGNALS
 
 POLL_S = 0.1  # longest time until a signal is noticed
 
@@ -35,7 +35,7 @@ class Preparation:
             Exception: that of a job.
         """
         while not self.done:
-            if STOPPING.is_set():
+            if SIGNALS:
                 raise JointIdError(f"interrupted by a signal while {self.text}")
             meanwhile()
             self._thread.join(POLL_S)

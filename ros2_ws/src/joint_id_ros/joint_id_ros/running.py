@@ -11,7 +11,6 @@ import gc
 import os
 import signal
 import sys
-import threading
 import time
 from functools import partial
 from importlib import import_module
@@ -24,7 +23,9 @@ if TYPE_CHECKING:
 
 BAD_INPUT = 2  # exit code
 ENDED_EARLY = 3  # exit code
-STOPPING = threading.Event()  # set by the first signal; a callback that takes long ends early then
+# Signals so far; a callback that takes long ends early when there is one. A list and not a threading.Event: its lock is
+# taken in the handler, and the handler of a second signal, which interrupts the first, would wait for it for ever.
+SIGNALS: list[int] = []
 POLL_S = 0.1  # longest time until a signal is noticed in an idle node
 TURN_S = 0.035  # time between two turns of the executor in a node that reads streams
 
@@ -49,12 +50,10 @@ def run(name: str, kind: str) -> int:
     The exit code is 0 after a signal or a normal end, 2 after bad input, and 3 after input that turned bad later. Bad
     input is reported in one line on stderr.
     """
-    signals: list[int] = []
     spinning = False
 
     def note(number: int, _: object) -> None:
-        signals.append(number)
-        STOPPING.set()
+        SIGNALS.append(number)
         if not spinning:
             # An exception may be lost in an import, or leave an incomplete DDS participant that never ends.
             os._exit(0)
@@ -76,7 +75,7 @@ def run(name: str, kind: str) -> int:
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         spinning, next_turn, next_reading = True, 0.0, 0.0
-        while not signals and not node.finished.done():
+        while not SIGNALS and not node.finished.done():
             streams = node.streams
             if streams is None:
                 executor.spin_once(timeout_sec=POLL_S)
