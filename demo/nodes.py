@@ -23,8 +23,8 @@ TAIL = 15  # lines of a log that are shown when its process failed
 
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
-# The kernel ends a child whose parent is gone, even when the parent was killed and could not clean up. A parent that was
-# killed before the child has asked for this is no longer its parent, and then the child does not begin.
+# The kernel ends a child whose parent is gone, even when the parent was killed and could not clean up. A parent that
+# was killed before the child has asked for this is no longer its parent, and then the child does not begin.
 BEGIN_UNDER_PARENT = ["sh", "-c", '[ "$PPID" = "$0" ] && exec "$@"', str(os.getpid())]
 BOUND_TO_PARENT = ["setpriv", "--pdeathsig", "TERM", *BEGIN_UNDER_PARENT] if shutil.which("setpriv") else []
 
