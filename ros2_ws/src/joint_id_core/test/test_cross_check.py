@@ -54,6 +54,8 @@ def test_a_wrong_value_with_a_small_interval_is_said_and_widened(good, name, fac
     for other in set(TRUTH) - {name}:  # in doubt by what they are apart
         assert found[other].value == good[other].value
         assert good[other].std_dev < found[other].std_dev < 0.05 * max(1.0, abs(TRUTH[other]))
+        lowest, highest = map(float, found[other].reason.removeprefix("95 % interval ").split(" to "))
+        assert highest - lowest == pytest.approx(2.0 * 1.96 * found[other].std_dev, rel=0.01, abs=2e-3)
 
 
 def test_a_difference_that_does_not_matter_is_none(good):

@@ -18,7 +18,7 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.regression.missing import HELPS
-from joint_id_core.estimators.shared.between import between
+from joint_id_core.estimators.shared.intervals import between, interval_text
 from joint_id_core.estimators.shared.sentences import listed, message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
@@ -229,7 +229,8 @@ def _widened(estimate: Estimate, model: Model, opinion: Opinion, apart: Sequence
             found = between(model, first, (second.value, second.wide), values)
             told.append(f"{second.name} is {found.reason}")
         else:
-            found = replace(first, std_dev=math.hypot(first.std_dev, distance))
+            sigma = math.hypot(first.std_dev, distance)
+            found = replace(first, std_dev=sigma, reason=interval_text(first.value, sigma))
         scale[estimate.free.index(second.name)] = found.std_dev / first.std_dev
         rows[second.name] = found
     said = [f"{'; '.join(told)}: the value lies between, and the interval contains both", f"most likely {CAUSE}"]
@@ -253,7 +254,7 @@ def _as_wide(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
         if first.verdict is not Verdict.ESTIMATED or not second.wide > first.std_dev:
             continue
         magnitude = model.parameter(second.name).positive and second.wide > MAGNITUDE * first.value
-        said = f"95 % interval {first.value - 1.96 * second.wide:.4g} to {first.value + 1.96 * second.wide:.4g}"
+        said = interval_text(first.value, second.wide)
         said = f"it lies below about {first.value + 2.0 * second.wide:.2g}, more is not known" if magnitude else said
         verdict = Verdict.PRIOR if magnitude else first.verdict
         scale[estimate.free.index(second.name)] = second.wide / first.std_dev

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from joint_id_core.estimators.shared.between import between
+from joint_id_core.estimators.shared.intervals import between
 from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status

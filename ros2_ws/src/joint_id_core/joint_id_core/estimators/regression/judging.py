@@ -34,6 +34,7 @@ from joint_id_core.estimators.regression.missing import (
 )
 from joint_id_core.estimators.regression.presliding import with_inertia
 from joint_id_core.estimators.regression.signals import Rows
+from joint_id_core.estimators.shared.intervals import interval_text
 from joint_id_core.estimators.shared.sentences import listed, sentence
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import ParameterEstimate, Status
@@ -223,7 +224,7 @@ def estimates(model: Model, fitted: Fitted, starts: Mapping[str, float]) -> dict
     encoders = fitted.encoders
     if encoders is not None and encoders.name is not None:
         q, late, sigma = model.parameter(encoders.name), encoders.late, encoders.sigma
-        said = f"95 % interval {late - 1.96 * sigma:.4g} to {late + 1.96 * sigma:.4g}"
+        said = interval_text(late, sigma)
         found[q.name] = ParameterEstimate(q.name, q.unit, late, sigma, Verdict.ESTIMATED, starts[q.name], said)
     return found
 
@@ -244,7 +245,7 @@ def row(model: Model, name: str, fitted: Fitted, j: int, start: float) -> Parame
         sigma = float(solution.wide[j]) if solution.held[j] else sigma
         verdict, reason = Verdict.PRIOR, f"it lies below about {value + 2.0 * sigma:.2g} {q.unit}, more is not known"
     else:
-        verdict, reason = Verdict.ESTIMATED, f"95 % interval {value - 1.96 * sigma:.4g} to {value + 1.96 * sigma:.4g}"
+        verdict, reason = Verdict.ESTIMATED, interval_text(value, sigma)
     return ParameterEstimate(name, q.unit, value, sigma, verdict, start, reason)
 
 

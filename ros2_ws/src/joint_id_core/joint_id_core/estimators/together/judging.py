@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from joint_id_core.estimators.shared.intervals import interval_text
 from joint_id_core.estimators.shared.sentences import listed, sentence
 from joint_id_core.estimators.together.information import Space
 from joint_id_core.models import Model
@@ -41,7 +42,7 @@ def common(
     else:
         verdict, reason = (
             Verdict.ESTIMATED,
-            f"95 % interval {value - 1.96 * std_dev:.4g} to {value + 1.96 * std_dev:.4g}",
+            interval_text(value, std_dev),
         )
     return replace(rows[0], value=value, std_dev=std_dev, verdict=verdict, reason=reason)
 

@@ -1,4 +1,4 @@
-"""A value between two that disagree, with an interval that contains both."""
+"""Intervals: in words, and one around two values that disagree."""
 
 from __future__ import annotations
 
@@ -10,6 +10,11 @@ from joint_id_core.results.verdict import MAGNITUDE, Verdict
 
 WIDTH = 1.96  # standard deviations of a 95 % interval
 LEAST = 0.1  # least value of a positive parameter between two, over the first one
+
+
+def interval_text(value: float, sigma: float) -> str:
+    """Return the 95 % interval of a value in words."""
+    return f"95 % interval {value - WIDTH * sigma:.4g} to {value + WIDTH * sigma:.4g}"
 
 
 def between(
