@@ -66,6 +66,24 @@ def frozen_rows(first: int, count: int) -> Recording:
     return Recording(record.time, channels)
 
 
+LATER = (np.arange(5000) >= 3000).astype(float)
+UNEVEN = np.random.default_rng(1).uniform(-1.0, 1.0, 5000)
+
+
+def frozen(record: Recording, name: str, first: int, count: int) -> Recording:
+    changed = record[name].copy()
+    changed[first : first + count] = changed[first]
+    return record.with_channels({name: changed})
+
+
+def wrapped(turn: float) -> Recording:
+    return good().with_channels({"link_position": np.mod(good()["link_position"], turn)})
+
+
+def without_velocity(record: Recording) -> Recording:
+    return only(record, "link_position", "torque")
+
+
 def only(record: Recording, *names: str) -> Recording:
     return Recording(record.time, {n: record[n] for n in names})
 
@@ -129,6 +147,30 @@ NAMED = {
         lambda: with_rows("link_position", list(range(1010, 1025)), good()["link_position"][1009]),
         "link_position repeats the value before 1 time", "sample 1010 (2.02 s)",
     ),
+    "a position that stands and jumps": (
+        lambda: without_velocity(frozen(good(), "link_position", 2000, 700)),
+        "link_position stands still in samples 2000 to 2699 (4 to 5.398 s)", "froze",
+    ),
+    "a position with another zero": (
+        lambda: without_velocity(good().with_channels({"link_position": good()["link_position"] + 0.3 * LATER})),
+        "link_position jumps by up to 0.3", "sample 3000 (6 s)",
+    ),
+    "a position that wraps": (
+        lambda: only(wrapped(0.5), "link_position", "torque"), "link_position wraps by 0.4985 rad, 12 times",
+        "unwrap it",
+    ),
+    "a torque that stands": (
+        lambda: frozen(good(), "torque", 1000, 300), "torque stands still 1 time",
+        "in samples 1000 to 1299 (2 to 2.598 s)",
+    ),
+    "a torque that is cut off": (
+        lambda: good().with_channels({"torque": np.clip(good()["torque"], -12.0, 12.0)}),
+        "torque is cut off at -12 and 12", "% of the samples",
+    ),
+    "times of the arrival": (
+        lambda: Recording(good().time + 4e-4 * UNEVEN, only(good(), "link_position", "torque").channels),
+        "times scatter by", "link_position is smoother at even times, every 2",
+    ),
     "scale": (lambda: scaled("link_velocity", 1.08), "link_velocity is 1.080 times", "factors of both"),
     "degrees alone": (
         lambda: only(scaled("link_position", 300.0), "link_position", "torque"), "link_position spans", "0.0174533",
@@ -144,9 +186,32 @@ def test_a_fault_is_named(make, what, where):
     assert "\n" not in found[0].text and not found[0].text.endswith(".")
 
 
-def test_a_finding_ends_the_notes_of_every_fit():
+def test_a_finding_is_told_before_what_the_residuals_show():
     estimate = fit(MODEL, with_rows("torque", [700], 400.0))
-    assert "torque has 1 outlier" in estimate.notes[-1]
+    assert "torque has 1 outlier" in estimate.notes[1] and "torque has 1 outlier" in estimate.message
+
+
+@pytest.mark.parametrize("n", [2, 5])
+def test_a_source_that_is_slower_than_the_recording_is_named(n):
+    record = without_velocity(good())
+    slow = record.with_channels({"link_position": np.repeat(record["link_position"][::n], n)})
+    found = findings(slow)[0].text
+    assert f"its source has {500 / n:.4g} samples/s, the recording 500" in found
+
+
+@pytest.mark.parametrize("estimator", [None, Regression()])
+def test_a_torque_with_the_wrong_sign_is_named(estimator):
+    record = without_velocity(scaled("torque", -1.0))
+    estimate = fit(MODEL, record, **({"estimator": estimator} if estimator else {}))
+    assert estimate.status is Status.POOR_FIT and "acts against the motion" in estimate.message
+    assert len(set(estimate.notes)) == len(estimate.notes)
+
+
+def test_a_drive_that_is_commanded_in_steps_and_a_joint_that_rests_are_no_fault():
+    time = np.arange(4000) / 500
+    torque = 12.0 * np.sign(np.sin(2.0 * time)) * (time < 6.0)
+    record = simulate(MODEL, time, {"torque": torque}, TRUTH)
+    assert not findings(Recording(time, {"link_position": record["link_position"], "torque": torque}))
 
 
 def drive_notes(estimate: Estimate) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +40,14 @@ def places(recording: Recording, samples: NDArray[np.int64]) -> str:
     shown = ", ".join(f"{k} ({recording.time[k]:.6g} s)" for k in samples[:MOST_SHOWN].tolist())
     more = len(samples) - MOST_SHOWN
     return f"sample{'s' if len(samples) > 1 else ''} {shown}" + (f" and {more} more" if more > 0 else "")
+
+
+def stretches(recording: Recording, ends: Sequence[tuple[int, int]]) -> str:
+    """Return stretches between two samples in words, with their times."""
+    time = recording.time
+    shown = ", ".join(f"{a} to {b} ({time[a]:.6g} to {time[b]:.6g} s)" for a, b in ends[:MOST_SHOWN])
+    more = len(ends) - MOST_SHOWN
+    return shown + (f" and {more} more" if more > 0 else "")
 
 
 def number(count: int, one: str, many: str = "") -> str:

@@ -5,9 +5,12 @@ from __future__ import annotations
 from joint_id_core.checking.command import unfollowed
 from joint_id_core.checking.constant import constant_channels
 from joint_id_core.checking.finding import Finding
+from joint_id_core.checking.jumps import jumps
 from joint_id_core.checking.rate import low_rate
 from joint_id_core.checking.repeats import repeated
 from joint_id_core.checking.rows import outliers, zeros
+from joint_id_core.checking.stamps import uneven_stamps
+from joint_id_core.checking.standing import slower_source, standing
 from joint_id_core.checking.twist import twist_offset
 from joint_id_core.checking.units import position_units, time_units
 from joint_id_core.checking.velocity import velocities
@@ -15,8 +18,8 @@ from joint_id_core.data.recording import Recording
 
 LEAST = 50  # samples; fewer show nothing
 CHECKS = (
-    time_units, position_units, constant_channels, velocities, low_rate, outliers, repeated, zeros, twist_offset,
-    unfollowed,
+    time_units, position_units, slower_source, constant_channels, velocities, low_rate, uneven_stamps, outliers,
+    repeated, zeros, jumps, standing, twist_offset, unfollowed,
 )  # fmt: skip
 
 
@@ -25,4 +28,6 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
     if len(recording) < LEAST:
         return ()
     found = [finding for check in CHECKS for finding in check(recording)]
-    return tuple(sorted(found, key=lambda f: not f.fatal))
+    faulty = {name for f in found if f.about != "rate" for name in f.channels}  # whose jumps look like a fast motion
+    told = [f for f in found if f.about != "rate" or not faulty.issuperset(f.channels)]
+    return tuple(sorted(told, key=lambda f: not f.fatal))

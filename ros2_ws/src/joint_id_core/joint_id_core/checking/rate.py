@@ -31,5 +31,6 @@ def low_rate(recording: Recording) -> Iterator[Finding]:
                 f"comes out too small from fewer than {PER_PERIOD:g} samples a period; record at "
                 f"{PER_PERIOD * fastest:.3g} Hz or more",
                 (name,),
+                about="rate",
             )
         return

@@ -30,7 +30,7 @@ def repeated(recording: Recording) -> Iterator[Finding]:
     for name in names:
         if not name.endswith(("_position", "_velocity")):
             continue
-        at, length = _late_steps(recording.time, recording[name])
+        at, length = late_steps(recording.time, recording[name])
         if len(at) and every is not None and every[at - 1].all():
             yield Finding(
                 f"All channels repeat the sample before {number(len(at), 'time')} while the joint moves: from "
@@ -48,7 +48,7 @@ def repeated(recording: Recording) -> Iterator[Finding]:
             )
 
 
-def _late_steps(time: Array, x: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def late_steps(time: Array, x: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the first repeated sample of each run of equal values (T,) after which the signal makes up for its rest.
 
     The second array has the numbers of repeated samples.

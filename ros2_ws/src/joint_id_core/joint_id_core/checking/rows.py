@@ -32,7 +32,8 @@ def outliers(recording: Recording) -> Iterator[Finding]:
             known = np.flatnonzero(np.isfinite(recording[name]))
             if len(known) < 4 * AROUND:
                 continue
-            at = known[_spikes(recording[name][known], HARMLESS * CHANNELS[name].scale, name in DRIVES)]
+            smallest, may_jump = HARMLESS * CHANNELS[name].scale, name in (*DRIVES, "external_torque")
+            at = known[_spikes(recording[name][known], smallest, may_jump)]
             if len(at):
                 yield Finding(
                     f"Channel {name} has {number(len(at), 'outlier')}, far off the samples around: "
@@ -41,10 +42,11 @@ def outliers(recording: Recording) -> Iterator[Finding]:
                 )
 
 
-def _spikes(x: Array, smallest: float, drive: bool) -> NDArray[np.int64]:
+def _spikes(x: Array, smallest: float, may_jump: bool) -> NDArray[np.int64]:
     """Return the samples that alone are far off a line through their neighbours, by `smallest` at least.
 
-    A drive may jump, and come back: it has outliers only where it is not constant, and far out of its usual range.
+    A drive or a load may jump, and come back: it has outliers only where it is not constant, and far out of its usual
+    range.
     """
     off = np.zeros(len(x))
     off[1:-1] = x[1:-1] - 0.5 * (x[2:] + x[:-2])
@@ -52,7 +54,7 @@ def _spikes(x: Array, smallest: float, drive: bool) -> NDArray[np.int64]:
     least = max(FAR * noise(x) * SECOND / 2.0, LEAST_SHARE * float(high - low), smallest)
     found = np.flatnonzero(np.abs(off) > least)
     found = found[(found > 1) & (found < len(x) - 2)]
-    if drive:
+    if may_jump:
         found = found[(x[found] < low - OUTSIDE * (high - low)) | (x[found] > high + OUTSIDE * (high - low))]
     # Beside an outlier the two neighbours agree with each other; beside a jump they do not.
     found = found[np.abs(x[found + 1] - x[found - 1]) < AGREE * np.abs(off[found])]
@@ -66,7 +68,7 @@ def _spikes(x: Array, smallest: float, drive: bool) -> NDArray[np.int64]:
         # The neighbours lie on the course of those beyond them: else it is a short pulse, no single sample.
         slope = (x[k + 2] - x[k - 2]) / 4.0
         beside = max(abs(x[k - 1] - x[k - 2] - slope), abs(x[k + 1] - x[k + 2] + slope))
-        if abs(off[k]) > FAR * size and beside < ALONE * abs(off[k]) + 2.5 * size and (size > 0.0 or not drive):
+        if abs(off[k]) > FAR * size and beside < ALONE * abs(off[k]) + 2.5 * size and (size > 0.0 or not may_jump):
             kept.append(k)
     return np.array(kept, dtype=np.int64)
 

@@ -152,8 +152,8 @@ def judged(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
     Where the two values of a parameter differ by more than their intervals, the value becomes the middle, the interval
     contains both, and the status is DISAGREE. Where the residual torque has a memory, standard deviations, which take
     it for white, become at least those of the regression. If the equations of motion do not explain the torque, the
-    status is POOR_FIT. An estimate that did not converge stays as it is, but for a note if the regression describes the
-    motion. A drive that is late or early is noted.
+    status is POOR_FIT. A poor fit is told what the regression says of the motion. A drive that is late or early is
+    noted.
     """
     estimate = _without_useless_advice(estimate, opinion)
     if opinion.lag:
@@ -161,6 +161,9 @@ def judged(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
         estimate = replace(estimate, notes=notes, message=message(notes))
     if estimate.status is Status.POOR_FIT and not opinion.fault and not opinion.lag:
         return _with_advice(estimate, opinion)
+    if estimate.status is Status.POOR_FIT and opinion.fault:
+        notes = (*estimate.notes[:1], sentence(opinion.fault), *estimate.notes[1:])
+        return replace(estimate, notes=notes, message=message(notes))
     if not estimate.converged:
         return estimate
     if opinion.fault:

@@ -19,6 +19,7 @@ from joint_id_core.estimators.regression.lag import drive_shift
 from joint_id_core.estimators.regression.least_squares import (
     ACCURACY,
     Solution,
+    explained,
     explained_later,
     solve,
     without,
@@ -52,6 +53,7 @@ MOST_GRAVITY = 0.5  # share of what is left that a load with the angle explains,
 LATE = 0.75  # samples
 LEFT = 0.2  # share of what is left unexplained, which is left with the best shift
 TOLD = 0.05  # doubt over the value from which its reason is told
+SURELY = 4.0  # standard deviations below zero, from which the sign of the drive is wrong
 LITTLE = 0.005  # share of the torque that may be left unexplained, whatever would explain it
 
 
@@ -127,6 +129,7 @@ class Fitted:
             option that adds it.
         late: by how many s the drive is late against the motion; None if it cannot be told.
         encoders: how late the link's encoder is; None without motion on both sides of the gear.
+        positive: True for parameters that cannot be negative, shape (k,).
     """
 
     samples: Samples
@@ -137,6 +140,7 @@ class Fitted:
     helps: Mapping[str, float]
     late: Shift | None
     encoders: Lag | None = None
+    positive: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -151,6 +155,16 @@ class Fitted:
             return known
         cross = encoders.sigma * encoders.effect[:, None]
         return np.block([[known, cross], [cross.T, np.array([[encoders.sigma**2]])]])
+
+    @property
+    def opposite(self) -> float:
+        """Share that is explained by negative inertia and friction; 0 if one of them is not surely negative."""
+        found, equation = self.solution, self.samples.equation
+        seen, surely = self.positive & ~found.unseen, found.unbounded < -SURELY * found.sigma
+        inertia = np.array([n == equation.inertia for n in equation.names])
+        if not (surely & inertia).any() or not (found.unbounded[seen] < 0.0).all():
+            return 0.0
+        return explained(self.samples.y, self.samples.columns @ np.nan_to_num(found.unbounded))
 
     @property
     def lag(self) -> str:
@@ -175,9 +189,14 @@ class Fitted:
                 f"the link's encoder seems to be {when} against the motor's, which looks like viscous friction: take a "
                 "model with delays (--delays), or correct its times"
             )
+        quantity = self.samples.equation.quantity
+        if self.opposite > LEAST_R_SQUARED:
+            return (
+                f"the {quantity} acts against the motion: with the opposite sign {_percent(self.opposite)} of it are "
+                "explained; change the sign of its column or of the positions (--map torque=-1*COLUMN)"
+            )
         if not self.solution.r_squared > LEAST_R_SQUARED:
-            quantity = self.samples.equation.quantity
-            return f"only {100.0 * self.solution.r_squared:.3g} % of the {quantity} are explained"
+            return f"only {_percent(self.solution.r_squared)} of the {quantity} are explained"
         if self.gravity > MOST_GRAVITY and 1.0 - self.solution.r_squared > LITTLE:
             angle = f"a load that depends on the angle explains {100.0 * self.gravity:.2g} % {left}"
             return f"{angle}: take a model with gravity ({GRAVITY})"
@@ -211,7 +230,7 @@ def tested(
             gravity = share_explained(y[fast], columns[fast], more[fast])
     at = samples.time[rows.index[fast]]
     late = drive_shift(samples.time, samples.drive, at, y[fast], columns[fast], band_hz)
-    return Fitted(samples, solution, gravity, later, memory, helps, late, encoders)
+    return Fitted(samples, solution, gravity, later, memory, helps, late, encoders, np.array(positive, dtype=bool))
 
 
 def _percent(share: float) -> str:
@@ -260,7 +279,7 @@ def judge(
     below = [n for n, found_row in found.items() if found_row.verdict is Verdict.AT_BOUND]
     unseen = [n for n, found_row in found.items() if found_row.verdict in (Verdict.NOT_EXCITED, Verdict.PRIOR)]
     quantity = worst.samples.equation.quantity
-    explained = f"{100.0 * worst.solution.r_squared:.3g} % of the {quantity} below {band_hz:.3g} Hz are explained"
+    explained = f"{_percent(worst.solution.r_squared)} of the {quantity} below {band_hz:.3g} Hz are explained"
     if np.isfinite(worst.held_out):
         explained += (
             f"; a fit of the first part explains {_percent(worst.held_out)} of friction and inertia in the rest"

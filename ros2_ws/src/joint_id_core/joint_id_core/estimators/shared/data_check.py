@@ -33,12 +33,17 @@ def refused(model: Model, estimator: str, found: Sequence[Finding], recording: R
 
 
 def noted(estimate: Estimate, found: Sequence[Finding], model: Model, recording: Recording) -> Estimate:
-    """Return an estimate with the findings after its own notes, and with whether the samples show its oscillation."""
+    """Return an estimate with the findings after its first note, and with whether the samples show its oscillation.
+
+    A fault of the data explains most of what the other notes say of a fit.
+    """
     texts = [f.text for f in found]
     if estimate.status in (Status.CONVERGED, Status.DISAGREE):
         texts += [slow_samples(model, estimate.values, 1.0 / recording.period)]
     more = [sentence(text) for text in texts if text]
     if not more:
         return estimate
-    notes = (*estimate.notes, *more)
-    return replace(estimate, notes=notes, message=message(notes) if estimate.notes else estimate.message)
+    if not estimate.notes:
+        return replace(estimate, notes=tuple(more))
+    notes = (*estimate.notes[:1], *more, *estimate.notes[1:])
+    return replace(estimate, notes=notes, message=message(notes))

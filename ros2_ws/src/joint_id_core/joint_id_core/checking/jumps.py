@@ -1,0 +1,84 @@
+"""Positions that jump: an encoder that wraps, stands still for a while, or gets another zero."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from joint_id_core.checking.finding import Finding, number, places, stretches
+from joint_id_core.checking.repeats import late_steps
+from joint_id_core.checking.signals import joint_moves, noise
+from joint_id_core.data.recording import Array, Recording
+
+FASTER = 6.0  # than any of the steps around, to either side, from which a step is a jump
+REACH = 6  # these steps
+STEPS = 20.0  # of the noise or resolution; less may be chance
+LEAST_SHARE = 0.01  # of the span; less does little harm
+BACK = 0.5  # of a jump, by which the position comes back within `REACH` samples, as after an outlier
+LONG = 10  # equal values before a jump that are no chance
+ALIKE = 0.1  # of their size, by which the jumps of a position that wraps differ
+
+
+def jumps(recording: Recording) -> Iterator[Finding]:
+    """Find steps of a position that no joint makes. Single outliers and short dropouts are left to others."""
+    if not joint_moves(recording):
+        return
+    for name in recording.channels:
+        if not name.endswith("_position") or not recording.measured(name) or name.startswith("reference"):
+            continue
+        known = np.flatnonzero(np.isfinite(recording[name]))
+        x = recording[name][known]
+        at = _sudden(recording.time[known], x)
+        first, length = late_steps(recording.time[known], x)  # these are named there
+        at = at[~np.isin(at, first - 1 + length)]
+        if len(at):
+            yield Finding(_said(name, recording, x, known, at), (name,))
+
+
+def _sudden(time: Array, x: Array) -> NDArray[np.int64]:
+    """Return the samples before jumps."""
+    if len(x) < 4 * REACH:
+        return np.zeros(0, dtype=np.int64)
+    step, speed = np.diff(x), np.abs(np.diff(x) / np.diff(time))
+    windows = np.lib.stride_tricks.sliding_window_view(speed, REACH)  # windows[k] is speed[k : k + REACH]
+    most = windows.max(axis=1)
+    k = np.arange(REACH, len(step) - REACH)
+    around = np.maximum(most[k - REACH], most[k + 1]) * np.diff(time)[k]
+    moved = np.abs(step[step != 0.0])
+    resolution = float(moved.min()) if len(moved) else 0.0
+    size = np.abs(step[k])
+    found = k[
+        (size > FASTER * around)
+        & (size > STEPS * max(noise(x), resolution))
+        & (size > LEAST_SHARE * float(np.ptp(x)))
+        & (x[k] != 0.0)
+        & (x[k + 1] != 0.0)
+    ]
+    back = np.array([np.abs(x[j + 2 : j + 2 + REACH] - x[j]).min() < BACK * abs(step[j]) for j in found], dtype=bool)
+    came = np.array([np.abs(x[j - REACH : j] - x[j + 1]).min() < BACK * abs(step[j]) for j in found], dtype=bool)
+    return found[~(back | came)]
+
+
+def _said(name: str, recording: Recording, x: Array, known: NDArray[np.int64], at: NDArray[np.int64]) -> str:
+    """Return in words what the jumps after the samples `at` are."""
+    sizes = np.abs(x[at + 1] - x[at])
+    begins = [_first_equal(x, k) for k in at.tolist()]
+    if all(k - begin >= LONG for k, begin in zip(at.tolist(), begins, strict=True)):
+        stands = stretches(recording, list(zip(known[begins].tolist(), known[at].tolist(), strict=True)))
+        return f"Channel {name} stands still in samples {stands} and jumps then: the sensor froze; remove these samples"
+    where = places(recording, known[at + 1])
+    if len(at) > 1 and np.ptp(sizes) < ALIKE * sizes.max() and float(np.ptp(x)) < (1.0 + ALIKE) * sizes.max():
+        return f"Channel {name} wraps by {np.median(sizes):.4g} rad, {number(len(at), 'time')}: {where}; unwrap it"
+    return (
+        f"Channel {name} jumps by up to {sizes.max():.3g} rad, {number(len(at), 'time')}: {where}; an encoder that "
+        "slips or gets another zero does so: fit the parts by themselves (--start, --end)"
+    )
+
+
+def _first_equal(x: Array, k: int) -> int:
+    """Return the first of the equal values that end with sample k."""
+    while k > 0 and x[k - 1] == x[k]:
+        k -= 1
+    return k
