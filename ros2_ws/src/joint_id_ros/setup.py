@@ -27,8 +27,9 @@ setup(
             "identifier = joint_id_ros.running:identifier",
             "player = joint_id_ros.running:player",
             "driver = joint_id_ros.running:driver",
+            "watch = joint_id_ros.running:watch",
         ],
-        "joint_id.commands": ["record = joint_id_ros.record:record"],
+        "joint_id.commands": ["record = joint_id_ros.record:record", "watch = joint_id_ros.watch:watch"],
         "joint_id.checks": ["ros = joint_id_ros.doctor:checks"],
     },
 )

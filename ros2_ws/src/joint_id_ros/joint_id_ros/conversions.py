@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 from builtin_interfaces.msg import Time
 
 from joint_id_core.data.instants import NANO
@@ -13,7 +14,8 @@ from joint_id_core.data.signals import LARGEST
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.topics import Topic
 from joint_id_core.models import Model
-from joint_id_core.results.estimate import Status, Verdict
+from joint_id_core.results.estimate import Estimate, Status, Verdict
+from joint_id_core.results.estimate import ParameterEstimate as CoreParameter
 from joint_id_msgs.msg import JointEstimate, ParameterEstimate
 
 STATUS_CODES = {status: getattr(JointEstimate, status.name) for status in Status}
@@ -70,4 +72,29 @@ def to_truth_message(joint: str, model: Model, values: Mapping[str, float], sinc
         window_start=stamp, window_end=stamp, status=JointEstimate.CONVERGED,
         parameters_start=stamp, parameters_end=stamp, parameters_status=JointEstimate.CONVERGED, parameters=rows,
         temperature=math.nan,
+    )  # fmt: skip
+
+
+def to_estimate(message: JointEstimate) -> Estimate:
+    """Return the estimate of a message, with times in s of the epoch; what a message does not hold is empty.
+
+    Status and message are those of the newest window, parameters those of the newest good one.
+    """
+    verdicts = {code: verdict for verdict, code in VERDICT_CODES.items()}
+    statuses = {code: status for status, code in STATUS_CODES.items()}
+    rows = tuple(
+        CoreParameter(p.name, p.unit, p.value, p.std_dev, verdicts[p.verdict], reason=p.reason)
+        for p in message.parameters
+    )
+    count = len(message.free)
+    signals = list(message.signal)
+    return Estimate(
+        model=message.model, estimator=message.estimator, status=statuses[message.status], message=message.message,
+        parameters=rows, free=tuple(message.free), covariance=np.array(message.covariance).reshape(count, count),
+        nrmse={n: v for n, v in zip(signals, message.nrmse, strict=True) if not math.isnan(v)},
+        noise={n: v for n, v in zip(signals, message.noise_std, strict=True) if not math.isnan(v)},
+        chi2=message.chi2, substeps=message.substeps, iterations=message.iterations, elapsed_s=message.solve_time,
+        start=nanoseconds(message.parameters_start) / NANO, end=nanoseconds(message.parameters_end) / NANO,
+        samples=message.samples, source="/joint_params", joint=message.joint, temperature=message.temperature,
+        notes=(message.message,) if message.message else (),
     )  # fmt: skip

@@ -12,6 +12,7 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Sequence
 from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Protocol
@@ -44,8 +45,10 @@ class Runnable(Protocol):
         """Stop threads and close files; called once, however the node ended."""
 
 
-def run(name: str, kind: str) -> int:
+def run(name: str, kind: str, arguments: Sequence[str] | None = None) -> int:
     """Run the node class `kind` of `nodes/<name>.py` until SIGINT, SIGTERM or its own end; return the exit code.
+
+    The arguments are those of ROS; None takes those of the command line.
 
     The exit code is 0 after a signal or a normal end, 2 after bad input, and 3 after input that turned bad later. Bad
     input is reported in one line on stderr.
@@ -70,7 +73,7 @@ def run(name: str, kind: str) -> int:
     make = getattr(import_module(f"joint_id_ros.nodes.{name}"), kind)
     node = executor = None
     try:
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=None if arguments is None else list(arguments), signal_handler_options=SignalHandlerOptions.NO)
         node = make()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
@@ -119,3 +122,4 @@ filter = partial(run, "filter", "FilterNode")
 identifier = partial(run, "identifier", "IdentifierNode")
 player = partial(run, "player", "PlayerNode")
 sim = partial(run, "sim", "SimNode")
+watch = partial(run, "watch", "WatchNode")

@@ -8,15 +8,16 @@ from html import escape
 from importlib.resources import files
 from typing import Any
 
-# A page may only use what is in it.
+# A page may only use what is in it; a live one may also ask where it came from.
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:"
+LIVE_POLICY = f"{POLICY}; connect-src 'self'; form-action 'none'; base-uri 'none'"
 
 
 class Page:
-    """A page that grows section by section."""
+    """A page that grows section by section; `live` names the script of one that goes on."""
 
-    def __init__(self, title: str) -> None:
-        self._title = title
+    def __init__(self, title: str, live: str = "") -> None:
+        self._title, self._live = title, live
         self._body: list[str] = []
         self._plots: list[dict[str, Any]] = []
 
@@ -37,16 +38,17 @@ class Page:
     def html(self) -> str:
         """Return the page."""
         data = json.dumps(self._plots, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+        policy, more = (LIVE_POLICY, f"\n<script>{_asset(self._live)}</script>") if self._live else (POLICY, "")
         return (
             '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
             '<meta name="viewport" content="width=device-width, initial-scale=1">'
-            f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
+            f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
             f"<title>{escape(self._title)}</title>"
             f"<style>{_asset('uPlot.min.css')}{_asset('style.css')}</style></head>\n"
             f"<body>{''.join(self._body)}\n"
             f'<script id="plots" type="application/json">{data}</script>\n'
             f"<!-- uPlot: {_asset('uPlot.LICENSE.txt')} -->\n"
-            f"<script>{_asset('uPlot.iife.min.js')}</script>\n<script>{_asset('plots.js')}</script></body></html>\n"
+            f"<script>{_asset('uPlot.iife.min.js')}</script>\n<script>{_asset('plots.js')}</script>{more}</body></html>\n"
         )
 
 

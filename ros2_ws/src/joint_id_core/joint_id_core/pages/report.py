@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
+from typing import Any
 
 import numpy as np
 import scipy
@@ -83,19 +84,25 @@ def _predictions(page: Page, estimate: Estimate, shown: Predictions, origin: flo
     yield '<p class="hint">Drag over a plot to zoom in, click twice to zoom out.</p>'
     if estimate.estimator != Regression.name:
         yield paragraph("Predictions begin anew at the filtered state every 0.1 s: their errors grow from there.")
+    for plot_ in prediction_plots(shown, origin):
+        yield page.figure(plot_)
+
+
+def prediction_plots(shown: Predictions, origin: float) -> Iterator[dict[str, Any]]:
+    """Return plots of measured and predicted labels, of their differences and of the spectra of these."""
     time = shown.time - origin
     for name, predicted in shown.predicted.items():
         measured, unit = shown.measured[name], CHANNELS[name].unit if name in CHANNELS else ""
         label = name.replace("_", " ")
         both = {"measured": measured, "predicted": predicted}
-        yield page.figure(plot(f"{label} [{unit}]", time, both, dots=("measured",)))
+        yield plot(f"{label} [{unit}]", time, both, dots=("measured",))
         error = predicted - measured
-        yield page.figure(plot(f"error of {label} [{unit}]", time, {"predicted - measured": error}))
+        yield plot(f"error of {label} [{unit}]", time, {"predicted - measured": error})
         spectrum = _spectrum(time, error)
         if spectrum is not None:
             density = {"residual": spectrum[1]}
             title = f"spectrum of the error of {label} [({unit})²/Hz]"
-            yield page.figure(plot(title, spectrum[0], density, "frequency [Hz]", log=True))
+            yield plot(title, spectrum[0], density, "frequency [Hz]", log=True)
 
 
 def _spectrum(time: Array, error: Array) -> tuple[Array, Array] | None:
@@ -128,16 +135,39 @@ def _windows(page: Page, contents: Contents, origin: float) -> Iterator[str]:
     who = "a regression of all samples so far" if regression else "the online identifier"
     yield paragraph(f"What {who} says at each moment, with 95 % intervals, and the values above (level).")
     time = np.array([e.end for e in found]) - origin
-    for p in contents.estimate.parameters:
-        if p.name not in found[-1].free or p.verdict in NO_TREND:
+    names = [n for n in found[-1].free if all(n in e.free for e in found)]
+    course = {n: tuple(np.array([getattr(e[n], f) for e in found]) for f in ("value", "std_dev")) for n in names}
+    levels = {"all samples": contents.estimate.values}
+    for plot_ in trend_plots(contents.estimate.parameters, time, course, "so far", levels):
+        yield page.figure(plot_)
+
+
+def trend_plots(
+    parameters: Sequence[ParameterEstimate],
+    time: Array,
+    course: Mapping[str, tuple[Array, ...]],
+    name: str,
+    levels: Mapping[str, Mapping[str, float]],
+) -> Iterator[dict[str, Any]]:
+    """Return a plot for each parameter that is known: its values with 95 % intervals, beside levels.
+
+    Args:
+        parameters: the newest estimates.
+        time: instants in s, shape (T,).
+        course: value and standard deviation by parameter, each of shape (T,).
+        name: of the values.
+        levels: constant values by parameter, by what they are called.
+    """
+    for p in parameters:
+        if p.name not in course or p.verdict in NO_TREND:
             continue
-        values, sigmas = (np.array([getattr(e[p.name], f) for e in found]) for f in ("value", "std_dev"))
+        values, sigmas = course[p.name]
         known = sigmas < np.fmax(TOO_WIDE * np.abs(values), 2.0 * p.std_dev)  # wider ones would hide the others
-        if not known.any():
-            continue
-        rows = {"so far": np.where(known, values, np.nan), "all samples": np.full(len(time), p.value)}
-        bands = {"so far": np.where(known, WIDE * sigmas, np.nan)}
-        yield page.figure(plot(f"{p.name} [{p.unit}]", time, rows, bands=bands))
+        if known.any():
+            rows = {name: np.where(known, values, np.nan)}
+            rows |= {n: np.full(len(time), level[p.name]) for n, level in levels.items() if p.name in level}
+            bands = {name: np.where(known, WIDE * sigmas, np.nan)}
+            yield plot(f"{p.name} [{p.unit}]", time, rows, bands=bands)
 
 
 def _held_out(contents: Contents) -> Iterator[str]:

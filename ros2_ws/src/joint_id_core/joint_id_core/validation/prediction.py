@@ -18,7 +18,7 @@ from joint_id_core.estimators.shared.initial_state import rough_states
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.estimators.shared.substeps import steps_of
 from joint_id_core.models import Model
-from joint_id_core.results.estimate import Estimate
+from joint_id_core.results.estimate import Estimate, Predictions
 from joint_id_core.validation.inverse_dynamics import drive, drive_errors
 
 HORIZON_S = 0.1  # how far ahead labels are predicted, as in the estimator's own report
@@ -53,10 +53,7 @@ def held_out_errors(
     Raises:
         JointIdError: the recording cannot be used with this model, or is too short to predict anything.
     """
-    data = prepare(model, recording, ParameterSettings.of_estimate(estimate))
-    kernel = compile_model(model, "tanh", data.freed, estimate.cell)
-    states, steps = filtered(data, kernel, estimate.noise, estimate.substeps)
-    predictions = free_runs(kernel, data, states, data.p, steps, horizon_s)
+    data, predictions = _free_runs(model, recording, estimate, horizon_s)
     judged = _settled(data, horizon_s)
     if not judged.any():
         raise JointIdError(
@@ -72,6 +69,29 @@ def held_out_errors(
             lost = np.isfinite(data.y[:, k]) & ~np.isfinite(predictions[name])
             errors[name][at] = np.where(lost, np.inf, (predictions[name] - data.y[:, k]) / spread)[judged]
     return errors
+
+
+def predicted(
+    model: Model, recording: Recording, estimate: Estimate, horizon_s: float = HORIZON_S
+) -> Predictions:  # fmt: skip
+    """Return the labels of a recording, and what the parameters of an estimate predict of them: see `held_out_errors`.
+
+    Raises:
+        JointIdError: the recording cannot be used with this model.
+    """
+    data, predictions = _free_runs(model, recording, estimate, horizon_s)
+    measured = {name: data.y[:, k] for k, name in enumerate(data.labels)}
+    return Predictions(data.time, measured, {name: predictions[name] for name in measured})
+
+
+def _free_runs(
+    model: Model, recording: Recording, estimate: Estimate, horizon_s: float
+) -> tuple[FitData, Mapping[str, Array]]:
+    """Return the data of a recording, and predictions (T,) of the states by name."""
+    data = prepare(model, recording, ParameterSettings.of_estimate(estimate))
+    kernel = compile_model(model, "tanh", data.freed, estimate.cell)
+    states, steps = filtered(data, kernel, estimate.noise, estimate.substeps)
+    return data, free_runs(kernel, data, states, data.p, steps, horizon_s)
 
 
 def filtered(data: FitData, kernel: Kernel, noise: Mapping[str, float], substeps: int) -> tuple[Array, Steps]:

@@ -13,6 +13,7 @@ from joint_id_ros.options.identifier import IdentifierOptions
 from joint_id_ros.options.player import PlayerOptions
 from joint_id_ros.options.reading import FilterReadingOptions, ReadingOptions
 from joint_id_ros.options.sim import SimOptions
+from joint_id_ros.options.watch import WatchOptions
 
 NODES: dict[str, tuple[type, ...]] = {
     "sim": (SimOptions, MotionOptions),
@@ -20,4 +21,5 @@ NODES: dict[str, tuple[type, ...]] = {
     "identifier": (IdentifierOptions, OnlineOptions, BaselineOptions, ReadingOptions),
     "player": (PlayerOptions,),
     "driver": (DriverOptions, StreamOptions),
+    "watch": (WatchOptions,),
 }

@@ -40,14 +40,27 @@
     };
   }
 
-  for (const figure of document.querySelectorAll("figure[data-plot]")) {
-    const plot = plots[Number(figure.dataset.plot)];
+  // Draws a plot into a figure, or gives the one that is there new data.
+  function draw(figure, plot) {
+    const known = drawn.find(([other]) => other === figure);
+    if (known) {
+      known[1].setData(plot.data);
+      return;
+    }
     const chart = new uPlot(options(plot, figure), plot.data, figure);
     figure.querySelectorAll(".u-legend .edge").forEach((row) => row.remove());
     drawn.push([figure, chart]);
+    document.body.dataset.drawn = String(drawn.length);
   }
+  function clear() {
+    drawn.splice(0).forEach(([, chart]) => chart.destroy());
+    document.body.dataset.drawn = "0";
+  }
+  globalThis.jointId = { draw, clear };
+
+  document.body.dataset.drawn = "0";
+  for (const figure of document.querySelectorAll("figure[data-plot]")) draw(figure, plots[Number(figure.dataset.plot)]);
   const fit = () => drawn.forEach(([figure, chart]) => chart.setSize({ width: width(figure), height: 260 }));
   addEventListener("resize", fit);
   addEventListener("beforeprint", fit);
-  document.body.dataset.drawn = String(drawn.length);
 })();

@@ -1,0 +1,139 @@
+"use strict";
+// Keeps a live page up to date: a table of the joints from events, plots of the chosen joint when an event comes.
+(() => {
+  const $ = (id) => document.getElementById(id);
+  let chosen = decodeURIComponent(location.hash.slice(1));
+  let busy = false;
+  let drawn = "";
+
+  const text = (tag, content, look = "") => {
+    const element = document.createElement(tag);
+    element.textContent = content == null ? "-" : String(content);
+    if (look) element.className = look;
+    return element;
+  };
+
+  function table(place, head, rows) {
+    const all = document.createElement("table");
+    const top = all.createTHead().insertRow();
+    head.forEach((cell) => top.append(text("th", cell)));
+    const body = all.createTBody();
+    for (const [cells, choose] of rows) {
+      const row = body.insertRow();
+      cells.forEach((cell) => row.append(cell instanceof Element ? cell : text("td", cell)));
+      if (choose) {
+        row.tabIndex = 0;
+        row.className = choose === chosen ? "chosen" : "choice";
+        row.onclick = () => select(choose);
+        row.onkeydown = (event) => { if (event.key === "Enter") select(choose); };
+      }
+    }
+    place.replaceChildren(all);
+  }
+
+  function list(place, texts, none) {
+    place.replaceChildren(...(texts.length ? texts : [none]).map((t) => text("li", t)));
+  }
+
+  function badge(word, look) {
+    const cell = document.createElement("td");
+    cell.append(text("span", word, `status ${look}`));
+    return cell;
+  }
+
+  function select(joint) {
+    chosen = joint;
+    history.replaceState(null, "", `#${encodeURIComponent(joint)}`);
+    refresh();
+  }
+
+  function show(state) {
+    if (!state.joints) return;
+    const joints = state.joints;
+    if (!joints.some((j) => j.joint === chosen)) chosen = joints.length ? joints[0].joint : "";
+    $("link").textContent = "live";
+    $("link").className = "status good";
+    $("told").textContent = joints.length ? `${joints.length} joints, ${joints.filter((j) => j.good).length} converged`
+      : "No estimate yet: is an identifier running?";
+    list($("alarms"), joints.flatMap((j) => j.alarms.map((a) => `${j.joint}: ${a}`)).concat(
+      state.nodes.filter((n) => n.level > 0).map((n) => `${n.name}: ${n.message}`)), "None.");
+    table($("joints"), ["joint", "status", "model", "age [s]", "temperature [°C]", "nrmse", "message"], joints.map((j) => [[
+      j.joint, badge(j.status, j.good ? "good" : j.status === "disagree" ? "fair" : ""), j.model, j.age, j.temperature,
+      Object.entries(j.nrmse).map(([n, v]) => `${n} ${v == null ? "-" : v}`).join(", "), j.message,
+    ], j.joint]));
+    const joint = joints.find((j) => j.joint === chosen);
+    $("report").href = `report?joint=${encodeURIComponent(chosen)}`;
+    if (joint) table($("parameters"), ["parameter", "value", "± (95 %)", "unit", "verdict", "reason"],
+      joint.parameters.map((row) => [row]));
+    table($("nodes"), ["node", "state", "what it says", "values"], state.nodes.map((n) => [[
+      n.name, badge(["ok", "warning", "error", "stale"][n.level] || "?", ["good", "fair"][n.level] || ""), n.message,
+      n.values.map(([k, v]) => `${k}: ${v}`).join("; "),
+    ]]));
+    document.body.dataset.states = String(Number(document.body.dataset.states || 0) + 1);
+    refresh();
+  }
+
+  function place(parent, plots) {
+    plots.forEach((plot) => {
+      let figure = [...parent.children].find((f) => f.dataset.title === plot.title);
+      if (!figure) {
+        figure = document.createElement("figure");
+        figure.dataset.title = plot.title;
+        figure.append(text("figcaption", plot.title));
+        parent.append(figure);
+      }
+      jointId.draw(figure, plot);
+    });
+  }
+
+  async function refresh() {
+    if (busy || !chosen) return;
+    busy = true;
+    const wanted = chosen;
+    try {
+      const answer = await fetch(`joint?name=${encodeURIComponent(wanted)}`);
+      if (!answer.ok) { $("window").textContent = await answer.text(); return; }
+      const found = await answer.json();
+      // Another joint, or other curves: a plot is made for its curves.
+      const kind = JSON.stringify([wanted, ...found.trends.concat(found.fit).map((p) => [p.title, p.series, p.bands])]);
+      if (kind !== drawn) {
+        jointId.clear();
+        $("trends").replaceChildren();
+        $("fit").replaceChildren();
+        drawn = kind;
+      }
+      place($("trends"), found.trends);
+      place($("fit"), found.fit);
+      $("window").textContent = found.told;
+    } catch (error) {
+      lost();
+    } finally {
+      busy = false;
+    }
+  }
+
+  function lost() {
+    $("link").textContent = "not connected";
+    $("link").className = "status";
+  }
+
+  for (const button of document.querySelectorAll("button[data-action]")) {
+    button.onclick = async () => {
+      const name = button.dataset.action;
+      if (name === "reset" && !confirm("Forget all that is known of the joints?")) return;
+      button.disabled = true;
+      try {
+        const answer = await fetch(`action/${name}`, { method: "POST", headers: { "X-Joint-Id": "1" } });
+        $("told").textContent = answer.ok ? (await answer.json()).message : await answer.text();
+      } catch (error) {
+        lost();
+      } finally {
+        button.disabled = false;
+      }
+    };
+  }
+
+  const events = new EventSource("events");
+  events.onmessage = (event) => show(JSON.parse(event.data));
+  events.onerror = lost;
+})();
