@@ -71,7 +71,7 @@ class Course:
 
     def arrays(self) -> tuple[Array, dict[str, tuple[Array, Array]]]:
         """Return instants (T,) in s before the newest one, and value and standard deviation (T,) by parameter."""
-        time, rows = np.array(self._time), list(self._rows)
+        time, rows = np.array(self._time, dtype=float), list(self._rows)
         nothing = (math.nan, math.nan)
         names = list(dict.fromkeys(name for row in rows for name in row))
         table = {n: np.array([row.get(n, nothing) for row in rows]).reshape(-1, 2) for n in names}
@@ -150,6 +150,7 @@ def live_page(title: str, actions: Sequence[str] = tuple(ACTIONS)) -> str:
     page.section(
         "Parameters",
         '<p class="hint">Choose a joint above. <a id="report" target="_blank">Report of this joint</a></p>',
+        '<p id="says"></p>',
         '<div class="wide" id="parameters"></div>',
     )  # fmt: skip
     page.section("Course", '<p class="hint">Time is that of the samples, before the newest.</p><div id="trends"></div>')

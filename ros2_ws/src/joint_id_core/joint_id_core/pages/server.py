@@ -7,6 +7,7 @@ reach it under a name of its own (DNS rebinding): requests for another host or f
 from __future__ import annotations
 
 import json
+import sys
 import threading
 from collections.abc import Callable, Mapping
 from http import HTTPStatus
@@ -68,10 +69,9 @@ class PageServer:
         self.pages, self.answers, self.actions, self.feed = pages, answers, actions, feed
         self.closed, self.readers = threading.Event(), threading.BoundedSemaphore(MOST_EVENTS)
         try:
-            self._server = ThreadingHTTPServer((HOST, port), _handler(self))
+            self._server = _Quiet((HOST, port), _handler(self))
         except OSError as error:
             raise JointIdError(f"port {port} cannot be used ({error.strerror}): choose another one") from error
-        self._server.daemon_threads = True
         self.port = int(self._server.server_address[1])
         self._thread = threading.Thread(target=self._server.serve_forever, name="pages", daemon=True)
         self._thread.start()
@@ -87,6 +87,17 @@ class PageServer:
         self.feed.publish({})
         self._server.shutdown()
         self._server.server_close()
+
+
+class _Quiet(ThreadingHTTPServer):
+    """A server that says nothing of connections that the browser closed."""
+
+    daemon_threads = True
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Say what went wrong, if it was not the connection."""
+        if not isinstance(sys.exc_info()[1], OSError):
+            super().handle_error(request, client_address)
 
 
 def _handler(server: PageServer) -> type[BaseHTTPRequestHandler]:

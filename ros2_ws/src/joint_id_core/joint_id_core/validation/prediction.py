@@ -80,8 +80,9 @@ def predicted(
         JointIdError: the recording cannot be used with this model.
     """
     data, predictions = _free_runs(model, recording, estimate, horizon_s)
-    measured = {name: data.y[:, k] for k, name in enumerate(data.labels)}
-    return Predictions(data.time, measured, {name: predictions[name] for name in measured})
+    measured, judged = {name: data.y[:, k] for k, name in enumerate(data.labels)}, _settled(data, horizon_s)
+    shown = {name: np.where(judged, predictions[name], np.nan) for name in measured}
+    return Predictions(data.time, measured, shown)
 
 
 def _free_runs(

@@ -57,16 +57,17 @@
       : "No estimate yet: is an identifier running?";
     list($("alarms"), joints.flatMap((j) => j.alarms.map((a) => `${j.joint}: ${a}`)).concat(
       state.nodes.filter((n) => n.level > 0).map((n) => `${n.name}: ${n.message}`)), "None.");
-    table($("joints"), ["joint", "status", "model", "age [s]", "temperature [°C]", "nrmse", "message"], joints.map((j) => [[
+    table($("joints"), ["joint", "status", "model", "age [s]", "temperature [°C]", "nrmse"], joints.map((j) => [[
       j.joint, badge(j.status, j.good ? "good" : j.status === "disagree" ? "fair" : ""), j.model, j.age, j.temperature,
-      Object.entries(j.nrmse).map(([n, v]) => `${n} ${v == null ? "-" : v}`).join(", "), j.message,
+      Object.entries(j.nrmse).map(([n, v]) => `${n} ${v == null ? "-" : v}`).join(", "),
     ], j.joint]));
     const joint = joints.find((j) => j.joint === chosen);
     $("report").href = `report?joint=${encodeURIComponent(chosen)}`;
+    $("says").textContent = joint ? `${joint.joint}: ${joint.message}` : "";
     if (joint) table($("parameters"), ["parameter", "value", "± (95 %)", "unit", "verdict", "reason"],
       joint.parameters.map((row) => [row]));
     table($("nodes"), ["node", "state", "what it says", "values"], state.nodes.map((n) => [[
-      n.name, badge(["ok", "warning", "error", "stale"][n.level] || "?", ["good", "fair"][n.level] || ""), n.message,
+      n.name, badge(["ok", "warning", "error", "silent"][n.level] || "?", ["good", "fair"][n.level] || ""), n.message,
       n.values.map(([k, v]) => `${k}: ${v}`).join("; "),
     ]]));
     document.body.dataset.states = String(Number(document.body.dataset.states || 0) + 1);
