@@ -36,13 +36,13 @@ $(WS)/install/.built: $(VENV)/.installed $(BUILD_INPUTS) $(BUILD_TOOLS)
 # Everything that users rely on, quick tests first. Those whose nodes stream at 500 Hz or run against a clock come last.
 # Nodes wait more than they compute, so three of their tests run at once.
 test: setup
-	$(RUN) python -m pytest -n 2 --dist worksteal --durations=10 $(UNIT_TESTS)
+	$(RUN) python -m pytest -n 2 --dist worksteal --durations=10 -m "not long" $(UNIT_TESTS)
 	$(RUN) python -m pytest -n 3 --dist loadfile --durations=10 -m "not long" $(NODE_TESTS) $(TIMED_TESTS:%=--ignore=%)
 	$(RUN) python -m pytest -n 3 --dist loadfile --durations=10 $(TIMED_TESTS)
 
 # The tests marked "long": what takes minutes, and what guards only benchmarks/ and the study of the paper.
 test-long: setup $(VENV)/.paper
-	$(RUN) python -m pytest -n 2 --dist loadfile --durations=10 -m long $(NODE_TESTS)
+	$(RUN) python -m pytest -n 2 --dist loadfile --durations=10 -m long $(UNIT_TESTS) $(NODE_TESTS)
 
 # The numeric unit tests as on a processor without AVX-512, as most laptops are: LAPACK, sums and kernels round differently there.
 NUMERIC_TESTS := changes combinations drift esdirk fit_data follower gauss_newton held_out information innovations instruments levels memory messages \

@@ -24,6 +24,7 @@ from joint_id_core.results.estimate import Status
 from joint_id_ros.launch_files import LAUNCH_FILES, LaunchFile
 from joint_id_ros.options.node_list import NODES
 from joint_id_ros.record import record
+from joint_id_ros.watch import watch
 
 ROOT = Path(__file__).resolve().parent.parent
 MESSAGES = ROOT / "ros2_ws/src/joint_id_msgs/msg"
@@ -37,6 +38,7 @@ COMMANDS = (
     "simulate",
     "info",
     "record",
+    "watch",
     "robot-emulator",
     "doctor",
 )
@@ -164,8 +166,9 @@ def status_table() -> str:
 
 def commands() -> dict[str, Any]:
     """The commands of `joint-id` by name, as click objects."""
-    app.registered_commands = [c for c in app.registered_commands if c.callback is not record]
-    app.command("record")(record)  # as the entry point of joint_id_ros does
+    app.registered_commands = [c for c in app.registered_commands if c.callback not in (record, watch)]
+    app.command("record")(record)  # as the entry points of joint_id_ros do
+    app.command("watch")(watch)
     return dict(typer.main.get_command(app).commands)  # type: ignore[attr-defined]  # a group
 
 
