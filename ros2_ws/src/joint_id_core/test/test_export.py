@@ -221,3 +221,12 @@ def test_bad_input_is_one_line_and_writes_nothing(flexible, run, tmp_path, words
     code, out, err = run(*words)
     assert code == 2 and out == "" and says in err and err.count("\n") == 1
     assert not (tmp_path / "x").exists() and (tmp_path / "arm.urdf").read_text() == URDF
+
+
+def test_a_parameter_file_needs_estimates_of_one_model(flexible, run, tmp_path):
+    replace(flexible, joint="elbow").save(tmp_path / "elbow.json")
+    replace(fit(MODEL, motion()), joint="wrist").save(tmp_path / "wrist.json")
+    code, _, err = run("elbow.json", "wrist.json", "--ros-params")
+    assert code == 2 and "joint wrist is of another model" in err
+    code, _, err = run("elbow.json", "--ros-params", "--urdf", "arm.urdf", "--out", "x.urdf")
+    assert code == 2 and "exclude each other" in err

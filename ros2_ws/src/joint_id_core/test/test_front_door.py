@@ -88,7 +88,12 @@ def test_an_estimate_is_a_frame_and_a_figure(monkeypatch):
     found = jid.fit(MODEL, MOTION)
     frame = found.to_frame()
     assert list(frame.index) == [p.name for p in found.parameters] and frame.loc["J", "value"] == found["J"].value
-    assert len(found.plot().axes) == 2 * len(found.predictions.predicted)
+    drawn = found.plot()
+    labels = [axis.get_ylabel() for axis in drawn.axes]
+    assert labels == ["link position [rad]", "predicted -\nmeasured", "input\ntorque [Nm]", ""]
+    cells = [cell.get_text().get_text() for cell in drawn.axes[-1].tables[0].get_celld().values()]
+    assert {"J", "c", "tau_f", "estimated", f"{found['J'].value:.5g}"} <= set(cells)
+    assert "begin anew" in drawn.axes[1].get_title()
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(jid.JointIdError, match="pip install pandas"):
         found.to_frame()

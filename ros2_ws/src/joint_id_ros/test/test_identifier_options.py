@@ -1,8 +1,12 @@
 """What `set`, `fix` and `free` say of one joint holds there alone and wins over what they say of all joints."""
 
 import pytest
+import yaml
 
 from joint_id_core.errors import JointIdError
+from joint_id_core.models import build
+from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status, Verdict
+from joint_id_core.results.ros_params import parameter_file
 from joint_id_ros.options.identifier import IdentifierOptions
 
 
@@ -80,3 +84,26 @@ def test_a_drive_is_given_or_either():
     assert "k_t" in IdentifierOptions(model="rigid_joint").build("current").parameter_names
     assert "k_t" not in IdentifierOptions(model="rigid_joint").build("torque").parameter_names
     assert IdentifierOptions(model="electromechanical").build("torque").name == "electromechanical"
+
+
+def test_exported_estimates_are_what_the_identifier_starts_from():
+    model = build("motor_side", actuation="current")
+    values = {"J_m": 7e-5, "c_1": 12.0, "k_2": 3e5, "N": 101.0, "k_t": 0.1}
+    rows = tuple(
+        ParameterEstimate(
+            p.name, p.unit, values.get(p.name, p.nominal), 0.006 if p.name == "k_t" else float("nan"),
+            Verdict.ESTIMATED if p.name in ("J_m", "c_1") else Verdict.NOT_EXCITED,
+        )
+        for p in model.parameters
+    )  # fmt: skip
+    free = ("J_m", "c_m", "tau_fm", "c_1", "k_1", "dtheta_0")  # one that the table holds; tau_0 and k_2 are held here
+    options_ = {"actuation": "current", "friction": "coulomb_viscous", "delays": False}
+    estimate = Estimate("motor_side", "innovations", Status.CONVERGED, "", rows, free, model_options=options_)
+    content = yaml.safe_load(parameter_file({"elbow": estimate}, {"elbow": "made up"}))
+    given = content["/**/identifier"]["ros__parameters"]
+    options = IdentifierOptions(**{n: tuple(v) if isinstance(v, list) else v for n, v in given.items()})
+    assert options.joints == ("elbow",) and options.drives == ("current",)
+    settings = options.settings("elbow")
+    assert settings.values == {"J_m": 7e-5, "c_1": 12.0, "k_2": 3e5, "k_t": 0.1, "tau_0": 0.0}  # N is that of the table
+    assert set(settings.fixed) == {"k_2", "tau_0"} and list(settings.freed) == ["dtheta_0"]
+    assert options.deviations("elbow") == {"k_t": 0.006}

@@ -243,6 +243,13 @@ def is_compiled(model: Model, friction: str = "tanh", extra: tuple[str, ...] = (
     return _path(model, friction, sensitive, cell, "kernel").exists()
 
 
+def preparing(model: Model, friction: str = "tanh", extra: tuple[str, ...] = (), cell: str = "rk4") -> str:
+    """Return in words what `compile_model` is going to do, and how long that takes."""
+    if is_compiled(model, friction, extra, cell):
+        return f"loading the compiled cell of {model.name}"
+    return f"compiling {model.name}, which takes 10 to 20 s, once"
+
+
 def _path(model: Model, friction: str, sensitive: tuple[str, ...], cell: str, part: str) -> Path:
     """Return the file of one module of the kernel of a model."""
     return cache_directory() / f"{model.name}-{_key(model, friction, sensitive, cell)}" / f"{part}.py"

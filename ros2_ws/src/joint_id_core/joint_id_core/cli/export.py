@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 JOINT_HELP = (
     "name of the joint in the description, one for each estimate, in their order (default: that of the estimate)"
 )
+PARAMS_HELP = "parameter file of the identifier node, which starts with these values"
 ALL_HELP = "also what is not known to half of its value, and estimates that are not good ones"
 
 
@@ -26,21 +27,24 @@ def export(
     estimates: Annotated[list[Path], typer.Argument(help="estimates, from fit --save, one a joint")],
     urdf: Annotated[Optional[Path], typer.Option(help="robot description to take over, with these joints")] = None,
     mjcf: Annotated[Optional[Path], typer.Option(help="the same for MuJoCo")] = None,
+    ros_params: Annotated[bool, typer.Option("--ros-params", help=PARAMS_HELP)] = False,
     out: Annotated[Optional[Path], typer.Option("--out", "-o", help="file to write (default: CSV on stdout)")] = None,
     joint: Annotated[Optional[list[str]], typer.Option(help=JOINT_HELP)] = None,
     all_: Annotated[bool, typer.Option("--all", help=ALL_HELP)] = False,
 ) -> None:
     """Write damping, Coulomb friction and rotor inertia at the link, with their uncertainty, for a simulator.
 
-    Only what is known is written, unless --all is given; the rest is named on stderr.
+    Only what is known is written, unless --all is given; the rest is named on stderr. With --ros-params, write all
+    parameters of the model for the identifier node.
     """
     from joint_id_core.cli.group import complain
     from joint_id_core.results.at_link import at_link
     from joint_id_core.results.estimate import Estimate
     from joint_id_core.results.robot_files import with_joints
+    from joint_id_core.results.ros_params import parameter_file
 
-    if urdf is not None and mjcf is not None:
-        raise JointIdError("--urdf and --mjcf exclude each other: give one, and run the command twice for both")
+    if (urdf is not None) + (mjcf is not None) + ros_params > 1:
+        raise JointIdError("--urdf, --mjcf and --ros-params exclude each other: run the command once for each")
     template, kind = (urdf, "urdf") if urdf is not None else (mjcf, "mjcf")
     if template is not None and out is None:
         raise JointIdError(f"--{kind} needs a file to write: give --out FILE")
@@ -49,6 +53,7 @@ def export(
     if joint is not None and len(joint) != len(estimates):
         raise JointIdError(f"{len(joint)} names and {len(estimates)} estimates: give one --joint for each")
     found: dict[str, list[AtLink]] = {}
+    loaded: dict[str, Estimate] = {}
     source: dict[str, str] = {}
     for k, path in enumerate(estimates):
         estimate = Estimate.load(path)
@@ -59,15 +64,20 @@ def export(
             raise JointIdError(f"two estimates are of joint {name}: give one")
         if not estimate.converged and not all_:
             raise JointIdError(f"{path}: {estimate.status.value}, not a good estimate: leave it out, or add --all")
-        every = at_link(estimate)
+        loaded[name], every = estimate, at_link(estimate)
         found[name] = [q for q in every if q.known or all_]
         source[name] = f"joint_id, {path.name}, {estimate.model} by {estimate.estimator}"
+        if ros_params:
+            continue
         for quantity in every:
             if quantity not in found[name]:
                 complain(f"{name}: left out, not known: {quantity.text}")
         for text in _beside(estimate):
             complain(f"{name}: {text}")
-    text = with_joints(template, kind, found, source) if template is not None else _csv(found, source)
+    if ros_params:
+        text = parameter_file(loaded, source)
+    else:
+        text = with_joints(template, kind, found, source) if template is not None else _csv(found, source)
     if out is None:
         print(text, end="")
         return

@@ -165,7 +165,8 @@ def _result(together: Together) -> dict[str, Any]:
 
 def _fit_all(job: FitJob, json: bool) -> None:
     """Fit every joint of the files, and print a row a joint."""
-    results = run_all(job.of_every_joint())
+    with Progress() as progress:
+        results = run_all(job.of_every_joint(), progress)
     if json:
         print_json(joints_json(results))
     else:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
@@ -138,13 +139,25 @@ def _one(job: FitJob) -> tuple[str, Result | str]:
         return job.joint, str(error)
 
 
-def run_all(jobs: Sequence[FitJob]) -> dict[str, Result | str]:
+def run_all(jobs: Sequence[FitJob], progress: Progress = lambda _: None) -> dict[str, Result | str]:
     """Fit several joints on all cores; return by joint the result, or what was wrong with it."""
+    progress(f"fitting {len(jobs)} joints")
     workers = min(len(jobs), os.cpu_count() or 1)
     if workers < 2:
-        return dict(map(_one, jobs))
+        return dict(_counted(map(_one, jobs), len(jobs), progress))
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        return dict(pool.map(_one, jobs))
+        return dict(_counted(pool.map(_one, jobs), len(jobs), progress))
+
+
+def _counted(
+    results: Iterable[tuple[str, Result | str]], count: int, progress: Progress
+) -> Iterator[tuple[str, Result | str]]:
+    """Pass on results, and tell how many there are."""
+    begun = time.monotonic()
+    for k, result in enumerate(results, 1):
+        left = (time.monotonic() - begun) / k * (count - k)
+        progress(f"{k} of {count} joints, about {left:.0f} s left")
+        yield result
 
 
 def joints_table(results: Mapping[str, Result | str]) -> str:

@@ -59,11 +59,15 @@ class Predictions:
     Attributes:
         time: instants in s, shape (T,).
         measured, predicted: by signal, shape (T,), in the signal's unit; `measured` is NaN where nothing was measured.
+        inputs: of the model by name, shape (T,).
+        horizon_s: how far ahead the predictions reach, each time from a filtered state; 0 for all of the record.
     """
 
     time: Array
     measured: Mapping[str, Array]
     predicted: Mapping[str, Array]
+    inputs: Mapping[str, Array] = field(default_factory=dict)
+    horizon_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -114,6 +118,7 @@ class Estimate:
         temperature: mean temperature of the joint over the data in deg C; NaN where it is not known. Friction depends
             on it.
         predictions: measured and predicted labels; None for a fit that failed, a loaded or an online estimate.
+        losses: of each epoch of a training; empty for other estimators, and for a loaded estimate.
         checks: findings of the checks of this fit; online, of the newest fit of a whole window.
         notes: all findings as sentences, the most useful first; `message` holds the first ones.
         changes: parameters that changed while the joint was watched, the most significant first.
@@ -146,6 +151,7 @@ class Estimate:
     cell: str = "rk4"
     predictions: Predictions | None = None
     checks: Checks | None = None
+    losses: tuple[float, ...] = ()
     notes: tuple[str, ...] = ()
     changes: tuple[ParameterChange, ...] = ()
 

@@ -1,8 +1,9 @@
-"""Plot of measured and predicted labels and of their difference."""
+"""Picture of a fit: labels and predictions, inputs, and parameters."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,9 +12,10 @@ import numpy as np
 from joint_id_core.data.recording import Array
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError
-from joint_id_core.results.estimate import Estimate
+from joint_id_core.results.estimate import Estimate, Predictions
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 GAP = 10.0  # steps of the typical length, from which no line is drawn across
@@ -51,7 +53,9 @@ def save(path: Path, estimate: Estimate) -> None:
 
 
 def figure(estimate: Estimate) -> Figure:
-    """Return a picture of every label with its prediction, and of their difference below.
+    """Return a picture of every label with its prediction and their difference, of the inputs, and of the parameters.
+
+    Of a training, the loss as well.
 
     Raises:
         JointIdError: matplotlib is not installed; the estimate has no predictions.
@@ -64,22 +68,66 @@ def figure(estimate: Estimate) -> Figure:
     except ImportError:
         raise JointIdError("a plot needs matplotlib, which is not installed: pip install matplotlib") from None
 
-    count = len(shown.predicted)
-    drawn = Figure(figsize=(9.0, 3.2 * count), layout="constrained")
-    axes = drawn.subplots(2 * count, 1, sharex=True, squeeze=False, height_ratios=[2, 1] * count)
-    for k, (name, found) in enumerate(shown.predicted.items()):
-        unit = CHANNELS[name].unit if name in CHANNELS else "rad"
-        time, measured, predicted = broken(shown.time - shown.time[0], shown.measured[name], found)
-        above, below = axes[2 * k, 0], axes[2 * k + 1, 0]
-        above.plot(time, measured, ".", markersize=2, color="0.6", label="measured")
-        above.plot(time, predicted, linewidth=1, color="C0", label="predicted")
-        above.set_ylabel(f"{name.replace('_', ' ')} [{unit}]")
-        above.legend(loc="upper right")
-        below.plot(time, predicted - measured, linewidth=0.7, color="C3")
-        below.set_ylabel(f"error [{unit}]")
-    axes[0, 0].set_title(f"{estimate.model}, {estimate.status.value}: {estimate.source}")
-    axes[-1, 0].set_xlabel("time [s]")
+    rows = [2.0, 1.0] * len(shown.predicted) + [1.0] * len(shown.inputs)
+    heights = [*rows, *([1.2] if estimate.losses else []), 0.22 * (len(estimate.parameters) + 1)]
+    drawn = Figure(figsize=(9.0, 1.1 * sum(heights)), layout="constrained")
+    axes = list(drawn.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0])
+    over_time = axes[: len(rows)]
+    _labels(over_time, shown)
+    for axis, (name, values) in zip(over_time[2 * len(shown.predicted) :], shown.inputs.items(), strict=True):
+        time, value = broken(shown.time - shown.time[0], values)
+        axis.plot(time, value, linewidth=0.8, color="C2")
+        axis.set_ylabel(f"input\n{_named(name)}")
+    for axis in over_time:
+        axis.sharex(over_time[0])
+        axis.tick_params(labelbottom=axis is over_time[-1])
+        axis.yaxis.label.set_size("small")
+    drawn.align_ylabels(over_time)
+    over_time[0].set_title(f"{estimate.model} by {estimate.estimator}, {estimate.status.value}: {estimate.source}")
+    over_time[-1].set_xlabel("time [s]")
+    if estimate.losses:
+        axes[-2].semilogy(np.arange(1, len(estimate.losses) + 1), estimate.losses, color="C4")
+        axes[-2].set_ylabel("loss")
+        axes[-2].set_xlabel("epoch")
+    _parameters(axes[-1], estimate)
     return drawn
+
+
+def _labels(axes: Sequence[Axes], shown: Predictions) -> None:
+    """Draw labels and predictions, and the difference of each below."""
+    for k, (name, found) in enumerate(shown.predicted.items()):
+        time, measured, predicted = broken(shown.time - shown.time[0], shown.measured[name], found)
+        above, below = axes[2 * k], axes[2 * k + 1]
+        above.plot(time, measured, ".", markersize=5, color="C1", alpha=0.45, label="measured")
+        above.plot(time, predicted, linewidth=0.9, color="C0", label="predicted")
+        above.set_ylabel(_named(name))
+        above.legend(loc="upper right", fontsize="small")
+        below.plot(time, predicted - measured, linewidth=0.7, color="C3")
+        below.set_ylabel("predicted -\nmeasured")
+    if shown.horizon_s and shown.predicted:
+        text = f"predictions begin anew at the filtered state every {shown.horizon_s:g} s, and errors grow from there"
+        axes[1].set_title(text, fontsize="small", color="0.4")
+
+
+def _parameters(axis: Axes, estimate: Estimate) -> None:
+    """Write the parameters as a table."""
+    axis.axis("off")
+    rows = [
+        [p.name, f"{p.value:.5g}", f"± {p.std_dev:.2g}" if np.isfinite(p.std_dev) else "", p.unit, p.verdict.value]
+        for p in estimate.parameters
+    ]
+    table = axis.table(
+        rows, colLabels=["parameter", "value", "std dev", "unit", "verdict"], cellLoc="left", loc="center"
+    )
+    table.auto_set_font_size(False)
+    table.set_fontsize(8.0)
+    for cell in table.get_celld().values():
+        cell.set_linewidth(0.3)
+
+
+def _named(name: str) -> str:
+    """Return a signal with its unit."""
+    return f"{name.replace('_', ' ')} [{CHANNELS[name].unit if name in CHANNELS else 'rad'}]"
 
 
 def written(path: Path, figure: Figure) -> None:

@@ -80,9 +80,9 @@ def predicted(
         JointIdError: the recording cannot be used with this model.
     """
     data, predictions = _free_runs(model, recording, estimate, horizon_s)
-    measured, judged = {name: data.y[:, k] for k, name in enumerate(data.labels)}, _settled(data, horizon_s)
-    shown = {name: np.where(judged, predictions[name], np.nan) for name in measured}
-    return Predictions(data.time, measured, shown)
+    judged = _settled(data, horizon_s)
+    shown = {name: np.where(judged, predictions[name], np.nan) for name in data.labels}
+    return data.predictions(shown, horizon_s)
 
 
 def _free_runs(

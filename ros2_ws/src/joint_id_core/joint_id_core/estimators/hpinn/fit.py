@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from joint_id_core.cell.kernel import compile_model
+from joint_id_core.cell.kernel import compile_model, preparing
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.hpinn.estimator import HPinn
@@ -94,9 +94,10 @@ def fit_hpinn(
         if name not in data.free:
             raise JointIdError(f"option bounds: {name} is fixed: free it or leave its interval out")
     labels = make_labels(data, options.torsion_label)
-    tell(f"preparing the compiled cell of {model.name}")
     table_free = {p.name for p in model.parameters if not p.fixed}
-    kernel = compile_model(model, options.friction, tuple(sorted(set(data.free) - table_free)))
+    freed = tuple(sorted(set(data.free) - table_free))
+    tell(preparing(model, options.friction, freed))
+    kernel = compile_model(model, options.friction, freed)
     substeps = options.substeps or stable_substeps(data, kernel, data.p, rough_states(data), STEP_LIMIT)
     start = dict(zip(model.parameter_names, data.p.tolist(), strict=True))
     net = HPinnNetwork(model, start, data.free, options.bounds, options.friction, substeps)  # type: ignore[arg-type]  # choices are checked
@@ -200,8 +201,9 @@ def _estimate(
             data.time,
             dict(zip(labels.names, labels.y.T, strict=True)),
             dict(zip(labels.names, predicted.T, strict=True)),
+            data.inputs,
         ),
-        model_options=options_of(model), **origin_of(data.recording),
+        model_options=options_of(model), losses=tuple(history), **origin_of(data.recording),
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -11,6 +12,7 @@ from joint_id_core.data.recording import Array
 from joint_id_core.estimators.hpinn.network import HPinnNetwork, label_weights, torch, wmse
 from joint_id_core.estimators.shared.fit_data import FitData
 
+TELL_S = 0.5  # time between two reports of the progress
 TORSION = "torsion"  # the paper's extra label dtheta = theta_m / N - q
 
 
@@ -79,6 +81,7 @@ def train(
     weights, y = torch.from_numpy(label_weights(labels.y)), torch.from_numpy(labels.y)
     mix, start, history = torch.from_numpy(labels.mix), torch.from_numpy(x0), list[float]()
     best, finite = net.weight.detach().clone(), True
+    begun = told = time.monotonic()
     for epoch in range(epochs):
         loss = wmse(net(start, data.time, data.u)[:, labels.states] @ mix.T, y, weights)
         (net.weight.grad,) = torch.autograd.grad(loss, [net.weight])
@@ -88,8 +91,10 @@ def train(
         if loss.item() < min(history, default=np.inf):
             best = net.weight.detach().clone()
         history.append(loss.item())
-        if epoch % 50 == 0:
-            tell(f"epoch {epoch} of {epochs}, loss {history[-1]:.3g}")
+        now = time.monotonic()
+        if now - told > TELL_S:
+            told, left = now, (now - begun) / (epoch + 1) * (epochs - epoch - 1)
+            tell(f"epoch {epoch + 1} of {epochs}, loss {history[-1]:.3g}, about {left:.0f} s left")
         optimizer.step()
         schedule.step()
         net.project()

@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 
-from joint_id_core.cell.kernel import compile_model
+from joint_id_core.cell.kernel import compile_model, preparing
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators.innovations.belief import Belief
 from joint_id_core.estimators.innovations.checks import run_checks
@@ -56,7 +56,7 @@ def fit_innovations(
         data = prepare(model, recording, settings, leave_out_rests=True)
     except UnusableError as error:
         return unusable(model, "innovations", error, recording)
-    tell(f"preparing the compiled cell of {model.name}")
+    tell(preparing(model, "tanh", data.freed, options.cell))
     search = Search(data, compile_model(model, "tanh", data.freed, options.cell), options, belief, tell)
     outcome = search.warm(previous) if previous is not None and previous.converged else None
     outcome = outcome or search.cold()
@@ -89,5 +89,6 @@ def _estimate(outcome: Outcome, begun: float) -> Estimate:
         substeps=found.substeps, iterations=stages.effort.iterations,
         elapsed_s=time.perf_counter() - begun, start=float(data.time[0]), end=float(data.time[-1]),
         samples=len(data.time), model_options=options_of(model), cell=stages.options.cell,
-        predictions=data.predictions(predictions), checks=checks, notes=judged.notes, **origin_of(data.recording),
+        predictions=data.predictions(predictions, stages.options.horizon_s), checks=checks, notes=judged.notes,
+        **origin_of(data.recording),
     )  # fmt: skip

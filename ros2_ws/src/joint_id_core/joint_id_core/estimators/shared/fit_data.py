@@ -118,9 +118,15 @@ class FitData:
             return np.asarray(self.table.max(axis=1) - self.table.min(axis=1))
         return np.array([float(row.max() - row.min()) if len(row) else math.nan for row in self.rows])
 
-    def predictions(self, predicted: Mapping[str, Array]) -> Predictions:
-        """Return the predicted labels, by name, together with the measured ones."""
-        return Predictions(self.time, {name: self.y[:, k] for k, name in enumerate(self.labels)}, predicted)
+    def predictions(self, predicted: Mapping[str, Array], horizon_s: float) -> Predictions:
+        """Return the predicted labels, by name, together with the measured ones and the inputs."""
+        measured = {name: self.y[:, k] for k, name in enumerate(self.labels)}
+        return Predictions(self.time, measured, predicted, self.inputs, horizon_s)
+
+    @property
+    def inputs(self) -> dict[str, Array]:
+        """Inputs that act, by name, shape (T,): not those that are zero throughout."""
+        return {name: u for name, u in zip(self.model.input_names, self.u.T, strict=True) if np.any(u)}
 
     def part(self, first: int, last: int) -> FitData:
         """Return the data of the samples from `first` to before `last`."""
