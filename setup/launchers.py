@@ -10,6 +10,10 @@ import shlex
 import sys
 from pathlib import Path
 
+BEGIN = (
+    "import signal, sys; signal.signal(signal.SIGINT, signal.SIG_DFL); import runpy; sys.argv = sys.argv[1:]; "
+    "runpy.run_path(sys.argv[0], run_name='__main__')"
+)
 MARK = "# launcher of joint_id, written by make setup"
 
 
@@ -42,7 +46,8 @@ def main(venv: Path, install: Path) -> None:
     for old in (venv / "bin").glob("joint-id*"):
         if old.name not in targets and MARK in old.read_text(errors="replace"):
             old.unlink()
-    python = shlex.quote(str(venv / "bin/python"))
+    # Ctrl-C while Python still imports ends the process as the system does it, without a traceback.
+    python = f"{shlex.quote(str(venv / 'bin/python'))} -c {shlex.quote(BEGIN)}"
     for name, script in targets.items():
         launcher = venv / "bin" / name
         launcher.write_text(

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import Field, field, fields
 from typing import Any
 
-from joint_id_core.errors import JointIdError
+from joint_id_core.errors import JointIdError, close_to
 
 Progress = Callable[[str], None]  # called with a line of text from time to time during a long computation
 
@@ -51,7 +51,8 @@ def check_value(option: Field[Any], value: Any) -> None:
     meta = option.metadata
     for v in value if isinstance(value, tuple) else (value,):
         if meta.get("choices") and v not in meta["choices"]:
-            raise JointIdError(f"option {option.name} = {v!r}: choose one of {names(meta['choices'])}")
+            close = close_to(str(v), meta["choices"])
+            raise JointIdError(f"option {option.name} = {v!r}{close}: choose one of {names(meta['choices'])}")
         lower, upper = meta.get("lower"), meta.get("upper")
         if (lower is not None and not v >= lower) or (upper is not None and not v <= upper):
             span = f"[{'-inf' if lower is None else lower}, {'inf' if upper is None else upper}]"

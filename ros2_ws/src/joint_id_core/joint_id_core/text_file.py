@@ -10,18 +10,19 @@ from joint_id_core.errors import JointIdError
 def write_text(path: Path, text: str, what: str) -> None:
     """Write a text in UTF-8. A file that is there is replaced only after the new one is complete.
 
-    `what` says in the error what could not be written, e.g. "the estimate".
+    `what` says in the error what could not be written, e.g. "the estimate". Parts of a file name that are no characters
+    become question marks.
 
     Raises:
         JointIdError: the file cannot be written; nothing is left of it.
     """
     try:
         if path.exists() and not path.is_file():  # a device or a pipe, or a folder, which is an error
-            path.write_text(text, encoding="utf-8")
+            path.write_text(text, encoding="utf-8", errors="replace")
             return
         draft = path.with_name(path.name + ".part")
         try:
-            draft.write_text(text, encoding="utf-8")
+            draft.write_text(text, encoding="utf-8", errors="replace")
             draft.replace(path)
         except OSError:
             draft.unlink(missing_ok=True)

@@ -36,6 +36,11 @@ def log(tmp_path):
         (("fit", "LOG", "--fix", "J=2", "--set", "J=3"), "--fix J and --set J both give a value"),
         (("simulate", "rigid_joint", "--out", "x.mat"), "is written as .csv, or else as a bag"),
         (("simulate", "rigid_joint", "--out", "x.csv", "--duration", "1e9"), "5e+11 samples: at most"),
+        (("fit", "LOG", "--model", "rigid_joint", "--set", "tauf=1"), "no parameter 'tauf' (did you mean tau_f?)"),
+        (("fit", "LOG", "--model", "rigid_jont"), "'rigid_jont' (did you mean rigid_joint?)"),
+        (("fit", "LOG", "--estimator", "regresion"), "'regresion' (did you mean regression?)"),
+        (("fit", "LOG", "--map", "torqe=torque"), "'torqe' (did you mean torque?)"),
+        (("fit", "LOG", "--model", "rigid_joint", "--set", "xyz=1"), "no parameter 'xyz': it has J"),
         (("fit", "a" * 300 + ".csv"), "File name too long"),
         (("info", "a" * 300 + ".csv"), "File name too long"),
         (("fit", "LOG", "--save", "no/such/e.json"), "the estimate cannot be written"),
@@ -63,3 +68,17 @@ def test_a_full_disk_is_named_and_what_is_there_stays(tmp_path):
     with pytest.raises(JointIdError):
         write_text(tmp_path / "old", "new", "the estimate")
     assert (tmp_path / "old").read_text() == "old"
+
+
+@pytest.mark.parametrize(
+    "words", [("fit", "--estimator", "regression", "--save", "é.json"), ("report", "-o", "é.html")]
+)
+def test_a_locale_without_the_characters_loses_no_result(tmp_path, log, words):
+    (tmp_path / log).rename(tmp_path / "mesuré.csv")
+    plain = {"LC_ALL": "C", "LANG": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    command = [sys.executable, "-c", "from joint_id_core.cli import main; main()", words[0], "mesuré.csv", *words[1:]]
+    done = subprocess.run(
+        [*command, "--model", "rigid_joint"], cwd=tmp_path, env=os.environ | plain, capture_output=True, timeout=120
+    )
+    assert done.returncode == 0 and b"Traceback" not in done.stderr, done.stderr
+    assert (tmp_path / words[-1]).stat().st_size > 1000

@@ -208,7 +208,7 @@ def test_models_are_built_by_name_with_their_options():
         (lambda: build("robot"), "unknown model 'robot': choose one of dc_motor"),
         (lambda: build("dc_motor", gravity=True), "dc_motor has no option 'gravity': it has friction"),
         (lambda: build("dc_motor", friction="sticky").parameters, "unknown friction law 'sticky'"),
-        (lambda: DCMotor().parameter("k_1"), "dc_motor has no parameter 'k_1': it has R"),
+        (lambda: DCMotor().parameter("k_1"), r"dc_motor has no parameter 'k_1' \(did you mean k_t\?\): it has R"),
         (lambda: DCMotor().values({"k_1": 1.0}), "no parameter 'k_1'"),
         (lambda: DCMotor().values({"R": -1.0}), r"R = -1 Ohm is outside its bounds \[0, inf\]"),
         (lambda: DCMotor().values({"R": math.nan}), "R = nan: must be a finite number in Ohm"),

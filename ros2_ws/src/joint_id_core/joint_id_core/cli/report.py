@@ -80,7 +80,7 @@ def report(
     text = page(contents)
     write_text(out, text, "the report")
     estimate = contents.estimate
-    print(f"{out}: {estimate.model}, {estimate.status.value}, {len(text.encode()) / 1e3:.0f} kB")
+    print(f"{out}: {estimate.model}, {estimate.status.value}, {out.stat().st_size / 1e3:.0f} kB")
     if not estimate.converged:
         complain(f"{estimate.status.value}: {estimate.message}")
         raise typer.Exit(1)

@@ -7,7 +7,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
-from joint_id_core.errors import JointIdError
+from joint_id_core.errors import JointIdError, close_to
 from joint_id_core.estimators import ParameterSettings
 from joint_id_core.models.per_joint import Entry, parse
 
@@ -43,7 +43,7 @@ def _file(robot: str) -> Path:
     found = next((file for folder in folders if (file := folder / f"{robot}.yaml").is_file()), None)
     if found is None:
         known = sorted({file.stem for folder in folders if folder.is_dir() for file in folder.glob("ur*e.yaml")})
-        text = f"; known by name: {', '.join(known)}" if known else ""
+        text = f"; known by name: {', '.join(known)}{close_to(robot, known)}" if known else ""
         raise JointIdError(f"--robot {robot}: no such file: give the path of a parameter file of the identifier{text}")
     return found
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
-from joint_id_core.errors import JointIdError
+from joint_id_core.errors import JointIdError, close_to
 from joint_id_core.estimators.hpinn.estimator import HPinn
 from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.regression.estimator import Regression
@@ -155,7 +155,9 @@ def build(name: str, **options: object) -> Innovations | Regression | HPinn:
         JointIdError: unknown name, an option that this estimator does not have, a value outside its range.
     """
     if name not in ESTIMATORS:
-        raise JointIdError(f"unknown estimator {name!r}: choose one of {', '.join(ESTIMATORS)}")
+        raise JointIdError(
+            f"unknown estimator {name!r}{close_to(name, ESTIMATORS)}: choose one of {', '.join(ESTIMATORS)}"
+        )
     known = ESTIMATORS[name].__dataclass_fields__
     for option in options:
         if option not in known:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from rosbags.interfaces import Connection
 
 from joint_id_core.data.signals import CHANNELS
-from joint_id_core.errors import JointIdError
+from joint_id_core.errors import JointIdError, close_to
 from joint_id_core.formats.mapping import TIME, parse
 from joint_id_core.formats.topics import JOINT_STATE, RAW, SIGNAL_FIELDS, SIGNALS, Topic
 
@@ -42,7 +42,9 @@ def plan(path: Path, connections: Sequence[Connection], mapping: Mapping[str, st
         if channel == TIME:
             raise JointIdError(f"{path}: {TIME} of a bag is always header.stamp: leave {TIME}={expression} out")
         if channel not in CHANNELS:
-            raise JointIdError(f"{path}: cannot map to {channel!r}: known are {', '.join(CHANNELS)}")
+            raise JointIdError(
+                f"{path}: cannot map to {channel!r}{close_to(channel, CHANNELS)}: known are {', '.join(CHANNELS)}"
+            )
         product = parse(path, channel, "*".join(p.strip().lstrip("/") for p in expression.split("*")), found)
         if len(product.names) != 1 or product.names[0] in channels:
             raise JointIdError(

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from joint_id_core.data.signals import CHANNELS
-from joint_id_core.errors import JointIdError
+from joint_id_core.errors import JointIdError, close_to
 from joint_id_core.formats.column_names import TIME, understood
 
 TARGETS = (TIME, *CHANNELS)
@@ -50,7 +50,9 @@ def plan(path: Path, found: Collection[str], mapping: Mapping[str, str]) -> dict
         targets[target] = Product(factor, (column,))
     for target, expression in mapping.items():
         if target not in TARGETS:
-            raise JointIdError(f"{path}: cannot map to {target!r}: known are {', '.join(TARGETS)}")
+            raise JointIdError(
+                f"{path}: cannot map to {target!r}{close_to(target, TARGETS)}: known are {', '.join(TARGETS)}"
+            )
         targets[target] = parse(path, target, expression, found)
     if TIME not in targets or len(targets) < 2:
         missing = TIME if TIME not in targets else "channel"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import fields
 
-from joint_id_core.errors import JointIdError
+from joint_id_core.errors import JointIdError, close_to
 from joint_id_core.models.base import Model as Model
 from joint_id_core.models.base import Ops as Ops
 from joint_id_core.models.dc_motor import DCMotor as DCMotor
@@ -24,7 +24,7 @@ def build(name: str, **options: str | bool) -> Model:
         JointIdError: no such model, or an option that this model does not have.
     """
     if name not in MODELS:
-        raise JointIdError(f"unknown model {name!r}: choose one of {', '.join(MODELS)}")
+        raise JointIdError(f"unknown model {name!r}{close_to(name, MODELS)}: choose one of {', '.join(MODELS)}")
     known = {f.name for f in fields(MODELS[name])}
     for option in options:
         if option not in known:

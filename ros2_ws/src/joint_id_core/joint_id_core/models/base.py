@@ -9,7 +9,7 @@ from types import SimpleNamespace
 from typing import Any, ClassVar, Protocol
 
 from joint_id_core.data.signals import Parameter, Signal, derivative_of
-from joint_id_core.errors import JointIdError
+from joint_id_core.errors import JointIdError, close_to
 
 
 class Ops(Protocol):
@@ -202,7 +202,10 @@ class Model:
         for p in self.parameters:
             if p.name == name:
                 return p
-        raise JointIdError(f"model {self.name} has no parameter {name!r}: it has {', '.join(self.parameter_names)}")
+        raise JointIdError(
+            f"model {self.name} has no parameter {name!r}{close_to(name, self.parameter_names)}: it has "
+            f"{', '.join(self.parameter_names)}"
+        )
 
     def values(self, changes: Mapping[str, float] | None = None) -> dict[str, float]:
         """Return the nominal values of all parameters with `changes`, after a check of names and bounds.

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from joint_id_core.data.signals import Parameter, positive
-from joint_id_core.errors import JointIdError
+from joint_id_core.errors import JointIdError, close_to
 from joint_id_core.models.base import Ops
 
 LAWS = ("coulomb_viscous", "stribeck", "eyring")
@@ -41,7 +41,9 @@ class Friction:
 
     def __post_init__(self) -> None:
         if self.law not in LAWS:
-            raise JointIdError(f"unknown friction law {self.law!r}: choose one of {', '.join(LAWS)}")
+            raise JointIdError(
+                f"unknown friction law {self.law!r}{close_to(self.law, LAWS)}: choose one of {', '.join(LAWS)}"
+            )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

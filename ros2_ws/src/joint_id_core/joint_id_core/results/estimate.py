@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from joint_id_core.data.recording import Array
-from joint_id_core.errors import JointIdError
+from joint_id_core.errors import JointIdError, close_to
 from joint_id_core.results.status import Status as Status
 from joint_id_core.results.verdict import Verdict as Verdict
 
@@ -180,7 +180,10 @@ class Estimate:
         for row in self.parameters:
             if row.name == name:
                 return row
-        raise JointIdError(f"model {self.model} has no parameter {name!r}: it has {', '.join(self.values)}")
+        raise JointIdError(
+            f"model {self.model} has no parameter {name!r}{close_to(name, self.values)}: it has "
+            f"{', '.join(self.values)}"
+        )
 
     def __eq__(self, other: object) -> bool:
         """Return whether the other estimate has the same content; predictions, which are not saved, are ignored."""
