@@ -27,13 +27,15 @@ LANGUAGES = {"sh", "python", "text", "xml", "math", "mermaid", ""}
 # What is not run as it is written: text, what is run instead, why.
 SUBSTITUTIONS = (
     ("joint-id robot-emulator ", "joint-id robot-emulator --port 0 ", "test runs go side by side"),
+    ("joint-id watch", "joint-id watch --port 0", "the same"),
+    ("port:=8080", "port:=0", "the same"),
     ("robot_ip:=127.0.0.1", "robot_ip:=127.0.0.1 -p port:={port}", "the emulated robot of the test"),
     ("duration:=10.0", "duration:=1.0", "shorter"),
     ("--duration 30", "--duration 6", "shorter; discovery takes seconds on a busy machine"),
 )
 # Commands that run until they are stopped: nodes with their name in /diagnostics, and what another prints when ready.
-NODES = {f"joint-id-{name}": name for name in ("filter", "identifier", "driver", "sim")}
-PRINTS = {"joint-id robot-emulator": "ready on "}
+NODES = {f"joint-id-{name}": name for name in ("filter", "identifier", "driver", "sim", "watch")}
+PRINTS = {"joint-id robot-emulator": "ready on ", "joint-id watch": "the page is at"}
 # What has to run beside the commands of a page, since the page says so in words.
 BESIDE = {
     "docs/nodes/player.md": ("joint-id-filter --ros-args -p use_sim_time:=true",),
