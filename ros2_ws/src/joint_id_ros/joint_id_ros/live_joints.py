@@ -13,7 +13,6 @@ from joint_id_core.data.instants import NANO
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import Innovations
-from joint_id_core.models import Model
 from joint_id_core.pages.contents import Contents
 from joint_id_core.pages.live import LiveView, Seen
 from joint_id_core.pages.report import report
@@ -92,7 +91,11 @@ class LiveJoints:
         if estimate.status in RESTING:
             return None, estimate.message
         try:
-            return predicted(_model(options, recording), recording, replace(estimate, cell=options.cell)), ""
+            model = options.build(options.drive_in(recording))
+            if set(model.parameter_names) != set(estimate.values):
+                self.options = None  # it was started anew, with others
+                return None, "The identifier has other options now."
+            return predicted(model, recording, replace(estimate, cell=options.cell)), ""
         except JointIdError as error:
             return None, str(error)
 
@@ -100,10 +103,6 @@ class LiveJoints:
         with self._lock:
             samples = list(self._samples)
         return to_recordings(samples, 0, "joint_samples").get(joint) if samples else None
-
-
-def _model(options: IdentifierOptions, recording: Recording) -> Model:
-    return options.build(options.drive_in(recording))
 
 
 def _seen(message: JointEstimate) -> Seen:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -142,8 +143,8 @@ def live_page(title: str, actions: Sequence[str] = tuple(ACTIONS)) -> str:
     page = Page(title, "live.js")
     buttons = "".join(f'<button data-action="{name}">{ACTIONS[name]}</button>' for name in actions)
     page.head(
-        f'<h1>{title} <span class="status" id="link">not connected</span></h1>',
-        f'<p class="message" id="told">Waiting for estimates.</p><p id="actions">{buttons}</p>',
+        f'<h1>{escape(title)} <span class="status" id="link">not connected</span></h1>',
+        f'<p class="message" id="told">Waiting for estimates.</p><p id="actions">{buttons} <span id="answer"></span></p>',
     )
     page.section("Changes and alarms", '<ul id="alarms"></ul>')
     page.section("Joints", '<div class="wide" id="joints"></div>')

@@ -125,7 +125,7 @@
       button.disabled = true;
       try {
         const answer = await fetch(`action/${name}`, { method: "POST", headers: { "X-Joint-Id": "1" } });
-        $("told").textContent = answer.ok ? (await answer.json()).message : await answer.text();
+        $("answer").textContent = answer.ok ? (await answer.json()).message : await answer.text();
       } catch (error) {
         lost();
       } finally {
