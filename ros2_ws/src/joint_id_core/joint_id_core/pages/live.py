@@ -144,7 +144,8 @@ def live_page(title: str, actions: Sequence[str] = tuple(ACTIONS)) -> str:
     buttons = "".join(f'<button data-action="{name}">{ACTIONS[name]}</button>' for name in actions)
     page.head(
         f'<h1>{escape(title)} <span class="status" id="link">not connected</span></h1>',
-        f'<p class="message" id="told">Waiting for estimates.</p><p id="actions">{buttons} <span id="answer"></span></p>',
+        '<p class="message" id="told">Waiting for estimates.</p>',
+        f'<p id="actions">{buttons} <span id="answer"></span></p>',
     )
     page.section("Changes and alarms", '<ul id="alarms"></ul>')
     page.section("Joints", '<div class="wide" id="joints"></div>')
