@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -18,83 +16,26 @@ from joint_id_core.estimators.shared.data_check import concerning
 from joint_id_core.estimators.shared.oscillation import fastest_oscillation, slow_samples
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Estimate, Status
-from joint_id_core.simulation.excitation import multisine
-from joint_id_core.simulation.sensors import Sensors
 from joint_id_core.simulation.simulator import simulate
 
-MODEL = build("rigid_joint")
-TRUTH = {"J": 2.0, "c": 3.0, "tau_f": 2.0, "tau_0": -0.6}
-POSITION, VELOCITY = 1e-5, 1e-3  # standard deviations of the noise
-
-
-@functools.cache
-def moved(rate: int = 500, seconds: float = 10.0) -> Recording:
-    """A rigid joint under a multisine up to 4 Hz, without noise."""
-    time = np.arange(round(seconds * 1000)) / 1000
-    torque = multisine(time, 25.0, (0.5, 1.5, 2.5, 4.0), seed=5)
-    motion = simulate(MODEL, time, {"torque": torque}, TRUTH)
-    names = ("link_position", "link_velocity", "torque")
-    return Recording(time[:: 1000 // rate], {n: motion[n][:: 1000 // rate] for n in names})
-
-
-def good(rate: int = 500, seed: int = 0, noise: float = 1.0) -> Recording:
-    sensors = Sensors(noise={"link_position": noise * POSITION, "link_velocity": noise * VELOCITY, "torque": 0.02})
-    return sensors.measure(moved(rate), seed)
-
-
-def scaled(name: str, factor: float) -> Recording:
-    return good().with_channels({name: factor * good()[name]})
-
-
-def later(name: str, seconds: float) -> Recording:
-    """The same recording with one channel that is late."""
-    record = good()
-    return record.with_channels({name: np.interp(record.time - seconds, record.time, record[name])})
-
-
-def with_rows(name: str, rows: list[int], values: object) -> Recording:
-    changed = good()[name].copy()
-    changed[rows] = values
-    return good().with_channels({name: changed})
-
-
-def frozen_rows(first: int, count: int) -> Recording:
-    record = good()
-    channels = {n: v.copy() for n, v in record.channels.items()}
-    for values in channels.values():
-        values[first : first + count] = values[first - 1]
-    return Recording(record.time, channels)
-
-
-LATER = (np.arange(5000) >= 3000).astype(float)
-UNEVEN = np.random.default_rng(1).uniform(-1.0, 1.0, 5000)
-
-
-def frozen(record: Recording, name: str, first: int, count: int) -> Recording:
-    changed = record[name].copy()
-    changed[first : first + count] = changed[first]
-    return record.with_channels({name: changed})
-
-
-def wrapped(turn: float) -> Recording:
-    return good().with_channels({"link_position": np.mod(good()["link_position"], turn)})
-
-
-def without_velocity(record: Recording) -> Recording:
-    return only(record, "link_position", "torque")
-
-
-def only(record: Recording, *names: str) -> Recording:
-    return Recording(record.time, {n: record[n] for n in names})
-
-
-def counts() -> Recording:
-    return good().with_channels({"link_position": np.round(good()["link_position"] * 4096 / (2 * np.pi))})
-
-
-def milliseconds() -> Recording:
-    return Recording(1e3 * good().time, good().channels)
-
+from .faulty_recordings import (
+    LATER,
+    MODEL,
+    TRUTH,
+    UNEVEN,
+    counts,
+    frozen,
+    frozen_rows,
+    good,
+    later,
+    milliseconds,
+    moved,
+    only,
+    scaled,
+    with_rows,
+    without_velocity,
+    wrapped,
+)
 
 REFUSED = {
     "milliseconds": (milliseconds, "2 s apart", "time seems to be in milliseconds"),

@@ -44,6 +44,7 @@ SHOWN = (
     "epochs",
     "learning_rate",
 )  # of the options of the estimators
+REPORTED = {"map", "set", "fix", "free", "joint", "robot", "start", "end", "estimator"}  # options of a report, too
 JOINT_HELP = f"joint of a bag or a robot's log that holds several; {ALL}: each of them, on all cores, a row a joint"
 
 
@@ -147,7 +148,10 @@ def _again(files: list[Path], found: Result, options: Mapping[str, Any]) -> list
             words += [] if text is None else [option, str(text)]
     same = shlex.join(words)
     if found.estimate.converged:
-        return [f"the same, and keep it: {same} --save estimate.json"]
+        keep = [f"the same, and keep it: {same} --save estimate.json"]
+        if len(files) > 1 or not REPORTED.issuperset(n for n, given in options.items() if given is not None):
+            return keep  # a report takes one file, and not every option of a fit
+        return [*keep, f"a page to look at: {shlex.join(['joint-id', 'report', *words[2:]])}"]
     others = ["joint-id", "compare", str(files[0])] + (["--joint", options["joint"]] if options["joint"] else [])
     return [f"the same: {same}", f"other models: {shlex.join(others)}"]
 

@@ -26,7 +26,7 @@ from joint_id_core.results.estimate import Estimate, Status
 from joint_id_core.results.verdict import MAGNITUDE, Verdict
 
 if TYPE_CHECKING:  # SciPy loads with it
-    from joint_id_core.estimators.regression.judging import Fitted
+    from joint_id_core.estimators.regression.fitted import Fitted
 
 APART = 3.0  # standard deviations from which two values disagree: with six parameters, 2 would be too few
 CAUSE = (

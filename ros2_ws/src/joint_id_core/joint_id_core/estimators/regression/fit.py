@@ -14,8 +14,9 @@ from joint_id_core.data.signals import side_of
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.regression.equations import Motion, columns_along, equations
 from joint_id_core.estimators.regression.estimator import Regression
+from joint_id_core.estimators.regression.fitted import Fitted, Samples
 from joint_id_core.estimators.regression.instruments import Tools, rigid
-from joint_id_core.estimators.regression.judging import Fitted, Samples, estimates, judge, tested
+from joint_id_core.estimators.regression.judging import estimates, judge, tested
 from joint_id_core.estimators.regression.least_squares import ACCURACY, ACCURACY_OF_CURRENT
 from joint_id_core.estimators.regression.missing import at_speed, missing_torques
 from joint_id_core.estimators.regression.path import commanded, required

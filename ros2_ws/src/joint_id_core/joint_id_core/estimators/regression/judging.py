@@ -3,212 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from joint_id_core.checking.shift import Shift
-from joint_id_core.data.recording import Array
 from joint_id_core.estimators.regression.covariance import autocorrelation
 from joint_id_core.estimators.regression.encoder_lag import Lag
-from joint_id_core.estimators.regression.equations import Equation, Motion
-from joint_id_core.estimators.regression.instruments import Tools
+from joint_id_core.estimators.regression.equations import Motion
+from joint_id_core.estimators.regression.fitted import Fitted, Samples, percent
 from joint_id_core.estimators.regression.lag import drive_shift
 from joint_id_core.estimators.regression.least_squares import (
-    ACCURACY,
     Solution,
-    explained,
     explained_later,
-    solve,
-    without,
 )
 from joint_id_core.estimators.regression.missing import (
     GRAVITY,
-    HELPS,
     STRIBECK,
     STUCK,
     at_speed,
     share_explained,
     share_predicted,
 )
-from joint_id_core.estimators.regression.presliding import with_inertia
-from joint_id_core.estimators.regression.signals import Rows
 from joint_id_core.estimators.shared.intervals import interval_text
 from joint_id_core.estimators.shared.sentences import listed, sentence
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import ParameterEstimate, Status
 from joint_id_core.results.verdict import MAGNITUDE, Verdict
 
-LEAST_R_SQUARED = 0.5  # below, the equation is not that of this motion
-# The same for samples that were not fitted, if the residuals have a memory (noise may leave less). On a UR10e, joints
-# that the others hardly load have 0.96 to 0.999, those that they load, and whose values are wrong, -0.4 to 0.8.
-LEAST_HELD_OUT = 0.9
-REMEMBERED = 0.3  # autocorrelation after a period of the band, from which residuals are no noise of sensors
-MOST_GRAVITY = 0.5  # share of what is left that a load with the angle explains, from which the model is a wrong one
-# A drive that is held between samples acts half a sample later than a measured one. Where friction or load are not
-# what the model says, a wrong shift leaves 76 % and more on a UR10e, and 30 % on an axis of a KUKA. Of true lags that
-# matter, simulated or put into the EMPS benchmark, it leaves less than 2 %.
-LATE = 0.75  # samples
-LEFT = 0.2  # share of what is left unexplained, which is left with the best shift
 TOLD = 0.05  # doubt over the value from which its reason is told
-SURELY = 4.0  # standard deviations below zero, from which the sign of the drive is wrong
-LITTLE = 0.005  # share of the torque that may be left unexplained, whatever would explain it
-
-
-@dataclass(frozen=True)
-class Samples:
-    """An equation at the samples that are compared.
-
-    Attributes:
-        rows: the samples.
-        fast: True for those at which the joint does not nearly rest, shape (R,).
-        y, columns: in the band, shapes (R,) and (R, k).
-        lacked: columns (R, m) of torques that the model lacks, by the option that adds them.
-        time: instants of all samples of the recording in s, shape (T,).
-        drive: part of y that the drive makes, at all samples, in the band, shape (T,).
-        period: of the recording in s.
-        tools: instruments; None if least squares will do.
-        accuracy: see `least_squares.solve`.
-        turning: see `presliding.turning`, shape (R, m).
-    """
-
-    equation: Equation
-    rows: Rows
-    fast: NDArray[np.bool_]
-    y: Array
-    columns: Array
-    lacked: Mapping[str, Array]
-    time: Array
-    drive: Array
-    period: float
-    tools: Tools | None = None
-    accuracy: float = ACCURACY
-    turning: Array = field(default_factory=lambda: np.zeros((0, 0)))
-
-    def solve(self, positive: Sequence[bool], lag_s: float) -> Solution:
-        """Return the solution; `lag_s` as in the options.
-
-        If friction that turns over some distance predicts new samples better, inertia is that of a fit with it, since
-        without it the inertia would be too small. The other parameters are those that describe the motion without it.
-        Half of what it changes of the inertia is in doubt, and what it changes of the others if it matters.
-        """
-        ask = partial(solve, positive=positive, pieces=self.rows.pieces, lag=lag_s / self.step, accuracy=self.accuracy)
-        found, turn = ask(self.y, self.columns, tools=self.tools), self.turn
-        inertia = np.array([n == self.equation.inertia for n in self.equation.names])
-        if turn is None or not inertia.any():
-            return found
-        other = ask(without(self.y[:, None], turn)[:, 0], without(self.columns, turn))
-        return with_inertia(found, other, inertia, np.array(positive))
-
-    @cached_property
-    def turn(self) -> Array | None:
-        """What friction lacks after reversals, shape (R,); None if that would predict new samples no better."""
-        left = [share_explained(self.y, self.columns, column[:, None]) for column in self.turning.T]
-        if not left:
-            return None
-        best = self.turning[:, int(np.argmax(left))]
-        return best if share_predicted(self.y, self.columns, best[:, None]) > HELPS else None
-
-    @property
-    def step(self) -> float:
-        """Typical distance of two of the samples that are compared, in s."""
-        return float(np.median(np.diff(self.time[self.rows.index]))) if len(self.rows.index) > 1 else self.period
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """An equation and its solution.
-
-    Attributes:
-        gravity: share of what it leaves unexplained that gravity would explain, if the model has none.
-        held_out: see `least_squares.explained_later`.
-        memory: autocorrelation of the residuals after one period of the band.
-        helps: share of the error of samples that were not fitted that a torque which the model lacks takes away, by the
-            option that adds it.
-        late: by how many s the drive is late against the motion; None if it cannot be told.
-        encoders: how late the link's encoder is; None without motion on both sides of the gear.
-        positive: True for parameters that cannot be negative, shape (k,).
-    """
-
-    samples: Samples
-    solution: Solution
-    gravity: float
-    held_out: float
-    memory: float
-    helps: Mapping[str, float]
-    late: Shift | None
-    encoders: Lag | None = None
-    positive: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters."""
-        return self.samples.equation.names
-
-    @property
-    def covariance(self) -> Array:
-        """Covariance of the parameters, and last of the lag between the encoders if it is one of them."""
-        encoders, known = self.encoders, self.solution.covariance
-        if encoders is None or encoders.name is None:
-            return known
-        cross = encoders.sigma * encoders.effect[:, None]
-        return np.block([[known, cross], [cross.T, np.array([[encoders.sigma**2]])]])
-
-    @property
-    def opposite(self) -> float:
-        """Share that is explained by negative inertia and friction; 0 if one of them is not surely negative."""
-        found, equation = self.solution, self.samples.equation
-        seen, surely = self.positive & ~found.unseen, found.unbounded < -SURELY * found.sigma
-        inertia = np.array([n == equation.inertia for n in equation.names])
-        if not (surely & inertia).any() or not (found.unbounded[seen] < 0.0).all():
-            return 0.0
-        return explained(self.samples.y, self.samples.columns @ np.nan_to_num(found.unbounded))
-
-    @property
-    def lag(self) -> str:
-        """How late or early the drive is against the motion; empty if it is not, or cannot be told."""
-        late = self.late
-        if late is None or not late.sure or abs(late.late) < LATE * self.samples.period:
-            return ""
-        if late.explained < LEAST_R_SQUARED or 1.0 - late.explained > LEFT * (1.0 - late.before):
-            return ""
-        when = f"{1e3 * abs(late.late):.3g} ms {'late' if late.late > 0.0 else 'early'}"
-        shares = f"{_percent(late.explained)} of the torque are explained, as recorded {_percent(late.before)}"
-        return f"the drive seems to be {when} against the motion: shifted by this, {shares}; correct its times"
-
-    @property
-    def fault(self) -> str:
-        """Why the equation is not that of the motion; empty if it is."""
-        left = "of what the model does not explain"
-        encoders = self.encoders
-        if encoders is not None and encoders.name is None and encoders.sure and self.solution.held.any():
-            when = f"{1e3 * abs(encoders.late):.3g} ms {'late' if encoders.late > 0.0 else 'early'}"
-            return (
-                f"the link's encoder seems to be {when} against the motor's, which looks like viscous friction: take a "
-                "model with delays (--delays), or correct its times"
-            )
-        quantity = self.samples.equation.quantity
-        if self.opposite > LEAST_R_SQUARED:
-            return (
-                f"the {quantity} acts against the motion: with the opposite sign {_percent(self.opposite)} of it are "
-                "explained; change the sign of its column or of the positions (--map torque=-1*COLUMN)"
-            )
-        if not self.solution.r_squared > LEAST_R_SQUARED:
-            return f"only {_percent(self.solution.r_squared)} of the {quantity} are explained"
-        if self.gravity > MOST_GRAVITY and 1.0 - self.solution.r_squared > LITTLE:
-            angle = f"a load that depends on the angle explains {100.0 * self.gravity:.2g} % {left}"
-            return f"{angle}: take a model with gravity ({GRAVITY})"
-        # With the motion of the link as an input no load is lacking, and noise of the twist enters what is predicted.
-        least = LEAST_HELD_OUT if self.encoders is None else LEAST_R_SQUARED
-        if self.held_out < least and self.memory > REMEMBERED:
-            return (
-                f"friction and inertia of the first part of the recording explain {_percent(self.held_out)} of their "
-                "torque in the rest: a load acts on the joint that the model lacks, such as that of other joints "
-                "that move (record it as external_torque, or move one joint at a time)"
-            )
-        return ""
 
 
 def tested(
@@ -231,10 +52,6 @@ def tested(
     at = samples.time[rows.index[fast]]
     late = drive_shift(samples.time, samples.drive, at, y[fast], columns[fast], band_hz)
     return Fitted(samples, solution, gravity, later, memory, helps, late, encoders, np.array(positive, dtype=bool))
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * max(0.0, share):.3g} %"
 
 
 def estimates(model: Model, fitted: Fitted, starts: Mapping[str, float]) -> dict[str, ParameterEstimate]:
@@ -279,11 +96,9 @@ def judge(
     below = [n for n, found_row in found.items() if found_row.verdict is Verdict.AT_BOUND]
     unseen = [n for n, found_row in found.items() if found_row.verdict in (Verdict.NOT_EXCITED, Verdict.PRIOR)]
     quantity = worst.samples.equation.quantity
-    explained = f"{_percent(worst.solution.r_squared)} of the {quantity} below {band_hz:.3g} Hz are explained"
+    explained = f"{percent(worst.solution.r_squared)} of the {quantity} below {band_hz:.3g} Hz are explained"
     if np.isfinite(worst.held_out):
-        explained += (
-            f"; a fit of the first part explains {_percent(worst.held_out)} of friction and inertia in the rest"
-        )
+        explained += f"; a fit of the first part explains {percent(worst.held_out)} of friction and inertia in the rest"
     faults = [f.fault for f in fitted if f.fault]
     if faults:
         status, said = Status.POOR_FIT, [faults[0], Status.POOR_FIT.advice, explained]
