@@ -140,6 +140,13 @@ def test_a_source_that_is_slower_than_the_recording_is_named(n):
     assert f"its source has {500 / n:.4g} samples/s, the recording 500" in found
 
 
+def test_a_low_rate_is_named_beside_a_doubt_that_is_not_about_samples():
+    found = findings(
+        only(good(20).with_channels({"link_position": 300.0 * good(20)["link_position"]}), "link_position")
+    )
+    assert ["spans" in f.text for f in found] == [True, False] and "20 samples/s are few" in found[1].text
+
+
 @pytest.mark.parametrize("estimator", [None, Regression()])
 def test_a_torque_with_the_wrong_sign_is_named(estimator):
     record = without_velocity(scaled("torque", -1.0))

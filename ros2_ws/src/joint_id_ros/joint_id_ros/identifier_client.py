@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from dataclasses import fields
 
 from rcl_interfaces.msg import ParameterType
@@ -32,6 +33,7 @@ class IdentifierClient:
         self._actions = {action: node.create_client(Trigger, f"{name}/{action}") for action in actions}
         self._parameters = node.create_client(GetParameters, f"{name}/get_parameters")
         self._asked: Future | None = None
+        self._asked_s = 0.0
 
     def call(self, action: str) -> str:
         """Call a service and return what it answers. Other threads than that of the executor may call this.
@@ -54,8 +56,12 @@ class IdentifierClient:
     def options(self) -> IdentifierOptions | None:
         """Return the options of the identifier; None as long as it has not answered. Call it again later then."""
         names = [f.name for f in fields(IdentifierOptions)]
-        if self._asked is None and self._parameters.service_is_ready():
-            self._asked = self._parameters.call_async(GetParameters.Request(names=names))
+        lost = self._asked is not None and time.monotonic() - self._asked_s > ANSWER_S  # it ended meanwhile
+        if (self._asked is None or lost) and self._parameters.service_is_ready():
+            self._asked, self._asked_s = (
+                self._parameters.call_async(GetParameters.Request(names=names)),
+                time.monotonic(),
+            )
         if self._asked is None or not self._asked.done():
             return None
         answer, self._asked = self._asked.result(), None

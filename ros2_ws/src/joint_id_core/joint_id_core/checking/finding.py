@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Recording
 
+SAMPLES = "samples"  # what a finding about single samples is about: they look like a motion that is faster than any
 MOST_SHOWN = 3  # samples that a text names
 REMOVE = "remove these values (an empty cell is a missing value)"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from joint_id_core.checking.command import unfollowed
 from joint_id_core.checking.constant import constant_channels
-from joint_id_core.checking.finding import Finding
+from joint_id_core.checking.finding import SAMPLES, Finding
 from joint_id_core.checking.jumps import jumps
 from joint_id_core.checking.rate import low_rate
 from joint_id_core.checking.repeats import repeated
@@ -28,6 +28,6 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
     if len(recording) < LEAST:
         return ()
     found = [finding for check in CHECKS for finding in check(recording)]
-    faulty = {name for f in found if f.about != "rate" for name in f.channels}  # whose jumps look like a fast motion
+    faulty = {name for f in found if f.about == SAMPLES for name in f.channels}
     told = [f for f in found if f.about != "rate" or not faulty.issuperset(f.channels)]
     return tuple(sorted(told, key=lambda f: not f.fatal))

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from joint_id_core.checking.finding import Finding, number, places, stretches
+from joint_id_core.checking.finding import SAMPLES, Finding, number, places, stretches
 from joint_id_core.checking.repeats import late_steps
 from joint_id_core.checking.signals import joint_moves, noise
 from joint_id_core.data.recording import Array, Recording
@@ -34,7 +34,7 @@ def jumps(recording: Recording) -> Iterator[Finding]:
         first, length = late_steps(recording.time[known], x)  # these are named there
         at = at[~np.isin(at, first - 1 + length)]
         if len(at):
-            yield Finding(_said(name, recording, x, known, at), (name,))
+            yield Finding(_said(name, recording, x, known, at), (name,), about=SAMPLES)
 
 
 def _sudden(time: Array, x: Array) -> NDArray[np.int64]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from joint_id_core.checking.finding import REMOVE, Finding, number, places
+from joint_id_core.checking.finding import REMOVE, SAMPLES, Finding, number, places
 from joint_id_core.checking.signals import joint_moves, noise
 from joint_id_core.data.recording import Array, Recording
 
@@ -36,6 +36,7 @@ def repeated(recording: Recording) -> Iterator[Finding]:
                 f"All channels repeat the sample before {number(len(at), 'time')} while the joint moves: from "
                 f"{places(recording, at)}; remove these samples, a gap does no harm",
                 tuple(names),
+                about=SAMPLES,
             )
             return
         found[name] = at[length >= LONG] if name.endswith("_velocity") else at
@@ -45,6 +46,7 @@ def repeated(recording: Recording) -> Iterator[Finding]:
                 f"Channel {name} repeats the value before {number(len(at), 'time')} while the joint moves: from "
                 f"{places(recording, at)}; {REMOVE}",
                 (name,),
+                about=SAMPLES,
             )
 
 

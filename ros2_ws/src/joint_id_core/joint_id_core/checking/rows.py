@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.checking.constant import DRIVES
-from joint_id_core.checking.finding import REMOVE, Finding, number, places
+from joint_id_core.checking.finding import REMOVE, SAMPLES, Finding, number, places
 from joint_id_core.checking.signals import MAD, SECOND, joint_moves, noise
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.data.signals import CHANNELS
@@ -39,6 +39,7 @@ def outliers(recording: Recording) -> Iterator[Finding]:
                     f"Channel {name} has {number(len(at), 'outlier')}, far off the samples around: "
                     f"{places(recording, at)}; {REMOVE}",
                     (name,),
+                    about=SAMPLES,
                 )
 
 
@@ -93,4 +94,5 @@ def zeros(recording: Recording) -> Iterator[Finding]:
                 f"Channel {name} jumps to zero and back {number(len(at), 'time')}: from {places(recording, at)}; "
                 f"{REMOVE}",
                 (name,),
+                about=SAMPLES,
             )

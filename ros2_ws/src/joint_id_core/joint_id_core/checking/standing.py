@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from joint_id_core.checking.finding import REMOVE, Finding, number, stretches
+from joint_id_core.checking.finding import REMOVE, SAMPLES, Finding, number, stretches
 from joint_id_core.checking.signals import joint_moves
 from joint_id_core.data.recording import Array, Recording
 
@@ -68,6 +68,7 @@ def slower_source(recording: Recording) -> Iterator[Finding]:
                 f"Channel {name} changes with every {_ordinal(usual)} sample only: its source has {rate / usual:.4g} "
                 f"samples/s, the recording {rate:.4g}; keep only the samples at which it changes",
                 (name,),
+                about=SAMPLES,
             )
 
 
