@@ -6,7 +6,7 @@ import pytest
 from hypothesis import settings
 from typer.testing import CliRunner
 
-from joint_id_core.cli import app
+from joint_id_core.cli import app, output
 from joint_id_core.emulator.controller import Controller
 from joint_id_core.emulator.robots import build_joints
 
@@ -15,6 +15,12 @@ from .emulator_line import Line
 # No test depends on the speed of the computer, and the first example may load compiled functions.
 settings.register_profile("joint_id", deadline=None)
 settings.load_profile("joint_id")
+
+
+@pytest.fixture(autouse=True)
+def no_progress(monkeypatch):
+    """Commands in this process tell no progress, which they do after a time: the computer may be slow."""
+    monkeypatch.setattr(output, "QUIET_S", 3600.0)
 
 
 @pytest.fixture

@@ -51,7 +51,9 @@ def log(tmp_path):
 def test_one_line_says_what_is_wrong(tmp_path, log, words, said):
     done = run(tmp_path, *(log if w == "LOG" else w for w in words))
     assert done.returncode == BAD_INPUT
-    assert said in done.stderr and len(done.stderr.splitlines()) == 1 and "Traceback" not in done.stderr
+    # A slow computer tells before that it loads or compiles a kernel.
+    (line,) = (t for t in done.stderr.splitlines() if not t.startswith(("joint-id: loading ", "joint-id: compiling ")))
+    assert said in line
     assert not [p for p in tmp_path.rglob("*") if p.name != log]
 
 

@@ -130,7 +130,7 @@ def test_the_command_fits_every_joint_of_a_bag(tmp_path, run):
     bag = tmp_path / "arm"
     formats.write_bag(bag, {"lift": PARTS[0], "elbow": PARTS[1]})
     code, out, err = run("fit", bag, "--model", "rigid_joint", "--joint", "all")
-    assert code == 0 and all("joints" in line for line in err.splitlines())  # progress, if it takes long
+    assert (code, err) == (0, "")
     rows = [line.split()[:3] for line in out.splitlines()[1:3]]
     assert rows == [[joint, "rigid_joint", "converged"] for joint in ("lift", "elbow")]
     code, out, _ = run("fit", bag, "--model", "rigid_joint", "--joint", "all", "--json")
