@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from joint_id_core.checking.finding import SAMPLES, Finding, number, places, stretches
 from joint_id_core.checking.repeats import late_steps
-from joint_id_core.checking.signals import joint_moves, noise
+from joint_id_core.checking.signals import noise, positions
 from joint_id_core.data.recording import Array, Recording
 
 FASTER = 6.0  # than any of the steps around, to either side, from which a step is a jump
@@ -23,11 +23,7 @@ ALIKE = 0.1  # of their size, by which the jumps of a position that wraps differ
 
 def jumps(recording: Recording) -> Iterator[Finding]:
     """Find steps of a position that no joint makes. Single outliers and short dropouts are left to others."""
-    if not joint_moves(recording):
-        return
-    for name in recording.channels:
-        if not name.endswith("_position") or not recording.measured(name) or name.startswith("reference"):
-            continue
+    for name in positions(recording):
         known = np.flatnonzero(np.isfinite(recording[name]))
         x = recording[name][known]
         at = _sudden(recording.time[known], x)

@@ -54,6 +54,14 @@ def joint_moves(recording: Recording) -> bool:
     return False
 
 
+def positions(recording: Recording) -> list[str]:
+    """Return the names of the measured positions of a joint that moves; none of one that stands."""
+    if not joint_moves(recording):
+        return []
+    measured = [n for n in recording.channels if n.endswith("_position") and recording.measured(n)]
+    return [n for n in measured if not n.startswith("reference")]
+
+
 def _least(name: str) -> float:
     return GOES[name.rpartition("_")[2]] * CHANNELS[name].scale
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.checking.finding import REMOVE, SAMPLES, Finding, number, stretches
-from joint_id_core.checking.signals import joint_moves
+from joint_id_core.checking.signals import joint_moves, positions
 from joint_id_core.data.recording import Array, Recording
 
 LONG = 20  # equal values that are no chance in a signal that changes with nearly every sample
@@ -52,11 +52,7 @@ def standing(recording: Recording) -> Iterator[Finding]:
 
 def slower_source(recording: Recording) -> Iterator[Finding]:
     """Find positions that change with every n-th sample only, because their source is slower than the recording."""
-    if not joint_moves(recording):
-        return
-    for name in recording.channels:
-        if not name.endswith("_position") or not recording.measured(name) or name.startswith("reference"):
-            continue
+    for name in positions(recording):
         changes = np.flatnonzero(np.diff(recording[name]))
         distances = np.diff(changes)
         if len(distances) < LEAST_CHANGES:

@@ -51,7 +51,7 @@ class Regression:
 
     def compile(self, model: Model, settings: ParameterSettings) -> None:
         """Load what a fit imports; there is nothing to compile."""
-        from joint_id_core.estimators.regression import fit  # noqa: F401
+        from joint_id_core.estimators.regression import fit  # noqa: F401  # loads what a fit imports
 
     def is_compiled(self, model: Model, settings: ParameterSettings) -> bool:
         """Return whether `compile` only has to load."""
