@@ -17,13 +17,16 @@ WINDOW_S = 2.0
 
 
 def estimate(end: float, J: float = 2.0, tau_0: float = 0.5, **changes: object) -> Estimate:
-    rows = (
-        ParameterEstimate("J", "kg m^2", J, 0.02, Verdict.ESTIMATED),
-        ParameterEstimate("tau_0", "Nm", tau_0, 0.1, Verdict.ESTIMATED),
+    known = {"J": (J, 0.02), "tau_0": (tau_0, 0.1)}
+    rows = tuple(
+        ParameterEstimate(p.name, p.unit, *known[p.name], Verdict.ESTIMATED)
+        if p.name in known
+        else ParameterEstimate(p.name, p.unit, p.nominal, 0.0, Verdict.FIXED)
+        for p in MODEL.parameters
     )
     whole = Estimate("rigid_joint", "innovations", Status.CONVERGED, "Converged.", rows, end=end)
-    known = {"free": ("J", "tau_0"), "notes": ("Converged.",), "covariance": np.diag([4e-4, 0.01])}
-    return replace(whole, **{**known, **changes})
+    fields = {"free": ("J", "tau_0"), "notes": ("Converged.",), "covariance": np.diag([4e-4, 0.01])}
+    return replace(whole, **{**fields, **changes})
 
 
 def told(*estimates: Estimate) -> Agreement:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from joint_id_core.data.recording import Array
 from joint_id_core.estimators.shared.intervals import between
 from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.models import Model
@@ -29,10 +30,19 @@ MATTERS = 0.1  # least difference of a positive parameter over its value
 
 @dataclass(frozen=True)
 class _Told:
-    """What was published at an instant in s: the parameters that were called estimated, by name."""
+    """What was published at an instant in s.
+
+    Attributes:
+        time: the instant.
+        estimate: what was published.
+        z, sigma: value and standard deviation of each parameter, of its logarithm where it is positive; NaN for one
+            that is not called estimated. Shapes (p,).
+    """
 
     time: float
-    rows: Mapping[str, ParameterEstimate]
+    estimate: Estimate
+    z: Array
+    sigma: Array
 
 
 class Agreement:
@@ -46,6 +56,8 @@ class Agreement:
 
     def __init__(self, model: Model, window_s: float, wanted: bool = True) -> None:
         self._model, self._window_s, self._wanted = model, window_s, wanted
+        self._positive = np.array([p.positive for p in model.parameters])
+        self._least = np.where(self._positive, -math.log(1.0 - MATTERS), 0.0)  # difference that matters
         self._told: deque[_Told] = deque(maxlen=KEPT)
         self._since, self._changed = KEPT, -np.inf  # windows since what is known changed; instant of the newest change
         self._tried: set[tuple[float, ...]] = set()  # values while nothing described the motion
@@ -74,27 +86,37 @@ class Agreement:
         if newest > self._changed:
             self._changed = newest
             self.replaced()
-        rows = {p.name: p for p in estimate.parameters if p.verdict is Verdict.ESTIMATED}
-        changed = {change.name: change.since for change in estimate.changes}
-        apart = {}
-        for name, row in rows.items():
-            earlier = [t.rows[name] for t in self._told if name in t.rows and t.time >= changed.get(name, -np.inf)]
-            distances = [self._distance(row, old) for old in earlier]
-            if max(distances, default=0.0) > FAR:
-                apart[name] = earlier[int(np.argmax(distances))]
+        told = self._as_told(estimate)
+        apart = self._apart(told) if self._told else {}
         if not self._told or estimate.end >= self._told[-1].time + self._window_s:
-            self._told.append(_Told(estimate.end, rows))
+            self._told.append(told)
             self._since += 1
             self._tried.clear()
         return self._widened(estimate, apart) if apart else estimate
 
-    def _distance(self, row: ParameterEstimate, old: ParameterEstimate) -> float:
-        """Return the difference of two values of a parameter in standard deviations; 0 if it does not matter."""
-        if not self._model.parameter(row.name).positive:
-            return abs(row.value - old.value) / math.hypot(row.std_dev, old.std_dev)
-        if abs(row.value - old.value) < MATTERS * max(row.value, old.value):
-            return 0.0
-        return abs(math.log(row.value / old.value)) / math.hypot(row.std_dev / row.value, old.std_dev / old.value)
+    def _as_told(self, estimate: Estimate) -> _Told:
+        rows, nan = estimate.parameters, math.nan
+        shown = [(p.value, p.std_dev) if p.verdict is Verdict.ESTIMATED else (nan, nan) for p in rows]
+        z, sigma = np.array(shown).T
+        positive = self._positive
+        sigma[positive] /= z[positive]
+        z[positive] = np.log(z[positive])
+        return _Told(estimate.end, estimate, z, sigma)
+
+    def _apart(self, newest: _Told) -> dict[str, ParameterEstimate]:
+        """Return, by name, the earlier estimates that are farthest from the newest one, where that is too far."""
+        z, sigma = (np.array([getattr(told, name) for told in self._told]) for name in ("z", "sigma"))
+        away = np.abs(newest.z - z)
+        distance = np.where(away >= self._least, away, 0.0) / np.sqrt(newest.sigma * newest.sigma + sigma * sigma)
+        far = distance > FAR  # never where one is not called estimated
+        if not far.any():  # nearly always
+            return {}
+        changed = {change.name: change.since for change in newest.estimate.changes}
+        since = np.array([changed.get(p.name, -np.inf) for p in newest.estimate.parameters])
+        far &= np.array([told.time for told in self._told])[:, None] >= since
+        farthest = np.where(far, distance, 0.0).argmax(axis=0).tolist()
+        rows = enumerate(newest.estimate.parameters)
+        return {row.name: self._told[farthest[i]].estimate.parameters[i] for i, row in rows if far[:, i].any()}
 
     def _widened(self, estimate: Estimate, apart: Mapping[str, ParameterEstimate]) -> Estimate:
         rows, scale, told = {p.name: p for p in estimate.parameters}, np.ones(len(estimate.free)), []

@@ -8,11 +8,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from joint_id_core.cell.kernel import compile_shared
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.shared.stillness import STILL_S, still, still_link, surely_moves, wound_up
 from joint_id_core.models import Model
-from joint_id_core.online.window import SlidingWindow, pauses
+from joint_id_core.online.window import SlidingWindow, extremes, pauses
 
 MOVED_S = 0.5  # a joint counts as moving until it has been seen at rest for so long; a pause of the samples is no rest
 EVEN = 1.5  # largest over smallest step of samples that come without gaps
@@ -97,9 +96,8 @@ def _period(time: Array) -> tuple[float, bool]:
     """Return the typical step between instants (T,) in s, and whether all are nearly like it."""
     if len(time) < 2:
         return 0.0, False
-    found = np.empty(2)
-    compile_shared().steps(time, found)
-    if found[1] < EVEN * found[0]:
+    shortest, longest = extremes(time)
+    if longest < EVEN * shortest:
         return float(time[-1] - time[0]) / (len(time) - 1), True
     steps = time[1:] - time[:-1]
     # A median, in a tenth of the time of `np.median`.

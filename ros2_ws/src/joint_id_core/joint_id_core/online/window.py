@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from joint_id_core.cell.kernel import compile_shared
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 
@@ -17,11 +18,21 @@ ROUNDING = 1e-9  # part of the surplus of the first part by which instants may b
 ROOM = 256  # rows of the smallest buffer
 
 
+def extremes(time: Array) -> tuple[float, float]:
+    """Return the shortest and the longest step between two or more instants (T,) in s."""
+    found = np.empty(2)
+    compile_shared().steps(time, found)
+    return float(found[0]), float(found[1])
+
+
 def pauses(time: Array) -> NDArray[np.intp]:
     """Return the numbers of the samples before which there was none for so long that the time does not count."""
-    steps = time[1:] - time[:-1]
-    if not len(steps) or steps.max() <= REST * steps.min():  # nearly always: the median takes ten times as long
+    if len(time) < 2:
         return np.zeros(0, dtype=np.intp)
+    shortest, longest = extremes(time)
+    if longest <= REST * shortest:  # nearly always: the median takes ten times as long
+        return np.zeros(0, dtype=np.intp)
+    steps = time[1:] - time[:-1]
     return np.flatnonzero(steps > REST * np.median(steps)) + 1
 
 
