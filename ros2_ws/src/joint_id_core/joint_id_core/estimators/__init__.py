@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from joint_id_core.errors import JointIdError, close_to
@@ -86,7 +87,8 @@ def fit(
     require_types(model, recording, settings, estimator)
     if isinstance(recording, Sequence):
         return fit_several(model, recording, settings, estimator, progress).estimate
-    from joint_id_core.estimators.cross_check import cross_checked  # loads NumPy, as the next
+    from joint_id_core.estimators.between_samples import fitted_between  # loads NumPy, as the next
+    from joint_id_core.estimators.cross_check import cross_checked
     from joint_id_core.estimators.one_encoder import hides_compliance
     from joint_id_core.estimators.regression_starts import started
     from joint_id_core.estimators.shared.data_check import concerning, noted, refused
@@ -102,6 +104,8 @@ def fit(
         settings = started(model, recording, settings)
     estimate = estimator.fit(model, recording, settings, progress)
     if isinstance(estimator, Innovations):
+        again = partial(estimator.fit, model, settings=settings, progress=progress)
+        estimate = fitted_between(estimate, model, recording, again)
         estimate = cross_checked(estimate, model, recording, settings)
     if estimate.status.unusable:
         return estimate

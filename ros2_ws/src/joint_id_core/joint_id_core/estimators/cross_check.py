@@ -19,6 +19,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.regression.missing import HELPS
 from joint_id_core.estimators.shared.intervals import between, interval_text
+from joint_id_core.estimators.shared.mean_drive import CHANGES, changes, with_mean_drive
 from joint_id_core.estimators.shared.sentences import listed, message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
@@ -74,6 +75,7 @@ class Opinion:
         lag: how late or early the drive is against the motion; empty if it is not, or cannot be told.
         coloured: whether what it leaves of the torque has a memory and is not small.
         unseen: parameters that it finds this motion does not show.
+        between: that the drive changes between two samples; empty if it is held.
     """
 
     fault: str
@@ -83,6 +85,7 @@ class Opinion:
     lag: str = ""
     coloured: bool = False
     unseen: tuple[str, ...] = ()
+    between: str = ""
 
 
 def suits(model: Model) -> bool:
@@ -118,14 +121,18 @@ def second_opinion(
     settings = settings or ParameterSettings()
     if estimate.status.unusable or estimate.status is Status.DIVERGED or not suits(model):
         return None
-    from joint_id_core.estimators.regression.fit import regressed  # loads SciPy
+    from joint_id_core.estimators.regression.fit import regressed, share_between  # loads SciPy
 
     own = set(settings.fixed) | set(settings.freed) | set(settings.priors)
     held = [n for n in estimate.values if n not in estimate.free or n in own]
     if len(held) == len(estimate.values):
         return None
+    values, between = ParameterSettings(estimate.values, held), ""
     try:
-        fitted = regressed(model, recording, ParameterSettings(estimate.values, held), Regression())
+        fitted = regressed(model, recording, values, Regression())
+        if share := share_between(fitted):
+            between = changes(model, share)
+            fitted = regressed(model, with_mean_drive(model, recording, share), values, Regression())
     except JointIdError:
         return None
     fault = next((f.fault for f in fitted if f.fault), "")
@@ -135,7 +142,7 @@ def second_opinion(
     coloured = any(f.memory > MEMORY and f.solution.r_squared < 1.0 - LITTLE for f in fitted)
     unseen = tuple(n for f in fitted for n, hidden in zip(f.names, f.solution.unseen, strict=True) if hidden)
     least = min(f.solution.r_squared for f in fitted)
-    return Opinion(fault, seconds, least, useless, lag, coloured, unseen)
+    return Opinion(fault, seconds, least, useless, lag, coloured, unseen, between)
 
 
 def _seconds(fitted: Fitted) -> list[Second]:
@@ -151,13 +158,16 @@ def judged(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
 
     Where the two values of a parameter differ by more than their intervals, the value becomes the middle, the interval
     contains both, and the status is DISAGREE. Where the residual torque has a memory, standard deviations, which take
-    it for white, become at least those of the regression. If the equations of motion do not explain the torque, the
-    status is POOR_FIT. A poor fit is told what the regression says of the motion. A drive that is late or early is
-    noted.
+    it for white, become at least those of the regression. So they do where the drive changes between two samples. If
+    the equations of motion do not explain the torque, the status is POOR_FIT. A poor fit is told what the regression
+    says of the motion. A drive that is late or early, or changes between samples, is noted.
     """
     estimate = _without_useless_advice(estimate, opinion)
     if opinion.lag:
         notes = (*estimate.notes[:1], sentence(opinion.lag), *estimate.notes[1:])
+        estimate = replace(estimate, notes=notes, message=message(notes))
+    if opinion.between and not any(CHANGES in note for note in estimate.notes):
+        notes = (*estimate.notes[:1], sentence(opinion.between), *estimate.notes[1:])
         estimate = replace(estimate, notes=notes, message=message(notes))
     if estimate.status is Status.POOR_FIT and not opinion.fault and not opinion.lag:
         return _with_advice(estimate, opinion)
@@ -168,24 +178,25 @@ def judged(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
         return estimate
     if opinion.fault:
         return _poor(estimate, opinion.fault)
-    apart = [second for second in opinion.seconds if _disagrees(estimate, model, second)]
+    # What the drive does between samples may be off by less than what matters, and be known: all differences count.
+    apart = [second for second in opinion.seconds if _disagrees(estimate, model, second, bool(opinion.between))]
     if apart:
         return _widened(estimate, model, opinion, apart)
-    return _as_wide(estimate, model, opinion) if opinion.coloured else estimate
+    return _as_wide(estimate, model, opinion) if opinion.coloured or opinion.between else estimate
 
 
-def _disagrees(estimate: Estimate, model: Model, second: Second) -> bool:
-    """Return whether two values differ by an amount that matters, and by more than chance."""
+def _disagrees(estimate: Estimate, model: Model, second: Second, any_size: bool) -> bool:
+    """Return whether two values differ by more than chance, and by an amount that matters unless `any_size` does."""
     first = estimate[second.name]
     if first.verdict is not Verdict.ESTIMATED:
         return False
     apart = abs(first.value - second.value)
     if model.parameter(second.name).positive:  # estimated as a logarithm
-        matters = apart > MATTERS * max(first.value, second.value)
+        matters = any_size or apart > MATTERS * max(first.value, second.value)
         factor = math.exp(APART * first.std_dev / first.value)
         reach = first.value * (factor - 1.0 if second.value > first.value else 1.0 - 1.0 / factor)
     else:
-        matters, reach = apart * second.torque > MATTERS_TORQUE, APART * first.std_dev
+        matters, reach = any_size or apart * second.torque > MATTERS_TORQUE, APART * first.std_dev
     return matters and apart > math.hypot(reach, APART * second.sigma)
 
 
@@ -265,9 +276,8 @@ def _as_wide(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
         wider.append(second.name)
     if not wider:
         return replace(estimate, parameters=tuple(rows.values()))
-    said = (
-        f"the residual torque has a memory: the intervals of {listed(wider)} are those of a regression, which knows it"
-    )
+    why = "the residual torque has a memory" if opinion.coloured else "what the drive does between samples is not known"
+    said = f"{why}: the intervals of {listed(wider)} are those of a regression, which depend on it less"
     notes = (*estimate.notes[:1], sentence(said), *estimate.notes[1:])
     return replace(
         estimate, message=message(notes), notes=notes, parameters=tuple(rows.values()),

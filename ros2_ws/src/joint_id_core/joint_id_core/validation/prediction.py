@@ -6,17 +6,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from joint_id_core.cell.kernel import Kernel, compile_model
-from joint_id_core.cell.rollout import Steps
+from joint_id_core.cell.kernel import compile_model
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators.innovations.noise import NoiseLevels
-from joint_id_core.estimators.innovations.recursion import Recursion
+from joint_id_core.estimators.innovations.filtered import filtered
 from joint_id_core.estimators.shared.fit_data import FitData, prepare
 from joint_id_core.estimators.shared.free_run import block_length, free_runs
-from joint_id_core.estimators.shared.initial_state import rough_states
 from joint_id_core.estimators.shared.settings import ParameterSettings
-from joint_id_core.estimators.shared.substeps import steps_of
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, Predictions
 from joint_id_core.validation.inverse_dynamics import drive, drive_errors
@@ -91,29 +87,8 @@ def _free_runs(
     """Return the data of a recording, and predictions (T,) of the states by name."""
     data = prepare(model, recording, ParameterSettings.of_estimate(estimate))
     kernel = compile_model(model, "tanh", data.freed, estimate.cell)
-    states, steps = filtered(data, kernel, estimate.noise, estimate.substeps)
-    return data, free_runs(kernel, data, states, data.p, steps, horizon_s)
-
-
-def filtered(data: FitData, kernel: Kernel, noise: Mapping[str, float], substeps: int) -> tuple[Array, Steps]:
-    """Filter the states of a record with the start values of `data`.
-
-    Args:
-        data: the record; its start values are the parameters to use.
-        kernel: the compiled cell of its model.
-        noise: standard deviations as in `Estimate.noise`; missing or zero ones are estimated roughly from the record.
-        substeps: as in `Estimate.substeps`.
-
-    Returns:
-        States, shape (T, n), and the integrator steps from each sample to the next, shape (T,).
-    """
-    rough = NoiseLevels.of(data).rough
-    levels = np.array(
-        [v if not noise.get(n, 0.0) > 0.0 else noise[n] ** 2 for n, v in zip(data.noise_names, rough, strict=True)]
-    )
-    steps = steps_of(data, kernel, data.p, rough_states(data), max(1, substeps))
-    recursion = Recursion(data, kernel)
-    return recursion.run(data.p[recursion.index], levels, steps).states, steps
+    found = filtered(data, kernel, estimate.noise, estimate.substeps)
+    return data, free_runs(kernel, data, found.states, data.p, found.steps, horizon_s)
 
 
 def _settled(data: FitData, horizon_s: float) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -32,7 +32,8 @@ from joint_id_core.estimators.shared.fit_data import (
     prepare,
     unusable,
 )
-from joint_id_core.estimators.shared.sentences import listed, message
+from joint_id_core.estimators.shared.mean_drive import changes, with_mean_drive
+from joint_id_core.estimators.shared.sentences import listed, message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions, Status, Verdict
@@ -54,9 +55,13 @@ def fit_regression(
     try:
         data = prepare(model, recording, settings, leave_out_rests=True)
         band_hz, fitted = fitted_equations(data, options)
+        share = share_between(fitted)
+        if share > 0.0:
+            data = prepare(model, with_mean_drive(model, recording, share), settings, leave_out_rests=True)
+            band_hz, fitted = fitted_equations(data, options)
     except UnusableError as error:
         return unusable(model, Regression.name, error, recording)
-    return _estimate(data, fitted, band_hz, begun)
+    return _estimate(data, fitted, band_hz, begun, [changes(model, share)] if share > 0.0 else [])
 
 
 def regressed(model: Model, recording: Recording, settings: ParameterSettings, options: Regression) -> list[Fitted]:
@@ -68,6 +73,11 @@ def regressed(model: Model, recording: Recording, settings: ParameterSettings, o
     """
     require_suitable(model)
     return fitted_equations(prepare(model, recording, settings, leave_out_rests=True), options)[1]
+
+
+def share_between(fitted: Sequence[Fitted]) -> float:
+    """Return the share of the next sample of a drive that changes between two: see `shared.mean_drive`; 0 if held."""
+    return max((f.share for f in fitted), default=0.0)
 
 
 def require_suitable(model: Model) -> None:
@@ -161,8 +171,8 @@ def _angle_of_link(model: Model, moved: Motion) -> Array:
     return moved.x["link_position"]
 
 
-def _estimate(data: FitData, fitted: list[Fitted], band_hz: float, begun: float) -> Estimate:
-    """Return the estimate."""
+def _estimate(data: FitData, fitted: list[Fitted], band_hz: float, begun: float, told: list[str]) -> Estimate:
+    """Return the estimate; `told` is said of the recording."""
     model, starts = data.model, dict(zip(data.model.parameter_names, data.p.tolist(), strict=True))
     found = {n: r for f in fitted for n, r in estimates(model, f, starts).items()}
     known, held = tuple(n for n in data.free if n in found), tuple(n for n in data.free if n not in found)
@@ -173,6 +183,7 @@ def _estimate(data: FitData, fitted: list[Fitted], band_hz: float, begun: float)
         for q, v in zip(model.parameters, data.p.tolist(), strict=True)
     )
     status, notes = judge(fitted, found, held, band_hz, data.dropped)
+    notes = (*notes[:2], *map(sentence, told), *notes[2:])
     nrmse, predictions = _predictions(data, fitted)
     seen = data.recording.time[fitted[0].samples.rows.index]
     return Estimate(

@@ -29,6 +29,7 @@ from joint_id_core.estimators.regression.missing import (
 )
 from joint_id_core.estimators.regression.presliding import with_inertia
 from joint_id_core.estimators.regression.signals import Rows
+from joint_id_core.estimators.shared.mean_drive import MOST
 
 LEAST_R_SQUARED = 0.5  # below, the equation is not that of this motion
 # The same for samples that were not fitted, if the residuals have a memory (noise may leave less). On a UR10e, joints
@@ -165,6 +166,12 @@ class Fitted:
         when = f"{1e3 * abs(late.late):.3g} ms {'late' if late.late > 0.0 else 'early'}"
         shares = f"{percent(late.explained)} of the torque are explained, as recorded {percent(late.before)}"
         return f"the drive seems to be {when} against the motion: shifted by this, {shares}; correct its times"
+
+    @property
+    def share(self) -> float:
+        """Share of the next sample of a drive that changes between two: see `mean_drive`; 0 for one that is held."""
+        late = 0.0 if self.late is None or not self.late.sure else self.late.late / self.samples.period
+        return min(late, MOST) if 0.0 < late < LATE else 0.0
 
     @property
     def fault(self) -> str:

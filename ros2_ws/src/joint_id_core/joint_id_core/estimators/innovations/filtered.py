@@ -1,0 +1,32 @@
+"""A record filtered with what an estimate knows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from joint_id_core.cell.kernel import Kernel
+from joint_id_core.estimators.innovations.noise import NoiseLevels
+from joint_id_core.estimators.innovations.recursion import Pass, Recursion
+from joint_id_core.estimators.shared.fit_data import FitData
+from joint_id_core.estimators.shared.initial_state import rough_states
+from joint_id_core.estimators.shared.substeps import steps_of
+
+
+def filtered(data: FitData, kernel: Kernel, noise: Mapping[str, float], substeps: int) -> Pass:
+    """Filter the states of a record with the start values of `data`.
+
+    Args:
+        data: the record; its start values are the parameters to use.
+        kernel: the compiled cell of its model.
+        noise: standard deviations as in `Estimate.noise`; missing or zero ones are estimated roughly from the record.
+        substeps: as in `Estimate.substeps`.
+    """
+    rough = NoiseLevels.of(data).rough
+    levels = np.array(
+        [v if not noise.get(n, 0.0) > 0.0 else noise[n] ** 2 for n, v in zip(data.noise_names, rough, strict=True)]
+    )
+    steps = steps_of(data, kernel, data.p, rough_states(data), max(1, substeps))
+    recursion = Recursion(data, kernel)
+    return recursion.run(data.p[recursion.index], levels, steps)
