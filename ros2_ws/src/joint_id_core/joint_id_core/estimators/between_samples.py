@@ -9,10 +9,9 @@ import numpy as np
 
 from joint_id_core.cell.kernel import compile_model
 from joint_id_core.data.recording import Recording
-from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.innovations.filtered import filtered
 from joint_id_core.estimators.shared.fit_data import prepare
-from joint_id_core.estimators.shared.mean_drive import MOST, changes, with_mean_drive
+from joint_id_core.estimators.shared.mean_drive import MOST, changes, mean_drive, with_mean_drive
 from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
@@ -62,24 +61,17 @@ def fitted_between(
 def _most_likely_share(estimate: Estimate, model: Model, recording: Recording) -> float:
     """Return the share of the next sample that describes a recording best, at the parameters of an estimate.
 
-    Innovations are linear in the drive, so their squares are a parabola in the share.
+    Innovations are linear in the drive, so their squares are a parabola in the share: three passes tell it.
     """
-    held, half, most = (_cost(estimate, model, recording, share) for share in (0.0, 0.5 * MOST, MOST))
+    assert model.drive is not None
+    data = prepare(model, recording, ParameterSettings.of_estimate(estimate), leave_out_rests=True)
+    kernel, k = compile_model(model, "tanh", data.freed, estimate.cell), model.input_names.index(model.drive)
+    mean = np.column_stack(
+        [mean_drive(model, data.recording, data.time, u) if j == k else u for j, u in enumerate(data.u.T)]
+    )
+    passes = filtered(data, kernel, estimate.noise, estimate.substeps, [0.5 * (data.u + mean), mean])
+    held, half, most = (one.cost for one in passes)
     bent = held - 2.0 * half + most
     if not (np.isfinite(bent) and bent > 0.0):
         return 0.0
     return float(np.clip(0.5 * MOST * (0.5 + (held - half) / bent), 0.0, MOST))
-
-
-def _cost(estimate: Estimate, model: Model, recording: Recording, share: float) -> float:
-    """Return -2 log likelihood of a recording at the parameters and noise levels of an estimate; inf if it diverges."""
-    try:
-        data = prepare(
-            model, with_mean_drive(model, recording, share), ParameterSettings.of_estimate(estimate),
-            leave_out_rests=True,
-        )  # fmt: skip
-    except JointIdError:
-        return np.inf
-    kernel = compile_model(model, "tanh", data.freed, estimate.cell)
-    cost = filtered(data, kernel, estimate.noise, estimate.substeps).cost
-    return cost if np.isfinite(cost) else np.inf

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import scipy  # whose parts load when used: scipy.signal takes half a second
@@ -31,6 +32,12 @@ REACH = 3  # samples that the stencil reaches to either side
 
 # Position, velocity and acceleration by side of the gear; each one can be computed from the one before.
 SIDES = {side: (f"{side}_position", f"{side}_velocity", f"{side}_acceleration") for side in ("motor", "link")}
+
+
+@lru_cache(maxsize=64)
+def _butterworth(order: int, cutoff_hz: float, period: float) -> Array:
+    """Return the sections of the low-pass; designing it takes longer than to filter a recording, and many are alike."""
+    return np.asarray(scipy.signal.butter(order, cutoff_hz, fs=1.0 / period, output="sos"))
 
 
 @dataclass(frozen=True)
@@ -56,7 +63,7 @@ class FilterOptions:
                 f"{source}: cutoff_hz = {self.cutoff_hz:g} Hz needs more than {2 * self.cutoff_hz:g} samples/s, "
                 f"there are {1 / period:.4g}: set cutoff_hz below {0.5 / period:.4g} Hz"
             )
-        return scipy.signal.butter(self.order, self.cutoff_hz, fs=1.0 / period, output="sos")
+        return _butterworth(self.order, self.cutoff_hz, period).copy()  # SciPy filters with a writable array only
 
     def fitting(self, period: float) -> FilterOptions:
         """Return these options with a cutoff that a sampling period in s allows: at most `HIGHEST` of the rate."""

@@ -87,7 +87,7 @@ def _free_runs(
     """Return the data of a recording, and predictions (T,) of the states by name."""
     data = prepare(model, recording, ParameterSettings.of_estimate(estimate))
     kernel = compile_model(model, "tanh", data.freed, estimate.cell)
-    found = filtered(data, kernel, estimate.noise, estimate.substeps)
+    found = filtered(data, kernel, estimate.noise, estimate.substeps)[0]
     return data, free_runs(kernel, data, found.states, data.p, found.steps, horizon_s)
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from joint_id_core.data.recording import Recording
+from joint_id_core.data.recording import Array, Recording
 from joint_id_core.models import Model
 
 CHANGES = "changes between two samples"  # in what is said of it
@@ -26,14 +26,12 @@ NEXT = 1.5  # periods up to which two samples follow each other
 VELOCITY, POSITION = (13.0 / 24.0, -1.0 / 24.0), (7.0 / 12.0, -1.0 / 12.0)
 
 
-def with_mean_drive(model: Model, recording: Recording, share: float) -> Recording:
-    """Return a recording whose drive is the mean over each step, to which the next sample has a `share` up to `MOST`.
+def mean_drive(model: Model, recording: Recording, time: Array, drive: Array) -> Array:
+    """Return the mean over each step of a drive that changes all the time, shape (T,).
 
-    Over a gap, and before a missing value, the drive is held.
+    `time` and `drive` (T,) may leave out samples of the recording. Over a gap, and before a missing value, it is held.
     """
-    assert model.drive is not None
-    drive, steps = recording[model.drive], np.diff(recording.time)
-    follows = (steps < NEXT * recording.period) & np.isfinite(drive[1:])
+    follows = (np.diff(time) < NEXT * recording.period) & np.isfinite(drive[1:])
     mean = drive.copy()
     mean[:-1] = np.where(follows, 0.5 * (drive[:-1] + drive[1:]), drive[:-1])
     inner = follows[:-2] & follows[1:-1] & follows[2:]
@@ -41,6 +39,14 @@ def with_mean_drive(model: Model, recording: Recording, share: float) -> Recordi
     near, far = POSITION if all(n.endswith("_position") for n in seen) else VELOCITY
     cubic = near * (drive[1:-2] + drive[2:-1]) + far * (drive[:-3] + drive[3:])
     mean[1:-2] = np.where(inner, cubic, mean[1:-2])
+    return mean
+
+
+def with_mean_drive(model: Model, recording: Recording, share: float) -> Recording:
+    """Return a recording with the mean drive over each step, of which the next sample has a `share` up to `MOST`."""
+    assert model.drive is not None
+    drive = recording[model.drive]
+    mean = mean_drive(model, recording, recording.time, drive)
     return recording.with_channels({model.drive: drive + share / MOST * (mean - drive)})
 
 
