@@ -79,6 +79,40 @@ def test_of_an_estimate_alone_there_is_a_table(tmp_path, run_here):
         assert f"<td>{p.name}</td>" in text
 
 
+def test_a_robots_log_gets_one_page_with_all_joints(tmp_path, run_here):
+    """A table that leads to each joint; a joint that cannot be fitted is in it."""
+    first, second = motion(8.0, seed=1), motion(8.0, seed=2)
+    still = Recording(first.time, {n: np.zeros(len(first)) for n in first.channels})
+    logged = {"timestamp": first.time}
+    for k, record in enumerate((first, second, still)):
+        logged |= {f"actual_q_{k}": record["link_position"], f"actual_current_{k}": record["torque"]}
+    np.savetxt(
+        tmp_path / "log.csv", np.array([*logged.values()]).T, delimiter=",", header=",".join(logged), comments=""
+    )
+    options = ("--set", "k_t=1", "--actuation", "current")
+    code, out = run_here("report", "log.csv", *options, "-o", "all.html")
+    text = (tmp_path / "all.html").read_text()
+    assert code == 1 and "3 joints" in out and "no good estimate of elbow_joint" in out
+    assert len(text) < 1e6 and "2 of 3 joints identified" in text
+    links = re.findall(r'<a href="#([^"]+)">([^<]+)</a>', text)
+    assert len(links) == 3 and all(f'<header id="{anchor}">' in text for anchor, _ in links)
+    assert all(f"--joint {joint}" in text for _, joint in links), "how to repeat each"
+    assert [p["title"] for p in plots(text)].count("link position [rad]") >= 2
+    code, out = run_here("report", "log.csv", "--joint", links[0][1], *options, "-o", "one.html")
+    assert code == 0 and "joints identified" not in (tmp_path / "one.html").read_text()
+
+
+def test_samples_that_the_checks_doubt_are_in_a_table(tmp_path, run_here):
+    record = motion(8.0)
+    angle = record["link_position"].copy()
+    angle[700] += 0.5
+    formats.write(tmp_path / "log.csv", record.with_channels({"link_position": angle}))
+    run_here("report", "log.csv")
+    text = (tmp_path / "report.html").read_text()
+    row = next(r for r in re.findall(r"<tr>(.*?)</tr>", text) if "<td>700</td>" in r)
+    assert row.startswith("<td>link_position</td>") and f"<td>{angle[700]:.6g}</td>" in row
+
+
 def test_a_poor_fit_still_gets_its_page_and_names_are_not_taken_for_html(tmp_path, run_here):
     record = motion(6.0)
     torque = np.random.default_rng(0).standard_normal(len(record))

@@ -24,12 +24,14 @@ class Finding:
         channels: which channels it is about; none means all.
         fatal: whether a fit of these channels would be wrong in any case.
         about: kind of doubt, where others ask for it.
+        samples: numbers of the single samples that it is about.
     """
 
     text: str
     channels: tuple[str, ...] = ()
     fatal: bool = False
     about: str = ""
+    samples: tuple[int, ...] = ()
 
     def concerns(self, names: Collection[str]) -> bool:
         """Return whether it is about one of these channels."""

@@ -40,6 +40,7 @@ def outliers(recording: Recording) -> Iterator[Finding]:
                     f"{places(recording, at)}; {REMOVE}",
                     (name,),
                     about=SAMPLES,
+                    samples=tuple(at.tolist()),
                 )
 
 
@@ -95,4 +96,5 @@ def zeros(recording: Recording) -> Iterator[Finding]:
                 f"{REMOVE}",
                 (name,),
                 about=SAMPLES,
+                samples=tuple(at.tolist()),
             )

@@ -81,8 +81,10 @@ def fit(
     from joint_id_core import estimators, formats
 
     mapping = texts_by_name(map_ or (), "--map")
-    if joint is None and "model" not in model_options and len(formats.joints(files[0], mapping)) > 1:
-        joint = ALL
+    solver = estimators.build(estimator, **estimator_options)
+    ModelOptions(**model_options)  # wrong values are said first
+    job = FitJob(files, joint, mapping, start, end, model_options, settings, solver, robot).chosen()
+    joint = job.joint
     for option, path in (("--validate", validate), ("--plot", plot), ("--save", save)):
         if joint == ALL and path is not None:
             raise JointIdError(f"{option} is for one joint: name it (--joint NAME), or leave {option} out")
@@ -92,9 +94,6 @@ def fit(
         from joint_id_core.results.plot import require_writable
 
         require_writable(plot)
-    solver = estimators.build(estimator, **estimator_options)
-    ModelOptions(**model_options)  # wrong values are said first
-    job = FitJob(files, joint, mapping, start, end, model_options, settings, solver, robot)
     if joint == ALL:
         _fit_all(job, json)
         return

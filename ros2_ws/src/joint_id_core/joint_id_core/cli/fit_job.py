@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from joint_id_core.cli.fit_options import window
 from joint_id_core.cli.robot_file import robot_settings
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 DESCRIBED = ("converged", "disagree")  # status of an estimate of a model that describes the motion
 ALL = "all"  # the name that stands for every joint
+Found = TypeVar("Found")  # of one joint
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,14 @@ class FitJob:
     settings: ParameterSettings
     estimator: Estimator
     robot: str | None = None
+
+    def chosen(self) -> FitJob:
+        """Return the job for all joints, if none is named, no model either, and the first file holds several."""
+        from joint_id_core import formats
+
+        if self.joint is None and "model" not in self.model_options:
+            return self if len(formats.joints(self.files[0], self.mapping)) < 2 else replace(self, joint=ALL)
+        return self
 
     def recordings(self) -> list[Recording]:
         """Read the part of every file that is fitted."""
@@ -141,17 +150,20 @@ def _one(job: FitJob) -> tuple[str, Result | str]:
 
 def run_all(jobs: Sequence[FitJob], progress: Progress = lambda _: None) -> dict[str, Result | str]:
     """Fit several joints on all cores; return by joint the result, or what was wrong with it."""
+    return of_all(jobs, _one, progress)
+
+
+def of_all(jobs: Sequence[FitJob], work: Callable[[FitJob], tuple[str, Found]], progress: Progress) -> dict[str, Found]:
+    """Work on several joints on all cores; return by joint what `work`, a function of a module, returns with it."""
     progress(f"fitting {len(jobs)} joints")
     workers = min(len(jobs), os.cpu_count() or 1)
     if workers < 2:
-        return dict(_counted(map(_one, jobs), len(jobs), progress))
+        return dict(_counted(map(work, jobs), len(jobs), progress))
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        return dict(_counted(pool.map(_one, jobs), len(jobs), progress))
+        return dict(_counted(pool.map(work, jobs), len(jobs), progress))
 
 
-def _counted(
-    results: Iterable[tuple[str, Result | str]], count: int, progress: Progress
-) -> Iterator[tuple[str, Result | str]]:
+def _counted(results: Iterable[tuple[str, Found]], count: int, progress: Progress) -> Iterator[tuple[str, Found]]:
     """Pass on results, and tell how many there are."""
     begun = time.monotonic()
     for k, result in enumerate(results, 1):

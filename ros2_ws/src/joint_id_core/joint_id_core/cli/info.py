@@ -83,7 +83,7 @@ def doubts(recording: Recording, all_joints: Sequence[Recording]) -> list[dict[s
     found = [*findings(recording), *others_move(recording, all_joints)]
     late = "" if any(f.fatal for f in found) else drive_lag(recording)
     found += [Finding(late[:1].upper() + late[1:])] if late else []
-    return [{"text": f.text, "channels": list(f.channels), "fatal": f.fatal} for f in found]
+    return [{"text": f.text, "channels": list(f.channels), "fatal": f.fatal, "samples": list(f.samples)} for f in found]
 
 
 def _show(row: dict[str, Any]) -> None:

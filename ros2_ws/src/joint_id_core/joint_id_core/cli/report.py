@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
 from joint_id_core.assignments import texts_by_name
-from joint_id_core.cli.fit_job import FitJob
+from joint_id_core.cli.fit_job import ALL, FitJob, of_all
 from joint_id_core.cli.fit_options import (
     EndOption,
     FixOption,
@@ -22,7 +24,7 @@ from joint_id_core.cli.fit_options import (
     StartOption,
     parameter_settings,
 )
-from joint_id_core.cli.group import complain
+from joint_id_core.cli.group import BAD_INPUT, complain
 from joint_id_core.cli.info import doubts
 from joint_id_core.cli.options import with_options
 from joint_id_core.cli.output import Progress
@@ -53,7 +55,8 @@ def report(
 ) -> None:
     """Write a page about a recording and its fit: one file of HTML that needs no network.
 
-    Of an estimate alone, the page has no pictures: they need the recording.
+    Of a bag or a robot's log, the page shows all joints, unless --joint or --model is given. Of an estimate alone, it
+    has no pictures: they need the recording.
 
     Exit code 0: converged; 1: no convergence or a poor fit, which has its page, too; 2: bad input.
     """
@@ -75,8 +78,14 @@ def report(
         settings = parameter_settings(set_, fix, free)
         solver = estimators.build(estimator)
         mapping = texts_by_name(map_ or (), "--map")
-        job = FitJob([source], joint, mapping, start, end, model_options, settings, solver, robot)
-        contents = _fitted(job, command, earlier)
+        job = FitJob([source], joint, mapping, start, end, model_options, settings, solver, robot).chosen()
+        if job.joint == ALL:
+            if earlier is not None:
+                raise JointIdError("--against is for one joint: name it (--joint NAME), or leave --against out")
+            _of_all(job, out)
+            return
+        with Progress() as progress:
+            contents = replace(_fitted(job, progress), command=command, earlier=earlier)
     text = page(contents)
     write_text(out, text, "the report")
     estimate = contents.estimate
@@ -86,21 +95,50 @@ def report(
         raise typer.Exit(1)
 
 
-def _fitted(job: FitJob, command: str, earlier: Any) -> Contents:
+def _fitted(job: FitJob, progress: Callable[[str], None]) -> Contents:
     """Fit a recording, and find what a report shows beside the estimate."""
     from joint_id_core.pages.contents import Contents, held_out, windows
 
     recordings = job.recordings()
+    found = job.run(recordings, progress)
+    model = found.job.built(recordings[0])
+    rest = (model, recordings[0], found.job.settings_for(model), job.estimator)
+    progress("fitting the first part, to predict the rest")
+    predicted = held_out(*rest)
+    progress("following the motion with the online identifier")
+    followed = windows(*rest)
+    rows = doubts(recordings[0], recordings)
+    suspects = [(name, k) for row in rows for name in row["channels"][:1] for k in row["samples"]]
+    return Contents(
+        found.estimate, recordings[0], "", found.why, [row["text"] for row in rows], suspects, followed, predicted
+    )
+
+
+def _of_all(job: FitJob, out: Path) -> None:
+    """Write one page about all joints of a file."""
+    from joint_id_core.pages.joints import report_of_joints
+
     with Progress() as progress:
-        found = job.run(recordings, progress)
-        model = found.job.built(recordings[0])
-        rest = (model, recordings[0], found.job.settings_for(model), job.estimator)
-        progress("fitting the first part, to predict the rest")
-        predicted = held_out(*rest)
-        progress("following the motion with the online identifier")
-        followed = windows(*rest)
-    texts = [row["text"] for row in doubts(recordings[0], recordings)]
-    return Contents(found.estimate, recordings[0], command, found.why, texts, followed, predicted, earlier)
+        found = of_all(job.of_every_joint(), _one, progress)
+    words = ["joint-id", *sys.argv[1:]] + ([] if ALL in sys.argv else ["--joint", ALL])
+    for joint, one in found.items():
+        if not isinstance(one, str):
+            found[joint] = replace(one, command=shlex.join(joint if word == ALL else word for word in words))
+    write_text(out, report_of_joints(found, job.files[0].name), "the report")
+    print(f"{out}: {len(found)} joints, {out.stat().st_size / 1e3:.0f} kB")
+    bad = [joint for joint, one in found.items() if isinstance(one, str) or not one.estimate.converged]
+    if bad:
+        complain(f"no good estimate of {', '.join(bad)}")
+        raise typer.Exit(1 if any(not isinstance(one, str) for one in found.values()) else BAD_INPUT)
+
+
+def _one(job: FitJob) -> tuple[str, Contents | str]:
+    """Return a joint and what its report is made of, or what was wrong with it."""
+    assert job.joint is not None
+    try:
+        return job.joint, _fitted(job, lambda _: None)
+    except JointIdError as error:
+        return job.joint, str(error)
 
 
 def _require_writable(path: Path) -> None:

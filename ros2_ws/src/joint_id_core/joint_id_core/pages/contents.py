@@ -29,6 +29,7 @@ class Contents:
         command: that makes the report again.
         why: how the model was chosen, in words.
         doubts: findings of the checks of the recording.
+        suspects: single samples that the checks doubt: channel and number.
         windows: estimates while the motion goes on, see `windows`.
         held_out: what the first part of the motion predicts of the rest: rows of signal and figure in words.
         earlier: estimate to compare with.
@@ -39,6 +40,7 @@ class Contents:
     command: str = ""
     why: Sequence[str] = ()
     doubts: Sequence[str] = ()
+    suspects: Sequence[tuple[str, int]] = ()
     windows: Sequence[Estimate] = ()
     held_out: Sequence[tuple[str, str]] = ()
     earlier: Estimate | None = None

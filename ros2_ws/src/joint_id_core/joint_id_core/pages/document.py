@@ -8,16 +8,24 @@ from html import escape
 from importlib.resources import files
 from typing import Any
 
+from joint_id_core.pages.series import MOST
+from joint_id_core.results.estimate import Status
+
 # A page may only use what is in it; a live one may also ask where it came from.
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:"
 LIVE_POLICY = f"{POLICY}; connect-src 'self'; form-action 'none'; base-uri 'none'"
 
 
 class Page:
-    """A page that grows section by section; `live` names the script of one that goes on."""
+    """A page that grows section by section.
 
-    def __init__(self, title: str, live: str = "") -> None:
-        self._title, self._live = title, live
+    Attributes:
+        points: of a curve, about.
+    """
+
+    def __init__(self, title: str, live: str = "", points: int = MOST) -> None:
+        """Begin a page; `live` names the script of one that goes on."""
+        self._title, self._live, self.points = title, live, points
         self._body: list[str] = []
         self._plots: list[dict[str, Any]] = []
 
@@ -26,9 +34,10 @@ class Page:
         if parts:
             self._body.append(f"<section><h2>{escape(title)}</h2>{''.join(parts)}</section>")
 
-    def head(self, *parts: str) -> None:
-        """Add what stands above the sections."""
-        self._body.append(f"<header>{''.join(parts)}</header>")
+    def head(self, *parts: str, anchor: str = "") -> None:
+        """Add what stands above the sections that follow; `anchor` is its name for links."""
+        name = f' id="{escape(anchor)}"' if anchor else ""
+        self._body.append(f"<header{name}>{''.join(parts)}</header>")
 
     def figure(self, plot: dict[str, Any]) -> str:
         """Return the place of a plot (`series.plot`), whose data are kept for the script."""
@@ -68,6 +77,12 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
     body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
     return f'<div class="wide"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def badge(status: Status) -> str:
+    """Return a status as a coloured mark."""
+    look = "good" if status is Status.CONVERGED else "fair" if status is Status.DISAGREE else ""
+    return f'<span class="status {look}">{escape(status.value)}</span>'
 
 
 def _asset(name: str) -> str:

@@ -15,24 +15,30 @@ from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import Regression
 from joint_id_core.pages.contents import Contents
-from joint_id_core.pages.document import Page, listed, paragraph, table
-from joint_id_core.pages.series import plot
+from joint_id_core.pages.document import Page, badge, listed, paragraph, table
+from joint_id_core.pages.series import MOST, plot
 from joint_id_core.results.difference import differences
-from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions, Status
+from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions
 from joint_id_core.results.verdict import Verdict
 
 WIDE = 1.96  # standard deviations, half of a 95 % interval
 TOO_WIDE = 0.3  # standard deviation over the value
+MOST_SUSPECTS = 50  # samples that are shown
 NO_TREND = (Verdict.FIXED, Verdict.NOT_EXCITED)
 
 
 def report(contents: Contents) -> str:
     """Return the report as one file of HTML that fetches nothing."""
+    page = Page(f"{_name(contents.estimate)}, {contents.estimate.status.value}")
+    fill(page, contents)
+    return page.html()
+
+
+def fill(page: Page, contents: Contents, anchor: str = "") -> None:
+    """Add all that is known of one joint to a page; `anchor` is its name for links."""
     estimate, recording = contents.estimate, contents.recording
-    what = f"{estimate.joint or 'joint'}: {estimate.model}"
     origin = float(recording.time[0]) if recording is not None and len(recording) else 0.0
-    page = Page(f"{what}, {estimate.status.value}")
-    page.head(*_head(what, contents))
+    page.head(*_head(contents), anchor=anchor)
     page.section("Parameters", _parameters(estimate))
     page.section("What this motion does not show", *_unknown(estimate))
     if estimate.predictions is not None:
@@ -49,13 +55,15 @@ def report(contents: Contents) -> str:
     page.section(
         "How to repeat it", f"<pre>{escape(contents.command)}</pre>" if contents.command else "", _how(estimate)
     )
-    return page.html()
 
 
-def _head(what: str, contents: Contents) -> Iterator[str]:
+def _name(estimate: Estimate) -> str:
+    return f"{estimate.joint or 'joint'}: {estimate.model}"
+
+
+def _head(contents: Contents) -> Iterator[str]:
     estimate = contents.estimate
-    look = "good" if estimate.converged else "fair" if estimate.status is Status.DISAGREE else ""
-    yield f'<h1>{escape(what)} <span class="status {look}">{escape(estimate.status.value)}</span></h1>'
+    yield f"<h1>{escape(_name(estimate))} {badge(estimate.status)}</h1>"
     yield f'<p class="message">{escape(estimate.message)}</p>' if estimate.message else ""
     yield listed(note for note in estimate.notes if note not in estimate.message)
     yield paragraph(f"{estimate.source}; {estimate.samples} samples, {estimate.end - estimate.start:.3g} s of motion")
@@ -84,25 +92,28 @@ def _predictions(page: Page, estimate: Estimate, shown: Predictions, origin: flo
     yield '<p class="hint">Drag over a plot to zoom in, click twice to zoom out.</p>'
     if estimate.estimator != Regression.name:
         yield paragraph("Predictions begin anew at the filtered state every 0.1 s: their errors grow from there.")
-    for plot_ in prediction_plots(shown, origin):
+    for plot_ in prediction_plots(shown, origin, page.points):
         yield page.figure(plot_)
 
 
-def prediction_plots(shown: Predictions, origin: float) -> Iterator[dict[str, Any]]:
-    """Return plots of measured and predicted labels, of their differences and of the spectra of these."""
+def prediction_plots(shown: Predictions, origin: float, most: int = MOST) -> Iterator[dict[str, Any]]:
+    """Return plots of measured and predicted labels, of their differences and of the spectra of these.
+
+    `most` as in `series.plot`.
+    """
     time = shown.time - origin
     for name, predicted in shown.predicted.items():
         measured, unit = shown.measured[name], CHANNELS[name].unit if name in CHANNELS else ""
         label = name.replace("_", " ")
         both = {"measured": measured, "predicted": predicted}
-        yield plot(f"{label} [{unit}]", time, both, dots=("measured",))
+        yield plot(f"{label} [{unit}]", time, both, dots=("measured",), most=most)
         error = predicted - measured
-        yield plot(f"error of {label} [{unit}]", time, {"predicted - measured": error})
+        yield plot(f"error of {label} [{unit}]", time, {"predicted - measured": error}, most=most)
         spectrum = _spectrum(time, error)
         if spectrum is not None:
             density = {"residual": spectrum[1]}
             title = f"spectrum of the error of {label} [({unit})²/Hz]"
-            yield plot(title, spectrum[0], density, "frequency [Hz]", log=True)
+            yield plot(title, spectrum[0], density, "frequency [Hz]", log=True, most=most)
 
 
 def _spectrum(time: Array, error: Array) -> tuple[Array, Array] | None:
@@ -124,7 +135,7 @@ def _inputs(page: Page, estimate: Estimate, recording: Recording, origin: float)
     for name in recording.channels:
         if recording.measured(name) and name not in shown:
             label = f"{name.replace('_', ' ')} [{CHANNELS[name].unit}]"
-            yield page.figure(plot(label, time, {name: recording[name]}))
+            yield page.figure(plot(label, time, {name: recording[name]}, most=page.points))
 
 
 def _windows(page: Page, contents: Contents, origin: float) -> Iterator[str]:
@@ -219,6 +230,16 @@ def _recording(recording: Recording, contents: Contents) -> Iterator[str]:
         + "."
     )
     yield listed(contents.doubts) or paragraph("The checks found nothing wrong.")
+    if contents.suspects:
+        more = len(contents.suspects) - MOST_SUSPECTS
+        yield paragraph("Samples that the checks doubt" + (f", and {more} more:" if more > 0 else ":"))
+        yield table(("channel", "sample", "time [s]", "before", "value", "after"), _suspects(recording, contents))
+
+
+def _suspects(recording: Recording, contents: Contents) -> Iterator[tuple[str, ...]]:
+    for name, k in contents.suspects[:MOST_SUSPECTS]:
+        beside = (f"{recording[name][j]:.6g}" if 0 <= j < len(recording) else "-" for j in (k - 1, k, k + 1))
+        yield name, str(k), f"{recording.time[k]:.6g}", *beside
 
 
 def _missing(recording: Recording) -> Iterator[str]:

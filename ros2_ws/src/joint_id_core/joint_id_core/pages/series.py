@@ -18,7 +18,7 @@ DIGITS = 5  # significant ones of a value; those of the abscissa are two more
 
 def plot(
     title: str, x: Array, rows: Mapping[str, Array], x_label: str = "time [s]", dots: tuple[str, ...] = (),
-    bands: Mapping[str, Array] | None = None, log: bool = False,
+    bands: Mapping[str, Array] | None = None, log: bool = False, most: int = MOST,
 ) -> dict[str, Any]:  # fmt: skip
     """Return one plot of rows (T,) by name over x (T,).
 
@@ -29,11 +29,12 @@ def plot(
         dots: names of rows that are drawn as points.
         bands: by name of a row, the half width of the band around it, shape (T,).
         log: both axes are logarithmic.
+        most: points of a curve, about.
     """
     names, widths = list(rows), dict(bands or {})
     table = [rows[n] for n in names] + [rows[n] + sign * w for n, w in widths.items() for sign in (-1.0, 1.0)]
     time, *values = broken(x, *table) if not log else (x, *table)
-    kept = thinned(np.array(values))
+    kept = thinned(np.array(values), most)
     shown = [[_number(v, DIGITS) for v in row[kept].tolist()] for row in values]
     series = [{"name": n, "dots": n in dots} for n in names]
     return {
@@ -43,12 +44,12 @@ def plot(
     }  # fmt: skip
 
 
-def thinned(values: Array) -> NDArray[np.int64]:
-    """Return indices of at most about `MOST` columns of values (k, T), with the extremes of each row and every gap."""
+def thinned(values: Array, most: int = MOST) -> NDArray[np.int64]:
+    """Return indices of at most about `most` columns of values (k, T), with the extremes of each row and every gap."""
     count = values.shape[1]
-    if count <= MOST:
+    if count <= most:
         return np.arange(count, dtype=np.int64)
-    edges = np.linspace(0, count, max(2, MOST // (2 * len(values))) + 1).astype(int)
+    edges = np.linspace(0, count, max(2, most // (2 * len(values))) + 1).astype(int)
     kept = [0, count - 1]
     for begin, end in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
         for row in values[:, begin:end]:
