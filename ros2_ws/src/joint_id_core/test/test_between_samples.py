@@ -13,6 +13,7 @@ from joint_id_core.estimators import Innovations, ParameterSettings, Regression,
 from joint_id_core.estimators.cross_check import cross_checked
 from joint_id_core.estimators.innovations.fit import fit_innovations
 from joint_id_core.models import Model, build
+from joint_id_core.online import OnlineIdentifier, OnlineOptions
 from joint_id_core.results.estimate import Estimate, Status
 from joint_id_core.simulation.excitation import position_reference
 from joint_id_core.simulation.position_control import ControlledJoint, PositionController
@@ -126,6 +127,24 @@ def test_behind_a_flexible_gear_such_a_recording_is_a_poor_one(nth):
     found = fit(FLEXIBLE, every(nth, FLEXIBLE), ParameterSettings(GEAR))
     assert found.status is Status.POOR_FIT and SAYS in found.message and "all samples" in found.message
     assert fit(FLEXIBLE, every(1, FLEXIBLE), ParameterSettings(GEAR)).converged
+
+
+def followed(recording: Recording, model: Model) -> list[Estimate]:
+    """The estimates of the online identifier, one a second."""
+    identifier = OnlineIdentifier(model, ParameterSettings(GEAR), OnlineOptions(hop_s=1.0))
+    size = round(0.2 / recording.period)
+    parts = [recording.slice(i, i + size) for i in range(0, len(recording), size)]
+    return [estimate for estimate in map(identifier.update, parts) if estimate is not None]
+
+
+def test_online_some_of_the_samples_of_a_controller_are_not_enough():
+    """It was converged throughout, and 30 standard deviations off with a flexible gear."""
+    assert all(estimate.converged for estimate in followed(every(1, FLEXIBLE), FLEXIBLE))
+    poor = followed(every(2, FLEXIBLE), FLEXIBLE)
+    assert len(poor) > 10 and all(estimate.status is Status.POOR_FIT for estimate in poor)
+    assert any(SAYS in estimate.message for estimate in poor)
+    for estimate in followed(every(2), RIGID):  # the second opinion knows what the recursion does not
+        assert max(errors(estimate, LOAD).values()) < 4.0
 
 
 def test_no_mean_is_taken_over_a_gap_or_a_missing_value():

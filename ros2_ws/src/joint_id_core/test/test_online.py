@@ -163,6 +163,15 @@ def test_a_missing_channel_or_an_empty_batch_does_no_harm():
     assert after[-1].status is Status.CONVERGED
 
 
+def test_a_recording_may_be_every_second_row_of_a_table():
+    """Its arrays are then no contiguous ones."""
+    whole = motion(6.0)
+    thinned = Recording(whole.time[::2], {n: values[::2] for n, values in whole.channels.items()})
+    assert not thinned.time.flags.c_contiguous
+    identifier = OnlineIdentifier(MODEL, options=OnlineOptions(hop_s=0.5))
+    assert [e for e in (identifier.update(thinned.slice(i, i + 50)) for i in range(0, len(thinned), 50)) if e]
+
+
 def test_sliding_window_keeps_its_length_and_fills_holes_with_nan():
     window = SlidingWindow(1.5)
     window.append(Recording(np.arange(10) * 0.1, {"link_position": np.arange(10.0)}))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from joint_id_core.cell.kernel import compile_model
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators import Estimator
+from joint_id_core.estimators.between_samples import fitted_between, takes_mean
 from joint_id_core.estimators.cross_check import cross_checked
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.estimator import Innovations
@@ -52,7 +54,11 @@ class Task:
                 hidden = hides_compliance(self.model, self.estimator.name, recording, self.settings)
             if hidden is not None:
                 return hidden
-            return fit_innovations(self.model, recording, self.settings, self.estimator, previous=previous)
+            found = fit_innovations(self.model, recording, self.settings, self.estimator, previous=previous)
+            if takes_mean(self.model):  # the filter takes the drive for held; the second opinion does not
+                return found
+            again = partial(fit_innovations, self.model, settings=self.settings, options=self.estimator)
+            return fitted_between(found, self.model, recording, partial(again, previous=found))
         return self.estimator.fit(self.model, recording, self.settings)
 
     def cross_checked(self, fit: Estimate, recording: Recording) -> Estimate:

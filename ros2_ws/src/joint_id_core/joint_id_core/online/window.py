@@ -21,7 +21,7 @@ ROOM = 256  # rows of the smallest buffer
 def extremes(time: Array) -> tuple[float, float]:
     """Return the shortest and the longest step between two or more instants (T,) in s."""
     found = np.empty(2)
-    compile_shared().steps(time, found)
+    compile_shared().steps(np.ascontiguousarray(time), found)  # a recording may be a part of a table
     return float(found[0]), float(found[1])
 
 

@@ -54,5 +54,5 @@ def changes(model: Model, share: float) -> str:
     """Return in words that the drive was not held."""
     return (
         f"{model.drive} {CHANGES} (the next one has a share of {share:.2g} of its mean over the step): "
-        "the recording has fewer samples than the controller made"
+        "as if the controller had made more samples than were recorded"
     )
