@@ -98,7 +98,7 @@ def _library(name: str, use: str = "") -> Check:
 
 
 def _cache() -> Check:
-    from joint_id_core.cell.kernel import cache_directory
+    from joint_id_core.cell.module_cache import cache_directory
 
     place, mend = cache_directory(), "set JOINT_ID_CACHE_DIR to a folder that can be written, on a disk with space"
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib.util
 import os
 import subprocess
@@ -11,7 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from joint_id_core.cell.kernel import cache_directory, compile_model
+from joint_id_core.cell import module_cache
+from joint_id_core.cell.kernel import compile_model
+from joint_id_core.cell.module_cache import cache_directory
 from joint_id_core.cell.rollout import rollout
 from joint_id_core.data.signals import Parameter, channel, positive
 from joint_id_core.errors import JointIdError
@@ -173,6 +176,22 @@ def test_a_cache_that_cannot_be_written_is_named(cache):
     cache.write_text("a file where a folder should be")
     with pytest.raises(JointIdError, match=r"kernels.*JOINT_ID_CACHE_DIR"):
         compile_model(Propeller())
+
+
+def test_a_cache_that_cannot_be_written_still_serves_what_it_has(cache, monkeypatch):
+    """As one that an administrator filled for all users."""
+    compile_model(Propeller(), "sign")
+    kept = {file: file.stat().st_mtime_ns for file in cache.rglob("*")}
+
+    def closed(folder):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr(module_cache, "_locked", closed)
+    compile_model.cache_clear()
+    np.testing.assert_allclose(coast(compile_model(Propeller(), "sign")), FREE, rtol=1e-7)
+    assert {file: file.stat().st_mtime_ns for file in cache.rglob("*")} == kept
+    with pytest.raises(JointIdError, match=r"Read-only file system.*JOINT_ID_CACHE_DIR"):
+        compile_model(build("dc_motor"), extra=("R",))
 
 
 def test_misuse_is_named():

@@ -7,41 +7,30 @@ compiled again.
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
-import importlib.util
 import inspect
-import logging
-import os
-import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TextIO
 
 from joint_id_core import models
 from joint_id_core.cell import CELLS
 from joint_id_core.cell.loops import arrays, information, innovations, newton, noise, simulate, streams, tracking
+from joint_id_core.cell.module_cache import Functions, cache_directory, loaded
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import Model
 
-log = logging.getLogger(__name__)
-
-# Functions of a kernel that Python calls.
-_Functions = tuple[Callable[..., Any], ...]
-_SIMULATION: _Functions = (simulate.rollout, simulate.jacobians, simulate.spectral_radius)
-_FILTER: _Functions = (innovations.innovations, innovations.observations)
-_TRACKING: _Functions = (tracking.track,)
-_SENSITIVITIES: _Functions = (simulate.rollout_sensitivities,)
-_GAINS: _Functions = (
+_SIMULATION: Functions = (simulate.rollout, simulate.jacobians, simulate.spectral_radius)
+_FILTER: Functions = (innovations.innovations, innovations.observations)
+_TRACKING: Functions = (tracking.track,)
+_SENSITIVITIES: Functions = (simulate.rollout_sensitivities,)
+_GAINS: Functions = (
     noise.noise_information, noise.bounded_step, noise.disturbances, newton.with_prior, newton.damped_step,
 )  # fmt: skip
-_SHARED: _Functions = (
+_SHARED: Functions = (
     information.inverse, information.newest, information.change, information.of_free,
     streams.steps, streams.always_moves,
 )  # fmt: skip
@@ -76,14 +65,6 @@ class Kernel:
     def gains(self) -> ModuleType:
         """Module of `loops.noise` and `loops.newton`, shared by all models with as many states and inputs."""
         return _gains(len(self.model.states), len(self.model.inputs), bool(self.model.label_delays))
-
-
-def cache_directory() -> Path:
-    """Return the folder of the compiled kernels."""
-    explicit = os.environ.get("JOINT_ID_CACHE_DIR")
-    if explicit:
-        return Path(explicit)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "joint_id"
 
 
 @lru_cache(maxsize=1)
@@ -142,7 +123,7 @@ def {name}({arguments}):
 """
 
 
-def _module_source(what: str, cell: str, functions: _Functions) -> str:
+def _module_source(what: str, cell: str, functions: Functions) -> str:
     """Return the source of a module that compiles `functions`, which call those of `cell`."""
     imports = "\n".join(sorted({f"import {function.__module__}" for function in functions}))
     text = _MODULE.format(what=what, imports=imports, cell=cell)
@@ -156,56 +137,6 @@ def _module_source(what: str, cell: str, functions: _Functions) -> str:
             signature=f"{result}({', '.join(arrays.NUMBA[kind] for kind in arguments.values())})",
         )
     return text
-
-
-def _build(path: Path, what: str, source: Callable[[], str], functions: _Functions) -> ModuleType:
-    """Load a compiled module; write its source first if it does not exist."""
-    if not path.exists():
-        log.info("compiling %s once, a few seconds; the result is kept in %s", what, path.parent)
-        draft = path.with_suffix(".draft")
-        draft.write_text(source())
-        draft.replace(path)
-    spec = importlib.util.spec_from_file_location(f"joint_id_{path.stem}_{path.parent.name}", path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    with _short_loops_vectorised():
-        spec.loader.exec_module(module)
-    missing = [f.__name__ for f in functions if not hasattr(module, f.__name__)]
-    if missing:  # a file that was truncated by a full disk may still be valid Python
-        raise ImportError(f"{path} has no {', '.join(missing)}")
-    return module
-
-
-@contextmanager
-def _short_loops_vectorised() -> Iterator[None]:
-    """Enable the compiler's vectorisation of unrolled code (SLP), since it unrolls loops over a few columns first.
-
-    It is off by default in numba. With it a pass of the innovations form takes 0.9 of the time, and its noise
-    information 0.45.
-    """
-    from numba import config
-
-    before = config.SLP_VECTORIZE
-    config.SLP_VECTORIZE = 1
-    try:
-        yield
-    finally:
-        config.SLP_VECTORIZE = before
-
-
-def _locked(folder: Path) -> TextIO:
-    """Create the folder and lock it, so that a second process waits for the build of the first one."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        lock = folder.with_suffix(".lock").open("w")
-    except OSError as error:
-        raise JointIdError(
-            f"cannot keep compiled kernels in {folder.parent} ({error.strerror}): "
-            "set JOINT_ID_CACHE_DIR to a folder that can be written"
-        ) from error
-    fcntl.flock(lock, fcntl.LOCK_EX)
-    return lock
 
 
 @lru_cache(maxsize=64)
@@ -256,7 +187,7 @@ def _path(model: Model, friction: str, sensitive: tuple[str, ...], cell: str, pa
 
 
 def _cell(
-    model: Model, friction: str, sensitive: tuple[str, ...], cell: str, part: str, functions: _Functions
+    model: Model, friction: str, sensitive: tuple[str, ...], cell: str, part: str, functions: Functions
 ) -> ModuleType:
     """Return one module of the kernel of a model."""
 
@@ -265,7 +196,7 @@ def _cell(
         return _module_source(f"{model!r}, friction {friction}, cell {cell}", text, functions)
 
     path = _path(model, friction, sensitive, cell, part)
-    return _loaded(path, f"model {model.name}", source, functions)
+    return loaded(path, f"model {model.name}", source, functions)
 
 
 @lru_cache(maxsize=64)
@@ -275,7 +206,7 @@ def _gains(states: int, inputs: int, delayed: bool) -> ModuleType:
     sizes = f"NX = {states}\nNU = {inputs}\nCL = {columns}\nCD = {noise.DISTURBANCES}\nDELAYED = {delayed}\n"
     what = f"noise statistics of {states} states and {inputs} inputs"
     path = cache_directory() / f"gains-{_hash(sizes)}" / "gains.py"
-    return _loaded(path, what, lambda: _module_source(what, sizes, _GAINS), _GAINS)
+    return loaded(path, what, lambda: _module_source(what, sizes, _GAINS), _GAINS)
 
 
 @lru_cache(maxsize=1)
@@ -283,17 +214,4 @@ def compile_shared() -> ModuleType:
     """Return the compiled `loops.information` and `loops.streams`, which all models share; see `compile_model`."""
     path = cache_directory() / f"shared-{_hash()}" / "shared.py"
     what = "functions that all models share"
-    return _loaded(path, what, lambda: _module_source(what, "", _SHARED), _SHARED)
-
-
-def _loaded(path: Path, what: str, source: Callable[[], str], functions: _Functions) -> ModuleType:
-    """Return a compiled module, from the cache or newly compiled."""
-    folder = path.parent
-    with _locked(folder):
-        try:
-            return _build(path, what, source, functions)
-        except Exception as error:  # a new build repairs any problem of a cached file
-            log.warning("the cached kernel in %s cannot be loaded (%s): building it again", folder, error)
-            shutil.rmtree(folder, ignore_errors=True)
-            folder.mkdir(parents=True)
-            return _build(path, what, source, functions)
+    return loaded(path, what, lambda: _module_source(what, "", _SHARED), _SHARED)

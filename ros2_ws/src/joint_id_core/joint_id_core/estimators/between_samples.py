@@ -11,7 +11,7 @@ from joint_id_core.cell.kernel import compile_model
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators.innovations.filtered import filtered
 from joint_id_core.estimators.shared.fit_data import prepare
-from joint_id_core.estimators.shared.mean_drive import MOST, changes, mean_drive, with_mean_drive
+from joint_id_core.estimators.shared.mean_drive import MOST, changes, slope, with_mean_drive
 from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
@@ -42,23 +42,23 @@ def fitted_between(
         model, recording: what was fitted.
         fit: makes such an estimate of a recording.
     """
-    if model.drive is None or estimate.status.unusable or not recording.measured(model.drive):
+    if model.drive is None or not recording.measured(model.drive) or not np.isfinite(_misfit(estimate)):
         return estimate
     # Three passes at the same parameters nearly always tell that it is held, in a tenth of the time of a fit.
     likely = _most_likely_share(estimate, model, recording)
     if likely < LEAST:
         return estimate
-    found = [(fit(with_mean_drive(model, recording, share)), share) for share in (likely, *OTHERS)]
-    best, share = min([(estimate, 0.0), *found], key=lambda one: _misfit(one[0]))
-    again = _most_likely_share(best, model, recording)
-    if abs(again - share) > CLOSE:
-        best, share = min(
-            [(best, share), (fit(with_mean_drive(model, recording, again)), again)], key=lambda one: _misfit(one[0])
-        )
-    if not best.deviance < estimate.deviance - SURE:
+    fits = [(fit(_advanced(model, recording, share)), share) for share in (likely, *OTHERS)]
+    earlier, share = min(fits, key=lambda one: _misfit(one[0]))
+    if not _misfit(earlier) < estimate.deviance - SURE:
+        return estimate
+    again = _most_likely_share(earlier, model, recording)
+    share = again if again > LEAST else share
+    best = fit(with_mean_drive(model, recording, share))
+    if best.status.unusable:
         return estimate
     told = sentence(changes(model, share))
-    if best.converged and takes_mean(model):
+    if takes_mean(model):
         notes = (*best.notes[:1], told, *best.notes[1:])
         return replace(best, notes=notes, message=message(notes))
     notes = (told, "Record all samples of the controller, or fit model rigid_joint.", *best.notes[1:])
@@ -66,22 +66,29 @@ def fitted_between(
 
 
 def _misfit(estimate: Estimate) -> float:
+    """Return -2 log likelihood; inf for a fit that failed."""
     return np.inf if estimate.status.unusable or not np.isfinite(estimate.deviance) else estimate.deviance
 
 
+def _advanced(model: Model, recording: Recording, share: float) -> Recording:
+    """Return a recording whose drive comes a share of a sample earlier."""
+    assert model.drive is not None
+    drive = recording[model.drive]
+    return recording.with_channels({model.drive: drive + share * slope(recording, recording.time, drive)})
+
+
 def _most_likely_share(estimate: Estimate, model: Model, recording: Recording) -> float:
-    """Return the share of the next sample that describes a recording best, at the parameters of an estimate.
+    """Return by how much of a sample the drive should come earlier, at the parameters of an estimate.
 
     Innovations are linear in the drive, so their squares are a parabola in the share: three passes tell it.
     """
     assert model.drive is not None
     data = prepare(model, recording, ParameterSettings.of_estimate(estimate), leave_out_rests=True)
     kernel, k = compile_model(model, "tanh", data.freed, estimate.cell), model.input_names.index(model.drive)
-    mean = np.column_stack(
-        [mean_drive(model, data.recording, data.time, u) if j == k else u for j, u in enumerate(data.u.T)]
-    )
-    passes = filtered(data, kernel, estimate.noise, estimate.substeps, [0.5 * (data.u + mean), mean])
-    held, half, most = (one.cost for one in passes)
+    more = np.zeros_like(data.u)
+    more[:, k] = slope(data.recording, data.time, data.u[:, k])
+    earlier = [data.u + share * more for share in (0.5 * MOST, MOST)]
+    held, half, most = (one.cost for one in filtered(data, kernel, estimate.noise, estimate.substeps, earlier))
     bent = held - 2.0 * half + most
     if not (np.isfinite(bent) and bent > 0.0):
         return 0.0

@@ -114,8 +114,11 @@ def _example(found: Collection[str]) -> str:
     """Return example options that map the user's own columns."""
     own = _own(found)
     time = next((c for c in found if (understood(c) or ("",))[0] == TIME), None) or next(own, "t")
-    position = next((c for c in own if c != time), "q_deg")
-    return " ".join(f"--map {shlex.quote(text)}" for text in (f"{TIME}={time}", f"link_position=0.0174533*{position}"))
+    position = next((c for c in own if c != time), "q")
+    factor = "0.0174533*" if "deg" in position.lower() else ""
+    options = (f"{TIME}={time}", f"link_position={factor}{position}")
+    text = " ".join(f"--map {shlex.quote(option)}" for option in options)
+    return text if factor else f"{text} (0.0174533*{position} if it is in degrees)"
 
 
 def _own(found: Collection[str]) -> Iterator[str]:

@@ -13,6 +13,7 @@ half if the drive changes all the time.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.models import Model
@@ -26,12 +27,14 @@ NEXT = 1.5  # periods up to which two samples follow each other
 VELOCITY, POSITION = (13.0 / 24.0, -1.0 / 24.0), (7.0 / 12.0, -1.0 / 12.0)
 
 
-def mean_drive(model: Model, recording: Recording, time: Array, drive: Array) -> Array:
-    """Return the mean over each step of a drive that changes all the time, shape (T,).
+def with_mean_drive(model: Model, recording: Recording, share: float) -> Recording:
+    """Return a recording with the mean drive over each step, of which the next sample has a `share` up to `MOST`.
 
-    `time` and `drive` (T,) may leave out samples of the recording. Over a gap, and before a missing value, it is held.
+    Over a gap, and before a missing value, the drive is held.
     """
-    follows = (np.diff(time) < NEXT * recording.period) & np.isfinite(drive[1:])
+    assert model.drive is not None
+    drive = recording[model.drive]
+    follows = _follows(recording, recording.time, drive)
     mean = drive.copy()
     mean[:-1] = np.where(follows, 0.5 * (drive[:-1] + drive[1:]), drive[:-1])
     inner = follows[:-2] & follows[1:-1] & follows[2:]
@@ -39,20 +42,30 @@ def mean_drive(model: Model, recording: Recording, time: Array, drive: Array) ->
     near, far = POSITION if all(n.endswith("_position") for n in seen) else VELOCITY
     cubic = near * (drive[1:-2] + drive[2:-1]) + far * (drive[:-3] + drive[3:])
     mean[1:-2] = np.where(inner, cubic, mean[1:-2])
-    return mean
-
-
-def with_mean_drive(model: Model, recording: Recording, share: float) -> Recording:
-    """Return a recording with the mean drive over each step, of which the next sample has a `share` up to `MOST`."""
-    assert model.drive is not None
-    drive = recording[model.drive]
-    mean = mean_drive(model, recording, recording.time, drive)
     return recording.with_channels({model.drive: drive + share / MOST * (mean - drive)})
+
+
+def slope(recording: Recording, time: Array, drive: Array) -> Array:
+    """Return by how much a drive (T,) changes in a sample, from its neighbours, shape (T,); 0 beside a gap.
+
+    With a share of it, the drive comes that much of a sample earlier. Noise of its sensor is not averaged, as it is by
+    a mean: only a drive that comes too late gets better.
+    """
+    follows = _follows(recording, time, drive)
+    found = np.zeros_like(drive)
+    found[1:-1] = np.where(follows[1:] & follows[:-1], 0.5 * (drive[2:] - drive[:-2]), 0.0)
+    return found
+
+
+def _follows(recording: Recording, time: Array, drive: Array) -> NDArray[np.bool_]:
+    """Return whether each sample and the one that follows at once are known, shape (T - 1,)."""
+    known = np.isfinite(drive)
+    return np.asarray((np.diff(time) < NEXT * recording.period) & known[1:] & known[:-1])
 
 
 def changes(model: Model, share: float) -> str:
     """Return in words that the drive was not held."""
     return (
-        f"{model.drive} {CHANGES} (the next one has a share of {share:.2g} of its mean over the step): "
-        "as if the controller had made more samples than were recorded"
+        f"{model.drive} {CHANGES}, as if the controller had made more of them than were recorded: its mean over each "
+        f"step is taken, with a share of {share:.2g} of the next sample"
     )
