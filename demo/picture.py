@@ -18,9 +18,9 @@ from joint_id_core.data.recording import Array, Recording
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ParameterSettings
+from joint_id_core.estimators.innovations.filtered import filtered
 from joint_id_core.estimators.shared.fit_data import prepare
 from joint_id_core.models import Model
-from joint_id_core.validation.prediction import filtered
 from joint_id_msgs.msg import JointEstimate, ParameterEstimate
 
 AHEAD_S = 2.0  # how far the simulation runs ahead of the data
@@ -70,9 +70,9 @@ def predict(model: Model, recording: Recording, history: History) -> Prediction:
     )
     kernel = compile_model(model)
     noise = dict(zip(estimate.signal, estimate.noise_std, strict=True))
-    states, steps = filtered(data, kernel, noise, estimate.substeps)
+    found = filtered(data, kernel, noise, estimate.substeps)[0]
     k = int(np.searchsorted(data.time, begin))
-    X = rollout(kernel, states[k], data.time[k:], data.u[k:], data.p, steps[k:])
+    X = rollout(kernel, found.states[k], data.time[k:], data.u[k:], data.p, found.steps[k:])
     names = [n for n in SIGNALS if n in data.labels][:PANELS]
     measured = {n: data.y[k:, data.labels.index(n)] for n in names}
     simulated = {n: X[:, model.state_names.index(n)] for n in names}

@@ -19,8 +19,7 @@ from joint_id_core.results.estimate import Estimate, Status
 
 # Difference of -2 log likelihood from which one of two descriptions with the same parameters is taken: e^10 to 1.
 SURE = 20.0
-LEAST = 0.005  # share: where parameters make up for a late drive, they hide most of it
-CLOSE = 0.02  # change of the share that needs no other fit
+LIKELY = 1.0  # the same from which it is worth a fit: where parameters make up for a late drive, they hide most of it
 OTHERS = (0.25, 0.375, 0.5)  # of every second sample, of every fourth, and of a drive that changes all the time
 
 
@@ -46,14 +45,13 @@ def fitted_between(
         return estimate
     # Three passes at the same parameters nearly always tell that it is held, in a tenth of the time of a fit.
     likely = _most_likely_share(estimate, model, recording)
-    if likely < LEAST:
+    if likely == 0.0:
         return estimate
     fits = [(fit(_advanced(model, recording, share)), share) for share in (likely, *OTHERS)]
     earlier, share = min(fits, key=lambda one: _misfit(one[0]))
     if not _misfit(earlier) < estimate.deviance - SURE:
         return estimate
-    again = _most_likely_share(earlier, model, recording)
-    share = again if again > LEAST else share
+    share = _most_likely_share(earlier, model, recording) or share
     best = fit(with_mean_drive(model, recording, share))
     if best.status.unusable:
         return estimate
@@ -80,7 +78,8 @@ def _advanced(model: Model, recording: Recording, share: float) -> Recording:
 def _most_likely_share(estimate: Estimate, model: Model, recording: Recording) -> float:
     """Return by how much of a sample the drive should come earlier, at the parameters of an estimate.
 
-    Innovations are linear in the drive, so their squares are a parabola in the share: three passes tell it.
+    Innovations are linear in the drive, so their squares are a parabola in the share: three passes tell it. 0 if that
+    is hardly more likely than a drive that is held.
     """
     assert model.drive is not None
     data = prepare(model, recording, ParameterSettings.of_estimate(estimate), leave_out_rests=True)
@@ -92,4 +91,5 @@ def _most_likely_share(estimate: Estimate, model: Model, recording: Recording) -
     bent = held - 2.0 * half + most
     if not (np.isfinite(bent) and bent > 0.0):
         return 0.0
-    return float(np.clip(0.5 * MOST * (0.5 + (held - half) / bent), 0.0, MOST))
+    share = float(np.clip(0.5 * MOST * (0.5 + (held - half) / bent), 0.0, MOST))
+    return share if 2.0 * bent * (share / MOST) ** 2 > LIKELY else 0.0
