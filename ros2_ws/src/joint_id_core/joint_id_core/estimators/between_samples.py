@@ -53,7 +53,7 @@ def fitted_between(
         return estimate
     share = _most_likely_share(earlier, model, recording) or share
     best = fit(with_mean_drive(model, recording, share))
-    if best.status.unusable:
+    if not _misfit(best) < estimate.deviance - SURE:
         return estimate
     told = sentence(changes(model, share))
     if takes_mean(model):
