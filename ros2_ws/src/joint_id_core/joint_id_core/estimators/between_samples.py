@@ -11,7 +11,7 @@ from joint_id_core.cell.kernel import compile_model
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators.innovations.filtered import filtered
 from joint_id_core.estimators.shared.fit_data import prepare
-from joint_id_core.estimators.shared.mean_drive import MOST, changes, slope, with_mean_drive
+from joint_id_core.estimators.shared.mean_drive import MOST, POSITION, VELOCITY, changes, slope, with_mean_drive
 from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
@@ -52,7 +52,9 @@ def fitted_between(
     if not _misfit(earlier) < estimate.deviance - SURE:
         return estimate
     share = _most_likely_share(earlier, model, recording) or share
-    best = fit(with_mean_drive(model, recording, share))
+    seen = [n for n in model.state_names if recording.measured(n)]
+    weights = POSITION if all(n.endswith("_position") for n in seen) else VELOCITY
+    best = fit(with_mean_drive(model, recording, share, weights))
     if not _misfit(best) < estimate.deviance - SURE:
         return estimate
     told = sentence(changes(model, share))

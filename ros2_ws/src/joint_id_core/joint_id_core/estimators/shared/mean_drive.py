@@ -23,14 +23,16 @@ MOST = 0.5  # share of the next sample of a drive that changes all the time
 NEXT = 1.5  # periods up to which two samples follow each other
 # Weights, of the two samples of a step and of the two beside them, of the mean of the cubic through all four. With it
 # velocities are right at every sample. Positions are off by u T^2/12 over the inertia, as within a step it matters when
-# the drive acted. Where only positions are measured, the second derivative of that is taken off.
+# the drive acted. Where a simulation is compared with positions alone, the second derivative of that is taken off.
 VELOCITY, POSITION = (13.0 / 24.0, -1.0 / 24.0), (7.0 / 12.0, -1.0 / 12.0)
 
 
-def with_mean_drive(model: Model, recording: Recording, share: float) -> Recording:
+def with_mean_drive(
+    model: Model, recording: Recording, share: float, weights: tuple[float, float] = VELOCITY
+) -> Recording:
     """Return a recording with the mean drive over each step, of which the next sample has a `share` up to `MOST`.
 
-    Over a gap, and before a missing value, the drive is held.
+    Over a gap, and before a missing value, the drive is held. `weights` are `VELOCITY` or `POSITION`.
     """
     assert model.drive is not None
     drive = recording[model.drive]
@@ -38,8 +40,7 @@ def with_mean_drive(model: Model, recording: Recording, share: float) -> Recordi
     mean = drive.copy()
     mean[:-1] = np.where(follows, 0.5 * (drive[:-1] + drive[1:]), drive[:-1])
     inner = follows[:-2] & follows[1:-1] & follows[2:]
-    seen = [n for n in model.state_names if recording.measured(n)]
-    near, far = POSITION if all(n.endswith("_position") for n in seen) else VELOCITY
+    near, far = weights
     cubic = near * (drive[1:-2] + drive[2:-1]) + far * (drive[:-3] + drive[3:])
     mean[1:-2] = np.where(inner, cubic, mean[1:-2])
     return recording.with_channels({model.drive: drive + share / MOST * (mean - drive)})
