@@ -14,6 +14,8 @@ from joint_id_core.estimators.cross_check import cross_checked
 from joint_id_core.estimators.innovations.fit import fit_innovations
 from joint_id_core.models import Model, build
 from joint_id_core.online import OnlineIdentifier, OnlineOptions
+from joint_id_core.online.checks import at_once
+from joint_id_core.online.second_opinion import SecondOpinion
 from joint_id_core.results.estimate import Estimate, Status
 from joint_id_core.simulation.excitation import position_reference
 from joint_id_core.simulation.position_control import ControlledJoint, PositionController
@@ -145,6 +147,18 @@ def test_online_some_of_the_samples_of_a_controller_are_not_enough():
     assert any(SAYS in estimate.message for estimate in poor)
     for estimate in followed(every(2), RIGID):  # the second opinion knows what the recursion does not
         assert max(errors(estimate, LOAD).values()) < 4.0
+
+
+@pytest.mark.parametrize("nth", [1, 2, 4])
+def test_online_the_likelihood_tells_it_of_a_short_motion_too(nth):
+    """A second of motion, in which the regression is not sure."""
+    recording, settings = every(nth).slice(0, CONTROL_HZ // nth), ParameterSettings(GEAR)
+    opinion = SecondOpinion(RIGID, settings, window_s=1.0, background=at_once)
+    opinion.append(recording)
+    estimate = fit_innovations(RIGID, recording, settings)
+    found = opinion.on(estimate, tested_from=float(recording.time[-1]))
+    assert any(SAYS in note for note in found.notes) == (nth > 1)
+    assert max(errors(found, LOAD).values()) < 3.0
 
 
 def test_no_mean_is_taken_over_a_gap_or_a_missing_value():

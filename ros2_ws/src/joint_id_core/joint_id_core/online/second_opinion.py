@@ -6,10 +6,14 @@ The recursion takes what the model lacks for white noise, as `innovations` does:
 from __future__ import annotations
 
 from concurrent.futures import Future
+from dataclasses import replace
 from functools import partial
 
 from joint_id_core.data.recording import Recording
+from joint_id_core.estimators.between_samples import fitted_between, takes_mean
 from joint_id_core.estimators.cross_check import Opinion, judged, second_opinion, suits
+from joint_id_core.estimators.innovations.fit import fit_innovations
+from joint_id_core.estimators.shared.mean_drive import CHANGES
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.online.checks import CHECK_AFTER, CHECK_EVERY, Background
@@ -70,10 +74,24 @@ class SecondOpinion:
             self._count += 1
             length = CHECK_AFTER[self._count] if self._count < len(CHECK_AFTER) else CHECK_EVERY
             self._waits_s = length * self._window_s
-            ask = partial(second_opinion, estimate, self._model, self._motion.recording(), self._settings)
+            ask = partial(_opinion, estimate, self._model, self._motion.recording(), self._settings)
             self._running = self._background(ask), self._motion.end
         if self._running is not None and tested_from >= self._running[1] and self._running[0].done():
             self.newest, self._running = self._running[0].result(), None
             if self.newest is not None and self.newest.fault:
                 self._forget_motion()
         return estimate if self.newest is None else judged(estimate, self._model, self.newest)
+
+
+def _opinion(estimate: Estimate, model: Model, recording: Recording, settings: ParameterSettings) -> Opinion | None:
+    """Return the second opinion on an estimate; of a rigid joint also whether the drive was held.
+
+    The regression is sure of that after long or fast motion only, the likelihood in most others, too.
+    """
+    opinion = second_opinion(estimate, model, recording, settings)
+    if opinion is None or opinion.between or not takes_mean(model):
+        return opinion
+    fit = partial(fit_innovations, model, settings=settings)
+    found = fitted_between(fit(recording), model, recording, fit)
+    told = next((note for note in found.notes if CHANGES in note), "")
+    return replace(opinion, between=told) if told else opinion
