@@ -174,6 +174,8 @@ def _counted(results: Iterable[tuple[str, Found]], count: int, progress: Progres
 
 def joints_table(results: Mapping[str, Result | str]) -> str:
     """Return a table with a row a joint: status, and the estimated parameters."""
+    from joint_id_core.results.report import estimated
+
     width = max(len("joint"), *map(len, results)) + 2
     lines = [f"  {'joint':<{width}}{'model':<22}{'status':<16}parameters"]
     also: dict[str, list[str]] = {}  # joints by message: what is wrong with all of them is said once
@@ -184,18 +186,13 @@ def joints_table(results: Mapping[str, Result | str]) -> str:
             continue
         estimate = result.estimate
         gravity = " gravity" if estimate.model_options.get("gravity") else ""
-        lines.append(f"  {joint:<{width}}{estimate.model + gravity:<22}{estimate.status.value:<16}{_values(estimate)}")
+        lines.append(
+            f"  {joint:<{width}}{estimate.model + gravity:<22}{estimate.status.value:<16}{estimated(estimate) or '-'}"
+        )
         if not estimate.converged:
             also.setdefault(estimate.message, []).append(joint)
     remarks = [f"  {', '.join(joints)}: {text}" for text, joints in also.items()]
     return "\n".join([*lines, *([""] if also else []), *remarks])
-
-
-def _values(estimate: Estimate) -> str:
-    from joint_id_core.results.estimate import Verdict
-
-    known = [p for p in estimate.parameters if p.verdict is Verdict.ESTIMATED]
-    return ", ".join(f"{p.name} {p.value:.4g} ± {p.std_dev:.2g} {p.unit}" for p in known) or "-"
 
 
 def joints_json(results: Mapping[str, Result | str]) -> list[dict[str, Any]]:

@@ -120,10 +120,10 @@ def _of_all(job: FitJob, out: Path) -> None:
 
     with Progress() as progress:
         found = of_all(job.of_every_joint(), _one, progress)
-    words = ["joint-id", *sys.argv[1:]] + ([] if ALL in sys.argv else ["--joint", ALL])
+    words = [word for word in sys.argv[1:] if word not in ("--joint", ALL, f"--joint={ALL}")]
     for joint, one in found.items():
         if not isinstance(one, str):
-            found[joint] = replace(one, command=shlex.join(joint if word == ALL else word for word in words))
+            found[joint] = replace(one, command=shlex.join(["joint-id", *words, "--joint", joint]))
     write_text(out, report_of_joints(found, job.files[0].name), "the report")
     print(f"{out}: {len(found)} joints, {out.stat().st_size / 1e3:.0f} kB")
     bad = [joint for joint, one in found.items() if isinstance(one, str) or not one.estimate.converged]

@@ -57,8 +57,8 @@ class Task:
             found = fit_innovations(self.model, recording, self.settings, self.estimator, previous=previous)
             if takes_mean(self.model):  # the filter takes the drive for held; the second opinion does not
                 return found
-            again = partial(fit_innovations, self.model, settings=self.settings, options=self.estimator)
-            return fitted_between(found, self.model, recording, partial(again, previous=found))
+            again = partial(fit_innovations, self.model, settings=self.settings, options=self.estimator, previous=found)
+            return fitted_between(found, self.model, recording, again)
         return self.estimator.fit(self.model, recording, self.settings)
 
     def cross_checked(self, fit: Estimate, recording: Recording) -> Estimate:

@@ -74,8 +74,13 @@ def listed(texts: Iterable[str]) -> str:
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a table of text; a narrow screen scrolls it."""
+    return table_of_html(head, ([escape(cell) for cell in row] for row in rows))
+
+
+def table_of_html(head: Sequence[str], rows: Iterable[Iterable[str]]) -> str:
+    """Return a table like `table`, whose cells are HTML below the head."""
     top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
-    body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
+    body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
     return f'<div class="wide"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
 
 

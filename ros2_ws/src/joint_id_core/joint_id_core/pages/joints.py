@@ -6,10 +6,10 @@ from collections.abc import Iterator, Mapping
 from html import escape
 
 from joint_id_core.pages.contents import Contents
-from joint_id_core.pages.document import Page, badge
+from joint_id_core.pages.document import Page, badge, table_of_html
 from joint_id_core.pages.report import fill
 from joint_id_core.pages.series import MOST
-from joint_id_core.results.verdict import Verdict
+from joint_id_core.results.report import estimated
 
 
 def report_of_joints(found: Mapping[str, Contents | str], source: str) -> str:
@@ -24,7 +24,8 @@ def report_of_joints(found: Mapping[str, Contents | str], source: str) -> str:
     title = f"{source}: {good} of {len(found)} joints identified"
     page = Page(title, points=min(MOST, 3 * MOST // max(1, len(reports))))  # all together stay below 1 MB
     page.head(f"<h1>{escape(title)}</h1>")
-    page.section("All joints", _table(found))
+    head = ("joint", "model", "status", "estimated parameters, ± 1 sigma")
+    page.section("All joints", table_of_html(head, (_row(*item) for item in found.items())))
     for joint, one in reports.items():
         fill(page, one, _anchor(joint))
     return page.html()
@@ -32,12 +33,6 @@ def report_of_joints(found: Mapping[str, Contents | str], source: str) -> str:
 
 def _anchor(joint: str) -> str:
     return f"joint-{joint}"
-
-
-def _table(found: Mapping[str, Contents | str]) -> str:
-    head = "".join(f"<th>{name}</th>" for name in ("joint", "model", "status", "estimated parameters, ± 1 sigma"))
-    rows = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in _row(*item))}</tr>" for item in found.items())
-    return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>'
 
 
 def _row(joint: str, found: Contents | str) -> Iterator[str]:
@@ -48,7 +43,7 @@ def _row(joint: str, found: Contents | str) -> Iterator[str]:
     yield f'<a href="#{escape(_anchor(joint))}">{escape(joint)}</a>'
     yield escape(estimate.model)
     yield badge(estimate.status)
-    known = [p for p in estimate.parameters if p.verdict is Verdict.ESTIMATED]
-    values = ", ".join(f"{p.name} {p.value:.4g} ± {p.std_dev:.2g} {p.unit}" for p in known)
+    values = escape(estimated(estimate))
     # Of a fit that is not good, the first sentence says why; the part about the joint says the rest.
-    yield escape(values) if estimate.converged else f"{escape(estimate.notes[0])}<br>{escape(values)}"
+    why = next(iter(estimate.notes), estimate.message)
+    yield values if estimate.converged else f"{escape(why)}<br>{values}"

@@ -17,6 +17,12 @@ def one_line(estimate: Estimate) -> str:
     return f"<Estimate {estimate.model} by {estimate.estimator}: {estimate.status.value}{values}>"
 
 
+def estimated(estimate: Estimate) -> str:
+    """Return the estimated parameters with standard deviations and units; empty if there are none."""
+    known = [p for p in estimate.parameters if p.verdict is Verdict.ESTIMATED]
+    return ", ".join(f"{p.name} {p.value:.4g} ± {p.std_dev:.2g} {p.unit}" for p in known)
+
+
 def table(estimate: Estimate) -> str:
     """Return the estimate as lines of text: values, standard deviations, verdicts, fit, strong correlations."""
     head = f"{estimate.model} by {estimate.estimator}: {estimate.status.value}"
