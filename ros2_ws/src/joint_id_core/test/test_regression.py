@@ -248,3 +248,17 @@ def test_a_voltage_that_does_not_drive_the_current_is_named():
 
 def test_an_equation_without_any_column_that_is_shown_has_the_least_lag():
     assert automatic_lag(np.zeros((100, 0))) == 1.0
+
+
+@pytest.mark.parametrize("name", ["torque", "link_position", "external_torque"])
+@pytest.mark.parametrize("first", [0, 2000])
+def test_samples_without_a_value_are_left_out(name, first):
+    """One missing value once left no equation linear."""
+    record = motion(10.0)
+    channels = {**record.channels, "external_torque": np.zeros(len(record))}
+    channels[name] = channels[name].copy()
+    channels[name][first : first + 3] = np.nan
+    found = fit(MODEL, Recording(record.time, channels), estimator=Regression())
+    assert found.status is Status.CONVERGED, found.message
+    for parameter, truth in TRUTH.items():
+        assert abs(found[parameter].value - truth) < 4.0 * found[parameter].std_dev

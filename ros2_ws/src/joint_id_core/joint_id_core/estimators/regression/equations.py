@@ -59,19 +59,26 @@ class Motion:
         x = {n: np.zeros_like(v) if n.endswith("_velocity") else v for n, v in self.x.items()}
         return Motion(x, self.u, {n: np.zeros_like(v) for n, v in self.rates.items()})
 
+    @property
+    def known(self) -> Motion:
+        """The samples at which all of it is known."""
+        parts = (self.x, self.u, self.rates)
+        rows = np.all([np.isfinite(v) for part in parts for v in part.values()], axis=0)
+        return Motion(*({n: v[rows] for n, v in part.items()} for part in parts))
+
 
 def equations(model: Model, motion: Motion, values: Mapping[str, float], free: Sequence[str]) -> list[Equation]:
     """Return the equations that hold free parameters; `values` are those of all parameters.
 
     Free parameters in which an equation is not linear keep their values.
     """
-    found = []
+    found, known = [], motion.known
     for state in model.state_names:
-        inertia = _inertia(model, state, motion, values)
+        inertia = _inertia(model, state, known, values)
         if inertia is None:
             continue
-        names = [n for n in free if _matters(model, state, inertia, motion, values, n)]
-        linear = _linear(model, state, inertia, motion, values, names)
+        names = [n for n in free if _matters(model, state, inertia, known, values, n)]
+        linear = _linear(model, state, inertia, known, values, names)
         if linear:
             found.append(_equation(model, state, inertia, motion, values, linear))
     return found
@@ -142,13 +149,13 @@ def _equation(
     model: Model, state: str, inertia: str, motion: Motion, values: Mapping[str, float], names: tuple[str, ...]
 ) -> Equation:
     base, columns = _columns(model, state, inertia, motion, values, names)
-    still = _columns(model, state, inertia, motion.stopped, values, names)[1]
     y = columns @ [values[n] for n in names] - base
-    factor = 0.0
+    known, factor = motion.known, 0.0
+    moving, still = (_columns(model, state, inertia, one, values, names)[1] for one in (known, known.stopped))
     if model.drive is not None:
-        zero, one = (_error(model, state, inertia, motion, values, drive)[0] for drive in (0.0, 1.0))
+        zero, one = (_error(model, state, inertia, known, values, drive)[0] for drive in (0.0, 1.0))
         factor = float(zero - one)
-    apart, size = np.abs(still - columns).max(axis=0, initial=0.0), np.abs(columns).max(axis=0, initial=0.0)
+    apart, size = np.abs(still - moving).max(axis=0, initial=0.0), np.abs(moving).max(axis=0, initial=0.0)
     return Equation(state, inertia, names, y, columns, factor, apart < DIFFERENCE * size)
 
 
