@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 from joint_id_core.data.recording import Recording
 from robots.fitted import FRICTION
-from robots.recordings import DATA, UR10E_ALL, emps, parts, ur3e_shoulder, ur10e
+from robots.recordings import DATA, UR10E_ALL, emps, parts, ur3e_shoulder, ur10e, ur10e_of_arm
 
 
 @dataclass(frozen=True)
@@ -89,4 +90,8 @@ CASES = (
     ),
     Case("UR10e, all joints move", "ur10e", False, tuple(_of_all(joint, False) for joint in ARM)),
     Case("UR10e, all move, external torque", "ur10e", False, tuple(_of_all(joint, True) for joint in ARM)),
+    Case(
+        "UR10e, all move, load of a URDF", "ur10e", False,
+        tuple(Joint(f"joint {joint}", partial(ur10e_of_arm, joint), False, ARM[joint]) for joint in ARM),
+    ),
 )  # fmt: skip

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import scipy
 
+from joint_id_core.arm.description import Description
+from joint_id_core.arm.loaded import loaded
 from joint_id_core.data.recording import Array, Recording
 
 DATA = Path(__file__).resolve().parents[3] / "shared/data"
@@ -30,6 +33,16 @@ def ur10e(name: str, joint: int, load: bool = False) -> Recording:
     if load:
         channels["external_torque"] = table[:, 24 + joint]
     return Recording(table[:, 0], channels, source=name)
+
+
+def ur10e_of_arm(joint: int) -> list[Recording]:
+    """The logs in which all joints move, of one of them, with the load that the robot's description gives."""
+    description = Description.read(DATA / "ur10e/ur10e.urdf")
+    records = []
+    for name in UR10E_ALL:
+        arm = {one: replace(ur10e(name, k), joint=one) for k, one in enumerate(description.joints, 1)}
+        records.append(arm)
+    return list(loaded(description, description.joints[joint - 1], records).recordings)
 
 
 def ur3e_shoulder() -> Recording:

@@ -21,7 +21,12 @@ setup(
         "rosbags>=0.10",
         "typer>=0.9",
     ],
-    extras_require={"hpinn": ["torch>=2.1"], "plot": ["matplotlib>=3.6"], "test": ["pytest", "hypothesis"]},
+    extras_require={
+        "arm": ["pin>=2.7"],
+        "hpinn": ["torch>=2.1"],
+        "plot": ["matplotlib>=3.6"],
+        "test": ["pytest", "hypothesis"],
+    },
     zip_safe=True,
     author="joint_id maintainers",
     maintainer="joint_id maintainers",

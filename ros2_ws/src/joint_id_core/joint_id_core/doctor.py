@@ -22,8 +22,12 @@ from joint_id_core.errors import JointIdError
 GROUP = "joint_id.checks"
 OLDEST_PYTHON = (3, 11)
 NEEDED = ("numpy", "scipy", "sympy", "numba", "yaml", "rosbags", "mcap", "typer")
-OPTIONAL = {"matplotlib": "pictures (--plot)", "torch": "the estimator hpinn"}
-PACKAGES = {"yaml": "pyyaml"}  # where the name on the package index is another one
+OPTIONAL = {
+    "matplotlib": "pictures (--plot)",
+    "pinocchio": "robot descriptions (--urdf)",
+    "torch": "the estimator hpinn",
+}
+PACKAGES = {"yaml": "pyyaml", "pinocchio": "pin"}  # where the name on the package index is another one
 LEAST_FREE = 1e8  # bytes
 
 

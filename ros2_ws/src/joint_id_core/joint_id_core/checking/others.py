@@ -28,7 +28,7 @@ def others_move(recording: Recording, all_joints: Sequence[Recording]) -> Iterat
     if told:
         yield Finding(
             f"Other joints move at the same time: {', '.join(told)}; their load acts on this joint, and a model of "
-            "one joint lacks it: move one joint at a time, record the load as external_torque, or take motor_side"
+            "one joint lacks it: give the robot's description (--urdf), move one joint at a time, or take motor_side"
         )
 
 

@@ -12,6 +12,7 @@ import typer
 from joint_id_core.assignments import texts_by_name
 from joint_id_core.cli.fit_job import ALL, FitJob, Result, joints_json, joints_table, run_all
 from joint_id_core.cli.fit_options import (
+    BaseGravityOption,
     EndOption,
     FilesArgument,
     FixOption,
@@ -22,6 +23,7 @@ from joint_id_core.cli.fit_options import (
     RobotOption,
     SetOption,
     StartOption,
+    UrdfOption,
     parameter_settings,
 )
 from joint_id_core.cli.group import BAD_INPUT, complain
@@ -44,7 +46,19 @@ SHOWN = (
     "epochs",
     "learning_rate",
 )  # of the options of the estimators
-REPORTED = {"map", "set", "fix", "free", "joint", "robot", "start", "end", "estimator"}  # options of a report, too
+REPORTED = {
+    "map",
+    "set",
+    "fix",
+    "free",
+    "joint",
+    "robot",
+    "urdf",
+    "base_gravity",
+    "start",
+    "end",
+    "estimator",
+}  # options of a report, too
 JOINT_HELP = f"joint of a bag or a robot's log that holds several; {ALL}: each of them, on all cores, a row a joint"
 
 
@@ -62,6 +76,8 @@ def fit(
     estimator: Annotated[str, typer.Option(help=f"{', '.join(ESTIMATORS)} (needs torch)")] = "innovations",
     prior: PriorOption = None,
     robot: RobotOption = None,
+    urdf: UrdfOption = None,
+    base_gravity: BaseGravityOption = None,
     start: StartOption = None,
     end: EndOption = None,
     validate: Annotated[Optional[Path], typer.Option(help="recording that the fitted model must predict")] = None,
@@ -83,7 +99,8 @@ def fit(
     mapping = texts_by_name(map_ or (), "--map")
     solver = estimators.build(estimator, **estimator_options)
     ModelOptions(**model_options)  # wrong values are said first
-    job = FitJob(files, joint, mapping, start, end, model_options, settings, solver, robot).chosen()
+    job = FitJob(files, joint, mapping, start, end, model_options, settings, solver, robot, urdf, base_gravity)
+    job = job.chosen()
     joint = job.joint
     for option, path in (("--validate", validate), ("--plot", plot), ("--save", save)):
         if joint == ALL and path is not None:
@@ -97,28 +114,35 @@ def fit(
     if joint == ALL:
         _fit_all(job, json)
         return
-    other = formats.read(validate, joint, mapping) if validate is not None else None
-    recordings = job.recordings()
+    given = job.given(validate)
     with Progress() as progress:
-        found = job.run(recordings, progress)
+        found = job.run(given, progress)
     together, estimate = found.together, found.estimate
     result, text = _result(together), str(together if len(files) > 1 else estimate)
     if found.why:
         options: dict[str, Any] = {"map": map_, "set": set_, "fix": fix, "free": free, "prior": prior, "joint": joint}
-        options |= {"robot": robot, "start": start, "end": end, "estimator": solver.name, **estimator_options}
+        options |= {
+            "robot": robot,
+            "urdf": urdf,
+            "base_gravity": base_gravity,
+            "start": start,
+            "end": end,
+            "estimator": solver.name,
+            **estimator_options,
+        }
         if solver.name == Innovations.name:
             del options["estimator"]
         text = "\n".join(
             [*formats.taken(files[0], joint, mapping), *found.why, "", text, "", *_again(files, found, options)]
         )
-    if other is not None and estimate.nrmse:
+    if given.other is not None and estimate.nrmse:
         from joint_id_core.validation.prediction import held_out, held_out_drive
 
-        model = found.job.built(recordings[0])
-        nrmse = held_out(model, other, estimate)
+        model = found.job.built(given.recordings[0])
+        nrmse = held_out(model, given.other, estimate)
         result["validation"] = [{"signal": name, "nrmse": value} for name, value in nrmse.items()]
         text += f"\nheld out, {validate}: " + ", ".join(f"{name} nrmse {v:.3g}" for name, v in nrmse.items())
-        explained = held_out_drive(model, other, estimate)
+        explained = held_out_drive(model, given.other, estimate)
         if explained is not None:
             result["validation"].append({"signal": explained[0], "r_squared": explained[1]})
             text += f", {explained[0]} R^2 {explained[1]:.4f}"

@@ -11,7 +11,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from joint_id_core.cli.fit_options import window
+from joint_id_core.cli.given import Given, Part, plain, with_load
 from joint_id_core.cli.robot_file import robot_settings
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import Estimator, ParameterSettings, fit_several
@@ -42,6 +42,8 @@ class FitJob:
     settings: ParameterSettings
     estimator: Estimator
     robot: str | None = None
+    urdf: Path | None = None
+    base_gravity: str | None = None
 
     def chosen(self) -> FitJob:
         """Return the job for all joints, if none is named, no model either, and the first file holds several."""
@@ -51,11 +53,14 @@ class FitJob:
             return self if len(formats.joints(self.files[0], self.mapping)) < 2 else replace(self, joint=ALL)
         return self
 
-    def recordings(self) -> list[Recording]:
-        """Read the part of every file that is fitted."""
-        from joint_id_core import formats
-
-        return [window(formats.read(file, self.joint, self.mapping), self.start, self.end) for file in self.files]
+    def given(self, validate: Path | None = None) -> Given:
+        """Read what is fitted, and a recording to `validate` with."""
+        part = Part(self.mapping, self.start, self.end)
+        if self.urdf is not None:
+            return with_load(self.files, self.joint, part, validate, self.urdf, self.base_gravity)
+        if self.base_gravity is not None:
+            raise JointIdError("--base-gravity is for the robot's description: give --urdf, too, or leave it out")
+        return plain(self.files, self.joint, part, validate)
 
     def built(self, recording: Recording) -> Model:
         """Return the model, for the drive that a recording has."""
@@ -68,34 +73,46 @@ class FitJob:
             return self.settings
         return self.settings.over(robot_settings(self.robot, self.joint, model.parameter_names))
 
-    def run(self, recordings: Sequence[Recording] = (), progress: Progress | None = None) -> Result:
+    def run(self, given: Given | None = None, progress: Progress | None = None) -> Result:
         """Fit one joint, from recordings that were read already, or else from the files.
 
         Without a model, those that the signals allow are fitted, the richest first, until one describes the motion.
         """
-        recordings = recordings or self.recordings()
+        given = given or self.given()
         if "model" in self.model_options:
-            return Result(self, self._fitted(recordings, progress))
+            return Result(self, self._fitted(given, progress))
         from joint_id_core.comparison.proposal import proposals
 
-        left_out, found = [], proposals(recordings[0], self.model_options)
-        models = [proposal.options.build(proposal.options.drive_in(recordings[0])) for proposal in found]
+        first = given.recordings[0]
+        left_out, found = [], proposals(first, self.model_options)
+        models = [proposal.options.build(proposal.options.drive_in(first)) for proposal in found]
+        if self.urdf is not None and any(model.load for model in models):
+            found = [proposal for proposal, model in zip(found, models, strict=True) if model.load]
+            models = [model for model in models if model.load]
         for name in self.settings.names:
             if not any(name in model.parameter_names for model in models):
                 models[-1].parameter(name)  # says what there is
         for proposal, model in zip(found, models, strict=True):
-            given = {n: getattr(proposal.options, n) for n in ("model", "gravity", *self.model_options)}
-            job = replace(self, model_options=given, settings=self.settings.of(model))
-            together = job._fitted(recordings, progress)
+            options = {n: getattr(proposal.options, n) for n in ("model", "gravity", *self.model_options)}
+            job = replace(self, model_options=options, settings=self.settings.of(model))
+            together = job._fitted(given, progress)
             doubt = _doubt(model, together.estimate)
             if not doubt or model is models[-1]:
                 break
             left_out.append(f"{model.name} was tried and left out: {doubt}")
         return Result(job, together, (f"model {proposal}", *left_out))
 
-    def _fitted(self, recordings: Sequence[Recording], progress: Progress | None) -> Together:
-        model = self.built(recordings[0])
-        return fit_several(model, recordings, self.settings_for(model), self.estimator, progress)
+    def _fitted(self, given: Given, progress: Progress | None) -> Together:
+        model = self.built(given.recordings[0])
+        if self.urdf is not None and model.load is None:
+            raise JointIdError(f"{model.name} takes no load: leave --urdf out, or take another model")
+        found = fit_several(model, given.recordings, self.settings_for(model), self.estimator, progress)
+        if self.urdf is None:
+            return found
+        from joint_id_core.arm.loaded import with_doubt
+
+        estimate = replace(found.estimate, notes=(*found.estimate.notes, *given.notes))
+        return replace(found, estimate=with_doubt(estimate, model))
 
     def of_every_joint(self) -> list[FitJob]:
         """Return one job for every joint that the files hold.

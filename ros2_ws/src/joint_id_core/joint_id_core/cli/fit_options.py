@@ -31,6 +31,10 @@ PriorOption = Annotated[Texts, typer.Option("--prior", help=PRIOR_HELP)]
 MapOption = Annotated[Texts, typer.Option("--map", help=MAP_HELP)]
 ROBOT_HELP = "set, fix and free from a parameter file of the identifier, such as config/ur10e.yaml, or by name (ur10e)"
 RobotOption = Annotated[Optional[str], typer.Option(help=ROBOT_HELP)]
+URDF_HELP = "description of the robot (URDF): the load of all other joints, which the file holds too, is taken from it"
+UrdfOption = Annotated[Optional[Path], typer.Option(help=URDF_HELP)]
+BASE_GRAVITY_HELP = "gravity in the frame of the base, m/s^2, for --urdf: 9.81,0,0 for a wall (default: 0,0,-9.81)"
+BaseGravityOption = Annotated[Optional[str], typer.Option(metavar="X,Y,Z", help=BASE_GRAVITY_HELP)]
 StartOption = Annotated[Optional[float], typer.Option(help="leave out what is before, s after the first sample")]
 EndOption = Annotated[Optional[float], typer.Option(help="leave out what is after, s after the first sample")]
 JsonOption = Annotated[bool, typer.Option("--json", help="machine-readable result")]
@@ -54,6 +58,18 @@ def parameter_settings(set_: Texts, fix: Texts, free: Texts, prior: Texts = None
             raise JointIdError(f"--fix {name} and --set {name} both give a value: give one of them")
     priors = numbers_by_name(prior or (), "--prior")
     return ParameterSettings(values | held_values, held, free or (), priors, deviations | held_deviations)
+
+
+def vector(text: str, option: str) -> tuple[float, ...]:
+    """Return the numbers of a text, such as "0,0,-9.81".
+
+    Raises:
+        JointIdError: a part is not a number.
+    """
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise JointIdError(f"{option} {text}: give three numbers with commas between them") from None
 
 
 def window(recording: Recording, start: float | None, end: float | None) -> Recording:

@@ -14,6 +14,7 @@ import typer
 from joint_id_core.assignments import texts_by_name
 from joint_id_core.cli.fit_job import ALL, FitJob, of_all
 from joint_id_core.cli.fit_options import (
+    BaseGravityOption,
     EndOption,
     FixOption,
     FreeOption,
@@ -22,6 +23,7 @@ from joint_id_core.cli.fit_options import (
     RobotOption,
     SetOption,
     StartOption,
+    UrdfOption,
     parameter_settings,
 )
 from joint_id_core.cli.group import BAD_INPUT, complain
@@ -49,6 +51,8 @@ def report(
     map_: MapOption = None,
     estimator: Annotated[str, typer.Option(help=", ".join(ESTIMATORS))] = "innovations",
     robot: RobotOption = None,
+    urdf: UrdfOption = None,
+    base_gravity: BaseGravityOption = None,
     start: StartOption = None,
     end: EndOption = None,
     against: Annotated[Optional[Path], typer.Option(help="earlier estimate to compare with, from fit --save")] = None,
@@ -69,7 +73,7 @@ def report(
     earlier = Estimate.load(against) if against is not None else None
     command = shlex.join(["joint-id", *sys.argv[1:]])
     if source.suffix.lower() == ".json":
-        if model_options or any((joint, set_, fix, free, map_, robot, start, end)):
+        if model_options or any((joint, set_, fix, free, map_, robot, urdf, base_gravity, start, end)):
             raise JointIdError(
                 f"{source} is an estimate, which is not fitted again: leave out all options but --against"
             )
@@ -78,7 +82,8 @@ def report(
         settings = parameter_settings(set_, fix, free)
         solver = estimators.build(estimator)
         mapping = texts_by_name(map_ or (), "--map")
-        job = FitJob([source], joint, mapping, start, end, model_options, settings, solver, robot).chosen()
+        job = FitJob([source], joint, mapping, start, end, model_options, settings, solver, robot, urdf, base_gravity)
+        job = job.chosen()
         if job.joint == ALL:
             if earlier is not None:
                 raise JointIdError("--against is for one joint: name it (--joint NAME), or leave --against out")
@@ -99,8 +104,9 @@ def _fitted(job: FitJob, progress: Callable[[str], None]) -> Contents:
     """Fit a recording, and find what a report shows beside the estimate."""
     from joint_id_core.pages.contents import Contents, held_out, windows
 
-    recordings = job.recordings()
-    found = job.run(recordings, progress)
+    given = job.given()
+    recordings = given.recordings
+    found = job.run(given, progress)
     model = found.job.built(recordings[0])
     rest = (model, recordings[0], found.job.settings_for(model), job.estimator)
     progress("fitting the first part, to predict the rest")

@@ -106,6 +106,11 @@ class Model:
         return self._own("k_1")
 
     @property
+    def gear_damping(self) -> str | None:
+        """Parameter that is the damping of the gear's spring; None without."""
+        return self._own("c_1")
+
+    @property
     def cubic_stiffness(self) -> str | None:
         """Parameter that makes the spring of the gear stiffer under load; None without such a spring."""
         return self._own("k_2")

@@ -201,7 +201,7 @@ class Fitted:
             return (
                 f"friction and inertia of the first part of the recording explain {percent(self.held_out)} of their "
                 "torque in the rest: a load acts on the joint that the model lacks, such as that of other joints "
-                "that move (record it as external_torque, or move one joint at a time)"
+                "that move (give the robot's description, --urdf, or move one joint at a time)"
             )
         return ""
 

@@ -1,0 +1,253 @@
+"""The description of a robot (URDF) as rigid links: what a joint must give beside what accelerates it.
+
+Inverse dynamics by the recursive Newton-Euler algorithm, and the inertia of what a joint moves by the composite rigid
+body algorithm (Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 5 and 6), both of the library Pinocchio.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from joint_id_core.data.recording import Array
+from joint_id_core.errors import JointIdError, close_to
+
+GRAVITY = (0.0, 0.0, -9.81)  # m/s^2 in the frame of the base: it stands on the floor
+TURNING = ("revolute", "continuous")
+MOVING = (*TURNING, "prismatic")
+HEAVIEST, LONGEST = 1e4, 50.0  # kg and m of all links together; more is of other units
+UNBOUNDED = {"lower": "-1e3", "upper": "1e3", "effort": "1e6", "velocity": "1e6"}
+
+
+@dataclass(frozen=True)
+class Load:
+    """What the arm does to one of its joints, in Nm and kg m^2 (N and kg for a prismatic one), shapes (T,).
+
+    Attributes:
+        torque: gravity, Coriolis and centrifugal torque, and that of the accelerations of other joints; it acts against
+            positive motion, as the channel `external_torque`.
+        inertia: of all links that the joint moves, about its axis.
+    """
+
+    torque: Array
+    inertia: Array
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint that follows another one: position = factor * that of `joint` + offset."""
+
+    joint: str
+    factor: float
+    offset: float
+
+
+class Description:
+    """Rigid links and joints of a robot. Meshes are not needed.
+
+    Attributes:
+        joints: names of those that move by themselves, from the base on.
+        source: where the description came from.
+    """
+
+    def __init__(self, text: str, source: str = "robot_description", gravity: Sequence[float] = GRAVITY) -> None:
+        """Take a URDF.
+
+        Args:
+            text: the URDF.
+            source: where it came from, for messages.
+            gravity: in m/s^2, in the frame of the base, shape (3,).
+
+        Raises:
+            JointIdError: Pinocchio is not installed, no URDF, a joint of an unknown kind, a link that moves and has no
+                mass, units other than kg and m, a gravity that is none.
+        """
+        self.source = source
+        root = _parsed(text, source)
+        self._mimics = _mimics(root, source)
+        self._model: Any = _built(root, source)
+        names = tuple(self._model.names)[1:]
+        self.joints = tuple(name for name in names if name not in self._mimics)
+        self._column = {name: self._model.joints[self._model.getJointId(name)].idx_v for name in names}
+        self._model.gravity.linear = _gravity(gravity)
+        self._data = self._model.createData()
+        self._check_bodies(root)
+
+    @classmethod
+    def read(cls, path: str | Path, gravity: Sequence[float] = GRAVITY) -> Description:
+        """Read a URDF file.
+
+        Raises:
+            JointIdError: the file cannot be read; as for the constructor.
+        """
+        try:
+            text = Path(path).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            reason = getattr(error, "strerror", None) or "not a text file"
+            raise JointIdError(f"{path}: cannot be read ({reason}): give a URDF file") from None
+        return cls(text, str(path), gravity)
+
+    def require(self, joint: str) -> None:
+        """Check that a joint moves by itself and drives no other one.
+
+        Raises:
+            JointIdError: it does not; the message says what there is.
+        """
+        if joint not in self.joints:
+            why = f"{joint} follows {self._mimics[joint].joint}" if joint in self._mimics else f"it has no {joint!r}"
+            raise JointIdError(
+                f"{self.source}: {why}; its joints that move by themselves are {', '.join(self.joints)}"
+                f"{close_to(joint, self.joints)}: joints are found by name"
+            )
+        if followers := [name for name, mimic in self._mimics.items() if mimic.joint == joint]:
+            raise JointIdError(
+                f"{self.source}: {', '.join(followers)} follows {joint} (mimic) and loads it through a gear, which no "
+                "URDF describes: no load is computed for it"
+            )
+
+    def load(self, joint: str, q: Array, dq: Array, ddq: Array) -> Load:
+        """Return the load of a joint.
+
+        Args:
+            joint: its name.
+            q, dq, ddq: positions (rad, m), velocities and accelerations of `joints`, shape (T, joints); where one is
+                NaN, so is the load.
+
+        Raises:
+            JointIdError: see `require`.
+        """
+        import pinocchio
+
+        self.require(joint)
+        count, own = len(q), self._column[joint]
+        motion = np.full((3, count, self._model.nv), np.nan)
+        for k, name in enumerate(self.joints):
+            motion[:, :, self._column[name]] = q[:, k], dq[:, k], ddq[:, k]
+        for name, mimic in self._mimics.items():
+            motion[:, :, self._column[name]] = mimic.factor * motion[:, :, self._column[mimic.joint]]
+            motion[0, :, self._column[name]] += mimic.offset
+        torque, inertia = np.full(count, np.nan), np.full(count, np.nan)
+        for k in np.flatnonzero(np.isfinite(motion).all(axis=(0, 2))):
+            at, speed, rate = motion[:, k]
+            inertia[k] = pinocchio.crba(self._model, self._data, at)[own, own]
+            torque[k] = pinocchio.rnea(self._model, self._data, at, speed, rate)[own] - inertia[k] * rate[own]
+        return Load(torque, inertia)
+
+    def _check_bodies(self, root: ET.Element) -> None:
+        """Check masses and lengths of what moves."""
+        model = self._model
+        child = {joint.get("name"): _of(joint, "child") for joint in root.findall("joint")}
+        for name, body in zip(tuple(model.names)[1:], list(model.inertias)[1:], strict=True):
+            if not body.mass > 0.0:
+                raise JointIdError(
+                    f"{self.source}: link {child[name]!r}, which joint {name} moves, has mass {body.mass:g} kg: give "
+                    "it an <inertial> with its mass, or make the joint fixed"
+                )
+            if np.linalg.eigvalsh(body.inertia).min() < -1e-9 * body.mass:
+                raise JointIdError(f"{self.source}: link {child[name]!r} has an inertia that no body has: correct it")
+        mass = sum(body.mass for body in list(model.inertias)[1:])
+        reach = sum(float(np.linalg.norm(place.translation)) for place in list(model.jointPlacements)[1:])
+        if mass > HEAVIEST or reach > LONGEST:
+            raise JointIdError(
+                f"{self.source}: its links have {mass:.3g} kg and reach {reach:.3g} m: a URDF is in kg and m"
+            )
+
+
+def _parsed(text: str, source: str) -> ET.Element:
+    """Return the links and joints of a URDF, without what is not needed."""
+    try:
+        root = ET.fromstring(text)
+    except ET.ParseError as error:
+        raise JointIdError(f"{source}: not XML ({error}): give a URDF; expand a xacro first") from None
+    if root.tag != "robot":
+        raise JointIdError(f"{source}: its root is <{root.tag}>, that of a URDF is <robot>: give a URDF")
+    for element in list(root):
+        if element.tag not in ("link", "joint"):
+            root.remove(element)
+        for part in element.findall("visual") + element.findall("collision"):
+            element.remove(part)
+    links = {link.get("name", "") for link in root.findall("link")}
+    for joint in root.findall("joint"):
+        name, kind = joint.get("name", ""), joint.get("type", "")
+        if kind not in (*MOVING, "fixed"):
+            raise JointIdError(
+                f"{source}: joint {name!r} is {kind or 'of no type'}: known are {', '.join(MOVING)} and fixed"
+            )
+        for end in ("parent", "child"):
+            if _of(joint, end) not in links:
+                raise JointIdError(
+                    f"{source}: joint {name!r} has the {end} {_of(joint, end)!r}, which is no link: correct it"
+                )
+    if not any(joint.get("type") in MOVING for joint in root.findall("joint")):
+        raise JointIdError(f"{source}: no joint moves: give the description of the robot")
+    return root
+
+
+def _of(joint: ET.Element, end: str) -> str:
+    """Return the name of the parent or child link of a joint."""
+    found = joint.find(end)
+    return "" if found is None else found.get("link", "")
+
+
+def _mimics(root: ET.Element, source: str) -> Mapping[str, Mimic]:
+    """Return the joints that follow another one."""
+    names = {joint.get("name", "") for joint in root.findall("joint")}
+    found = {}
+    for joint in root.findall("joint"):
+        mimic = joint.find("mimic")
+        if mimic is None or joint.get("type") not in MOVING:
+            continue
+        name, leader = joint.get("name", ""), mimic.get("joint", "")
+        try:
+            found[name] = Mimic(leader, float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0")))
+        except ValueError as error:
+            raise JointIdError(f"{source}: mimic of joint {name!r}: {error}: correct it") from None
+        if leader not in names:
+            raise JointIdError(f"{source}: joint {name!r} follows {leader!r}, which is no joint: correct it")
+    for name, one in found.items():
+        if one.joint in found:
+            raise JointIdError(f"{source}: joint {name!r} follows {one.joint!r}, which follows another one: correct it")
+    return found
+
+
+def _built(root: ET.Element, source: str) -> Any:
+    """Return the model of Pinocchio: every joint has one coordinate, and no limits."""
+    try:
+        import pinocchio
+    except ModuleNotFoundError:
+        raise JointIdError(
+            "a robot's description needs Pinocchio, which is not installed: pip install pin, "
+            "or apt install ros-jazzy-pinocchio"
+        ) from None
+    for joint in root.findall("joint"):
+        for part in joint.findall("mimic") + joint.findall("limit") + joint.findall("safety_controller"):
+            joint.remove(part)
+        if joint.get("type") in TURNING:
+            joint.set("type", "revolute")
+        if joint.get("type") in MOVING:
+            joint.append(ET.Element("limit", UNBOUNDED))
+    try:
+        return pinocchio.buildModelFromXML(ET.tostring(root, encoding="unicode"))
+    except (ValueError, RuntimeError) as error:
+        why = " ".join(str(error).split())
+        raise JointIdError(f"{source}: not a valid URDF ({why}): check it with check_urdf") from None
+
+
+def _gravity(gravity: Sequence[float]) -> Array:
+    """Return gravity as an array, shape (3,)."""
+    try:
+        found = np.asarray(gravity, dtype=float)
+    except ValueError:
+        found = np.full(3, np.nan)
+    size = float(np.linalg.norm(found)) if found.shape == (3,) else np.nan
+    if not (size == 0.0 or 9.0 < size < 10.5):
+        raise JointIdError(
+            f"gravity {list(gravity)}: give three numbers in m/s^2 in the frame of the base, such as "
+            f"{', '.join(f'{g:g}' for g in GRAVITY)} for a base that stands on the floor"
+        )
+    return found

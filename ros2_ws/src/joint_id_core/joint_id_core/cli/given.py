@@ -1,0 +1,73 @@
+"""What is fitted: the recordings of a joint, and with a robot's description the load of its other joints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from joint_id_core.cli.fit_options import vector, window
+from joint_id_core.errors import JointIdError
+
+if TYPE_CHECKING:
+    from joint_id_core.data.recording import Recording
+
+
+@dataclass(frozen=True)
+class Given:
+    """Recordings that are fitted, one that the fit must predict, and what is said of how they came about."""
+
+    recordings: list[Recording]
+    other: Recording | None = None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Part:
+    """The part of the files of a recording that is fitted; fields as the options of the command."""
+
+    mapping: Mapping[str, str]
+    start: float | None
+    end: float | None
+
+    def read(self, file: Path, joint: str | None) -> Recording:
+        """Read it from a file."""
+        from joint_id_core import formats
+
+        return window(formats.read(file, joint, self.mapping), self.start, self.end)
+
+
+def plain(files: Sequence[Path], joint: str | None, part: Part, validate: Path | None) -> Given:
+    """Read the part of every file that is fitted, and all of the one to `validate` with."""
+    other = None if validate is None else Part(part.mapping, None, None).read(validate, joint)
+    return Given([part.read(file, joint) for file in files], other)
+
+
+def with_load(
+    files: Sequence[Path], joint: str | None, part: Part, validate: Path | None, urdf: Path, base_gravity: str | None
+) -> Given:
+    """Read them with the load that the rest of the arm puts on the joint.
+
+    Raises:
+        JointIdError: no joint is named; the description, or the recordings of the other joints, are not what is needed.
+    """
+    from joint_id_core import formats
+    from joint_id_core.arm.description import GRAVITY, Description
+    from joint_id_core.arm.loaded import loaded
+
+    gravity = GRAVITY if base_gravity is None else vector(base_gravity, "--base-gravity")
+    description = Description.read(urdf, gravity)
+    if joint is None:
+        raise JointIdError(f"--urdf needs the name of the joint: --joint {description.joints[0]}, or --joint all")
+    description.require(joint)
+    parts = [(file, part) for file in files]
+    parts += [] if validate is None else [(validate, Part(part.mapping, None, None))]
+    records = []
+    for file, one in parts:
+        found = formats.joints(file, part.mapping)
+        there = [name for name in found if name in description.joints or name == joint] or [joint]
+        records.append({name: one.read(file, name) for name in there})
+    done = loaded(description, joint, records)
+    recordings = list(done.recordings)
+    return Given(recordings[: len(files)], recordings[-1] if validate is not None else None, (done.text,))

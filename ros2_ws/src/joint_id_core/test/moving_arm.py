@@ -1,0 +1,174 @@
+"""An arm of six joints that all move. The dynamics of its links are those of MuJoCo.
+
+With rigid joints its motion is given in closed form, so that its recordings are exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from joint_id_core.data.recording import Array, Recording
+
+JOINTS = ("turn", "lift", "bend", "roll", "tilt", "spin")
+ROTOR = np.array([1.2, 0.9, 0.6, 0.3, 0.3, 0.2])  # kg m^2 at the link
+VISCOUS = np.array([8.0, 6.0, 4.0, 2.0, 1.5, 1.0])  # Nm s/rad at the link
+COULOMB = np.array([5.0, 4.0, 3.0, 2.0, 1.5, 1.0])  # Nm at the link
+STIFFNESS = np.array([3e4, 3e4, 1.5e4, 6e3, 6e3, 6e3])  # Nm/rad
+DAMPING_S = 2e-3  # of the spring over its stiffness
+LINK_VISCOUS = 0.3  # share of the viscous friction that acts on the link
+RATIO, RATE, FINER = 100.0, 500.0, 16  # samples/s, steps of the integrator in a sample
+LOOP = 2.0 * np.pi * 4.0  # rad/s, of the controllers
+SMOOTHING = 0.1  # rad/s at the motor, of Coulomb friction
+
+
+def link(name: str, mass: float, centre: tuple[float, float, float], size: float) -> str:
+    """A link, with a mesh that does not exist."""
+    place = " ".join(map(str, centre))
+    return f"""
+  <link name="{name}">
+    <visual><geometry><mesh filename="package://nowhere/{name}.dae"/></geometry></visual>
+    <inertial>
+      <origin xyz="{place}" rpy="0 0 0.3"/><mass value="{mass}"/>
+      <inertia ixx="{size}" iyy="{1.3 * size}" izz="{0.7 * size}" ixy="0" ixz="{0.1 * size}" iyz="0"/>
+    </inertial>
+  </link>"""
+
+
+def joint(name: str, parent: str, child: str, origin: str, axis: str, kind: str = "revolute", more: str = "") -> str:
+    """A joint without limits."""
+    return f"""
+  <joint name="{name}" type="{kind}">
+    <parent link="{parent}"/><child link="{child}"/><origin {origin}/><axis xyz="{axis}"/>{more}
+  </joint>"""
+
+
+URDF = f"""<?xml version="1.0"?>
+<robot name="arm">
+  <link name="base"/>{link("column", 8.0, (0.0, 0.02, -0.03), 0.03)}{link("upper", 6.0, (0.22, 0.0, 0.05), 0.05)}
+  {link("fore", 3.0, (0.18, 0.01, 0.0), 0.02)}{link("wrist", 1.2, (0.0, 0.02, 0.04), 0.003)}
+  {link("hand", 1.0, (0.01, 0.0, 0.05), 0.002)}{link("plate", 0.5, (0.03, 0.0, 0.02), 0.001)}
+  {link("tool", 0.8, (0.0, 0.02, 0.05), 0.002)}
+  {joint("turn", "base", "column", 'xyz="0 0 0.2"', "0 0 1", "continuous")}
+  {joint("lift", "column", "upper", 'xyz="0 0.1 0.05" rpy="0 0.2 0"', "0 1 0")}
+  {joint("bend", "upper", "fore", 'xyz="0.4 0 0"', "0 1 0")}
+  {joint("roll", "fore", "wrist", 'xyz="0.35 0 0"', "1 0 0")}
+  {joint("tilt", "wrist", "hand", 'xyz="0 0 0.08" rpy="0 1.2 0"', "0 1 0")}
+  {joint("spin", "hand", "plate", 'xyz="0.02 0 0.08"', "0 0 1", "continuous")}
+  {joint("flange", "plate", "tool", 'xyz="0 0 0.04" rpy="0 0.4 0"', "1 0 0", "fixed")}
+</robot>"""
+# MuJoCo reads no meshes, and joins fixed links.
+MUJOCO = '<robot name="arm"><mujoco><compiler discardvisual="true" balanceinertia="false"/></mujoco>'
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Positions, velocities and accelerations of the joints, each of shape (T, 6)."""
+
+    q: Array
+    dq: Array
+    ddq: Array
+
+
+def at(time: Array, seed: int = 0) -> Motion:
+    """A motion of sines at some instants."""
+    rng = np.random.default_rng(seed)
+    q, dq, ddq = (np.zeros((len(time), len(JOINTS))) for _ in range(3))
+    for j in range(len(JOINTS)):
+        for hz in rng.uniform(0.1, 0.9, 5):
+            w, size, phase = 2.0 * np.pi * hz, rng.uniform(0.1, 0.35), rng.uniform(0.0, 2.0 * np.pi)
+            q[:, j] += size * np.sin(w * time + phase)
+            dq[:, j] += size * w * np.cos(w * time + phase)
+            ddq[:, j] -= size * w * w * np.sin(w * time + phase)
+    return Motion(q, dq, ddq)
+
+
+def inverse(motion: Motion, urdf: str = URDF, gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)) -> Array:
+    """Torques that the rigid links need, shape (T, 6)."""
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_string(urdf.replace('<robot name="arm">', MUJOCO))
+    model.opt.gravity[:] = gravity
+    data, torque = mujoco.MjData(model), np.empty_like(motion.q)
+    for k in range(len(motion.q)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = motion.q[k], motion.dq[k], motion.ddq[k]
+        mujoco.mj_inverse(model, data)
+        torque[k] = data.qfrc_inverse
+    return torque
+
+
+def rigid(seconds: float, seed: int = 0) -> dict[str, Recording]:
+    """What link encoders and torques of all joints show, by name; torques are means over a sample."""
+    time = np.arange(round(seconds * RATE)) / RATE
+    middle = at(time + 0.5 / RATE, seed)
+    friction = VISCOUS * middle.dq + COULOMB * np.sign(middle.dq)
+    torque = inverse(middle) + ROTOR * middle.ddq + friction
+    rng = np.random.default_rng([seed, 1])
+    shown = {"link_position": at(time, seed).q + 1e-5 * rng.standard_normal(torque.shape)}
+    shown["torque"] = torque + 0.05 * rng.standard_normal(torque.shape)
+    return _by_joint(time, shown)
+
+
+def flexible(seconds: float, seed: int = 0) -> dict[str, Recording]:
+    """What both encoders and motor torques of all joints show, behind springs with dampers, by name.
+
+    A controller of each motor holds its torque over a sample. Motors, springs and links are integrated by Runge-Kutta.
+    """
+    count, h = round(seconds * RATE), 1.0 / (RATE * FINER)
+    links, reference = _Links(), at(np.arange(count) / RATE, seed)
+    rotor, damping = ROTOR / RATIO**2, DAMPING_S * STIFFNESS
+    whole = rotor + links.inertia / RATIO**2
+
+    def rates(x: Array, torque: Array) -> Array:
+        theta, q, w, dq = x
+        spring = STIFFNESS * (theta / RATIO - q) + damping * (w / RATIO - dq)
+        friction = (1.0 - LINK_VISCOUS) * VISCOUS / RATIO**2 * w + COULOMB / RATIO * np.tanh(w / SMOOTHING)
+        pushed = links.accelerated(q, dq, spring - LINK_VISCOUS * VISCOUS * dq)
+        return np.array([w, dq, (torque - friction - spring / RATIO) / rotor, pushed])
+
+    x = np.array([RATIO * reference.q[0], reference.q[0], RATIO * reference.dq[0], reference.dq[0]])
+    states, torques = np.empty((count, *x.shape)), np.empty((count, len(JOINTS)))
+    for k in range(count):
+        away, slower = RATIO * reference.q[k] - x[0], RATIO * reference.dq[k] - x[2]
+        torque = whole * (RATIO * reference.ddq[k] + 2.0 * LOOP * slower + LOOP**2 * away)
+        states[k], torques[k] = x, torque
+        for _ in range(FINER):
+            one = rates(x, torque)
+            two = rates(x + 0.5 * h * one, torque)
+            three = rates(x + 0.5 * h * two, torque)
+            x = x + h / 6.0 * (one + 2.0 * two + 2.0 * three + rates(x + h * three, torque))
+    noise = np.random.default_rng([seed, 2]).standard_normal((3, count, len(JOINTS)))
+    shown = {
+        "motor_position": states[:, 0] + 1e-3 * noise[0],
+        "link_position": states[:, 1] + 1e-5 * noise[1],
+        "torque": torques + 1e-3 * noise[2],
+    }
+    return _by_joint(np.arange(count) / RATE, shown)
+
+
+class _Links:
+    """Forward dynamics of the links by MuJoCo."""
+
+    def __init__(self) -> None:
+        import mujoco
+
+        self._step = mujoco.mj_forward
+        self._model = mujoco.MjModel.from_xml_string(URDF.replace('<robot name="arm">', MUJOCO))
+        self._data = mujoco.MjData(self._model)
+        mujoco.mj_forward(self._model, self._data)
+        full = np.empty((len(JOINTS), len(JOINTS)))
+        mujoco.mj_fullM(self._model, self._data, full)
+        self.inertia = np.diag(full)
+
+    def accelerated(self, q: Array, dq: Array, torque: Array) -> Array:
+        self._data.qpos[:], self._data.qvel[:], self._data.qfrc_applied[:] = q, dq, torque
+        self._step(self._model, self._data)
+        return self._data.qacc.copy()
+
+
+def _by_joint(time: Array, shown: dict[str, Array]) -> dict[str, Recording]:
+    return {
+        name: Recording(time, {channel: values[:, j] for channel, values in shown.items()}, source="arm", joint=name)
+        for j, name in enumerate(JOINTS)
+    }
