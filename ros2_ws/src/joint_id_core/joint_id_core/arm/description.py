@@ -132,7 +132,7 @@ class Description:
             motion[:, :, self._column[name]] = mimic.factor * motion[:, :, self._column[mimic.joint]]
             motion[0, :, self._column[name]] += mimic.offset
         torque, inertia = np.full(count, np.nan), np.full(count, np.nan)
-        for k in np.flatnonzero(np.isfinite(motion).all(axis=(0, 2))):
+        for k in np.flatnonzero(np.isfinite(motion).all(axis=(0, 2))).tolist():
             at, speed, rate = motion[:, k]
             inertia[k] = pinocchio.crba(self._model, self._data, at)[own, own]
             torque[k] = pinocchio.rnea(self._model, self._data, at, speed, rate)[own] - inertia[k] * rate[own]
