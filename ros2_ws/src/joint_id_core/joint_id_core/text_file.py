@@ -8,7 +8,7 @@ from joint_id_core.errors import JointIdError
 
 
 def write_text(path: Path, text: str, what: str) -> None:
-    """Write a text in UTF-8. A file that is there is replaced only after the new one is complete.
+    """Write a text in UTF-8. A file that is there is replaced only after the new one is complete; a link stays one.
 
     `what` says in the error what could not be written, e.g. "the estimate". Parts of a file name that are no characters
     become question marks.
@@ -17,6 +17,7 @@ def write_text(path: Path, text: str, what: str) -> None:
         JointIdError: the file cannot be written; nothing is left of it.
     """
     try:
+        path = path.resolve() if path.is_symlink() else path
         if path.exists() and not path.is_file():  # a device or a pipe, or a folder, which is an error
             path.write_text(text, encoding="utf-8", errors="replace")
             return

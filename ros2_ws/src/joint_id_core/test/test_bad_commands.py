@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import shutil
+import signal
 import stat
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from joint_id_core import formats
@@ -46,6 +49,13 @@ def log(tmp_path):
         (("fit", "LOG", "--save", "no/such/e.json"), "the estimate cannot be written"),
         (("report", "LOG", "-o", "."), "cannot be written"),
         (("simulate", "rigid_joint", "--out", "no/such/x.csv"), "cannot be written"),
+        (("simulate", "rigid_joint", "--out", "x.csv", "--seed", "-1"), "--seed -1: give a number from 0 on"),
+        (("simulate", "rigid_joint", "--out", "x.csv", "--joint", "elbow"), "a CSV file holds no name of a joint"),
+        (("fit", "LOG", "--start", "-1"), "--start -1: give a time"),
+        (("fit", "LOG", "--end", "nan"), "--end nan: give a time"),
+        (("fit", "LOG", "--model", "rigid_joint", "--set", "J=2+-0.1"), "--set J: +- is for a parameter that is held"),
+        (("fit", "LOG", "LOG"), "log.csv is given twice"),
+        (("fit", "LOG", "--plot", "a", "--save", "a"), "--save a would overwrite a file that --plot writes"),
     ],
 )
 def test_one_line_says_what_is_wrong(tmp_path, log, words, said):
@@ -84,3 +94,65 @@ def test_a_locale_without_the_characters_loses_no_result(tmp_path, log, words):
     )
     assert done.returncode == 0 and b"Traceback" not in done.stderr, done.stderr
     assert (tmp_path / words[-1]).stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("fit", "log.csv", "--save", "log.csv"),
+        ("fit", "log.csv", "--save", "./log.csv"),
+        ("fit", "log.csv", "--plot", "log.csv"),
+        ("fit", "other.csv", "--validate", "log.csv", "--save", "log.csv"),
+        ("fit", "other.csv", "--save", "link", "--validate", "log.csv"),
+        ("report", "log.csv", "-o", "log.csv"),
+        ("report", "other.csv", "--against", "log.csv", "-o", "log.csv"),
+    ],
+)
+def test_no_output_takes_the_place_of_an_input(tmp_path, log, words):
+    shutil.copy(tmp_path / log, tmp_path / "other.csv")
+    (tmp_path / "link").symlink_to(log)
+    before = (tmp_path / log).read_bytes()
+    done = run(tmp_path, *words)
+    assert done.returncode == BAD_INPUT and "would overwrite a file that is read by this command" in done.stderr
+    assert (tmp_path / log).read_bytes() == before
+
+
+def test_a_link_to_another_file_stays_a_link(tmp_path):
+    (tmp_path / "kept.json").write_text("old")
+    (tmp_path / "latest.json").symlink_to("kept.json")
+    write_text(tmp_path / "latest.json", "new", "the estimate")
+    assert (tmp_path / "latest.json").is_symlink() and (tmp_path / "kept.json").read_text() == "new"
+
+
+@pytest.mark.parametrize("option", ["--help", "--version"])
+def test_an_output_that_is_full_is_said(option):
+    full = Path("/dev/full")
+    if not full.is_char_device():
+        pytest.skip("this computer has no /dev/full")
+    command = [sys.executable, "-c", "from joint_id_core.cli import main; main()", option]
+    with full.open("w") as out:
+        done = subprocess.run(command, stdout=out, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert done.returncode == BAD_INPUT and done.stderr.count("\n") == 1 and "No space left" in done.stderr
+
+
+@pytest.mark.parametrize("wait_s", [0.2, 0.4, 0.6, 0.8, 1.1])
+def test_ctrl_c_ends_the_command_wherever_it_is(tmp_path, log, wait_s):
+    """While libraries load, an interrupt once was lost, or ended in a traceback."""
+    command = [sys.executable, "-c", "from joint_id_core.cli import main; main()", "report", log, "-o", "page.html"]
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        process.communicate(timeout=wait_s)
+    except subprocess.TimeoutExpired:
+        process.send_signal(signal.SIGINT)
+    _, told = process.communicate(timeout=60)
+    if process.returncode == 1 and "KeyboardInterrupt" in told:
+        pytest.skip("this computer had not begun with the command: Python itself was interrupted")
+    assert process.returncode == -signal.SIGINT and "Traceback" not in told, told
+
+
+def test_a_recording_to_predict_is_checked_as_well(tmp_path, log):
+    record = formats.read(tmp_path / log)
+    wrong = record.with_channels({"link_position": np.rad2deg(record["link_position"])})
+    formats.write(tmp_path / "degrees.csv", wrong)
+    done = run(tmp_path, "fit", log, "--model", "rigid_joint", "--validate", "degrees.csv")
+    assert "degrees.csv: " in done.stderr and "degrees" in done.stderr.partition("degrees.csv: ")[2]

@@ -6,6 +6,8 @@ entry-point group `joint_id.commands` (joint_id_ros: record). Commands that are 
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 from importlib.metadata import entry_points, version
 from typing import Annotated
@@ -17,7 +19,7 @@ from joint_id_core.cli.diff import diff
 from joint_id_core.cli.doctor import doctor
 from joint_id_core.cli.export import export
 from joint_id_core.cli.fit import fit
-from joint_id_core.cli.group import OneLineErrors
+from joint_id_core.cli.group import BAD_INPUT, OneLineErrors, end_on_interrupt, not_written
 from joint_id_core.cli.history import history
 from joint_id_core.cli.info import info
 from joint_id_core.cli.report import report
@@ -71,4 +73,13 @@ def _add_commands_of_other_packages() -> None:
 def main() -> None:
     """Run the console script `joint-id`. Exit code 0: success, 1: the fit is not good, 2: bad input."""
     _add_commands_of_other_packages()
-    app(prog_name="joint-id")
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as shells have it for jobs in the background
+        signal.signal(signal.SIGINT, end_on_interrupt)
+    try:
+        app(prog_name="joint-id")
+    except BrokenPipeError:  # a reader such as head has seen enough
+        raise
+    except OSError as error:  # of --help and --version, which no command runs
+        not_written(error)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else Python complains again at its end
+        sys.exit(BAD_INPUT)

@@ -29,6 +29,7 @@ from joint_id_core.cli.fit_options import (
 from joint_id_core.cli.group import BAD_INPUT, complain
 from joint_id_core.cli.options import with_options
 from joint_id_core.cli.output import Progress, print_json
+from joint_id_core.cli.outputs import require_apart
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ESTIMATORS, Innovations
 from joint_id_core.models.options import ModelOptions
@@ -99,12 +100,14 @@ def fit(
     mapping = texts_by_name(map_ or (), "--map")
     solver = estimators.build(estimator, **estimator_options)
     ModelOptions(**model_options)  # wrong values are said first
+    _require_different(files)
     job = FitJob(files, joint, mapping, start, end, model_options, settings, solver, robot, urdf, base_gravity)
     job = job.chosen()
     joint = job.joint
     for option, path in (("--validate", validate), ("--plot", plot), ("--save", save)):
         if joint == ALL and path is not None:
             raise JointIdError(f"{option} is for one joint: name it (--joint NAME), or leave {option} out")
+    require_apart({"--plot": plot, "--save": save}, [*files, validate, urdf, Path(robot) if robot else None])
     if plot is not None:
         if len(files) > 1:
             raise JointIdError("--plot shows one recording: fit one file, or leave --plot out")
@@ -136,9 +139,12 @@ def fit(
             [*formats.taken(files[0], joint, mapping), *found.why, "", text, "", *_again(files, found, options)]
         )
     if given.other is not None and estimate.nrmse:
+        from joint_id_core.estimators.shared.data_check import concerning
         from joint_id_core.validation.prediction import held_out, held_out_drive
 
         model = found.job.built(given.recordings[0])
+        for finding in concerning(model, given.other):
+            complain(f"{validate}: {finding.text}")
         nrmse = held_out(model, given.other, estimate)
         result["validation"] = [{"signal": name, "nrmse": value} for name, value in nrmse.items()]
         text += f"\nheld out, {validate}: " + ", ".join(f"{name} nrmse {v:.3g}" for name, v in nrmse.items())
@@ -157,6 +163,18 @@ def fit(
     if not estimate.converged:
         complain(f"{estimate.status.value}: {estimate.message}")
         raise typer.Exit(_exit_code([estimate]))
+
+
+def _require_different(files: list[Path]) -> None:
+    """Check that no recording is given twice: it would count as two.
+
+    Raises:
+        JointIdError: one is.
+    """
+    places = [file.resolve() for file in files]
+    for k, place in enumerate(places):
+        if place in places[:k]:
+            raise JointIdError(f"{files[k]} is given twice, and would count as two recordings: give it once")
 
 
 def _again(files: list[Path], found: Result, options: Mapping[str, Any]) -> list[str]:

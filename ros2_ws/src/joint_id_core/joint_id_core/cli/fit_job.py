@@ -106,7 +106,14 @@ class FitJob:
         model = self.built(given.recordings[0])
         if self.urdf is not None and model.load is None:
             raise JointIdError(f"{model.name} takes no load: leave --urdf out, or take another model")
-        found = fit_several(model, given.recordings, self.settings_for(model), self.estimator, progress)
+        settings = self.settings_for(model)
+        _, free = settings.applied_to(model)
+        if doubled := [name for name in self.settings.deviations if name in free]:
+            raise JointIdError(
+                f"--set {doubled[0]}: +- is for a parameter that is held, and {doubled[0]} is estimated: hold it with "
+                f"--fix, or give what is known before with --prior {doubled[0]}=SD"
+            )
+        found = fit_several(model, given.recordings, settings, self.estimator, progress)
         if self.urdf is None:
             return found
         from joint_id_core.arm.loaded import with_doubt

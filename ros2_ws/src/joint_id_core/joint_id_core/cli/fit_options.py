@@ -78,6 +78,9 @@ def window(recording: Recording, start: float | None, end: float | None) -> Reco
     Raises:
         JointIdError: this part has no sample.
     """
+    for option, value in (("--start", start), ("--end", end)):
+        if value is not None and not value >= 0.0:
+            raise JointIdError(f"{option} {value:g}: give a time in s after the first sample, 0 or more")
     if start is None and end is None:
         return recording
     first = recording.time[0] if len(recording) else 0.0

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import io
+import multiprocessing
+import os
 import signal
 import sys
-import threading
 from typing import Any
 
 import typer
@@ -24,8 +25,6 @@ class OneLineErrors(TyperGroup):
 
     def invoke(self, ctx: Any) -> Any:
         """Run the chosen command."""
-        if signal.getsignal(signal.SIGINT) is signal.SIG_DFL and threading.current_thread() is threading.main_thread():
-            signal.signal(signal.SIGINT, signal.default_int_handler)  # the launcher lets Ctrl-C end the imports
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="replace")  # an encoding that lacks a character must not lose a result
@@ -41,9 +40,27 @@ class OneLineErrors(TyperGroup):
         except BrokenPipeError:  # a reader such as head has seen enough
             raise
         except OSError as error:
-            place = f"{error.filename}: " if error.filename is not None else ""
-            complain(f"{place}{error.strerror or error}: check the path, its permissions and the space")
+            not_written(error)
         raise typer.Exit(BAD_INPUT)
+
+
+def not_written(error: OSError) -> None:
+    """Say what could not be read or written."""
+    place = error.filename if error.filename is not None else "the output, or a temporary file"
+    complain(f"{place}: {error.strerror or error}: check the path, its permissions and the space")
+
+
+def end_on_interrupt(number: int, _: object) -> None:
+    """End on Ctrl-C, with the processes that were started.
+
+    An exception would be lost where a library is being loaded: the command would run on, or end in a traceback.
+    """
+    for child in multiprocessing.active_children():
+        child.terminate()
+    if sys.stderr.isatty():
+        os.write(sys.stderr.fileno(), b"\r\x1b[K")  # the line of progress
+    signal.signal(number, signal.SIG_DFL)
+    signal.raise_signal(number)
 
 
 def complain(message: str) -> None:

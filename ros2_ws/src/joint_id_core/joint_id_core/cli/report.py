@@ -30,6 +30,7 @@ from joint_id_core.cli.group import BAD_INPUT, complain
 from joint_id_core.cli.info import doubts
 from joint_id_core.cli.options import with_options
 from joint_id_core.cli.output import Progress
+from joint_id_core.cli.outputs import require_apart
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ESTIMATORS
 from joint_id_core.models.options import ModelOptions
@@ -69,6 +70,7 @@ def report(
     from joint_id_core.pages.report import report as page
     from joint_id_core.results.estimate import Estimate
 
+    require_apart({"--out": out}, [source, against, urdf, Path(robot) if robot else None])
     _require_writable(out)
     earlier = Estimate.load(against) if against is not None else None
     command = shlex.join(["joint-id", *sys.argv[1:]])

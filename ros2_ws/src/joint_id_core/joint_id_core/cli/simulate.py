@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Optional
 
 import typer
 
@@ -29,7 +29,7 @@ def simulate(
     seed: Annotated[int, typer.Option(help="of the noise")] = 0,
     noise: Annotated[bool, typer.Option("--noise/--no-noise", help="sensors of a UR robot, or exact values")] = True,
     set_: SetOption = None,
-    joint: Annotated[str, typer.Option(help="name of the joint in the bag")] = "joint",
+    joint: Annotated[Optional[str], typer.Option(help="name of the joint in the bag (default: joint)")] = None,
     json: JsonOption = False,
 ) -> None:
     """Simulate a joint with known parameters and write the readings of its sensors.
@@ -40,6 +40,10 @@ def simulate(
         raise JointIdError(f"{out} exists already: remove it or choose another name")
     if out.suffix.lower() in OTHERS:
         raise JointIdError(f"{out}: a simulation is written as .csv, or else as a bag directory: give such a name")
+    if joint is not None and out.suffix.lower() == ".csv":
+        raise JointIdError(f"{out}: a CSV file holds no name of a joint: leave --joint out, or write a bag")
+    if seed < 0:
+        raise JointIdError(f"--seed {seed}: give a number from 0 on")
     built = ModelOptions(model, **model_options).build()
     truth = built.values(numbers_by_name(set_ or (), "--set"))
 
@@ -49,7 +53,7 @@ def simulate(
     with Progress() as progress:
         progress(f"simulating {duration:g} s of {model}")
         recording = simulate_motion(built, duration, rate, truth, noise, seed)
-    formats.write(out, replace(recording, joint=joint))
+    formats.write(out, replace(recording, joint=joint or "joint"))
     if json:
         print_json({"file": str(out), "model": model, "samples": len(recording), "truth": truth})
         return

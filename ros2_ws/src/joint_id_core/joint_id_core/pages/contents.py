@@ -53,6 +53,8 @@ def windows(
 
     [] if there are none, or if every one would take long.
     """
+    if len(recording) < 2:
+        return []
     if isinstance(solver, Regression):
         ends = np.linspace(0, len(recording), GROWING + 1).astype(int)[1:]
         found = [fit(model, recording.slice(0, end), settings, solver) for end in ends.tolist()]

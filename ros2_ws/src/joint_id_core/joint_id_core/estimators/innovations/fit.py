@@ -60,7 +60,7 @@ def fit_innovations(
     search = Search(data, compile_model(model, "tanh", data.freed, options.cell), options, belief, tell)
     outcome = search.warm(previous) if previous is not None and previous.converged else None
     outcome = outcome or search.cold()
-    if outcome is None:
+    if outcome is None or not outcome.minimum.definite:
         diverged = UnusableError(Status.DIVERGED, f"{recording.source}: {Status.DIVERGED.advice}")
         return unusable(model, "innovations", diverged, recording)
     return _estimate(outcome, begun)

@@ -55,6 +55,17 @@ class Minimum:
     integration: Array
     left: Array
 
+    @property
+    def definite(self) -> bool:
+        """Whether the Gauss-Newton matrix has an inverse: it has none where rounding hides what the data say."""
+        size = np.sqrt(np.maximum(np.diag(self.hessian), np.finfo(float).tiny))
+        try:
+            np.linalg.cholesky(self.hessian / np.outer(size, size))
+            np.linalg.cholesky(self.hessian)
+        except np.linalg.LinAlgError:
+            return False
+        return True
+
     @cached_property
     def inverse(self) -> Array:
         """Inverse of the Gauss-Newton matrix, shape (k, k): covariance of the coordinates due to noise."""

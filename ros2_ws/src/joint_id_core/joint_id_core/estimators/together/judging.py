@@ -48,14 +48,18 @@ def common(
 
 
 def own(model: Model, rows: Sequence[ParameterEstimate]) -> ParameterEstimate:
-    """Return a parameter of which every recording has its own, as mean and scatter; one that is held stays."""
+    """Return a parameter of which every recording has its own: their mean, and how far one may be from it.
+
+    One that is held stays.
+    """
     row = rows[0]
     if row.verdict is Verdict.FIXED or not model.parameter(row.name).of_recording:
         return row
     values = [r.value for r in rows]
     said = ", ".join(f"{r.value:.3g} ± {r.std_dev:.2g}" for r in rows)
-    mean, scatter = float(np.mean(values)), float(np.std(values, ddof=1)) if len(values) > 1 else row.std_dev
-    return replace(row, value=mean, std_dev=scatter, reason=f"one a recording: {said}")
+    scatter = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
+    sigma = float(np.sqrt(scatter**2 + np.mean([r.std_dev**2 for r in rows])))
+    return replace(row, value=float(np.mean(values)), std_dev=sigma, reason=f"one a recording: {said}")
 
 
 def judge(

@@ -1,0 +1,26 @@
+"""Files that a command writes: none of them may be one that it reads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from joint_id_core.errors import JointIdError
+
+
+def require_apart(outputs: Mapping[str, Path | None], inputs: Iterable[Path | None]) -> None:
+    """Check that what is written, by option, is no input and no other output.
+
+    Raises:
+        JointIdError: it is.
+    """
+    taken = {path.resolve(): "is read by this command" for path in inputs if path is not None}
+    for option, path in outputs.items():
+        if path is None:
+            continue
+        place = path.resolve()
+        if place in taken:
+            raise JointIdError(f"{option} {path} would overwrite a file that {taken[place]}: give another name")
+        if place.exists() and not place.is_file():
+            continue  # a device: it may be given twice
+        taken[place] = f"{option} writes"
