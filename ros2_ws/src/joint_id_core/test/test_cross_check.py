@@ -12,6 +12,7 @@ from joint_id_core.estimators import ParameterSettings, Regression, fit
 from joint_id_core.estimators.cross_check import cross_checked
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Estimate, Status, Verdict
+from joint_id_core.simulation.motion import simulate_motion
 from joint_id_core.simulation.simulator import simulate
 
 from .controlled_joint import TRUTH as CONTROLLED
@@ -120,3 +121,15 @@ def test_advice_that_helps_is_given():
     moved = simulate(loaded, record.time, {"torque": record["torque"]}, {**TRUTH, "a_g": 1.0, "b_g": 1.0})
     found = fit(MODEL, Recording(record.time, {"link_position": moved["link_position"], "torque": record["torque"]}))
     assert "try --gravity" in found.message and "no better" not in " ".join(found.notes)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_regression_that_cannot_see_the_gear_has_no_say(seed):
+    """Its instruments do not show the spring in a fast motion: what was left of the torque made a good fit poor."""
+    model = build("motor_side")
+    values = model.values({})
+    record = simulate_motion(model, 6.0, 500.0, values, True, seed)
+    found = fit(model, record)
+    assert found.status is Status.CONVERGED, found.message
+    for name in ("J_m", "c_m", "tau_fm", "k_1"):
+        assert abs(found[name].value - values[name]) < 4.0 * found[name].std_dev
