@@ -135,8 +135,8 @@ def second_opinion(
             fitted = regressed(model, with_mean_drive(model, recording, share), values, Regression())
     except JointIdError:
         return None
-    if any(f.encoders is not None and f.solution.unseen.any() for f in fitted):
-        return None  # without the torque of the gear, which its instruments do not show, the rest tells nothing
+    if any(f.blind for f in fitted):
+        return None
     fault = next((f.fault for f in fitted if f.fault), "")
     seconds = tuple(second for f in fitted for second in _seconds(f))
     useless = frozenset(advice for f in fitted for advice, share in f.helps.items() if share < HELPS)

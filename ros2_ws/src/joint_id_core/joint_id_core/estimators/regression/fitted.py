@@ -174,6 +174,15 @@ class Fitted:
         return min(late, MOST) if 0.0 < late < LATE else 0.0
 
     @property
+    def blind(self) -> bool:
+        """Whether the torque of the gear is missing, as its instruments do not show it: the rest then tells nothing."""
+        return self.encoders is not None and bool(self.solution.unseen.any()) and not self._explains
+
+    @property
+    def _explains(self) -> bool:
+        return self.solution.r_squared > LEAST_R_SQUARED
+
+    @property
     def fault(self) -> str:
         """Why the equation is not that of the motion; empty if it is."""
         left = "of what the model does not explain"
@@ -190,7 +199,7 @@ class Fitted:
                 f"the {quantity} acts against the motion: with the opposite sign {percent(self.opposite)} of it are "
                 "explained; change the sign of its column or of the positions (--map torque=-1*COLUMN)"
             )
-        if not self.solution.r_squared > LEAST_R_SQUARED:
+        if not self._explains:
             return f"only {percent(self.solution.r_squared)} of the {quantity} are explained"
         if self.gravity > MOST_GRAVITY and 1.0 - self.solution.r_squared > LITTLE:
             angle = f"a load that depends on the angle explains {100.0 * self.gravity:.2g} % {left}"
