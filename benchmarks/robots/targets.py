@@ -17,7 +17,8 @@ GOOD_OFF = 4.0
 STIFFNESS_OFF = 0.3
 KNOWN = {(case.name, joint.name): dict(joint.known) for case in CASES for joint in case.joints}
 ALONE = {case.name for case in CASES if case.alone}
-UR10E = {case.name for case in CASES if case.folder == "ur10e"}
+OF_URDF = {case.name for case in CASES if "URDF" in case.name}
+UR10E = {case.name for case in CASES if case.folder == "ur10e"} - OF_URDF
 
 
 def verdicts(fits: Sequence[Fitted]) -> list[tuple[str, str]]:
@@ -27,8 +28,9 @@ def verdicts(fits: Sequence[Fitted]) -> list[tuple[str, str]]:
     alone = [f for f in fits if f.case in ALONE]
     known, count = usable(alone)
     sigma, covered = relative_sigma(alone), pairs(alone)
-    friction = farthest([f for f in fits if f.case in UR10E], KNOWN, FRICTION)
+    friction, of_urdf = (farthest([f for f in fits if f.case in some], KNOWN, FRICTION) for some in (UR10E, OF_URDF))
     good = farthest(fits, KNOWN, ("J", *FRICTION), good=True)
+    loaded = [("the same with the load of the stock URDF", _said(_off(of_urdf), abs(of_urdf.sigmas) <= FRICTION_OFF))]
     return [
         (
             f"one joint moves: {COVERAGE[0]:g} to {COVERAGE[1]:g} of the pairs agree",
@@ -43,6 +45,7 @@ def verdicts(fits: Sequence[Fitted]) -> list[tuple[str, str]]:
             f"UR10e: friction within {FRICTION_OFF:g} combined sigma of the reference",
             _said(_off(friction), abs(friction.sigmas) <= FRICTION_OFF),
         ),
+        *(loaded if of_urdf.fit is not None else []),
         (
             f"nothing that is called good is more than {GOOD_OFF:g} sigma off",
             _said(_off(good), abs(good.sigmas) <= GOOD_OFF),
