@@ -24,20 +24,41 @@ UNITS: dict[str, dict[str, float]] = {
 WITH_UNIT = re.compile(r"(.*?)\s*[(\[]\s*(.*?)\s*[)\]]")
 
 
+ENDINGS = ("_deg", "_rad", "_rpm", "_nm", "_s", "_ms", "_us", "_ns")  # units that are written so
+
+
 def understood(column: str) -> tuple[str, float] | None:
     """Return the target (`time_s` or a channel) of a column and the factor that makes SI units of it.
 
     None if the name is not one of a channel, in other letters or with spaces, or if its unit is not one of its kind.
     """
+    name, unit = parts(column)
+    target = TIME if name in TIMES else name
+    factor = factor_of(target, unit)
+    return None if factor is None else (target, factor)
+
+
+def parts(column: str) -> tuple[str, str]:
+    """Return the name in a column's name, in small letters and with "_" for spaces, and its unit, "" for none."""
     matched = WITH_UNIT.fullmatch(column.strip())
     name, unit = matched.groups() if matched else (column, "")
     name = re.sub(r"[\s.-]+", "_", name.strip().lower())
-    for ending in ("_deg", "_ms", "_rad", "_rpm", "_nm"):
+    for ending in ENDINGS:
         if not unit and name.endswith(ending):
             name, unit = name.removesuffix(ending), ending[1:]
-    target = TIME if name in TIMES else name
-    if target != TIME and target not in CHANNELS:
+    return name, unit
+
+
+def unit_of(target: str) -> str:
+    """Return the SI unit of a target, "" if it is none."""
+    if target == TIME:
+        return "s"
+    return CHANNELS[target].unit if target in CHANNELS else ""
+
+
+def factor_of(target: str, unit: str) -> float | None:
+    """Return the factor that makes SI of a unit, 1 for none; None if it is not one of the target's kind."""
+    kind = unit_of(target)
+    if not kind:
         return None
-    kind = "s" if target == TIME else CHANNELS[target].unit
-    factor = UNITS.get(kind, {}).get(unit.lower()) if unit else 1.0
-    return None if factor is None else (target, factor)
+    return UNITS.get(kind, {}).get(unit.lower()) if unit else 1.0

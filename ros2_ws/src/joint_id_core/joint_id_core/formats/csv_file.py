@@ -4,19 +4,16 @@ Columns are `time_s` and any of `joint_id_core.data.signals.CHANNELS`, in SI uni
 `column_names`), or those of a robot's log (`robot_log`). A signal without a column was not measured; an empty cell or
 `nan` is a missing value. Other columns are ignored unless a mapping names them. The delimiter (comma, semicolon, tab,
 bar or spaces) is found from the header.
-Lines that begin with #, % or // are comments; the last one above the numbers may be the header.
+Lines that begin with #, % or // are comments; which line is the header, see `csv_header`.
 """
 
 from __future__ import annotations
 
 import csv
-import gzip
 import math
 import warnings
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import TextIO
 
 import numpy as np
 
@@ -24,10 +21,12 @@ from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats import robot_log
 from joint_id_core.formats.column_names import TIME
-from joint_id_core.formats.mapping import TARGETS, plan
+from joint_id_core.formats.csv_header import COMMENTS, Header, cells, find_header, is_number, lines, opened
+from joint_id_core.formats.mapping import plan
 from joint_id_core.formats.mapping import taken as in_words
+from joint_id_core.formats.overlooked import tell, tell_empty
 
-COMMENTS = ("#", "%", "//")
+SHOWN = 40  # characters of a cell that an error shows
 
 
 def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:
@@ -37,19 +36,22 @@ def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:
         JointIdError: no usable header, a line of the wrong length, a cell that is not a number. The message names file,
             line and column.
     """
-    header = _header(path)
+    header = find_header(path)
     products = plan(path, header.names, robot_log.columns(path, header.names, joint, mapping))
-    used = {name for product in products.values() for name in product.names}
+    used = list(dict.fromkeys(name for product in products.values() for name in product.names))
     for name in used:
         if header.names.count(name) > 1:
             raise JointIdError(f"{path}: {header.names.count(name)} columns are called {name!r}: rename all but one")
+    tell(path, header.names, products)
     columns = _columns(path, header, used)
     values: dict[str, Array] = {}
     for target, product in products.items():
         values[target] = np.prod([columns[name] for name in product.names], axis=0)
         if product.factor != 1.0:
             values[target] = product.factor * values[target]
-    return Recording(values.pop(TIME), values, source=str(path), joint=joint)
+    recording = Recording(values.pop(TIME), values, source=str(path), joint=joint)
+    tell_empty(recording)
+    return recording
 
 
 def columns(path: Path) -> tuple[str, ...]:
@@ -58,7 +60,7 @@ def columns(path: Path) -> tuple[str, ...]:
     Raises:
         JointIdError: no header, or not a text file.
     """
-    return tuple(_header(path).names)
+    return tuple(find_header(path).names)
 
 
 def write_csv(path: str | Path, recording: Recording) -> None:
@@ -89,107 +91,36 @@ def write_csv(path: str | Path, recording: Recording) -> None:
         ) from None
 
 
-def _open(path: Path) -> TextIO:
-    return gzip.open(path, "rt", encoding="utf-8-sig") if path.suffix == ".gz" else path.open(encoding="utf-8-sig")
-
-
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield the lines of a file with their numbers; the message of an error names the path.
-
-    Raises:
-        JointIdError: the file cannot be read, or is no text.
-    """
-    try:
-        with _open(path) as file:
-            yield from enumerate(file, 1)
-    except OSError as error:
-        why = error.strerror or str(error)
-        raise JointIdError(f"{path}: cannot be read ({why}): check the path and its permissions") from None
-    except EOFError:
-        raise JointIdError(f"{path}: the compressed file ends too early: copy it again") from None
-    except UnicodeDecodeError as error:
-        raise JointIdError(f"{path}: byte {error.start} is not UTF-8 text: save the file as plain CSV") from None
-
-
-@dataclass(frozen=True)
-class _Header:
-    """Names of the columns, the number of the line that holds them, and the delimiter (None: spaces)."""
-
-    names: list[str]
-    line: int
-    delimiter: str | None
-
-
-def _header(path: Path) -> _Header:
-    """Find the header: the first line that is no comment, or the last comment above it if it holds numbers only."""
-    comment: tuple[int, str] | None = None
-    for number, line in _lines(path):
-        text = line.strip()
-        if not text:
-            continue
-        if text.startswith(COMMENTS):
-            comment = number, text.lstrip("#%/ ")
-            continue
-        delimiter = _delimiter(text)
-        names = _cells(text, delimiter)
-        if not all(_is_number(cell) for cell in names):
-            return _Header(names, number, delimiter)
-        if comment is not None:
-            above = _cells(comment[1], _delimiter(comment[1]))
-            if len(above) == len(names) and not any(_is_number(cell) for cell in above):
-                return _Header(above, comment[0], delimiter)
-        raise JointIdError(
-            f"{path}: no header, line {number} holds numbers only: put column names above it, {', '.join(TARGETS)} "
-            "(SI units) or your own with e.g. --map link_position=q"
-        )
-    raise JointIdError(f"{path}: the file holds no line: record it again")
-
-
-def _delimiter(line: str) -> str | None:
-    frequent = max(";\t,|", key=line.count)
-    return frequent if frequent in line else None
-
-
-def _numbers(path: Path, header: _Header) -> Array | None:
+def _numbers(path: Path, header: Header) -> Array | None:
     """Return all cells as numbers (rows, columns), read by NumPy; None if a cell or a line is not as it expects."""
     try:
-        with _open(path) as file, warnings.catch_warnings(action="ignore"):  # no rows: said below
+        with opened(path) as file, warnings.catch_warnings(action="ignore"):  # no rows: said below
             table = np.loadtxt(file, delimiter=header.delimiter, skiprows=header.line, comments=COMMENTS, ndmin=2)
     except (ValueError, OSError, EOFError):
         return None
     return table if len(table) and table.shape[1] == len(header.names) else None
 
 
-def _table(path: Path, header: _Header) -> tuple[list[list[str]], list[int]]:
+def _table(path: Path, header: Header) -> tuple[list[list[str]], list[int]]:
     """Return the cells by row, and the line number of each row."""
     rows, numbers = [], []
-    for number, line in _lines(path):
+    for number, line in lines(path):
         text = line.strip()
         if number <= header.line or not text or text.startswith(COMMENTS):
             continue
-        cells = _cells(line, header.delimiter)
-        if len(cells) != len(header.names):
+        row = cells(line, header.delimiter)
+        if len(row) != len(header.names):
             raise JointIdError(
-                f"{path}: line {number} has {len(cells)} cells, the header has {len(header.names)}: mend or cut this "
-                "line"
+                f"{path}: line {number} has {len(row)} cells, the header has {len(header.names)}: mend or cut this line"
             )
-        rows.append(cells)
+        rows.append(row)
         numbers.append(number)
     if not rows:
         raise JointIdError(f"{path}: only a header ({', '.join(header.names)}), no samples: record it again")
     return rows, numbers
 
 
-def _cells(line: str, delimiter: str | None) -> list[str]:
-    """Return the cells of one line; the delimiter None splits at spaces."""
-    line = line.rstrip("\r\n")
-    if delimiter == "|":  # a table in text has one at both ends
-        line = line.strip().removeprefix("|").removesuffix("|")
-    cells = next(csv.reader([line], delimiter=delimiter)) if delimiter and '"' in line else line.split(delimiter)
-    return [cell.strip() for cell in cells]
-
-
-def _columns(path: Path, header: _Header, used: Collection[str]) -> dict[str, Array]:
+def _columns(path: Path, header: Header, used: Collection[str]) -> dict[str, Array]:
     """Return the columns that are used, by name."""
     table = _numbers(path, header)
     if table is not None:
@@ -200,12 +131,12 @@ def _columns(path: Path, header: _Header, used: Collection[str]) -> dict[str, Ar
 
 def joints(path: Path, mapping: Mapping[str, str]) -> tuple[str, ...]:
     """Return the names of the joints of a robot's log; () for a file of one unnamed joint."""
-    return robot_log.joints(_header(path).names, mapping)
+    return robot_log.joints(find_header(path).names, mapping)
 
 
 def taken(path: Path, joint: str, mapping: Mapping[str, str]) -> list[str]:
     """Return in words which columns with other names are read as which channels."""
-    names = _header(path).names
+    names = find_header(path).names
     return in_words(plan(path, names, robot_log.columns(path, names, joint, mapping)))
 
 
@@ -214,16 +145,9 @@ def _column(path: Path, name: str, index: int, rows: list[list[str]], numbers: l
     try:
         return np.array([float(row[index] or "nan") for row in rows])
     except ValueError:
-        row, number = next((r, n) for r, n in zip(rows, numbers, strict=True) if not _is_number(r[index] or "nan"))
-        hint = " with a decimal point" if _is_number(row[index].replace(",", ".")) else ", or leave the cell empty"
+        row, number = next((r, n) for r, n in zip(rows, numbers, strict=True) if not is_number(r[index] or "nan"))
+        hint = " with a decimal point" if is_number(row[index].replace(",", ".")) else ", or leave the cell empty"
+        shown = row[index] if len(row[index]) <= SHOWN else f"{row[index][:SHOWN]}..."
         raise JointIdError(
-            f"{path}: line {number}, column {name}: {row[index]!r} is not a number: write one{hint}"
+            f"{path}: line {number}, column {name}: {shown!r} is not a number: write one{hint}"
         ) from None
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

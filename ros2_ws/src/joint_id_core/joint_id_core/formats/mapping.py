@@ -11,6 +11,7 @@ from pathlib import Path
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError, close_to
 from joint_id_core.formats.column_names import TIME, understood
+from joint_id_core.formats.overlooked import overlooked
 
 TARGETS = (TIME, *CHANNELS)
 
@@ -23,29 +24,36 @@ class Product:
     names: tuple[str, ...]
 
 
-def plan(path: Path, found: Collection[str], mapping: Mapping[str, str]) -> dict[str, Product]:
+def plan(
+    path: Path, found: Collection[str], mapping: Mapping[str, str], unusable: Mapping[str, str] | None = None
+) -> dict[str, Product]:
     """Determine how time and each channel are computed from the columns `found` in a file.
 
     Columns with a known name are taken as they are unless `mapping` names another source; those whose name and unit are
-    written in another way (`column_names`) are converted. Other columns are ignored.
+    written in another way (`column_names`) are converted. Other columns are ignored. `time_s` may have other times
+    beside it.
+
+    `unusable` says what other variables of the file hold instead of real numbers, by name.
 
     Returns:
         By target (`time_s`, channel names), the product to compute; in the order of `TARGETS`.
 
     Raises:
-        JointIdError: no time, no channel, an unknown target, an expression that is not a product of columns.
+        JointIdError: no time, no channel, two columns for one, an unknown target, an expression that is not a product
+            of columns.
     """
+    unusable = unusable or {}
     targets = {name: Product(1.0, (name,)) for name in TARGETS if name in found}
-    written: dict[str, list[tuple[str, float]]] = {}
+    written: dict[str, list[tuple[str, float]]] = {name: [(name, 1.0)] for name in targets}
     for column in found:
         known = understood(column) if column not in TARGETS else None
-        if known is not None and known[0] not in targets and known[0] not in mapping:
+        if known is not None and known[0] not in mapping and not (known[0] == TIME and TIME in targets):
             written.setdefault(known[0], []).append((column, known[1]))
     for target, ((column, factor), *others) in written.items():
         if others:
             raise JointIdError(
-                f"{path}: {' and '.join(repr(c) for c, _ in written[target])} could all be {target}: say which, e.g. "
-                f"--map {shlex.quote(f'{target}={column}')}"
+                f"{path}: {' and '.join(repr(c) for c, _ in written[target])} could all be {target}: rename all but "
+                f"one, or say which, e.g. --map {shlex.quote(f'{target}={column}')}"
             )
         targets[target] = Product(factor, (column,))
     for target, expression in mapping.items():
@@ -56,10 +64,9 @@ def plan(path: Path, found: Collection[str], mapping: Mapping[str, str]) -> dict
         targets[target] = parse(path, target, expression, found)
     if TIME not in targets or len(targets) < 2:
         missing = TIME if TIME not in targets else "channel"
-        raise JointIdError(
-            f"{path}: no known {missing} among the columns {listed(found)}: understood are {', '.join(TARGETS)} "
-            f"in SI units; name yours, e.g. {_example(found)}"
-        )
+        meant = [why for name, why in overlooked(found, targets, unusable) if missing in (name, "channel")]
+        hint = f"understood are {', '.join(TARGETS)} in SI units; name yours, e.g. {_example(found)}"
+        raise JointIdError(f"{path}: no known {missing} among the columns {listed(found)}: {'; '.join(meant) or hint}")
     return {name: targets[name] for name in TARGETS if name in targets}
 
 

@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.mapping import TIME, plan
+from joint_id_core.formats.overlooked import tell, tell_empty
 
+UNUSABLE = {  # by kind of NumPy
+    "c": "complex numbers: save its real part",
+    "U": "text: save its numbers",
+    "O": "cells: save a vector of numbers",
+}
 MOST_SIGNALS = 64  # in a matrix; a larger one holds no signals of joints
 
 
@@ -26,8 +32,13 @@ def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:
     Raises:
         JointIdError: not a MAT file, version 7.3, no time or channel, vectors of different lengths.
     """
-    found = _load(path)
-    products = plan(path, found, mapping)
+    found, unusable = _load(path)
+    for target, expression in mapping.items():
+        for name in (part.strip() for part in expression.split("*")):
+            if name in unusable:
+                raise JointIdError(f"{path}: {target}={expression}: {name} holds {unusable[name]}")
+    products = plan(path, found, mapping, unusable)
+    tell(path, found, products, unusable)
     values: dict[str, Array] = {}
     for target, product in products.items():
         parts = [found[name] for name in product.names]
@@ -43,7 +54,9 @@ def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:
             raise JointIdError(
                 f"{path}: {target} has {values[target].size} values, {TIME} has {values[TIME].size}: they must match"
             )
-    return Recording(values.pop(TIME), values, source=str(path), joint=joint)
+    recording = Recording(values.pop(TIME), values, source=str(path), joint=joint)
+    tell_empty(recording)
+    return recording
 
 
 def variables(path: Path) -> tuple[str, ...]:
@@ -52,11 +65,11 @@ def variables(path: Path) -> tuple[str, ...]:
     Raises:
         JointIdError: not a MAT file, or version 7.3.
     """
-    return tuple(_load(path))
+    return tuple(_load(path)[0])
 
 
-def _load(path: Path) -> dict[str, Array]:
-    """Return the vectors and scalars of the file by name, each of shape (n,)."""
+def _load(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
+    """Return the vectors and scalars of the file by name, each of shape (n,), and of others what they hold."""
     try:
         data = scipy.io.loadmat(path)
     except NotImplementedError:
@@ -65,19 +78,26 @@ def _load(path: Path) -> dict[str, Array]:
         what = str(error) or type(error).__name__
         raise JointIdError(f"{path}: not a readable MAT file ({' '.join(what.split())}): save it again") from None
     found: dict[str, Array] = {}
+    unusable: dict[str, str] = {}
     for variable, value in data.items():
         if not variable.startswith("__") and not isinstance(value, scipy.io.matlab.MatlabOpaque):
-            found.update(_signals(variable, np.asarray(value)))
+            for name, signal in _signals(variable, np.asarray(value)):
+                if isinstance(signal, str):
+                    unusable[name] = signal
+                else:
+                    found[name] = signal
     if not found:
         raise JointIdError(f"{path}: no real vector in this MAT file: save the signals as vectors or in structures")
-    return found
+    return found, unusable
 
 
-def _signals(name: str, value: NDArray[Any]) -> Iterator[tuple[str, Array]]:
-    """Return names and values (n,) of the signals in a variable."""
+def _signals(name: str, value: NDArray[Any]) -> Iterator[tuple[str, Array | str]]:
+    """Return names and values (n,) of the signals in a variable; of those that are not real, what they hold."""
     if value.dtype.names and value.size == 1:
         for field in value.dtype.names:
             yield from _signals(f"{name}.{field}", np.asarray(value.flat[0][field]))
+    elif value.dtype.kind in UNUSABLE and value.size > 1:
+        yield name, UNUSABLE[value.dtype.kind]
     elif value.dtype.kind in "fiub" and value.size:
         if max(value.shape, default=1) == value.size:
             yield name, value.ravel().astype(float)
