@@ -43,16 +43,30 @@ def newey_west(columns: Array, residuals: Array, pieces: NDArray[np.int64], lag:
     scaled = columns / scale
     scores = scaled * residuals[:, None]
     lag = min(lag, LONGEST_SHARE * count)
-    middle = scores.T @ scores
-    for k in range(1, int(np.ceil(lag))):
-        same = pieces[k:] == pieces[:-k]
-        cross = scores[k:][same].T @ scores[:-k][same]
-        middle += (1.0 - k / lag) * (cross + cross.T)
+    # Bartlett weights 1 - k / lag are those of two whole lags, mixed.
+    whole = int(np.ceil(lag)) - 1
+    share = (whole + 1) * (1.0 - whole / lag)
+    middle = share * _summed(scores, pieces, whole + 1)
+    if whole:
+        middle = middle + (1.0 - share) * _summed(scores, pieces, whole)
     inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
-    share = lag / count
-    wider = float(np.polynomial.polynomial.polyval(share, FIXED_B)) / FIXED_B[0]
+    wider = float(np.polynomial.polynomial.polyval(lag / count, FIXED_B)) / FIXED_B[0]
     freedom = count / max(1, count - parameters)
     return np.asarray(inverse @ middle @ inverse * (freedom * wider**2) / np.outer(scale, scale))
+
+
+def _summed(scores: Array, pieces: NDArray[np.int64], lag: int) -> Array:
+    """Return the sum of the covariances (k, k) of scores (T, k) over whole lags, with Bartlett weights.
+
+    It is that of their sums over all stretches of `lag` samples: the work does not grow with the lag.
+    """
+    total = np.zeros((scores.shape[1], scores.shape[1]))
+    edges = np.flatnonzero(np.diff(pieces)) + 1
+    for piece in np.split(scores, edges):
+        sums = np.cumsum(np.pad(piece, ((lag, lag), (0, 0))), axis=0)
+        stretches = sums[lag:] - sums[:-lag]
+        total += stretches.T @ stretches / lag
+    return total
 
 
 def jackknife(values: Callable[[NDArray[np.bool_]], Array], count: int, lag: float) -> Array:
