@@ -31,6 +31,7 @@ MESSAGES = ROOT / "ros2_ws/src/joint_id_msgs/msg"
 COMMANDS = (
     "fit",
     "report",
+    "arm-fit",
     "diff",
     "history",
     "export",
@@ -165,11 +166,14 @@ def status_table() -> str:
 
 
 def commands() -> dict[str, Any]:
-    """The commands of `joint-id` by name, as click objects."""
+    """The commands of `joint-id` by name, as click objects; one of a group is called GROUP-NAME."""
     app.registered_commands = [c for c in app.registered_commands if c.callback not in (record, watch)]
     app.command("record")(record)  # as the entry points of joint_id_ros do
     app.command("watch")(watch)
-    return dict(typer.main.get_command(app).commands)  # type: ignore[attr-defined]  # a group
+    found: dict[str, Any] = dict(typer.main.get_command(app).commands)  # type: ignore[attr-defined]  # a group
+    for name, group in [(n, c) for n, c in found.items() if hasattr(c, "commands")]:
+        found |= {f"{name}-{inner}": command for inner, command in group.commands.items()}
+    return found
 
 
 def command_table(name: str) -> str:

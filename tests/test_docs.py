@@ -119,7 +119,7 @@ def test_commands_exist_with_the_options_that_are_shown(generator: ModuleType, p
     for words in command_lines(page):
         program = Path(words[0]).name
         if program == "joint-id":
-            shown = commands[words[1]]
+            shown = commands.get("-".join(words[1:3])) or commands[words[1]]
             known = set(chain.from_iterable([*p.opts, *p.secondary_opts] for p in shown.params))
             assert {w for w in words if w.startswith("--")} <= known, words
             models = [v for k, v in pairwise(words) if k == "--model"]

@@ -15,6 +15,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from joint_id_core.arm.description import Description as Description
+    from joint_id_core.arm.fit import fit_arm as fit_arm
+    from joint_id_core.arm.loaded import loaded as loaded
     from joint_id_core.comparison.comparing import compare as compare
     from joint_id_core.data.recording import Recording as Recording
     from joint_id_core.errors import JointIdError as JointIdError
@@ -38,6 +41,7 @@ if TYPE_CHECKING:
     from joint_id_core.validation import held_out as held_out
 
 _ROOMS = {
+    "Description": "arm.description",
     "HPinn": "estimators",
     "Regression": "estimators",
     "fit_several": "estimators",
@@ -54,7 +58,9 @@ _ROOMS = {
     "build": "models",
     "compare": "comparison.comparing",
     "fit": "estimators",
+    "fit_arm": "arm.fit",
     "held_out": "validation",
+    "loaded": "arm.loaded",
     "read": "formats",
     "simulate": "simulation",
     "simulate_motion": "simulation",

@@ -12,9 +12,9 @@ import joint_id_core as jid
 MODEL = jid.build("rigid_joint")
 MOTION = jid.simulate_motion(MODEL, 3.0)
 NAMES = (
-    "Estimate", "HPinn", "Innovations", "JointIdError", "Model", "OnlineIdentifier", "OnlineOptions",
-    "ParameterSettings", "Recording", "Regression", "Status", "Verdict", "build", "compare", "fit", "fit_several",
-    "held_out", "read", "simulate",
+    "Description", "Estimate", "HPinn", "Innovations", "JointIdError", "Model", "OnlineIdentifier", "OnlineOptions",
+    "ParameterSettings", "Recording", "Regression", "Status", "Verdict", "build", "compare", "fit", "fit_arm",
+    "fit_several", "held_out", "loaded", "read", "simulate",
     "simulate_motion", "write",
 )  # fmt: skip
 
@@ -25,7 +25,7 @@ def test_the_public_names_are_these_and_all_of_them_load():
 
 
 def test_an_unknown_name_says_what_there_is():
-    with pytest.raises(AttributeError, match="no attribute 'Fit': it has Estimate"):
+    with pytest.raises(AttributeError, match="no attribute 'Fit': it has Description"):
         _ = jid.Fit
 
 

@@ -78,6 +78,20 @@ class Description:
         self._data = self._model.createData()
         self._check_bodies(root)
 
+    @property
+    def mimics(self) -> tuple[str, ...]:
+        """Names of joints that follow another one."""
+        return tuple(self._mimics)
+
+    @property
+    def model(self) -> Any:
+        """The model of Pinocchio."""
+        return self._model
+
+    def column(self, joint: str) -> int:
+        """Return the number of a joint in the vectors of Pinocchio."""
+        return int(self._column[joint])
+
     @classmethod
     def read(cls, path: str | Path, gravity: Sequence[float] = GRAVITY) -> Description:
         """Read a URDF file.

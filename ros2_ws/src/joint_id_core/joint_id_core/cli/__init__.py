@@ -14,6 +14,7 @@ from typing import Annotated
 
 import typer
 
+from joint_id_core.cli.arm import arm
 from joint_id_core.cli.compare import compare
 from joint_id_core.cli.diff import diff
 from joint_id_core.cli.doctor import doctor
@@ -50,6 +51,7 @@ def _group(
     """Identify the dynamics of robot joints: inertia, friction, stiffness, each with its uncertainty."""
 
 
+app.add_typer(arm, name="arm")
 app.command()(simulate)
 app.command()(info)
 app.command()(fit)

@@ -29,7 +29,7 @@ from joint_id_core.cli.fit_options import (
 from joint_id_core.cli.group import BAD_INPUT, complain
 from joint_id_core.cli.options import with_options
 from joint_id_core.cli.output import Progress, print_json
-from joint_id_core.cli.outputs import require_apart
+from joint_id_core.cli.outputs import require_apart, require_different
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ESTIMATORS, Innovations
 from joint_id_core.models.options import ModelOptions
@@ -100,7 +100,7 @@ def fit(
     mapping = texts_by_name(map_ or (), "--map")
     solver = estimators.build(estimator, **estimator_options)
     ModelOptions(**model_options)  # wrong values are said first
-    _require_different(files)
+    require_different(files)
     job = FitJob(files, joint, mapping, start, end, model_options, settings, solver, robot, urdf, base_gravity)
     job = job.chosen()
     joint = job.joint
@@ -163,18 +163,6 @@ def fit(
     if not estimate.converged:
         complain(f"{estimate.status.value}: {estimate.message}")
         raise typer.Exit(_exit_code([estimate]))
-
-
-def _require_different(files: list[Path]) -> None:
-    """Check that no recording is given twice: it would count as two.
-
-    Raises:
-        JointIdError: one is.
-    """
-    places = [file.resolve() for file in files]
-    for k, place in enumerate(places):
-        if place in places[:k]:
-            raise JointIdError(f"{files[k]} is given twice, and would count as two recordings: give it once")
 
 
 def _again(files: list[Path], found: Result, options: Mapping[str, Any]) -> list[str]:

@@ -38,6 +38,20 @@ class Part:
         return window(formats.read(file, joint, self.mapping), self.start, self.end)
 
 
+def joints_of(file: Path, mapping: Mapping[str, str]) -> tuple[str, ...]:
+    """Return the joints of a bag or a robot's log.
+
+    Raises:
+        JointIdError: it holds one joint without a name.
+    """
+    from joint_id_core import formats
+
+    found = formats.joints(file, mapping)
+    if not found:
+        raise JointIdError(f"{file} holds one joint without a name: give a bag, or a robot's log, with all joints")
+    return found
+
+
 def plain(files: Sequence[Path], joint: str | None, part: Part, validate: Path | None) -> Given:
     """Read the part of every file that is fitted, and all of the one to `validate` with."""
     other = None if validate is None else Part(part.mapping, None, None).read(validate, joint)

@@ -1,8 +1,8 @@
-"""Files that a command writes: none of them may be one that it reads."""
+"""Files of a command: none is read twice, and none that is written may be one that is read."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from joint_id_core.errors import JointIdError
@@ -24,3 +24,15 @@ def require_apart(outputs: Mapping[str, Path | None], inputs: Iterable[Path | No
         if place.exists() and not place.is_file():
             continue  # a device: it may be given twice
         taken[place] = f"{option} writes"
+
+
+def require_different(files: Sequence[Path]) -> None:
+    """Check that no recording is given twice: it would count as two.
+
+    Raises:
+        JointIdError: one is.
+    """
+    places = [file.resolve() for file in files]
+    for k, place in enumerate(places):
+        if place in places[:k]:
+            raise JointIdError(f"{files[k]} is given twice, and would count as two recordings: give it once")

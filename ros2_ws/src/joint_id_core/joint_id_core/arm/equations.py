@@ -1,0 +1,129 @@
+"""The torques of a recording of all joints beside what each parameter of an arm makes of them, below one frequency.
+
+Inverse dynamics with a parallel low-pass: both sides of every equation pass the same filter, forwards and backwards,
+and few samples of what is left are kept (Gautier, Janot & Vandanjon, IEEE Transactions on Control Systems Technology
+21, 2013).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from joint_id_core.arm.motion import motion
+from joint_id_core.arm.regressor import Regressor
+from joint_id_core.data.recording import Array, Recording
+from joint_id_core.errors import JointIdError
+from joint_id_core.filtering.offline import FilterOptions, differentiate
+
+BAND_HZ = 8.0  # of the equations: an arm moves below it, and friction is as its law says
+RATE = 100.0  # instants in a second at which torques are computed, before the filter
+KEPT = 5  # every so many of them is kept after it: 20 in a second
+SLOW = 0.01  # rad/s, over about twice of which Coulomb friction turns: gears yield before they slip
+REST, REST_S = 0.005, 0.25  # rad/s, s: a joint that is slower for so long rests, and sticks with any torque
+DRIVES = ("torque", "current")
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Torques of n joints at R instants.
+
+    Attributes:
+        y: torque at the link in Nm, shape (R, n).
+        columns: torques by unit parameters, shape (R, n, P): base parameters, viscous friction, Coulomb friction.
+        used: whether an equation counts: the torque is known, and the joint moves, shape (R, n).
+        duration: time in s in which the arm moves.
+    """
+
+    y: Array
+    columns: Array
+    used: NDArray[np.bool_]
+    duration: float
+
+
+def equations(
+    regressor: Regressor, recordings: Mapping[str, Recording], gains: Mapping[str, Mapping[str, float]], source: str
+) -> Equations:
+    """Return the equations of a recording.
+
+    Args:
+        regressor: of the arm.
+        recordings: of all its joints, by name.
+        gains: by joint and drive ("torque", "current"), the torque at the link in Nm of one unit of it.
+        source: of the joints, for messages.
+
+    Raises:
+        JointIdError: a joint was not recorded, or no link position, torque or current of it; a gain is not given; the
+            joints were not recorded at the same time, or none moves.
+    """
+    joints, count = regressor.joints, len(regressor.joints)
+    if missing := [name for name in joints if name not in recordings]:
+        raise JointIdError(_missing(missing, recordings, source))
+    first = recordings[joints[0]]
+    begin = max(r.origin - first.origin + float(r.time[0]) for r in map(recordings.__getitem__, joints))
+    end = min(r.origin - first.origin + float(r.time[-1]) for r in map(recordings.__getitem__, joints))
+    time = np.arange(begin, end, 1.0 / RATE)
+    if len(time) < 10 * KEPT:
+        raise JointIdError(f"{first.source}: the joints were not recorded at the same time, or for less than 0.5 s")
+    like = Recording(time, {}, source=first.source, origin=first.origin)
+    q, dq, ddq = motion(recordings, joints, like, source)
+    known = np.isfinite(np.concatenate([q, dq, ddq], axis=1)).all(axis=1)
+    base = np.full((len(time), count, len(regressor.reference)), np.nan)
+    base[known] = regressor.rows(q[known], dq[known], ddq[known])
+    own = np.eye(count)
+    columns = np.concatenate([base, dq[:, :, None] * own, np.tanh(dq / SLOW)[:, :, None] * own], axis=2)
+    y = np.array([_torque(recordings[name], gains.get(name, {}), name, like) for name in joints]).T
+    low, kept = FilterOptions(cutoff_hz=BAND_HZ), slice(None, None, KEPT)
+    for k in range(count):
+        for p in np.flatnonzero(np.any(columns[known, k] != 0.0, axis=0)).tolist():
+            columns[:, k, p] = differentiate(time, columns[:, k, p], low, 0)[0]
+    used = np.isfinite(y) & np.isfinite(columns).all(axis=2) & ~_rests(dq)
+    if not used.any():
+        raise JointIdError(f"{first.source}: no joint moves: record a motion of the arm")
+    moving = float(np.count_nonzero(used.any(axis=1))) / RATE
+    return Equations(y[kept], columns[kept], used[kept], moving)
+
+
+def _missing(missing: list[str], recordings: Mapping[str, Recording], source: str) -> str:
+    there = next(iter(recordings.values())).source if recordings else "the recording"
+    return (
+        f"{there}: no recording of {', '.join(missing)}, which {source} moves (recorded: "
+        f"{', '.join(recordings) or 'none'}): joints are found by name. Record all joints, or make one that stands "
+        "still fixed in a copy of the description"
+    )
+
+
+def _torque(recording: Recording, gains: Mapping[str, float], name: str, like: Recording) -> Array:
+    """Return the torque of a joint at the link, below the band, at the instants of `like`."""
+    drive = next((d for d in DRIVES if recording.measured(d)), None)
+    if drive is None:
+        raise JointIdError(f"{recording.source}: joint {name} has no torque and no current: record one of them")
+    if drive not in gains:
+        raise JointIdError(
+            f"{recording.source}: joint {name} has a current: give its torque constant and gear ratio (--robot, or "
+            f"--set {name}.k_t=0.1 --set {name}.N=101)"
+        )
+    values = differentiate(recording.time, recording[drive], FilterOptions(cutoff_hz=BAND_HZ), 0, recording.source)[0]
+    known = np.isfinite(values)
+    if np.count_nonzero(known) < 2:
+        return np.full(len(like), np.nan)
+    # What is recorded acts until the next sample: in the mean half a step later.
+    time = recording.time[known] + float(recording.origin - like.origin) + 0.5 * recording.period
+    gap = np.diff(time) > FilterOptions().max_gap * recording.period
+    after = np.clip(np.searchsorted(time, like.time) - 1, 0, len(gap) - 1)
+    return np.where(gap[after], np.nan, gains[drive] * np.interp(like.time, time, values[known], np.nan, np.nan))
+
+
+def _rests(dq: Array) -> NDArray[np.bool_]:
+    """Return where each joint rests, from velocities (T, n)."""
+    length = round(REST_S * RATE)
+    slow = np.abs(np.nan_to_num(dq)) < REST
+    sums = np.cumsum(np.concatenate([np.zeros((1, dq.shape[1])), slow]), axis=0)
+    whole = sums[length:] - sums[:-length] == length  # windows that are slow throughout
+    found = np.zeros_like(slow)
+    for shift in range(length):
+        found[shift : shift + len(whole)] |= whole
+    return found

@@ -1,0 +1,146 @@
+"""`joint-id arm fit`: friction, rotors and inertial parameters of a whole arm."""
+
+from __future__ import annotations
+
+import json as json_text
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Optional
+
+import typer
+
+from joint_id_core.assignments import texts_by_name
+from joint_id_core.cli.fit_options import (
+    BASE_GRAVITY_HELP,
+    EndOption,
+    JsonOption,
+    MapOption,
+    StartOption,
+    Texts,
+    vector,
+)
+from joint_id_core.cli.given import Part, joints_of
+from joint_id_core.cli.group import complain
+from joint_id_core.cli.output import Progress, print_json
+from joint_id_core.cli.outputs import require_apart, require_different
+from joint_id_core.cli.robot_file import robot_settings
+from joint_id_core.errors import JointIdError
+from joint_id_core.models.per_joint import Entry, parse
+from joint_id_core.text_file import write_text
+
+if TYPE_CHECKING:
+    from joint_id_core.data.recording import Recording
+
+GAINS = ("N", "k_t")  # ratio of a gear, torque constant
+arm = typer.Typer(help="Identify a whole arm: all joints move at once.", no_args_is_help=True, rich_markup_mode=None)
+
+
+@arm.callback()
+def _group() -> None:
+    """Identify a whole arm: all joints move at once."""
+
+
+@arm.command()
+def fit(
+    urdf: Annotated[Path, typer.Argument(help="description of the robot (URDF)")],
+    files: Annotated[list[Path], typer.Argument(help="bags or robot's logs with all joints; several: one fit of all")],
+    set_: Annotated[Texts, typer.Option("--set", help="JOINT.k_t=VALUE, JOINT.N=VALUE, or k_t=VALUE for all")] = None,
+    robot: Annotated[
+        Optional[str],
+        typer.Option(help="torque constants and ratios from a parameter file of the identifier, or by name"),
+    ] = None,
+    map_: MapOption = None,
+    base_gravity: Annotated[Optional[str], typer.Option(metavar="X,Y,Z", help=BASE_GRAVITY_HELP)] = None,
+    start: StartOption = None,
+    end: EndOption = None,
+    validate: Annotated[Optional[Path], typer.Option(help="recording that the fit must predict")] = None,
+    save: Annotated[Optional[Path], typer.Option(help="save the result as JSON")] = None,
+    out: Annotated[Optional[Path], typer.Option("--out", "-o", help="URDF to write, with what was estimated")] = None,
+    json: JsonOption = False,
+) -> None:
+    """Fit viscous and Coulomb friction and the rotor of every joint, and the inertial parameters of the links.
+
+    All torques and inertias scale with the torque constants. A recorded torque is taken as that at the link, or at the
+    motor with --set N=RATIO.
+
+    Exit code 0: the torques of all joints are explained; 1: not of all; 2: bad input.
+    """
+    from joint_id_core.arm.description import GRAVITY, Description
+    from joint_id_core.arm.fit import fit_arm
+    from joint_id_core.results.robot_files import with_joints
+
+    require_different(files)
+    require_apart({"--save": save, "--out": out}, [urdf, *files, validate, Path(robot) if robot else None])
+    gravity = GRAVITY if base_gravity is None else vector(base_gravity, "--base-gravity")
+    description = Description.read(urdf, gravity)
+    gains, spread = _gains(description.joints, robot, set_ or ())
+    part, whole = (
+        Part(texts_by_name(map_ or (), "--map"), start, end),
+        Part(texts_by_name(map_ or (), "--map"), None, None),
+    )
+    with Progress() as progress:
+        progress("reading the recordings")
+        records = [_read(file, part, description.joints) for file in files]
+        held_out = None if validate is None else _read(validate, whole, description.joints)
+        progress(f"fitting {len(description.joints)} joints")
+        found = fit_arm(description, records, gains, held_out)
+    if json:
+        print_json(found.to_dict())
+    else:
+        print(found)
+        if spread:
+            print(f"  all values scale with the torque constants, which are known to {spread}")
+    if save is not None:
+        write_text(save, json_text.dumps(found.to_dict(), indent=1), "the result")
+    if out is not None:
+        source = f"joint_id, arm fit of {', '.join(file.name for file in files)}"
+        known = {j.name: j.at_link() for j in found.joints}
+        text = with_joints(urdf, "urdf", {n: q for n, q in known.items() if q}, dict.fromkeys(known, source))
+        write_text(out, text, "the description")
+    if not found.converged:
+        complain(f"{found.status.value}: {found.message}")
+        raise typer.Exit(1)
+
+
+def _read(file: Path, part: Part, joints: Sequence[str]) -> dict[str, Recording]:
+    """Read all joints of the robot that a file holds.
+
+    Raises:
+        JointIdError: it holds one joint without a name.
+    """
+    return {name: part.read(file, name) for name in joints_of(file, part.mapping) if name in joints}
+
+
+def _gains(joints: Sequence[str], robot: str | None, texts: Sequence[str]) -> tuple[dict[str, dict[str, float]], str]:
+    """Return by joint and drive the torque at the link of one unit of it, and how far torque constants are known.
+
+    Raises:
+        JointIdError: a parameter that is none of a drive, a joint that the robot does not have, a value of zero.
+    """
+    entries = [parse(text, "set") for text in texts]
+    for entry in entries:
+        _check(entry, joints)
+    gains, shares = {}, []
+    for name in joints:
+        known = robot_settings(robot, name, GAINS) if robot is not None else None
+        values = dict(known.values) if known is not None else {}
+        deviations = dict(known.deviations) if known is not None else {}
+        for entry in sorted(entries, key=lambda e: e.joint != ""):
+            if entry.joint in ("", name) and entry.value is not None:
+                values[entry.name] = entry.value
+                deviations.pop(entry.name, None)
+                deviations |= {} if entry.deviation is None else {entry.name: entry.deviation}
+        ratio = values.get("N", 1.0)
+        gains[name] = {"torque": ratio} | ({"current": ratio * values["k_t"]} if "k_t" in values else {})
+        shares += [deviations["k_t"] / values["k_t"]] if "k_t" in deviations else []
+    ends = sorted({f"{100.0 * share:.2g}" for share in (min(shares), max(shares))}, key=float) if shares else []
+    return gains, f"{' to '.join(ends)} %" if ends else ""
+
+
+def _check(entry: Entry, joints: Sequence[str]) -> None:
+    if entry.name not in GAINS:
+        raise JointIdError(f"--set {entry.name}: of an arm, N and k_t can be set")
+    if entry.joint and entry.joint not in joints:
+        raise JointIdError(f"--set {entry.joint}.{entry.name}: no such joint, there are {', '.join(joints)}")
+    if entry.value == 0.0:
+        raise JointIdError(f"--set {entry.name}=0: give a value that is not 0")

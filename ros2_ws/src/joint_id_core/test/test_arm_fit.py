@@ -1,0 +1,215 @@
+"""A fit of a whole arm: friction, rotors and base parameters of six joints that all move."""
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from joint_id_core import formats
+from joint_id_core.data.recording import Recording
+from joint_id_core.errors import JointIdError
+from joint_id_core.results.verdict import Verdict
+
+from . import moving_arm
+from .moving_arm import COULOMB, JOINTS, ROTOR, URDF, VISCOUS
+
+pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
+pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
+
+from joint_id_core.arm.arm_estimate import ArmEstimate
+from joint_id_core.arm.description import Description
+from joint_id_core.arm.fit import fit_arm
+from joint_id_core.arm.regressor import Regressor
+
+ARM = Description(URDF, "arm.urdf")
+GAINS = {name: {"torque": 1.0} for name in JOINTS}
+SECONDS = 15.0
+
+
+def fitted(*seeds: int) -> ArmEstimate:
+    return fit_arm(ARM, [moving_arm.rigid(SECONDS, seed) for seed in seeds], GAINS)
+
+
+def off(found: ArmEstimate) -> np.ndarray:
+    """Errors of rotors and friction of all joints over their standard deviations."""
+    rows = zip(found.joints, ROTOR, VISCOUS, COULOMB, strict=True)
+    values = [(v, t) for j, *truth in rows for v, t in zip((j.armature, j.damping, j.friction), truth, strict=True)]
+    return np.array([(v.value - truth) / v.std_dev for v, truth in values])
+
+
+def test_base_parameters_give_the_torques_of_another_library():
+    regressor = Regressor(ARM)
+    motion = moving_arm.Motion(*np.random.default_rng(4).uniform(-2.0, 2.0, (3, 30, len(JOINTS))))
+    torques = regressor.rows(motion.q, motion.dq, motion.ddq) @ regressor.reference
+    np.testing.assert_allclose(torques, moving_arm.inverse(motion), rtol=1e-9, atol=1e-9)
+    # Six rotors, 6 x 10 inertial parameters: 40 combinations, as for other arms of this kind (Gautier & Khalil 1990).
+    assert len(regressor.reference) == len(regressor.combinations) == 40
+    assert regressor.combinations[0].startswith("rotor of turn +1 Izz of turn ")
+    assert not regressor.alone[0] and regressor.combinations[2] == "rotor of bend"
+
+
+def test_friction_and_rotors_are_found_with_honest_intervals():
+    z = np.array([off(fitted(seed)) for seed in range(6)])
+    assert np.abs(z).max() < 4.5
+    assert 0.6 < np.sqrt(np.mean(z**2)) < 1.4
+    assert np.mean(np.abs(z) < 1.96) > 0.88
+
+
+def test_so_are_the_combinations_of_masses_and_inertias():
+    found, regressor = fitted(0, 1), Regressor(ARM)
+    truth = regressor.reference + np.concatenate([ROTOR, np.zeros(len(regressor.reference) - len(JOINTS))])
+    known = [(p.value - t) / p.std_dev for p, t in zip(found.parameters, truth, strict=True)]
+    assert np.abs(known).max() < 4.0
+    assert sum(p.verdict is Verdict.ESTIMATED for p in found.parameters) > 25
+
+
+def test_several_recordings_tell_more():
+    one, three = fitted(0), fitted(0, 1, 2)
+    ratios = [b.armature.std_dev / a.armature.std_dev for a, b in zip(one.joints, three.joints, strict=True)]
+    assert np.median(ratios) < 0.85
+    assert np.abs(off(three)).max() < 4.0
+
+
+def test_another_motion_is_predicted():
+    found = fit_arm(ARM, [moving_arm.rigid(SECONDS, 0)], GAINS, moving_arm.rigid(8.0, 9))
+    assert found.converged
+    assert min(j.held_out for j in found.joints) > 0.998
+    assert "held out" in str(found)
+
+
+def test_a_joint_that_rests_has_no_value():
+    still = moving_arm.rigid(SECONDS, 0)
+    record = still["spin"]
+    noise = 1e-5 * np.random.default_rng(0).standard_normal(len(record))
+    still["spin"] = Recording(record.time, {"link_position": noise, "torque": record["torque"]}, joint="spin")
+    found = fit_arm(ARM, [still], GAINS)
+    spin = found.joints[-1]
+    assert spin.damping.verdict is spin.friction.verdict is Verdict.NOT_EXCITED
+    assert not np.isfinite(spin.r_squared) and " - " in str(found)
+
+
+def test_a_torque_that_is_another_quantity_is_a_poor_fit():
+    wrong = moving_arm.rigid(SECONDS, 0)
+    record = wrong["bend"]
+    noise = 10.0 * np.random.default_rng(0).standard_normal(len(record)).cumsum() / np.sqrt(len(record))
+    wrong["bend"] = record.with_channels({"torque": noise})
+    found = fit_arm(ARM, [wrong], GAINS)
+    assert not found.converged and "bend" in found.message
+
+
+def test_samples_without_a_value_and_gaps_are_left_out():
+    record, rng = moving_arm.rigid(SECONDS, 0), np.random.default_rng(1)
+    keep = np.ones(len(record["lift"]), dtype=bool)
+    keep[3000:3400] = False
+    holes = {}
+    for name, whole in record.items():
+        torque = np.where(rng.random(len(whole)) < 0.01, np.nan, whole["torque"])
+        rows = keep if name == "lift" else slice(None)
+        holes[name] = Recording(
+            whole.time[rows], {"link_position": whole["link_position"][rows], "torque": torque[rows]}, joint=name
+        )
+    found = fit_arm(ARM, [holes], GAINS)
+    assert found.converged and np.abs(off(found)).max() < 5.0
+
+
+def test_what_cannot_be_fitted_is_refused():
+    record = moving_arm.rigid(2.0)
+    with pytest.raises(JointIdError, match="no recording of tilt, which arm"):
+        fit_arm(ARM, [{n: r for n, r in record.items() if n != "tilt"}], GAINS)
+    with pytest.raises(JointIdError, match=r"joint turn has a current: give its torque constant .*--set turn.k_t=0.1"):
+        current = {
+            n: Recording(r.time, {"link_position": r["link_position"], "current": r["torque"]})
+            for n, r in record.items()
+        }
+        fit_arm(ARM, [current], GAINS)
+    with pytest.raises(JointIdError, match="no torque and no current"):
+        fit_arm(ARM, [{n: Recording(r.time, {"link_position": r["link_position"]}) for n, r in record.items()}], GAINS)
+    with pytest.raises(JointIdError, match="too few for the 52 parameters"):
+        fit_arm(ARM, [{n: r.slice(0, 450) for n, r in record.items()}], GAINS)
+    rest = {n: r.with_channels({"link_position": np.zeros(len(r))}) for n, r in record.items()}
+    with pytest.raises(JointIdError, match="no joint moves"):
+        fit_arm(ARM, [rest], GAINS)
+
+
+# --- the command
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A bag with currents at the motor, one with torques, and the description."""
+    place = tmp_path_factory.mktemp("arm")
+    (place / "arm.urdf").write_text(URDF)
+    (place / "robot.yaml").write_text(
+        "/**/identifier:\n  ros__parameters:\n    set:\n      - N=100\n"
+        + "".join(f"      - {name}.k_t=0.1+-{5 + k}%\n" for k, name in enumerate(JOINTS))
+    )
+    record = moving_arm.rigid(SECONDS, 0)
+    formats.write_bag(place / "torques", record)
+    currents = {
+        n: Recording(r.time, {"link_position": r["link_position"], "current": r["torque"] / 10.0}, joint=n)
+        for n, r in record.items()
+    }
+    formats.write_bag(place / "currents", currents)
+    return place
+
+
+@pytest.fixture
+def here(folder, monkeypatch, run):
+    monkeypatch.chdir(folder)
+    return run
+
+
+def test_the_command_prints_saves_and_writes_a_description(here):
+    code, out, err = here("arm", "fit", "arm.urdf", "torques", "--save", "arm.json", "--out", "new.urdf")
+    assert code == 0, out + err
+    assert "arm of 6 joints: converged" in out and "turn, armature: beside the inertia of its links" in out
+    saved = json.loads(Path("arm.json").read_text())
+    assert [j["name"] for j in saved["joints"]] == list(JOINTS) and len(saved["parameters"]) == 40
+    root = ET.parse("new.urdf").getroot()
+    for k, name in enumerate(JOINTS):
+        row = saved["joints"][k]
+        found = root.find(f"joint[@name='{name}']/dynamics")
+        assert found is not None
+        assert float(found.get("damping", "nan")) == pytest.approx(row["damping"]["value"], rel=1e-6)
+        assert float(found.get("friction", "nan")) == pytest.approx(row["friction"]["value"], rel=1e-6)
+        assert abs(row["damping"]["value"] - VISCOUS[k]) < 4.0 * row["damping"]["std_dev"]
+    again, _, err = here("arm", "fit", "arm.urdf", "torques", "--out", "new.urdf", "--validate", "torques", "--json")
+    assert again == 0, err
+
+
+@pytest.mark.parametrize("gains", [("--robot", "robot.yaml"), ("--set", "k_t=0.1", "--set", "N=100")])
+def test_currents_need_torque_constants(here, gains):
+    code, out, err = here("arm", "fit", "arm.urdf", "currents", *gains, "--json")
+    assert code == 0, out + err
+    rows = json.loads(out)["joints"]
+    assert [
+        abs(r["friction"]["value"] - t) < 4.0 * r["friction"]["std_dev"] for r, t in zip(rows, COULOMB, strict=True)
+    ]
+    code, out, err = here("arm", "fit", "arm.urdf", "currents")
+    assert code == 2 and "has a current: give its torque constant" in err
+
+
+def test_how_far_torque_constants_are_known_is_told(here):
+    code, out, _ = here("arm", "fit", "arm.urdf", "currents", "--robot", "robot.yaml")
+    assert code == 0 and "known to 5 to 10 %" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("torques", "--set", "J=1"), "of an arm, N and k_t can be set"),
+        (("torques", "--set", "lifft.k_t=1"), "no such joint"),
+        (("torques", "--set", "N=0"), "not 0"),
+        (("torques", "torques"), "is given twice"),
+        (("torques", "--save", "torques"), "would overwrite a file that is read"),
+        (("torques", "--out", "arm.urdf"), "would overwrite a file that is read"),
+        (("no_bag",), "no such file"),
+    ],
+)
+def test_bad_input_ends_in_one_line(here, words, told):
+    code, out, err = here("arm", "fit", "arm.urdf", *words)
+    assert code == 2 and not out and told in err and err.count("\n") == 1, err
