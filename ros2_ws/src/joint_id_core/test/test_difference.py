@@ -84,3 +84,23 @@ def test_estimates_that_were_not_made_alike_are_refused(monday, tmp_path):
     monday.save(tmp_path / "a.json")
     code, out = run(tmp_path / "a.json", tmp_path / "none.json")
     assert code == 2 and "none.json" in out
+
+
+def test_estimates_of_two_joints_are_refused_and_one_without_a_name_is_compared_with_any(monday, friday, tmp_path):
+    monday.updated(joint="elbow").save(tmp_path / "a.json")
+    friday.updated(joint="wrist").save(tmp_path / "b.json")
+    friday.updated(joint="").save(tmp_path / "c.json")
+    code, out = run(tmp_path / "a.json", tmp_path / "b.json")
+    assert code == 2 and "b.json: one estimate is of joint elbow, the other of joint wrist: give two of the same" in out
+    assert run(tmp_path / "a.json", tmp_path / "c.json")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "says"),
+    [('"rigid_joint"', '"rigid_join"', "did you mean rigid_joint"), ('"name": "J"', '"name": "Q"', "no parameter 'Q'")],
+)
+def test_a_file_of_another_model_or_parameter_is_named(monday, tmp_path, was, now, says):
+    monday.save(tmp_path / "a.json")
+    (tmp_path / "b.json").write_text((tmp_path / "a.json").read_text().replace(was, now))
+    code, out = run(tmp_path / "a.json", tmp_path / "b.json")
+    assert code == 2 and "b.json: " in out and says in out and out.count("\n") == 1

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import joint_id_core as jid
+from joint_id_core.estimators.together.fit import together
 from joint_id_core.results.estimate import Checks, ParameterEstimate
 
 NUMBERS = st.floats(allow_infinity=False) | st.just(float("nan"))
@@ -75,6 +78,9 @@ def test_an_estimate_can_be_validated_after_it_was_saved(fitted, tmp_path):
         ("[1, 2]", "not an estimate"),
         ('{"format": "another"}', "not an estimate"),
         ('{"format": "joint_id estimate", "version": 99}', "of version 99.* update joint_id"),
+        ('{"format": "joint_id estimate", "version": "1"}', "\"version\" is '1', and not a whole number"),
+        ('{"format": "joint_id estimate", "version": 0}', '"version" is 0, and not a whole number'),
+        ("[" * 100000, "nested too deeply"),
         ('{"format": "joint_id estimate", "version": 1}', "incomplete or damaged: KeyError"),
     ],
 )
@@ -82,6 +88,122 @@ def test_a_file_without_an_estimate_is_refused_with_its_name(content, says, tmp_
     (tmp_path / "x.json").write_text(content)
     with pytest.raises(jid.JointIdError, match=rf"x\.json: .*{says}"):
         jid.Estimate.load(tmp_path / "x.json")
+
+
+def placed(content, place, value):
+    """A copy of a saved estimate with another value at a place in it, such as ("parameters", 0, "unit")."""
+    changed = copy.deepcopy(content)
+    *way, last = place
+    part = changed
+    for step in way:
+        part = part[step]
+    part[last] = value
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "says"),
+    [
+        (("model",), "rigid_joints", "did you mean rigid_joint"),
+        (("model_options", "friction"), "stribek", "did you mean stribeck"),
+        (("model_options", "wings"), 2, "options of model rigid_joint.*wings"),
+        (("model_options", "friction"), 5, "options of model rigid_joint"),
+        (("parameters", 0, "name"), "Q", "model rigid_joint has no parameter 'Q'"),
+        (("parameters", 0, "name"), ["J"], r"name is \['J'\], and no text"),
+        (("parameters", 0, "unit"), "lbf", "J is in 'lbf', and model rigid_joint has it in kg m.2"),
+        (("parameters", 0, "value"), None, "value of J is nan"),
+        (("parameters", 0, "value"), float("nan"), "value of J is nan"),
+        (("parameters", 0, "value"), "2.2", "'2.2' is no number"),
+        (("parameters", 0, "value"), -2.2, "value of J is -2.2, and must be in"),
+        (("parameters", 0, "value"), 1e300, r"value of J is 1e\+300, and must be in"),
+        (("parameters", -2, "value"), 1e300, r"value of tau_0 is 1e\+300, and must be in \[-10000, 10000\] Nm"),
+        (("parameters", 0, "std_dev"), -1.0, "standard deviation of J, which is estimated, is -1"),
+        (("parameters", 0, "std_dev"), 0.0, "standard deviation of J, which is estimated, is 0"),
+        (("parameters", 0, "std_dev"), None, "standard deviation of J, which is estimated, is nan"),
+        (("parameters", 0, "std_dev"), float("inf"), "standard deviation of J, which is estimated, is inf"),
+        (("parameters", -1, "std_dev"), -1.0, "standard deviation of N, which is fixed, is -1"),
+        (("covariance",), None, "covariance is not 6 by 6"),
+        (("covariance",), [[1.0]], "covariance is not 6 by 6"),
+        (("covariance", 0), [1.0], "covariance is not 6 by 6"),
+        (("covariance", 0, 0), None, "number of its covariance is missing"),
+        (("covariance", 0, 1), None, "number of its covariance is missing"),
+        (("covariance", 0, 0), -1e-6, "variance of J is -1e-06"),
+        (("free", 0), "Q", "model rigid_joint has no parameter 'Q'"),
+        (("free", 0), "c", "a parameter is in it twice"),
+        (("joint",), 5, "joint is 5, and no text"),
+        (("origin_s",), "yesterday", "origin_s is 'yesterday', and no whole"),
+    ],
+)
+def test_what_no_fit_can_have_made_is_refused_in_one_line(fitted, place, value, says, tmp_path):
+    (tmp_path / "x.json").write_text(json.dumps(placed(fitted.to_dict(), place, value)))
+    with pytest.raises(jid.JointIdError, match=rf"x\.json: .*incomplete or damaged: .*{says}") as raised:
+        jid.Estimate.load(tmp_path / "x.json")
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(("rows", "says"), [(slice(1, None), "J is missing"), ((0, 0), "is in it twice")])
+def test_every_parameter_is_there_once(fitted, rows, says, tmp_path):
+    content = fitted.to_dict()
+    table = content["parameters"]
+    content["parameters"] = table[rows] if isinstance(rows, slice) else [table[0], *table]
+    (tmp_path / "x.json").write_text(json.dumps(content))
+    with pytest.raises(jid.JointIdError, match=rf"x\.json: .*incomplete or damaged: .*{says}"):
+        jid.Estimate.load(tmp_path / "x.json")
+
+
+def saved(estimate, path):
+    estimate.save(path)
+    return jid.Estimate.load(path)
+
+
+def test_an_estimate_of_a_record_without_motion_is_read(tmp_path):
+    """Nothing was fitted: no covariance, no standard deviation; the torque constant, without default, is unknown."""
+    model = jid.build("rigid_joint", actuation="current")
+    time = np.arange(200) / 500.0
+    rest = jid.Recording(time, {"link_position": 0.0 * time, "current": 0.0 * time})
+    found = jid.fit(model, rest, jid.ParameterSettings({"k_t": 0.1}))
+    assert found.status.unusable and np.isnan(found["k_t"].value)
+    assert saved(found, tmp_path / "x.json") == found
+
+
+@pytest.mark.parametrize(
+    ("names", "std_dev", "factor", "status"),
+    [
+        (("c",), 1e6, 1.0, jid.Status.CONVERGED),  # this motion does not show it
+        (("c",), np.nan, 0.0, jid.Status.CONVERGED),  # none of several recordings shows it
+        (("J", "c", "tau_f", "dtau_s", "w_b", "tau_0"), np.nan, np.nan, jid.Status.POOR_FIT),  # a fit that failed
+    ],
+)
+def test_what_a_motion_does_not_show_and_a_failed_fit_are_read(fitted, names, std_dev, factor, status, tmp_path):
+    covariance, parameters = fitted.covariance.copy(), list(fitted.parameters)
+    for name in names:
+        k, row = fitted.free.index(name), list(fitted.values).index(name)
+        covariance[k, :] *= factor
+        covariance[:, k] *= factor
+        parameters[row] = replace(parameters[row], std_dev=std_dev, verdict=jid.Verdict.NOT_EXCITED)
+    found = fitted.updated(parameters=tuple(parameters), covariance=covariance, status=status)
+    assert saved(found, tmp_path / "x.json") == found
+
+
+def test_several_recordings_together_are_read(tmp_path):
+    model = jid.build("rigid_joint")
+    alone = [jid.fit(model, jid.simulate_motion(model, 3.0, seed=k)) for k in range(2)]
+    found = together(model, alone).estimate
+    assert "tau_0" not in found.free and found["tau_0"].verdict is jid.Verdict.ESTIMATED
+    assert saved(found, tmp_path / "x.json") == found
+
+
+def test_an_offset_beyond_its_prior_bounds_which_a_regression_finds_is_read(tmp_path):
+    model = jid.build("rigid_joint")
+    found = jid.fit(model, jid.simulate_motion(model, 3.0), estimator=jid.Regression())
+    far = tuple(replace(p, value=1.5e4) if p.name == "tau_0" else p for p in found.parameters)
+    far = found.updated(parameters=far)
+    assert saved(far, tmp_path / "x.json") == far
+
+
+def test_an_estimate_of_an_own_model_is_read_without_the_model(fitted, tmp_path):
+    own = fitted.updated(model="winged")
+    assert saved(own, tmp_path / "x.json") == own
 
 
 def test_damage_anywhere_in_a_file_is_an_error_of_this_library(fitted):

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from typer.testing import CliRunner
 
 from joint_id_core.cli import app
@@ -221,6 +223,68 @@ def test_bad_input_is_one_line_and_writes_nothing(flexible, run, tmp_path, words
     code, out, err = run(*words)
     assert code == 2 and out == "" and says in err and err.count("\n") == 1
     assert not (tmp_path / "x").exists() and (tmp_path / "arm.urdf").read_text() == URDF
+
+
+def world(joints: str) -> str:
+    return f'<mujoco><equality><joint name="elbow"/></equality><worldbody>{joints}</worldbody></mujoco>'
+
+
+XACRO = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>'
+MACRO = '<xacro:macro name="arm"><joint name="elbow" type="revolute"/></xacro:macro>'
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "says"),
+    [
+        ("urdf", URDF.replace('"flange" type', '"elbow" type'), "two joints of the name elbow: give each"),
+        ("urdf", URDF.replace("<limit", '<mimic joint="wrist"/><limit'), "joint elbow follows joint wrist (<mimic>)"),
+        ("urdf", XACRO.format(MACRO), "has no joint with a name: if it is a xacro, expand it first (xacro in >"),
+        ("urdf", XACRO.format(MACRO + '<joint name="elbow" type="revolute"/>'), "is a xacro: expand it first (xacro"),
+        ("urdf", URDF.replace('"elbow"', '"${prefix}elbow"'), "is a xacro: expand it first (xacro in > robot.urdf)"),
+        ("urdf", URDF.replace(' type="revolute"', ""), "joint elbow is of no type: only revolute"),
+        ("mjcf", world('<joint name="elbow" type="ball"/>'), "joint elbow is ball: only hinge, slide"),
+        ("mjcf", world('<joint name="elbow" type="free"/>'), "joint elbow is free: only hinge, slide"),
+        ("mjcf", world('<freejoint name="elbow"/>'), "joint elbow is free: only hinge, slide"),
+        ("mjcf", world(2 * '<joint name="elbow"/>'), "two joints of the name elbow"),
+        ("mjcf", world('<joint name="shoulder"/>'), "no joint 'elbow': it has shoulder"),  # a constraint is no joint
+        ("mjcf", world("<joint/>"), "has no joint with a name"),
+    ],
+)
+def test_a_description_in_which_no_such_joint_moves_by_itself_is_refused(flexible, run, tmp_path, kind, text, says):
+    flexible.save(tmp_path / "good.json")
+    (tmp_path / "in").write_text(text)
+    code, out, err = run("good.json", f"--{kind}", "in", "-o", "x")
+    assert code == 2 and out == "" and says in err and err.count("\n") == 1 and not (tmp_path / "x").exists()
+
+
+@pytest.mark.parametrize("words", [(), ("--urdf", "arm.urdf"), ("--ros-params",)])
+def test_a_number_that_is_not_finite_is_never_written(run, tmp_path, words):
+    """A fit that failed has values without a covariance, and not even a torque constant if none was given."""
+    rows = tuple(
+        ParameterEstimate(q.name, q.unit, q.nominal, np.nan, Verdict.FIXED if q.fixed else Verdict.NOT_EXCITED)
+        for q in build("rigid_joint", actuation="current").parameters
+    )
+    free, unknown, options = ("J", "c", "tau_f", "tau_0"), np.full((4, 4), np.nan), {"actuation": "current"}
+    failed = Estimate("rigid_joint", "hpinn", Status.POOR_FIT, "", rows, free, unknown, model_options=options)
+    failed.save(tmp_path / "elbow.json")
+    code, _, err = run("elbow.json", "--joint", "elbow", "--all", "-o", "out", *words)
+    assert code == 0 and not re.search(r"\b(nan|inf)\b", (tmp_path / "out").read_text())
+    assert "--ros-params" in words or "elbow: left out, not known: damping" in err
+
+
+def test_a_name_that_would_break_the_file_is_refused(flexible, run, tmp_path):
+    flexible.save(tmp_path / "good.json")
+    code, out, err = run("good.json", "--ros-params", "--joint", "el: bow\n- x")
+    assert code == 2 and out == "" and r"joint 'el: bow\n- x' cannot be printed: give another" in err
+
+
+def test_a_file_is_yaml_or_xml_whatever_the_file_of_the_estimate_is_called(flexible, run, tmp_path):
+    name = "a---b\n- x: [.json"
+    flexible.save(tmp_path / name)
+    code, out, _ = run(name, "--ros-params", "--joint", "el: bow")
+    assert code == 0 and yaml.safe_load(out)["/**/identifier"]["ros__parameters"]["joints"] == ["el: bow"]
+    assert run(name, "--urdf", "arm.urdf", "-o", "out.urdf")[0] == 0
+    assert ET.parse(tmp_path / "out.urdf").getroot().tag == "robot"
 
 
 def test_a_parameter_file_needs_estimates_of_one_model(flexible, run, tmp_path):

@@ -10,15 +10,21 @@ import pytest
 from typer.testing import CliRunner
 
 from joint_id_core.cli import app
+from joint_id_core.models import build
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status
 from joint_id_core.results.history import DAY_S, courses
 from joint_id_core.results.verdict import Verdict
 
 
 def estimate(day: float, c: float, sigma: float, joint: str = "elbow") -> Estimate:
-    rows = (ParameterEstimate("c", "Nm s/rad", c, sigma, Verdict.ESTIMATED),)
+    rows = (
+        ParameterEstimate(q.name, q.unit, c, sigma, Verdict.ESTIMATED)
+        if q.name == "c"
+        else ParameterEstimate(q.name, q.unit, q.nominal, np.nan, Verdict.FIXED)
+        for q in build("rigid_joint").parameters
+    )
     return Estimate(
-        "rigid_joint", "regression", Status.CONVERGED, "", rows, ("c",), np.array([[sigma**2]]), joint=joint,
+        "rigid_joint", "regression", Status.CONVERGED, "", tuple(rows), ("c",), np.array([[sigma**2]]), joint=joint,
         origin=1_700_000_000 * 10**9, start=day * DAY_S, end=day * DAY_S + 20.0, samples=100,
     )  # fmt: skip
 
@@ -49,13 +55,17 @@ def test_a_folder_is_a_table_and_a_picture_and_what_is_no_estimate_is_named(tmp_
     estimate(0, 3.0, 0.1, "wrist").save(tmp_path / "wrist.json")
     replace(estimate(9, 99.0, 0.1), status=Status.POOR_FIT).save(tmp_path / "poor.json")
     (tmp_path / "other.json").write_text("{}")
+    (tmp_path / "deep.json").write_text("[" * 100000)
+    (tmp_path / "damaged.json").write_text((tmp_path / "0.json").read_text().replace('"std_dev": 0.1', '"std_dev": -1'))
     picture = tmp_path / "out.png"
     done = CliRunner().invoke(app, ["history", str(tmp_path), "--plot", str(picture), "--json"])
     assert done.exit_code == 0 and picture.stat().st_size > 5000
     told = json.loads(done.stdout)["courses"]
     assert [(c["joint"], len(c["values"])) for c in told] == [("elbow", 5), ("wrist", 1)]
     assert "fewer than 3" in told[1]["trend"] and told[0]["values"][-1] == pytest.approx(11.2)
-    assert "other.json" in done.stderr and "1 of 7 estimates" in done.stderr
+    for name in ("other", "deep", "damaged"):
+        assert f"{name}.json: " in done.stderr
+    assert done.stderr.count("\n") == 4 and "1 of 7 estimates" in done.stderr
     text = CliRunner().invoke(app, ["history", str(tmp_path)]).stdout
     assert "elbow" in text and "+2.9 %" in text.replace("+2.8 %", "+2.9 %")
 

@@ -9,6 +9,7 @@ import typer
 
 from joint_id_core.cli.fit_options import JsonOption
 from joint_id_core.cli.output import print_json
+from joint_id_core.errors import JointIdError
 
 
 def diff(
@@ -24,7 +25,10 @@ def diff(
     from joint_id_core.results.estimate import Estimate
 
     estimates = Estimate.load(before), Estimate.load(after)
-    rows = differences(*estimates)
+    try:
+        rows = differences(*estimates)
+    except JointIdError as error:
+        raise JointIdError(f"{before}, {after}: {error}") from None
     bad = [
         f"{path}: {e.status.value}: its intervals cannot be trusted"
         for path, e in zip((before, after), estimates, strict=True)

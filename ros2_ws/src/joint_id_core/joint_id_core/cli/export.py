@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
 
@@ -55,29 +56,31 @@ def export(
     found: dict[str, list[AtLink]] = {}
     loaded: dict[str, Estimate] = {}
     source: dict[str, str] = {}
+    beside: list[str] = []
     for k, path in enumerate(estimates):
         estimate = Estimate.load(path)
         name = joint[k] if joint is not None else estimate.joint
         if not name:
             raise JointIdError(f"{path} is of a joint without a name: give it with --joint NAME")
+        if not name.isprintable():
+            raise JointIdError(f"{path}: the name of joint {name!r} cannot be printed: give another with --joint NAME")
         if name in found:
             raise JointIdError(f"two estimates are of joint {name}: give one")
         if not estimate.converged and not all_:
             raise JointIdError(f"{path}: {estimate.status.value}, not a good estimate: leave it out, or add --all")
         loaded[name], every = estimate, at_link(estimate)
-        found[name] = [q for q in every if q.known or all_]
+        found[name] = [q for q in every if q.known or (all_ and math.isfinite(q.value) and math.isfinite(q.std_dev))]
         source[name] = f"joint_id, {path.name}, {estimate.model} by {estimate.estimator}"
         if ros_params:
             continue
-        for quantity in every:
-            if quantity not in found[name]:
-                complain(f"{name}: left out, not known: {quantity.text}")
-        for text in _beside(estimate):
-            complain(f"{name}: {text}")
+        left_out = (f"left out, not known: {q.text}" for q in every if q not in found[name])
+        beside += [f"{name}: {text}" for text in (*left_out, *_beside(estimate))]
     if ros_params:
         text = parameter_file(loaded, source)
     else:
         text = with_joints(template, kind, found, source) if template is not None else _csv(found, source)
+    for told in beside:
+        complain(told)
     if out is None:
         print(text, end="")
         return

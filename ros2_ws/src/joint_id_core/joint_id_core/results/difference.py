@@ -70,8 +70,12 @@ def differences(before: Estimate, after: Estimate) -> list[Difference]:
     Parameters are compared where both are called estimated, as independent: of recordings that share no samples.
 
     Raises:
-        JointIdError: other models or options, or another held value, which would change all others.
+        JointIdError: other joints, models or options, or another held value, which would change all others.
     """
+    if before.joint and after.joint and before.joint != after.joint:
+        raise JointIdError(
+            f"one estimate is of joint {before.joint}, the other of joint {after.joint}: give two of the same joint"
+        )
     for what, one, other in (
         ("models", before.model, after.model),
         ("options of the model", dict(before.model_options), dict(after.model_options)),

@@ -15,15 +15,13 @@ from typing import Any
 import numpy as np
 
 from joint_id_core.data.recording import Array
-from joint_id_core.data.signals import Parameter
-from joint_id_core.errors import JointIdError, close_to
-from joint_id_core.models import MODELS, Model
+from joint_id_core.errors import JointIdError
 from joint_id_core.results.estimate import Checks, Estimate, ParameterChange, ParameterEstimate, Status, Verdict
+from joint_id_core.results.estimate_check import LARGEST, check, damaged
 from joint_id_core.text_file import write_text
 
 FORMAT = "joint_id estimate"
 VERSION = 1  # increased when a reader of the previous version would misread a file
-LARGEST = 1e30  # no constant of a joint comes near it, in its SI unit
 
 
 def to_dict(estimate: Estimate) -> dict[str, Any]:
@@ -89,7 +87,7 @@ def to_dict(estimate: Estimate) -> dict[str, Any]:
 
 
 def from_dict(content: Mapping[str, Any]) -> Estimate:
-    """Restore an estimate from the result of `to_dict`.
+    """Restore an estimate from the result of `to_dict`. Whether its numbers can be true is checked by `load` only.
 
     Raises:
         JointIdError: the content is not an estimate, is incomplete, or is of a later version.
@@ -97,22 +95,22 @@ def from_dict(content: Mapping[str, Any]) -> Estimate:
     if not isinstance(content, Mapping) or content.get("format") != FORMAT:
         raise JointIdError(f'not an estimate: "format" is not "{FORMAT}"')
     if type(version := content.get("version")) is not int or version < 1:
-        raise _damaged(f'"version" is {version!r}, and not a whole number from 1 on')
+        raise damaged(f'"version" is {version!r}, and not a whole number from 1 on')
     if version > VERSION:
         raise JointIdError(f"the estimate is of version {version}, this library reads up to {VERSION}: update joint_id")
     try:
-        checks, free = content["checks"], tuple(map(_text, content["free"]))
+        checks, free = content["checks"], tuple(map(str, content["free"]))
         return Estimate(
-            model=_text(content["model"]),
-            estimator=_text(content["estimator"]),
+            model=_text(content, "model"),
+            estimator=_text(content, "estimator"),
             status=Status(content["status"]),
-            message=_text(content["message"]),
-            notes=tuple(map(_text, content["notes"])),
+            message=_text(content, "message"),
+            notes=tuple(map(str, content["notes"])),
             changes=tuple(ParameterChange(**change) for change in content.get("changes", ())),
             parameters=tuple(
                 ParameterEstimate(
-                    _text(p["name"]), _text(p["unit"]), _value(p["value"]), _value(p["std_dev"]), Verdict(p["verdict"]),
-                    _value(p["initial"]), _text(p["reason"]),
+                    _text(p, "name"), _text(p, "unit"), _value(p["value"]), _value(p["std_dev"]), Verdict(p["verdict"]),
+                    _value(p["initial"]), _text(p, "reason"),
                 )
                 for p in content["parameters"]
             ),
@@ -123,19 +121,19 @@ def from_dict(content: Mapping[str, Any]) -> Estimate:
             chi2=_value(content["chi2"]),
             whiteness=_values(content["whiteness"]),
             deviance=_value(content["deviance"]),
-            observations=_whole(content["observations"]),
-            substeps=_whole(content["substeps"]),
-            iterations=_whole(content["iterations"]),
+            observations=_whole(content, "observations"),
+            substeps=_whole(content, "substeps"),
+            iterations=_whole(content, "iterations"),
             elapsed_s=content["elapsed_s"],
             start=_value(content["start_s"]),
             end=_value(content["end_s"]),
-            samples=_whole(content["samples"]),
-            origin=_whole(content["origin_s"]),
-            source=_text(content["source"]),
-            joint=_text(content["joint"]),
+            samples=_whole(content, "samples"),
+            origin=_whole(content, "origin_s"),
+            source=_text(content, "source"),
+            joint=_text(content, "joint"),
             temperature=_value(content.get("temperature_deg_c")),  # files of older libraries have none
             model_options=dict(content["model_options"]),
-            cell=_text(content["cell"]),
+            cell=_text(content, "cell"),
             checks=None
             if checks is None
             else Checks(
@@ -146,7 +144,7 @@ def from_dict(content: Mapping[str, Any]) -> Estimate:
             ),
         )  # fmt: skip
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise _damaged(f"{type(error).__name__}: {error}") from None
+        raise damaged(f"{type(error).__name__}: {error}") from None
 
 
 def save(estimate: Estimate, path: Path) -> None:
@@ -174,93 +172,20 @@ def load(path: Path) -> Estimate:
         raise JointIdError(f"{path}: not a JSON file of an estimate: its brackets are nested too deeply") from None
     try:
         estimate = from_dict(content)
-        _check(estimate)
+        check(estimate)
     except JointIdError as error:
         raise JointIdError(f"{path}: {error}") from None
     return estimate
 
 
-def _check(estimate: Estimate) -> None:
-    """Check an estimate against the table of its model.
-
-    Raises:
-        JointIdError: a parameter is unknown, missing or there twice, or one of its numbers or its unit cannot be true.
-    """
-    table, names = {q.name: q for q in _model(estimate).parameters}, list(estimate.values)
-    for name in (*names, *estimate.free):
-        if name not in table:
-            raise _damaged(f"model {estimate.model} has no parameter {name!r}{close_to(name, table)}")
-    for name in table:
-        if name not in names:
-            raise _damaged(f"parameter {name} is missing")
-    if len(names) < len(estimate.parameters) or len(set(estimate.free)) < len(estimate.free):
-        raise _damaged("a parameter is in it twice")
-    for row in estimate.parameters:
-        _check_row(estimate, row, table[row.name])
-    _check_covariance(estimate)
-
-
-def _model(estimate: Estimate) -> Model:
-    """Return the model of an estimate: one of `MODELS`, or one of the user's own that this process knows.
-
-    Raises:
-        JointIdError: there is none, or it has other options.
-    """
-    known = {m.__dict__.get("name"): m for m in _below(Model)} | MODELS
-    if estimate.model not in known:
-        close = close_to(estimate.model, MODELS)
-        raise _damaged(f"there is no model {estimate.model!r}{close}: there are {', '.join(MODELS)}")
-    try:
-        model = known[estimate.model](**estimate.model_options)
-        _ = model.parameters  # a wrong option is found here at the latest
-    except (AttributeError, TypeError, ValueError) as error:
-        raise _damaged(f"options of model {estimate.model}: {error}") from None
-    return model
-
-
-def _below(kind: type[Model]) -> list[type[Model]]:
-    return [m for own in kind.__subclasses__() for m in (own, *_below(own))]
-
-
-def _check_row(estimate: Estimate, row: ParameterEstimate, q: Parameter) -> None:
-    if row.unit != q.unit:
-        raise _damaged(f"{q.name} is in {row.unit!r}, and model {estimate.model} has it in {q.unit}")
-    if q.positive:  # a logarithm, which is rounded
-        lower, upper = (1.0 - 1e-9) * q.lower, (1.0 + 1e-9) * q.upper
-    else:  # a regression keeps to no such bounds, so it may be outside by their distance
-        lower, upper = 2.0 * q.lower - q.upper, 2.0 * q.upper - q.lower
-    inside = lower <= row.value <= upper and abs(row.value) <= LARGEST
-    unknown = math.isnan(row.value) and math.isnan(q.nominal) and not estimate.converged  # nothing was fitted
-    if not inside and not unknown:
-        bounds = f"[{max(q.lower, -LARGEST):g}, {min(q.upper, LARGEST):g}] {q.unit}"
-        raise _damaged(f"the value of {q.name} is {row.value:g}, and must be in {bounds}")
-    estimated = row.verdict is Verdict.ESTIMATED and row.name in estimate.free
-    if row.std_dev < 0.0 or row.std_dev > LARGEST or (estimated and not row.std_dev > 0.0):
-        raise _damaged(f"the standard deviation of {q.name}, which is {row.verdict.value}, is {row.std_dev:g}")
-
-
-def _check_covariance(estimate: Estimate) -> None:
-    known = np.isfinite([estimate[name].std_dev for name in estimate.free])
-    if not np.isfinite(estimate.covariance[np.ix_(known, known)]).all():
-        raise _damaged("a number of its covariance is missing")
-    for name, variance in zip(estimate.free, np.diag(estimate.covariance).tolist(), strict=True):
-        # 0 is that of a parameter that is held at its bound, or that no recording shows
-        if variance < 0.0 or (variance == 0.0 and estimate[name].verdict is Verdict.ESTIMATED):
-            raise _damaged(f"the variance of {name} is {variance:g} in its covariance")
-
-
-def _damaged(what: str) -> JointIdError:
-    return JointIdError(f"the estimate is incomplete or damaged: {what}: fit and save it again")
-
-
-def _square(rows: list[list[float | None]], count: int) -> Array:
+def _square(rows: Any, count: int) -> Array:
     """Return the numbers of a covariance, shape (count, count).
 
     Raises:
-        JointIdError: it has another shape.
+        ValueError: it has another shape.
     """
-    if [len(row) for row in rows] != [count] * count:
-        raise _damaged(f"its covariance is not {count} by {count}")
+    if not isinstance(rows, list) or [isinstance(row, list) and len(row) for row in rows] != [count] * count:
+        raise ValueError(f"its covariance is not {count} by {count}")
     return np.array([[_value(v) for v in row] for row in rows], dtype=float).reshape(count, count)
 
 
@@ -274,15 +199,15 @@ def _value(number: float | None) -> float:
     return math.nan if number is None else float(number)
 
 
-def _text(value: object) -> str:
-    if not isinstance(value, str):
-        raise TypeError(f"{value!r} is no text")
+def _text(content: Mapping[str, Any], name: str) -> str:
+    if not isinstance(value := content[name], str):
+        raise TypeError(f"{name} is {value!r}, and no text")
     return value
 
 
-def _whole(value: object) -> int:
-    if type(value) is not int or abs(value) > LARGEST:
-        raise TypeError(f"{value!r} is no whole number")
+def _whole(content: Mapping[str, Any], name: str) -> int:
+    if type(value := content[name]) is not int or abs(value) > LARGEST:
+        raise TypeError(f"{name} is {value!r}, and no whole number")
     return value
 
 

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from joint_id_core.errors import JointIdError
+from joint_id_core.errors import JointIdError, close_to
 from joint_id_core.results.at_link import AtLink
 
 # Attribute of each quantity. A URDF has no place for the inertia of a rotor.
 URDF = {"damping": "damping", "friction": "friction"}
 MJCF = {"damping": "damping", "friction": "frictionloss", "armature": "armature"}
-MOVING = ("revolute", "continuous", "prismatic")
+MOVING = {"urdf": ("revolute", "continuous", "prismatic"), "mjcf": ("hinge", "slide")}  # joints of one coordinate
 
 
 def with_joints(path: Path, kind: str, joints: Mapping[str, Sequence[AtLink]], source: Mapping[str, str]) -> str:
@@ -21,7 +23,8 @@ def with_joints(path: Path, kind: str, joints: Mapping[str, Sequence[AtLink]], s
     A comment in each joint says value, standard deviation and `source`, and names what has no place in the format.
 
     Raises:
-        JointIdError: the file cannot be read or is of another kind, a joint is not in it or does not move.
+        JointIdError: the file cannot be read, is of another kind or a xacro, or a joint is not in it, there twice, or
+            not one that moves by itself.
     """
     try:
         root = ET.parse(path, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))).getroot()
@@ -32,16 +35,14 @@ def with_joints(path: Path, kind: str, joints: Mapping[str, Sequence[AtLink]], s
     wanted = {"urdf": "robot", "mjcf": "mujoco"}[kind]
     if root.tag != wanted:
         raise JointIdError(f"{path}: its root is <{root.tag}>, that of {kind.upper()} is <{wanted}>: give such a file")
-    own = list(root.iter("joint")) if kind == "mjcf" else root.findall("joint")
-    elements = {element.get("name", ""): element for element in own}
+    elements = _joints(path, root, kind)
     for name, quantities in joints.items():
         if name not in elements:
-            raise JointIdError(f"{path} has no joint {name!r}: it has {', '.join(filter(None, elements))}; use --joint")
-        element = elements[name]
-        if kind == "urdf" and element.get("type") not in MOVING:
             raise JointIdError(
-                f"{path}: joint {name} is {element.get('type')}: only {', '.join(MOVING)} joints have friction"
+                f"{path} has no joint {name!r}{close_to(name, elements)}: it has {', '.join(elements)}; use --joint"
             )
+        element = elements[name]
+        _check_moving(path, element, kind)
         place, attributes = (element, MJCF) if kind == "mjcf" else (_dynamics(element), URDF)
         written = [q for q in quantities if q.name in attributes]
         for quantity in written:
@@ -50,9 +51,54 @@ def with_joints(path: Path, kind: str, joints: Mapping[str, Sequence[AtLink]], s
             *(q.text for q in written),
             *(f"no place for: {q.text}" for q in quantities if q.name not in attributes),
         ]
-        element.insert(0, ET.Comment(f" {source[name]}: {'; '.join(said)} ".replace("--", "- -")))
+        told = re.sub("-(?=-)", "- ", f" {source[name]}: {'; '.join(said)} ")  # "--" ends a comment
+        element.insert(0, ET.Comment(told))
         element[0].tail = element.text if element.text and element.text.strip() == "" else "\n"
     return f'<?xml version="1.0"?>\n{ET.tostring(root, encoding="unicode")}\n'
+
+
+def _joints(path: Path, root: ET.Element, kind: str) -> dict[str, ET.Element]:
+    """Return the joints of a description by name.
+
+    Raises:
+        JointIdError: there are none, two have the same name, or the file is a xacro.
+    """
+    if kind == "urdf":
+        own = root.findall("joint")
+    else:  # defaults and constraints have elements of that name, too
+        inside = (e for world in root.iter("worldbody") for e in world.iter())
+        own = [e for e in inside if e.tag in ("joint", "freejoint")]
+    names = Counter(name for e in own if (name := e.get("name")))
+    if not names:
+        raise JointIdError(
+            f"{path} has no joint with a name: if it is a xacro, expand it first (xacro {path.name} > robot.{kind})"
+        )
+    macros = [e for e in root.iter() if isinstance(e.tag, str) and e.tag.partition("}")[0].endswith("xacro")]
+    if macros or any("${" in name for name in names):
+        raise JointIdError(
+            f"{path} is a xacro: expand it first (xacro {path.name} > robot.{kind}), and give the result"
+        )
+    if twice := [name for name, count in names.items() if count > 1]:
+        raise JointIdError(f"{path} has two joints of the name {twice[0]}: give each a name of its own")
+    return {name: e for e in own if (name := e.get("name"))}
+
+
+def _check_moving(path: Path, joint: ET.Element, kind: str) -> None:
+    """Check that a joint moves, in one coordinate, and by itself.
+
+    Raises:
+        JointIdError: it does not.
+    """
+    name, moves = joint.get("name"), joint.get("type", "hinge" if kind == "mjcf" else "of no type")
+    moves = "free" if joint.tag == "freejoint" else moves
+    if moves not in MOVING[kind]:
+        raise JointIdError(
+            f"{path}: joint {name} is {moves}: only {', '.join(MOVING[kind])} joints can have these values"
+        )
+    mimic = joint.find("mimic")
+    if kind == "urdf" and mimic is not None:
+        led = mimic.get("joint")
+        raise JointIdError(f"{path}: joint {name} follows joint {led} (<mimic>): identify {led}, and export that")
 
 
 def _dynamics(joint: ET.Element) -> ET.Element:

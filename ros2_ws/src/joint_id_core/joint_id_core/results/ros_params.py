@@ -39,6 +39,8 @@ def parameter_file(estimates: Mapping[str, Estimate], source: Mapping[str, str])
     lists: dict[str, list[str]] = {"set": [], "fix": [], "free": []}
     for joint, estimate in estimates.items():
         for p in estimate.parameters:
+            if not math.isfinite(p.value):  # it has no default, and nothing was fitted
+                continue
             if p.name in estimate.free:
                 if p.verdict is Verdict.ESTIMATED:
                     lists["set"].append(f"{joint}.{p.name}={p.value:.6g}")
@@ -50,8 +52,13 @@ def parameter_file(estimates: Mapping[str, Estimate], source: Mapping[str, str])
                 lists["set"].append(f"{joint}.{p.name}={_held(p)}")
     options = {n: v for n, v in first.model_options.items() if v not in ("", False)}
     parameters = {"model": first.model, **options, "joints": list(estimates)} | {n: v for n, v in lists.items() if v}
-    heads = [f"# {joint}: {text}" for joint, text in source.items()]
+    heads = [f"# {_on_one_line(f'{joint}: {text}')}" for joint, text in source.items()]
     return "\n".join([*heads, yaml.safe_dump({NODE: {"ros__parameters": parameters}}, sort_keys=False)])
+
+
+def _on_one_line(text: str) -> str:
+    """Return a text without the characters that would end a comment of YAML, or that YAML does not have."""
+    return "".join(c if c.isprintable() else "?" for c in text)
 
 
 def _held(p: ParameterEstimate) -> str:
