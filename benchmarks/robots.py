@@ -3,8 +3,8 @@
     setup/run python benchmarks/robots.py --json out/benchmarks/robots.json
 
 The recordings are no part of the project: they are expected beside it in ../shared/data, and rows without data are
-skipped. `robots.cases` says what is fitted, `robots.judging` what the figures mean. With `--docs` the tables of
-docs/real_robots.md are written anew; with `--from` nothing is measured.
+skipped. `robots.cases` and `robots.whole_arm` say what is fitted, `robots.judging` what the figures mean. With
+`--docs` the tables of docs/real_robots.md are written anew; with `--from` nothing is measured.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from peers.process import SINGLE_CORE
 os.environ.update(SINGLE_CORE)  # times are processor times: libraries read this when they are imported
 
 from measured_blocks import write
-from robots import stiffness
+from robots import stiffness, whole_arm
 from robots.cases import CASES
 from robots.fitted import Fitted, Value, of_json
 from robots.methods import fits
@@ -64,6 +64,7 @@ def main() -> None:
             "machine": machine(),
             "fits": [asdict(f) for f in rigid(args.cases)],
             "stiffness": [asdict(f) for f in stiffness.fits()] if axes and stiffness.there() else [],
+            "whole_arm": [asdict(r) for r in whole_arm.rows()] if not args.cases and whole_arm.there() else [],
         }
         args.json.parent.mkdir(parents=True, exist_ok=True)
         args.json.write_text(json.dumps(report, indent=1))
@@ -76,6 +77,7 @@ def main() -> None:
     tables = {
         "robots-targets": targets_table(found, axes_found), "robots": methods_table(found),
         "robots-joints": joints_table(found), "robots-stiffness": stiffness_table(axes_found),
+        "robots-arm": whole_arm.table([whole_arm.Row(**row) for row in report.get("whole_arm", [])]),
     }  # fmt: skip
     print("\n\n".join(tables.values()))
     if args.docs:

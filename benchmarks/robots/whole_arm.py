@@ -1,0 +1,99 @@
+"""The whole arm of a UR10e: each log by itself, the logs together, and each predicted by the others."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from joint_id_core.arm.arm_estimate import JointValues
+from joint_id_core.arm.description import Description
+from joint_id_core.arm.fit import fit_arm
+from joint_id_core.data.recording import Recording
+from robots.cases import ARM
+from robots.recordings import DATA, UR10E_ALL, ur10e
+
+FOLDER = "ur10e"
+INTERVAL = 1.959964  # standard deviations: 95 %
+SHOWN = ("damping", "friction", "armature")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One joint.
+
+    Attributes:
+        joint: its number.
+        values: by quantity, value and standard deviation from all logs.
+        agree, pairs: pairs of logs whose damping and friction agree within 95 % intervals, and how many there are.
+        sigma: median of their relative standard deviations, of single logs.
+        held_out: least R2 of a log that the fit of the others predicts.
+        off: largest distance of damping and friction from the reference, in combined standard deviations.
+        cpu_s: processor time of the fit of all logs.
+    """
+
+    joint: int
+    values: dict[str, tuple[float, float]]
+    agree: int
+    pairs: int
+    sigma: float
+    held_out: float
+    off: float
+    cpu_s: float
+
+
+def there() -> bool:
+    """Whether the recordings are there."""
+    return (DATA / FOLDER).is_dir()
+
+
+def rows() -> list[Row]:
+    """Fit, and compare."""
+    description = Description.read(DATA / "ur10e/ur10e.urdf")
+    gains = {name: {"torque": 1.0} for name in description.joints}
+    records = [_record(name, description.joints) for name in UR10E_ALL]
+    begun = time.process_time()
+    whole = fit_arm(description, records, gains).joints
+    cpu_s = time.process_time() - begun
+    alone = [fit_arm(description, [record], gains).joints for record in records]
+    others = [[r for r in records if r is not record] for record in records]
+    predicted = [fit_arm(description, rest, gains, record).joints for rest, record in zip(others, records, strict=True)]
+    return [
+        _row(j, whole[j], [a[j] for a in alone], min(p[j].held_out for p in predicted), cpu_s)
+        for j in range(len(description.joints))
+    ]
+
+
+def _record(name: str, joints: Sequence[str]) -> dict[str, Recording]:
+    return {joint: replace(ur10e(name, k), joint=joint) for k, joint in enumerate(joints, 1)}
+
+
+def _row(j: int, whole: JointValues, alone: Sequence[JointValues], held_out: float, cpu_s: float) -> Row:
+    found = [(a.damping, a.friction) for a in alone]
+    agree = [
+        abs(x.value - y.value) < INTERVAL * np.hypot(x.std_dev, y.std_dev)
+        for one, other in combinations(found, 2)
+        for x, y in zip(one, other, strict=True)
+    ]
+    off = [
+        (value.value - ARM[j + 1][name].value) / np.hypot(value.std_dev, ARM[j + 1][name].spread)
+        for name, value in (("c", whole.damping), ("tau_f", whole.friction))
+    ]
+    values = {name: (getattr(whole, name).value, getattr(whole, name).std_dev) for name in SHOWN}
+    sigma = float(np.median([v.std_dev / v.value for pair in found for v in pair]))
+    return Row(j + 1, values, sum(map(bool, agree)), len(agree), sigma, held_out, max(off, key=abs), cpu_s)
+
+
+def table(found: Sequence[Row]) -> str:
+    """A row a joint."""
+    head = ["joint", "damping, Nm s/rad", "Coulomb friction, Nm", "armature, kg m²", "pairs that agree", "median sigma",
+            "friction off", "held-out R², least"]  # fmt: skip
+    lines = ["| " + " | ".join(head) + " |", "| " + " | ".join("---" for _ in head) + " |"]
+    for row in found:
+        cells = [str(row.joint), *(f"{v:.3g} ± {s:.2g}" for v, s in row.values.values())]
+        cells += [f"{row.agree} of {row.pairs}", f"{100.0 * row.sigma:.2g} %", f"{row.off:+.2g}", f"{row.held_out:.4f}"]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
