@@ -64,6 +64,7 @@ def main() -> None:
             "machine": machine(),
             "fits": [asdict(f) for f in rigid(args.cases)],
             "stiffness": [asdict(f) for f in stiffness.fits()] if axes and stiffness.there() else [],
+            "payload": whole_arm.payload() if not args.cases and whole_arm.there() else [],
             "whole_arm": [asdict(r) for r in whole_arm.rows()] if not args.cases and whole_arm.there() else [],
         }
         args.json.parent.mkdir(parents=True, exist_ok=True)
@@ -77,6 +78,7 @@ def main() -> None:
     tables = {
         "robots-targets": targets_table(found, axes_found), "robots": methods_table(found),
         "robots-joints": joints_table(found), "robots-stiffness": stiffness_table(axes_found),
+        "robots-payload": whole_arm.payload_table(report.get("payload", [])),
         "robots-arm": whole_arm.table([whole_arm.Row(**row) for row in report.get("whole_arm", [])]),
     }  # fmt: skip
     print("\n\n".join(tables.values()))

@@ -14,9 +14,11 @@ from joint_id_core.arm.description import Description
 from joint_id_core.arm.fit import fit_arm
 from joint_id_core.data.recording import Recording
 from robots.cases import ARM
-from robots.recordings import DATA, UR10E_ALL, ur10e
+from robots.recordings import DATA, UR10E_ALL, UR10E_NM_PER_A, ur10e
 
 FOLDER = "ur10e"
+LOADED, MASS = "ur-20_02_19_14harm50secLoad", 2.805  # kg
+AUTHORS_NM_PER_A = (10.0, 10.7, 8.46, 9.0, 9.48, 10.12)
 INTERVAL = 1.959964  # standard deviations: 95 %
 SHOWN = ("damping", "friction", "armature")
 
@@ -65,6 +67,32 @@ def rows() -> list[Row]:
         _row(j, whole[j], [a[j] for a in alone], min(p[j].held_out for p in predicted), cpu_s)
         for j in range(len(description.joints))
     ]
+
+
+def payload() -> list[str]:
+    """Weigh the payload of the log that has one, and find the gains from its mass, as cells of a table."""
+    description = Description.read(DATA / "ur10e/ur10e.urdf")
+    gains = {name: {"torque": 1.0} for name in description.joints}
+    free = [_record(name, description.joints) for name in UR10E_ALL]
+    carrying = [_record(LOADED, description.joints)]
+    weighed = fit_arm(description, free, gains, payload=carrying).payload
+    assert weighed is not None
+    found = [f"{weighed.mass:.4g} ± {weighed.mass_std_dev:.2g} kg"]
+    for factor in fit_arm(description, free, gains, payload=carrying, mass=MASS).factors:
+        gain = UR10E_NM_PER_A[len(found)]
+        found.append(f"{gain * factor.value:.3g} ± {gain * factor.std_dev:.2g}")
+    return found
+
+
+def payload_table(cells: Sequence[str]) -> str:
+    """What was found beside what is known."""
+    head = ["", f"payload, {MASS} kg", *(f"gain of joint {j}, Nm/A" for j in UR10E_NM_PER_A)]
+    rows = [
+        head, ["---"] * len(head), ["found", *(cells or ["-"] * (len(head) - 1))],
+        ["config/ur10e.yaml", "-", *(f"{g:g}" for g in UR10E_NM_PER_A.values())],
+        ["the data's authors", "-", *(f"{g:g}" for g in AUTHORS_NM_PER_A)],
+    ]  # fmt: skip
+    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
 
 def _record(name: str, joints: Sequence[str]) -> dict[str, Recording]:

@@ -98,12 +98,12 @@ def inverse(motion: Motion, urdf: str = URDF, gravity: tuple[float, float, float
     return torque
 
 
-def rigid(seconds: float, seed: int = 0) -> dict[str, Recording]:
+def rigid(seconds: float, seed: int = 0, urdf: str = URDF) -> dict[str, Recording]:
     """What link encoders and torques of all joints show, by name; torques are means over a sample."""
     time = np.arange(round(seconds * RATE)) / RATE
     middle = at(time + 0.5 / RATE, seed)
     friction = VISCOUS * middle.dq + COULOMB * np.sign(middle.dq)
-    torque = inverse(middle) + ROTOR * middle.ddq + friction
+    torque = inverse(middle, urdf) + ROTOR * middle.ddq + friction
     rng = np.random.default_rng([seed, 1])
     shown = {"link_position": at(time, seed).q + 1e-5 * rng.standard_normal(torque.shape)}
     shown["torque"] = torque + 0.05 * rng.standard_normal(torque.shape)

@@ -15,7 +15,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.results.verdict import Verdict
 
 from . import moving_arm
-from .moving_arm import COULOMB, JOINTS, ROTOR, URDF, VISCOUS
+from .moving_arm import COULOMB, JOINTS, ROTOR, URDF, VISCOUS, joint, link
 
 pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
 pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
@@ -44,7 +44,7 @@ def off(found: ArmEstimate) -> np.ndarray:
 def test_base_parameters_give_the_torques_of_another_library():
     regressor = Regressor(ARM)
     motion = moving_arm.Motion(*np.random.default_rng(4).uniform(-2.0, 2.0, (3, 30, len(JOINTS))))
-    torques = regressor.rows(motion.q, motion.dq, motion.ddq) @ regressor.reference
+    torques = regressor.rows(motion.q, motion.dq, motion.ddq)[0] @ regressor.reference
     np.testing.assert_allclose(torques, moving_arm.inverse(motion), rtol=1e-9, atol=1e-9)
     # Six rotors, 6 x 10 inertial parameters: 40 combinations, as for other arms of this kind (Gautier & Khalil 1990).
     assert len(regressor.reference) == len(regressor.combinations) == 40
@@ -135,6 +135,60 @@ def test_what_cannot_be_fitted_is_refused():
         fit_arm(ARM, [rest], GAINS)
 
 
+# --- a payload
+
+MASS, CENTRE = 2.5, (0.02, -0.03, 0.12)
+CARRYING = URDF.replace(
+    "</robot>",
+    link("load", MASS, (0.0, 0.0, 0.0), 0.004)
+    + joint("grip", "plate", "load", f'xyz="{" ".join(map(str, CENTRE))}"', "1 0 0", "fixed")
+    + "</robot>",
+)
+
+
+def test_a_payload_is_weighed():
+    free = [moving_arm.rigid(SECONDS, seed) for seed in (0, 1)]
+    found = fit_arm(ARM, free, GAINS, payload=[moving_arm.rigid(SECONDS, 2, CARRYING)])
+    load = found.payload
+    assert load is not None and load.link == "plate" and load.known
+    assert abs(load.mass - MASS) < 4.0 * load.mass_std_dev < 0.05 * MASS
+    for value, sigma, truth in zip(load.centre, load.centre_std_dev, CENTRE, strict=True):
+        assert abs(value - truth) < 4.0 * sigma < 0.02
+    assert np.abs(off(found)).max() < 4.5
+    assert "payload on plate: 2.5" in str(found)
+
+
+def test_without_a_payload_there_is_none():
+    found = fit_arm(ARM, [moving_arm.rigid(SECONDS, 0)], GAINS, payload=[moving_arm.rigid(SECONDS, 2)])
+    assert found.payload is not None and abs(found.payload.mass) < 4.0 * found.payload.mass_std_dev
+    assert "not known" in str(found.payload)
+
+
+def test_a_mass_that_was_weighed_gives_the_torque_constants():
+    wrong = np.array([1.25, 0.8, 1.1, 0.9, 1.3, 0.7])
+    assumed = {name: {"torque": float(w)} for name, w in zip(JOINTS, wrong, strict=True)}
+    free = [moving_arm.rigid(SECONDS, seed) for seed in (0, 1)]
+    carrying = [moving_arm.rigid(SECONDS, seed, CARRYING) for seed in (2, 3)]
+    found = fit_arm(ARM, free, assumed, payload=carrying, mass=MASS)
+    for factor, w in zip(found.factors, wrong, strict=True):
+        assert abs(factor.value * w - 1.0) < 4.0 * factor.std_dev * w, factor
+        assert factor.std_dev * w < 0.1
+    assert np.abs(off(found)).max() < 4.5  # friction and rotors are right, and no better known than the constants
+    least = found.factors[1].std_dev / found.factors[1].value
+    assert found.joints[1].damping.std_dev >= least * found.joints[1].damping.value
+
+
+def test_what_tells_nothing_of_a_payload_is_refused():
+    record = moving_arm.rigid(4.0)
+    with pytest.raises(JointIdError, match="no recording without a payload"):
+        fit_arm(ARM, [], GAINS, payload=[record])
+    with pytest.raises(JointIdError, match="tells nothing without a recording"):
+        fit_arm(ARM, [record], GAINS, mass=2.0)
+    for mass in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(JointIdError, match="give its mass in kg, above 0"):
+            fit_arm(ARM, [record], GAINS, payload=[record], mass=mass)
+
+
 # --- the command
 
 
@@ -191,6 +245,35 @@ def test_currents_need_torque_constants(here, gains):
     ]
     code, out, err = here("arm", "fit", "arm.urdf", "currents")
     assert code == 2 and "has a current: give its torque constant" in err
+
+
+def test_the_command_weighs_a_payload_and_tells_torque_constants(here):
+    formats.write_bag(
+        "carrying",
+        {
+            n: Recording(r.time, {"link_position": r["link_position"], "current": r["torque"] / 12.0}, joint=n)
+            for n, r in moving_arm.rigid(SECONDS, 2, CARRYING).items()
+        },
+    )
+    formats.write_bag(
+        "free",
+        {
+            n: Recording(r.time, {"link_position": r["link_position"], "current": r["torque"] / 12.0}, joint=n)
+            for n, r in moving_arm.rigid(SECONDS, 1).items()
+        },
+    )
+    words = ("arm", "fit", "arm.urdf", "free", "--robot", "robot.yaml", "--payload", "carrying")
+    code, out, err = here(*words)
+    assert code == 0 and "payload on plate: 2.0" in out, out + err  # with constants that are a fifth too small
+    code, out, err = here(*words, "--mass", MASS)
+    assert code == 0, out + err
+    given = [line.split("k_t=")[1] for line in out.splitlines() if ".k_t=" in line]
+    assert len(given) == len(JOINTS)
+    for text in given:
+        value, sigma = text.rstrip("%").split("+-")
+        assert abs(float(value) - 0.12) < 4.0 * 0.12 * float(sigma) / 100.0
+    code, _, err = here("arm", "fit", "arm.urdf", "free", "--robot", "robot.yaml", "--payload", "free")
+    assert code == 2 and "given twice" in err
 
 
 def test_how_far_torque_constants_are_known_is_told(here):

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from joint_id_core.arm.payload import Factor, Payload
 from joint_id_core.results.at_link import AtLink
 from joint_id_core.results.status import Status
 from joint_id_core.results.verdict import Verdict
@@ -91,6 +92,8 @@ class ArmEstimate:
         poor: names of such joints.
         joints, parameters: what was found.
         duration: of motion in s.
+        payload: what the arm carries in some recordings; None if in none.
+        factors: on the torques, from the mass of a payload that is known; empty without.
     """
 
     source: str
@@ -99,6 +102,8 @@ class ArmEstimate:
     joints: tuple[JointValues, ...]
     parameters: tuple[BaseParameter, ...]
     duration: float
+    payload: Payload | None = None
+    factors: tuple[Factor, ...] = ()
 
     @property
     def converged(self) -> bool:
@@ -137,7 +142,12 @@ class ArmEstimate:
             for name in ("damping", "friction", "armature")
             if getattr(j, name).reason
         ]
-        return "\n".join([*lines, "", f"  {self.duration:.3g} s of motion; values at the link", *told])
+        lines += ["", f"  {self.duration:.3g} s of motion; values at the link", *told]
+        lines += [f"  {self.payload}"] if self.payload is not None else []
+        if self.factors:
+            listed = ", ".join(f"{f.joint} {f.value:.4g} ± {f.std_dev:.2g}" for f in self.factors)
+            lines.append(f"  the torques are right if they are multiplied by: {listed}")
+        return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain JSON types; values that are not finite become None."""
@@ -145,6 +155,8 @@ class ArmEstimate:
             "format": FORMAT, "version": VERSION, "description": self.source, "status": self.status.value,
             "message": self.message, "duration_s": self.duration, "joints": [_plain(asdict(j)) for j in self.joints],
             "parameters": [_plain(asdict(p)) for p in self.parameters],
+            "payload": None if self.payload is None else _plain(asdict(self.payload)),
+            "factors": [_plain(asdict(f)) for f in self.factors],
         }  # fmt: skip
 
 

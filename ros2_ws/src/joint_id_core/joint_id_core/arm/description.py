@@ -76,7 +76,8 @@ class Description:
         self._column = {name: self._model.joints[self._model.getJointId(name)].idx_v for name in names}
         self._model.gravity.linear = _gravity(gravity)
         self._data = self._model.createData()
-        self._check_bodies(root)
+        self._links = {joint.get("name", ""): _of(joint, "child") for joint in root.findall("joint")}
+        self._check_bodies()
 
     @property
     def mimics(self) -> tuple[str, ...]:
@@ -87,6 +88,10 @@ class Description:
     def model(self) -> Any:
         """The model of Pinocchio."""
         return self._model
+
+    def link_of(self, joint: str) -> str:
+        """Return the name of the link that a joint moves."""
+        return self._links[joint]
 
     def column(self, joint: str) -> int:
         """Return the number of a joint in the vectors of Pinocchio."""
@@ -152,10 +157,9 @@ class Description:
             torque[k] = pinocchio.rnea(self._model, self._data, at, speed, rate)[own] - inertia[k] * rate[own]
         return Load(torque, inertia)
 
-    def _check_bodies(self, root: ET.Element) -> None:
+    def _check_bodies(self) -> None:
         """Check masses and lengths of what moves."""
-        model = self._model
-        child = {joint.get("name"): _of(joint, "child") for joint in root.findall("joint")}
+        model, child = self._model, self._links
         for name, body in zip(tuple(model.names)[1:], list(model.inertias)[1:], strict=True):
             if not body.mass > 0.0:
                 raise JointIdError(

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.arm.motion import motion
-from joint_id_core.arm.regressor import Regressor
+from joint_id_core.arm.regressor import OF_LINK, Regressor
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.filtering.offline import FilterOptions, differentiate
 
+PAYLOAD = len(OF_LINK)  # parameters of a payload: those of a link
 BAND_HZ = 8.0  # of the equations: an arm moves below it, and friction is as its law says
 RATE = 100.0  # instants in a second at which torques are computed, before the filter
 KEPT = 5  # every so many of them is kept after it: 20 in a second
@@ -33,19 +34,27 @@ class Equations:
 
     Attributes:
         y: torque at the link in Nm, shape (R, n).
-        columns: torques by unit parameters, shape (R, n, P): base parameters, viscous friction, Coulomb friction.
+        columns: torques by unit parameters, shape (R, n, P): `base` base parameters, `PAYLOAD` of a payload on the last
+            link, viscous friction, Coulomb friction.
         used: whether an equation counts: the torque is known, and the joint moves, shape (R, n).
         duration: time in s in which the arm moves.
+        loaded: whether the arm carries the payload.
     """
 
     y: Array
     columns: Array
     used: NDArray[np.bool_]
     duration: float
+    base: int
+    loaded: bool
 
 
 def equations(
-    regressor: Regressor, recordings: Mapping[str, Recording], gains: Mapping[str, Mapping[str, float]], source: str
+    regressor: Regressor,
+    recordings: Mapping[str, Recording],
+    gains: Mapping[str, Mapping[str, float]],
+    source: str,
+    loaded: bool = False,
 ) -> Equations:
     """Return the equations of a recording.
 
@@ -54,6 +63,7 @@ def equations(
         recordings: of all its joints, by name.
         gains: by joint and drive ("torque", "current"), the torque at the link in Nm of one unit of it.
         source: of the joints, for messages.
+        loaded: whether the arm carries the payload.
 
     Raises:
         JointIdError: a joint was not recorded, or no link position, torque or current of it; a gain is not given; the
@@ -71,10 +81,11 @@ def equations(
     like = Recording(time, {}, source=first.source, origin=first.origin)
     q, dq, ddq = motion(recordings, joints, like, source)
     known = np.isfinite(np.concatenate([q, dq, ddq], axis=1)).all(axis=1)
-    base = np.full((len(time), count, len(regressor.reference)), np.nan)
-    base[known] = regressor.rows(q[known], dq[known], ddq[known])
+    base = len(regressor.reference)
+    inertial = np.full((len(time), count, base + PAYLOAD), np.nan)
+    inertial[known] = np.concatenate(regressor.rows(q[known], dq[known], ddq[known]), axis=2)
     own = np.eye(count)
-    columns = np.concatenate([base, dq[:, :, None] * own, np.tanh(dq / SLOW)[:, :, None] * own], axis=2)
+    columns = np.concatenate([inertial, dq[:, :, None] * own, np.tanh(dq / SLOW)[:, :, None] * own], axis=2)
     y = np.array([_torque(recordings[name], gains.get(name, {}), name, like) for name in joints]).T
     low, kept = FilterOptions(cutoff_hz=BAND_HZ), slice(None, None, KEPT)
     for k in range(count):
@@ -84,7 +95,7 @@ def equations(
     if not used.any():
         raise JointIdError(f"{first.source}: no joint moves: record a motion of the arm")
     moving = float(np.count_nonzero(used.any(axis=1))) / RATE
-    return Equations(y[kept], columns[kept], used[kept], moving)
+    return Equations(y[kept], columns[kept], used[kept], moving, base, loaded)
 
 
 def _missing(missing: list[str], recordings: Mapping[str, Recording], source: str) -> str:

@@ -24,7 +24,7 @@ class Regressor:
     """Base parameters of an arm.
 
     Attributes:
-        joints: names of the joints, n of them.
+        joints: names of the joints, n of them; `last_link`: name of the link that the last one moves.
         combinations: what each of the B base parameters stands for, in words; the first n are those of the rotors.
         reference: their values by the description, without rotors, shape (B,).
         alone: whether each stands for one parameter alone, shape (B,).
@@ -43,7 +43,7 @@ class Regressor:
                 f"{description.source}: {', '.join(description.mimics)} follows another joint (mimic), which no linear "
                 "model has: make it fixed in a copy of the description"
             )
-        self.joints = description.joints
+        self.joints, self.last_link = description.joints, description.link_of(description.joints[-1])
         self._pinocchio, self._model = pinocchio, description.model
         self._data = self._model.createData()
         self._order = [description.column(name) for name in self.joints]
@@ -68,9 +68,13 @@ class Regressor:
         )
         self.alone = ~np.any(share != 0.0, axis=1)
 
-    def rows(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return the torques of all joints by unit base parameters, shape (T, n, B), from motions of shape (T, n)."""
-        return self._everything(q, dq, ddq)[:, :, self._kept]
+    def rows(self, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array]:
+        """Return the torques of all joints by unit parameters, from motions of shape (T, n).
+
+        Those of the base parameters, shape (T, n, B), and of the last link, which carries payloads, shape (T, n, 10).
+        """
+        everything = self._everything(q, dq, ddq)
+        return everything[:, :, self._kept], everything[:, :, -len(OF_LINK) :]
 
     def _everything(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return the torques by all parameters, those of the rotors first, shape (T, n, 11 n)."""

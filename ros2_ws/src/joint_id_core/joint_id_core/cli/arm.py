@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json as json_text
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
 
@@ -29,6 +29,7 @@ from joint_id_core.models.per_joint import Entry, parse
 from joint_id_core.text_file import write_text
 
 if TYPE_CHECKING:
+    from joint_id_core.arm.payload import Factor
     from joint_id_core.data.recording import Recording
 
 GAINS = ("N", "k_t")  # ratio of a gear, torque constant
@@ -53,6 +54,13 @@ def fit(
     base_gravity: Annotated[Optional[str], typer.Option(metavar="X,Y,Z", help=BASE_GRAVITY_HELP)] = None,
     start: StartOption = None,
     end: EndOption = None,
+    payload: Annotated[
+        Optional[list[Path]], typer.Option(help="recording in which the last link carries a payload; repeatable")
+    ] = None,
+    mass: Annotated[
+        Optional[float],
+        typer.Option(help="of the payload in kg, if it was weighed: the torque constants are found, too"),
+    ] = None,
     validate: Annotated[Optional[Path], typer.Option(help="recording that the fit must predict")] = None,
     save: Annotated[Optional[Path], typer.Option(help="save the result as JSON")] = None,
     out: Annotated[Optional[Path], typer.Option("--out", "-o", help="URDF to write, with what was estimated")] = None,
@@ -69,8 +77,9 @@ def fit(
     from joint_id_core.arm.fit import fit_arm
     from joint_id_core.results.robot_files import with_joints
 
-    require_different(files)
-    require_apart({"--save": save, "--out": out}, [urdf, *files, validate, Path(robot) if robot else None])
+    loaded = payload or []
+    require_different([*files, *loaded])
+    require_apart({"--save": save, "--out": out}, [urdf, *files, *loaded, validate, Path(robot) if robot else None])
     gravity = GRAVITY if base_gravity is None else vector(base_gravity, "--base-gravity")
     description = Description.read(urdf, gravity)
     gains, spread = _gains(description.joints, robot, set_ or ())
@@ -81,14 +90,17 @@ def fit(
     with Progress() as progress:
         progress("reading the recordings")
         records = [_read(file, part, description.joints) for file in files]
+        carried = [_read(file, part, description.joints) for file in loaded]
         held_out = None if validate is None else _read(validate, whole, description.joints)
         progress(f"fitting {len(description.joints)} joints")
-        found = fit_arm(description, records, gains, held_out)
+        found = fit_arm(description, records, gains, held_out, carried, mass)
     if json:
         print_json(found.to_dict())
     else:
         print(found)
-        if spread:
+        for text in _constants(found.factors, gains) if found.factors else ():
+            print(f"  {text}")
+        if spread and not found.factors:
             print(f"  all values scale with the torque constants, which are known to {spread}")
     if save is not None:
         write_text(save, json_text.dumps(found.to_dict(), indent=1), "the result")
@@ -135,6 +147,15 @@ def _gains(joints: Sequence[str], robot: str | None, texts: Sequence[str]) -> tu
         shares += [deviations["k_t"] / values["k_t"]] if "k_t" in deviations else []
     ends = sorted({f"{100.0 * share:.2g}" for share in (min(shares), max(shares))}, key=float) if shares else []
     return gains, f"{' to '.join(ends)} %" if ends else ""
+
+
+def _constants(factors: Sequence[Factor], gains: Mapping[str, Mapping[str, float]]) -> list[str]:
+    """Return options that give the torque constants that were found, to be pasted; none without currents."""
+    known = [(f, gains[f.joint]) for f in factors if "current" in gains[f.joint]]
+    return [
+        f"--set {f.joint}.k_t={f.value * gain['current'] / gain['torque']:.4g}+-{100.0 * f.std_dev / f.value:.2g}%"
+        for f, gain in known
+    ]
 
 
 def _check(entry: Entry, joints: Sequence[str]) -> None:

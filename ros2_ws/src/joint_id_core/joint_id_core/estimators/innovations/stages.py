@@ -181,7 +181,9 @@ class Stages:
 
     def _excess(self, shift: Array, covariance: Array) -> float:
         """Return the largest ratio of a shift to the allowed integration error."""
-        return float(np.max(np.abs(shift) / np.maximum(0.1 * np.sqrt(np.maximum(np.diag(covariance), 0.0)), self.least)))
+        return float(
+            np.max(np.abs(shift) / np.maximum(0.1 * np.sqrt(np.maximum(np.diag(covariance), 0.0)), self.least))
+        )
 
     @property
     def least(self) -> Array:

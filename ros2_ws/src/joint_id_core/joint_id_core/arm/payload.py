@@ -1,0 +1,103 @@
+"""What an arm carries, from recordings with and without it; or, if its mass is known, the torque constants.
+
+The payload adds to the inertial parameters of the last link, in some recordings only. All torques and masses of an arm
+scale with the gains of its drives; one mass that was weighed tells them (as Gautier & Briot, Journal of Intelligent &
+Robotic Systems 2014, do with a payload).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from joint_id_core.arm.equations import PAYLOAD, Equations
+from joint_id_core.arm.stacked import Stacked, solved
+from joint_id_core.data.recording import Array
+from joint_id_core.errors import JointIdError
+from joint_id_core.results.verdict import MAGNITUDE
+
+ITERATIONS = 50
+SETTLED = 1e-6  # change of the gains, relative
+
+
+@dataclass(frozen=True)
+class Factor:
+    """By what the recorded torque of a joint, or its gain, is multiplied to be right, with its standard deviation."""
+
+    joint: str
+    value: float
+    std_dev: float
+
+
+@dataclass(frozen=True)
+class Payload:
+    """Mass in kg, and centre of mass in m in the frame of the link that carries it, with standard deviations."""
+
+    link: str
+    mass: float
+    mass_std_dev: float
+    centre: tuple[float, float, float]
+    centre_std_dev: tuple[float, float, float]
+
+    @property
+    def known(self) -> bool:
+        """Whether the mass is known to half of its value."""
+        return self.mass_std_dev <= MAGNITUDE * abs(self.mass)
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        if not self.known:
+            return f"payload on {self.link}: not known, {self.mass:.2g} ± {self.mass_std_dev:.2g} kg"
+        place = ", ".join(f"{c:.3g} ± {s:.1g}" for c, s in zip(self.centre, self.centre_std_dev, strict=True))
+        return (
+            f"payload on {self.link}: {self.mass:.4g} ± {self.mass_std_dev:.2g} kg, centre at ({place}) m in its frame"
+        )
+
+
+def payload_of(link: str, values: Array, covariance: Array) -> Payload:
+    """Return the payload from its ten inertial parameters (10,) and their covariance (10, 10)."""
+    mass, moments = float(values[0]), values[1:4]
+    centre = moments / mass if mass else np.full(3, np.nan)
+    slope = np.column_stack([-centre / mass, np.eye(3) / mass]) if mass else np.full((3, 4), np.nan)
+    spread = np.sqrt(np.diag(slope @ covariance[:4, :4] @ slope.T))
+    x, y, z = centre.tolist()
+    dx, dy, dz = spread.tolist()
+    return Payload(link, mass, float(np.sqrt(covariance[0, 0])), (x, y, z), (dx, dy, dz))
+
+
+def gains_from_mass(parts: Sequence[Equations], mass: float) -> tuple[Array, Array]:
+    """Return factors on the torques of all joints with which the payload has this mass, and their sigma, shape (n,).
+
+    Gauss-Newton: the torque that was recorded is that of the masses over the factor, and friction.
+
+    Raises:
+        JointIdError: no recording has the payload or none is without it, the mass is not above 0, or the iteration
+            does not settle.
+    """
+    if not 0.0 < mass < np.inf:
+        raise JointIdError(f"a payload of {mass:g} kg tells no torque constant: give its mass in kg, above 0")
+    if all(part.loaded for part in parts) or not any(part.loaded for part in parts):
+        raise JointIdError("torque constants need recordings with the payload and others without it")
+    table, first = Stacked.of(parts), parts[0].base
+    values, _ = table.weighed()
+    values[first], n = mass, table.count
+    free = np.delete(np.arange(table.columns.shape[1]), first)
+    share, inertial = np.ones(n), slice(0, first + PAYLOAD)
+    of_joint = table.joint[:, None] == np.arange(n)
+    for _ in range(ITERATIONS):
+        rigid = table.columns[:, inertial] @ values[inertial]
+        scaled = np.concatenate(
+            [share[table.joint, None] * table.columns[:, inertial], table.columns[:, first + PAYLOAD :]], axis=1
+        )
+        left = table.y - share[table.joint] * rigid - table.columns[:, first + PAYLOAD :] @ values[first + PAYLOAD :]
+        sigma = table.scatter(left)
+        columns = np.concatenate([scaled[:, free], np.where(of_joint, rigid[:, None], 0.0)], axis=1)
+        step = solved(columns / sigma[table.joint, None], left / sigma[table.joint])
+        values[free] += step[:-n]
+        share = share + step[-n:]
+        if np.abs(step[-n:]).max() < SETTLED:
+            spread = np.sqrt(np.diag(table.covariance(columns, left, sigma))[-n:])
+            return 1.0 / share, spread / share**2
+    raise JointIdError("no torque constants with which the payload has this mass: check the mass and the recordings")

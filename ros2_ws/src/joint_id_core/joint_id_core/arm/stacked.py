@@ -1,0 +1,105 @@
+"""The equations of all recordings and joints of an arm in one table, and weighted least squares of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from joint_id_core.arm.equations import PAYLOAD, Equations
+from joint_id_core.data.recording import Array
+from joint_id_core.errors import JointIdError
+from joint_id_core.estimators.regression.covariance import automatic_lag, newey_west
+
+WEIGHINGS = 3  # passes that weigh the joints
+LEAST_ROWS = 2.0  # equations by parameter
+ROUNDED = 1e-13  # smallest singular value of normal equations that rounding does not make
+
+
+@dataclass(frozen=True)
+class Stacked:
+    """Equations without the means of each recording and joint, which are its torque offsets (Frisch & Waugh).
+
+    Attributes:
+        y, columns: torques (T,), and by unit parameters (T, P): base parameters, those of the payload if there is one,
+            viscous and Coulomb friction.
+        joint, pieces: of each, the number of the joint, and of recording and joint, (T,).
+        count: of joints, n.
+    """
+
+    y: Array
+    columns: Array
+    joint: NDArray[np.intp]
+    pieces: NDArray[np.int64]
+    count: int
+
+    @classmethod
+    def of(cls, parts: Sequence[Equations]) -> Stacked:
+        """Stack the equations of recordings.
+
+        Raises:
+            JointIdError: they are fewer than twice the parameters.
+        """
+        count, loaded = parts[0].y.shape[1], any(part.loaded for part in parts)
+        rows = [(part, j) for part in parts for j in range(count)]
+        tables = [of_joint(part, j, loaded) for part, j in rows]
+        y, columns = (np.concatenate([centred(pair[i]) for pair in tables]) for i in (0, 1))
+        if len(y) < LEAST_ROWS * columns.shape[1]:
+            raise JointIdError(
+                f"{len(y)} equations are too few for the {columns.shape[1]} parameters of this arm: record longer"
+            )
+        lengths = [len(pair[0]) for pair in tables]
+        pieces = np.repeat(np.arange(len(rows)), lengths)
+        return cls(y, columns, np.repeat([j for _, j in rows], lengths), pieces, count)
+
+    def weighed(self) -> tuple[Array, Array]:
+        """Return values (P,), and standard deviations of what is left of the torque of each joint, shape (n,)."""
+        values, sigma = np.zeros(self.columns.shape[1]), np.ones(self.count)
+        for _ in range(WEIGHINGS):
+            weights = 1.0 / sigma[self.joint]
+            values = solved(self.columns * weights[:, None], self.y * weights)
+            sigma = self.scatter(self.y - self.columns @ values)
+        return values, sigma
+
+    def scatter(self, left: Array) -> Array:
+        """Return the standard deviation of residuals (T,) by joint, shape (n,); 1 where there are none."""
+        squares, counts = np.bincount(self.joint, left**2, self.count), np.bincount(self.joint, minlength=self.count)
+        sigma = np.sqrt(squares / np.maximum(counts, 1))
+        return np.where(sigma > 0.0, sigma, 1.0)
+
+    def covariance(self, columns: Array, left: Array, sigma: Array) -> Array:
+        """Return the covariance of values with these columns (T, k), whose residuals (T,) have a memory."""
+        weights = 1.0 / sigma[self.joint]
+        weighted, residuals = columns * weights[:, None], left * weights
+        scores, lag = weighted * residuals[:, None], 1.0
+        for k in np.unique(self.pieces):
+            some = scores[self.pieces == k]
+            lag = max(lag, automatic_lag(some[:, np.any(some, axis=0)]))
+        return newey_west(weighted, residuals, self.pieces, lag)
+
+
+def of_joint(part: Equations, j: int, loaded: bool) -> tuple[Array, Array]:
+    """Return torques (T,) and columns (T, P) of the equations of a joint; with those of a payload if `loaded`."""
+    used, first = part.used[:, j], part.base
+    columns = part.columns[used, j]
+    if not loaded:
+        return part.y[used, j], np.delete(columns, np.s_[first : first + PAYLOAD], axis=1)
+    if not part.loaded:
+        columns = columns.copy()
+        columns[:, first : first + PAYLOAD] = 0.0
+    return part.y[used, j], columns
+
+
+def centred(values: Array) -> Array:
+    """Return values without their mean."""
+    return values - values.mean(axis=0) if len(values) else values
+
+
+def solved(table: Array, y: Array) -> Array:
+    """Return least squares; 0 for columns that are zero, and the shortest solution where columns depend."""
+    size = np.linalg.norm(table, axis=0)
+    scale = np.where(size > 0.0, size, 1.0)
+    scaled = table / scale  # normal equations, which take a hundredth of the time: base parameters hardly depend
+    return np.asarray(np.linalg.lstsq(scaled.T @ scaled, scaled.T @ y, rcond=ROUNDED)[0] / scale)
