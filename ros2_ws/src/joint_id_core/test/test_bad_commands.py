@@ -55,6 +55,10 @@ def log(tmp_path):
         (("fit", "LOG", "--end", "nan"), "--end nan: give a time"),
         (("fit", "LOG", "--model", "rigid_joint", "--set", "J=2+-0.1"), "--set J: +- is for a parameter that is held"),
         (("fit", "LOG", "LOG"), "log.csv is given twice"),
+        (("fit", "LOG", "--model", "rigid_joint", "--free", "N=3"), "--free N=3: give the name alone"),
+        (("fit", "LOG", "--model", "rigid_joint", "--fix", "J=0"), "model rigid_joint divides by it"),
+        (("fit", "LOG", "--model", "rigid_joint", "--set", "J=0"), "model rigid_joint divides by it"),
+        (("fit", "LOG", "--model", "rigid_joint", "--estimator", "hpinn", "--learning-rate", "0"), "learning_rate = 0"),
         (("fit", "LOG", "--plot", "a", "--save", "a"), "--save a would overwrite a file that --plot writes"),
     ],
 )

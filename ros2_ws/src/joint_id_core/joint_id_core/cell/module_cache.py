@@ -50,9 +50,15 @@ def loaded(path: Path, what: str, source: Callable[[], str], functions: Function
             return _build(path, what, source, functions)
         except Exception as error:  # a new build repairs any problem of a cached file
             log.warning("the cached kernel in %s cannot be loaded (%s): building it again", folder, error)
+        try:
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
             return _build(path, what, source, functions)
+        except OSError as error:
+            raise JointIdError(
+                f"cannot keep compiled kernels in {folder.parent} ({error.strerror or error}): make space there, or "
+                "set JOINT_ID_CACHE_DIR to another folder"
+            ) from error
 
 
 def _borrowed(path: Path, what: str, source: Callable[[], str], functions: Functions) -> ModuleType:

@@ -47,6 +47,10 @@ def parameter_settings(set_: Texts, fix: Texts, free: Texts, prior: Texts = None
         JointIdError: a text that is not NAME=VALUE, a name given twice or in ways that exclude each other, a prior that
             is not above zero.
     """
+    for text in free or ():
+        if "=" in text:
+            name = text.partition("=")[0].strip()
+            raise JointIdError(f"--free {text}: give the name alone, and where it starts with --set {name}=VALUE")
     fixed = fix or []
     values, deviations = measured_by_name(set_ or (), "--set")
     held_values, held_deviations = measured_by_name([t for t in fixed if "=" in t], "--fix")

@@ -36,7 +36,7 @@ def require_writable(path: Path) -> None:
     if not folder.is_dir():
         raise JointIdError(f"{path}: its folder {folder} does not exist: create it")
     if not os.access(path if path.exists() else folder, os.W_OK):
-        raise JointIdError(f"{path}: cannot be written: choose another folder or name")
+        raise JointIdError(f"{path}: no permission to write there: choose another folder or name")
     known = FigureCanvasAgg.get_supported_filetypes()
     if path.suffix.lower().lstrip(".") not in known:
         raise JointIdError(f"{path}: not a picture format: end it in one of {', '.join(sorted(known))}")
@@ -83,7 +83,8 @@ def figure(estimate: Estimate) -> Figure:
         axis.tick_params(labelbottom=axis is over_time[-1])
         axis.yaxis.label.set_size("small")
     drawn.align_ylabels(over_time)
-    over_time[0].set_title(f"{estimate.model} by {estimate.estimator}, {estimate.status.value}: {estimate.source}")
+    source = estimate.source.encode("utf-8", "replace").decode()  # a file name may be no text
+    over_time[0].set_title(f"{estimate.model} by {estimate.estimator}, {estimate.status.value}: {source}")
     over_time[-1].set_xlabel("time [s]")
     if estimate.losses:
         axes[-2].semilogy(np.arange(1, len(estimate.losses) + 1), estimate.losses, color="C4")

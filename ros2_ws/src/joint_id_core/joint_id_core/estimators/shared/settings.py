@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 from joint_id_core.errors import JointIdError
@@ -127,6 +128,11 @@ class ParameterSettings:
         for name in self.priors:
             if name not in free:
                 raise JointIdError(f"prior {name}: this parameter is held: free it (--free {name}) or drop its prior")
+        for name in (q.name for q in model.parameters if start[q.name] == 0.0):
+            if _divides(model, start, name):
+                raise JointIdError(
+                    f"parameter {name} = 0: model {model.name} divides by it: give a value that is not 0"
+                )
         for row in model.parameters:
             if row.name in free and row.positive and start[row.name] <= 0.0:
                 raise JointIdError(
@@ -134,3 +140,19 @@ class ParameterSettings:
                     f"zero; give one with --set, or hold it with --fix {row.name}=0"
                 )
         return np.array([start[n] for n in model.parameter_names]), free
+
+
+def _divides(model: Model, values: Mapping[str, float], name: str) -> bool:
+    """Return whether a model divides by a parameter that is zero."""
+    import numpy as np
+
+    from joint_id_core.models.operations import ArrayOps
+
+    others = {n: v if n == name or np.isfinite(v) and v != 0.0 else 1.0 for n, v in values.items()}
+    x, u = ([np.ones(1) for _ in names] for names in (model.state_names, model.input_names))
+    with np.errstate(all="ignore"):
+        try:
+            rates = model.derivative(x, u, SimpleNamespace(**others), ArrayOps())
+        except ZeroDivisionError:
+            return True
+    return not all(np.isfinite(rate).all() for rate in rates)
