@@ -83,4 +83,31 @@ def counts() -> Recording:
 
 
 def milliseconds() -> Recording:
-    return Recording(1e3 * good().time, good().channels)
+    return at_times(1e3)
+
+
+def at_times(unit: float, origin: float = 0.0) -> Recording:
+    return Recording(origin + unit * good().time, good().channels)
+
+
+def clipped(low: float, high: float) -> Recording:
+    """A torque that is cut off at these quantiles, as by a converter behind its noise."""
+    torque = good()["torque"]
+    return good().with_channels({"torque": np.clip(torque, *np.quantile(torque, [low, high]))})
+
+
+TIME = np.arange(4000) / 500
+# Commanded torques, and joints that rest: without fault, though values stay the same.
+COMMANDS = {
+    "steps and a rest": 12.0 * np.sign(np.sin(2.0 * TIME)) * (TIME < 6.0),
+    "many steps": np.random.default_rng(0).uniform(-20.0, 20.0, 400).repeat(10),
+    "bang-bang": np.random.default_rng(0).choice([-12.0, 12.0], 4000),
+    "pulses": 12.0 * (np.sin(6.0 * TIME) > 0.8),
+    "ramps": np.clip(20.0 * np.arcsin(np.sin(3.0 * TIME)), -12.0, 12.0),
+    "rounded ramps": np.round(np.clip(20.0 * np.arcsin(np.sin(3.0 * TIME)), -12.0, 12.0), 2),
+    "rounded sine": np.round(12.0 * np.sin(3.0 * TIME), 2),
+    "coarse sine": np.round(12.0 * np.sin(3.0 * TIME)),
+    "sine little above friction": 2.7 * np.sin(3.0 * TIME),
+    "rest with less than friction": np.where(TIME < 4.0, 1.2 * np.sin(7.0 * TIME), 12.0 * np.sin(7.0 * TIME)),
+    "rest": 12.0 * np.sin(7.0 * TIME) * (TIME > 4.0),
+}  # fmt: skip

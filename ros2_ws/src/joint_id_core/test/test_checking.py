@@ -12,17 +12,20 @@ from joint_id_core.checking.findings import findings
 from joint_id_core.checking.velocity import compared
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import Regression, fit
-from joint_id_core.estimators.shared.data_check import concerning
 from joint_id_core.estimators.shared.oscillation import fastest_oscillation, slow_samples
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Estimate, Status
 from joint_id_core.simulation.simulator import simulate
 
 from .faulty_recordings import (
+    COMMANDS,
     LATER,
     MODEL,
+    TIME,
     TRUTH,
     UNEVEN,
+    at_times,
+    clipped,
     counts,
     frozen,
     frozen_rows,
@@ -38,7 +41,10 @@ from .faulty_recordings import (
 )
 
 REFUSED = {
-    "milliseconds": (milliseconds, "2 s apart", "time seems to be in milliseconds"),
+    "milliseconds": (milliseconds, "2 s apart", "seems to be in milliseconds; convert it to s (--map time_s=0.001*"),
+    "microseconds": (lambda: at_times(1e6), "2000 s apart", "in microseconds; convert it to s (--map time_s=1e-6*"),
+    "nanoseconds": (lambda: at_times(1e9, 1.7e18), "in nanoseconds", "convert it to s (--map time_s=1e-9*COLUMN)"),
+    "no unit of time": (lambda: at_times(1e300), "2e+297 s apart", "for the motion of a joint: check its column"),
     "short milliseconds": (
         lambda: Recording(1e3 * good(500).time[::1] / 5.0, good(500).channels), "200 times", "contradict each other",
     ),
@@ -50,6 +56,12 @@ REFUSED = {
     "sign": (lambda: scaled("link_velocity", -1.0), "-1 times", "wrong sign"),
     "counts": (counts, "All values of link_position are whole numbers", "encoder counts"),
     "no torque": (lambda: scaled("torque", 0.0), "torque is zero in all samples while the joint moves", "--map"),
+    "values of no joint": (
+        lambda: scaled("link_position", 1e300), "link_position has 5000 values beyond 1e+09 rad", "samples 0 (0 s), ",
+    ),
+    "one value of no joint": (
+        lambda: with_rows("torque", [700], -1e300), "torque has 1 value beyond 1e+09 Nm", "sample 700 (1.4 s); ",
+    ),
     "no velocity": (lambda: scaled("link_velocity", 0.0), "link_velocity is 0 in all samples", "link_position changes"),
 }  # fmt: skip
 
@@ -108,6 +120,28 @@ NAMED = {
         lambda: good().with_channels({"torque": np.clip(good()["torque"], -12.0, 12.0)}),
         "torque is cut off at -12 and 12", "% of the samples",
     ),
+    "a torque of which peaks are cut off": (
+        lambda: clipped(0.008, 0.992), "torque is cut off at -2", "1.6 % of the samples",
+    ),
+    "a torque that is cut off at one end": (
+        lambda: clipped(0.0, 0.984), "torque is cut off at 1", "1.6 % of the samples",
+    ),
+    "a position that froze for good": (
+        lambda: frozen(good(), "link_position", 1750, 3250), "link_position stands still in samples 1750 to 4999",
+        "while link_velocity shows motion: the sensor froze",
+    ),
+    "a position that froze for good, without velocity": (
+        lambda: without_velocity(frozen(good(), "link_position", 1750, 3250)), "link_position stands still in samples",
+        "while torque shows motion: the sensor froze, or the joint was blocked",
+    ),
+    "a velocity that froze": (
+        lambda: frozen(good(), "link_velocity", 1000, 60), "link_velocity stands still in samples 1000 to 1059",
+        "while link_position shows motion",
+    ),
+    "a velocity that froze, without position": (
+        lambda: only(frozen(good(), "link_velocity", 3500, 1500), "link_velocity", "torque"),
+        "link_velocity stands still in samples 3500 to 4999", "while torque shows motion",
+    ),
     "times of the arrival": (
         lambda: Recording(good().time + 4e-4 * UNEVEN, only(good(), "link_position", "torque").channels),
         "times scatter by", "link_position is smoother at even times, every 2",
@@ -155,11 +189,14 @@ def test_a_torque_with_the_wrong_sign_is_named(estimator):
     assert len(set(estimate.notes)) == len(estimate.notes)
 
 
-def test_a_drive_that_is_commanded_in_steps_and_a_joint_that_rests_are_no_fault():
-    time = np.arange(4000) / 500
-    torque = 12.0 * np.sign(np.sin(2.0 * time)) * (time < 6.0)
-    record = simulate(MODEL, time, {"torque": torque}, TRUTH)
-    assert not findings(Recording(time, {"link_position": record["link_position"], "torque": torque}))
+@pytest.mark.parametrize("torque", COMMANDS.values(), ids=list(COMMANDS))
+@pytest.mark.parametrize("step", [0.0, 1e-4])
+def test_commands_and_joints_at_rest_are_no_fault(torque, step):
+    """Also seen by an encoder of few counts."""
+    record = simulate(MODEL, TIME, {"torque": torque}, TRUTH)
+    q = record["link_position"]
+    seen = Recording(TIME, {"link_position": step * np.round(q / step) if step else q, "torque": torque})
+    assert not [f.text for f in findings(seen) if f.about != "rate"]
 
 
 def drive_notes(estimate: Estimate) -> list[str]:
@@ -200,22 +237,6 @@ def test_gaps_and_missing_values_are_no_fault_of_others():
     channels = {n: v[kept] for n, v in record.channels.items()}
     channels["link_velocity"][50:90] = np.nan
     assert not findings(Recording(record.time[kept], channels))
-
-
-def gear(offset: float) -> Recording:
-    time = np.arange(2000) / 500
-    link = 0.4 + 0.3 * np.sin(3.0 * time)
-    motor = 101.0 * (link + offset + 1e-3 * np.cos(3.0 * time))
-    return Recording(time, {"motor_position": motor, "link_position": link, "torque": 0.1 * np.cos(3.0 * time)})
-
-
-def test_encoders_with_different_zeros_are_named_unless_the_model_has_an_offset():
-    assert not findings(gear(0.0))
-    (found,) = findings(gear(-0.35))
-    assert "differ by -0.35 rad throughout, beside the gear ratio of 101" in found.text
-    assert concerning(build("harmonic_drive"), gear(-0.35)) and not concerning(
-        build("harmonic_drive", offsets=True), gear(-0.35)
-    )
 
 
 def test_a_channel_that_the_model_does_not_use_is_no_reason_to_refuse():

@@ -76,12 +76,31 @@ def test_mapping_multiplies_columns_and_numbers(csv):
         ("time_s,current\n0,1\n0,1\n", r"log.csv: time repeats at sample 1"),
         ("time_s,current\n0,1\n,1\n", r"log.csv: time of sample 1 is nan"),
         ("time_s,current\n0,inf\n", r"log.csv: current is infinite at sample 0"),
+        (
+            "time_s,torqe [mNm]\n0,1\n",
+            r"'torqe \[mNm\]' is not read \(did you mean torque\?\): name it, --map 'torque=0.001\*torqe \[mNm\]'$",
+        ),
+        (
+            "tme_s,torque\n0,1\n",
+            r"no known time_s .*: 'tme_s' is not read \(did you mean time_s\?\): .*--map time_s=tme_s$",
+        ),
+        (
+            "time_s,link_position (Nm)\n0,1\n",
+            r"no known channel .*: 'Nm' is not known as a unit of link_position, which is in rad: name it, "
+            r"--map 'link_position=FACTOR\*link_position \(Nm\)'$",
+        ),
+        (
+            "time_s,0.0,0.1,0.2\nlink_position,1,2,3\ntorque,4,5,6\n",
+            r"log.csv: each line holds a name and numbers, so the table is transposed",
+        ),
+        ("time_s,current\n0,1\n" + 9000 * "\0", r"log.csv: line 3 holds 9,000 NUL bytes, .*: remove this line$"),
+        ("time_s,current\n0,1\n1," + 9000 * "x", r"line 3, column current: 'x{40}...' is not a number"),
     ],
 )
 def test_bad_files_say_what_and_where(csv, text, message):
     with pytest.raises(JointIdError, match=message) as caught:
         formats.read(csv(text))
-    assert "\n" not in str(caught.value)
+    assert "\n" not in str(caught.value) and len(str(caught.value)) < 500
 
 
 @pytest.mark.parametrize(
@@ -103,6 +122,14 @@ def test_not_text(tmp_path):
     path = tmp_path / "photo.csv"
     path.write_bytes(b"time_s,\xff\xfe")
     with pytest.raises(JointIdError, match=r"photo.csv: byte 7 is not UTF-8 text"):
+        formats.read(path)
+
+
+@pytest.mark.parametrize("code", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_utf_16_is_named(tmp_path, code):
+    path = tmp_path / "log.csv"
+    path.write_bytes("time_s,current\n0,1\n".encode(code))
+    with pytest.raises(JointIdError, match=r"log.csv: this is UTF-16 text: save the file as UTF-8"):
         formats.read(path)
 
 
@@ -171,13 +198,80 @@ def test_headers_as_people_write_them(tmp_path, name, text):
     assert any(said.startswith("link_position = ") or said.startswith("time_s = ") for said in formats.taken(path))
 
 
-def test_a_name_that_fits_twice_and_a_unit_of_another_kind_are_not_guessed(csv):
-    with pytest.raises(JointIdError, match=r"'Time \(s\)' and 't' could all be time_s: say which, .*--map 'time_s=T"):
-        formats.read(csv("Time (s),t,current\n0,1,2\n"))
-    with pytest.raises(JointIdError, match="no known channel among the columns time, Current"):
-        formats.read(csv("time,Current (Nm)\n0,1\n"))
-    exact = formats.read(csv("time_s,Time (ms),torque,torque (mNm)\n0,5,1,2\n"))
-    assert exact.time.tolist() == [0.0] and exact["torque"].tolist() == [1.0]
+@pytest.mark.parametrize(
+    "above",
+    [
+        "sep=,\n",
+        '"sep=,"\n',
+        "Robot log\n",
+        "Robot log, lab 3\n\n",
+        "Robot log; joint 1; today\nOperator: me\n",
+        "torque\n# a\n",
+    ],
+)
+@pytest.mark.parametrize("names", ["time_s,link_position,torque", "t,q,tau"])
+def test_lines_above_the_header_are_skipped(csv, above, names):
+    own = dict(zip(("time_s", "link_position", "torque"), names.split(","), strict=True))
+    recording = formats.read(csv(f"{above}{names}\n0,1,2\n1,,4\n"), mapping=own)
+    np.testing.assert_array_equal(recording["link_position"], [1, np.nan])
+    assert recording.time.tolist() == [0, 1] and recording["torque"].tolist() == [2, 4]
+
+
+def test_names_that_are_numbers_are_no_transposed_table(csv):
+    assert formats.read(csv("time_s,0,1\n0,5,6\n1,7,8\n"), mapping={"torque": "1"})["torque"].tolist() == [6, 8]
+
+
+@pytest.mark.parametrize(
+    ("column", "factor"), [("time_ns", 1e-9), ("Time (ns)", 1e-9), ("t_us", 1e-6), ("timestamp_s", 1)]
+)
+def test_the_unit_of_time_may_be_at_the_end_of_its_name(csv, column, factor):
+    assert formats.read(csv(f"{column},current\n0,1\n5,2\n")).time.tolist() == [0, 5 * factor]
+
+
+@pytest.mark.parametrize(
+    ("header", "target", "two"),
+    [
+        ("Time (s),t,current", "time_s", "'Time (s)' and 't'"),
+        ("time_s,torque,Torque", "torque", "'torque' and 'Torque'"),
+        ("time_s,torque (mNm),torque", "torque", "'torque' and 'torque (mNm)'"),
+    ],
+)
+def test_a_name_that_fits_twice_is_not_guessed(csv, header, target, two):
+    path = csv(f"{header}\n0,1,2\n")
+    with pytest.raises(JointIdError, match=r"rename all but one, or say which, e\.g\. --map ") as caught:
+        formats.read(path)
+    assert f"{two} could all be {target}: " in str(caught.value)
+    assert formats.read(path, mapping={target: header.split(",")[1]}).channels
+
+
+def test_time_s_may_have_other_times_beside_it(csv):
+    assert formats.read(csv("Time (ms),time_s,torque\n5,0,1\n")).time.tolist() == [0.0]
+
+
+@pytest.mark.parametrize(
+    ("column", "said"),
+    [
+        ("torqe", "'torqe' is not read (did you mean torque?): name it, --map torque=torqe"),
+        (
+            "torque [Nmm]",
+            "'Nmm' is not known as a unit of torque, which is in Nm: name it, --map 'torque=FACTOR*torque [Nmm]'",
+        ),
+        ("torque_cmd", ""),
+        ("Current (rpm)", ""),  # the current is there
+    ],
+)
+def test_a_column_that_seems_to_be_meant_is_named(csv, caplog, column, said):
+    path = csv(f"time_s,current,{column}\n0,1,2\n1,2,3\n")
+    assert dict(formats.read(path).channels).keys() == {"current"}
+    assert said in caplog.text if said else not caplog.text
+    caplog.clear()
+    assert formats.read(path, mapping={"torque": column})["torque"].tolist() == [2, 3]
+    assert not caplog.text
+
+
+def test_an_empty_column_is_named(csv, caplog):
+    assert "torque" in formats.read(csv("time_s,current,torque\n0,1,\n1,2,nan\n"))
+    assert "log.csv: torque is empty, no sample has a value" in caplog.text and "current" not in caplog.text
 
 
 def test_a_damaged_compressed_file_is_named(tmp_path):

@@ -51,6 +51,24 @@ def test_scalars_may_be_factors(mat):
 
 
 @pytest.mark.parametrize(
+    ("torque", "what"),
+    [
+        (TIME + 1j, "complex numbers: save its real part"),
+        (["1.0", "2.0", "3.0", "4.0", "5.0"], "text: save its numbers"),
+        (np.array(list("abcde"), dtype=object), "cells: save a vector of numbers"),
+    ],
+)
+def test_what_is_no_real_number_is_named(mat, caplog, torque, what):
+    path = mat(time_s=TIME, current=TIME, torque=torque, note="of Monday", voltage="48 V")
+    assert list(formats.read(path).channels) == ["current"]
+    assert f"'torque' is not read as torque: it holds {what}" in caplog.text and "voltage" not in caplog.text
+    with pytest.raises(JointIdError, match=rf"log.mat: current=2\*torque: torque holds {what}"):
+        formats.read(path, mapping={"current": "2*torque"})
+    with pytest.raises(JointIdError, match=rf"no known channel among the columns time_s: 'torque' .* holds {what}$"):
+        formats.read(mat(time_s=TIME, torque=torque))
+
+
+@pytest.mark.parametrize(
     ("variables", "mapping", "message"),
     [
         ({"x": TIME, "q": TIME}, {}, r"log.mat: no known time_s among the columns x, q: .*--map time_s=x"),

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from joint_id_core.cell.kernel import compile_model
+from joint_id_core.checking.findings import findings
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.estimators.innovations import input_noise
+from joint_id_core.estimators.shared.data_check import concerning
 from joint_id_core.models import build
 from joint_id_core.simulation.excitation import position_reference
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
@@ -22,6 +24,7 @@ PLAIN, LATE = build("harmonic_drive"), build("harmonic_drive", delays=True)
 TRUTH = PLAIN.values()
 NOISE = {"motor_position": 1e-3, "link_position": 1e-5, "motor_velocity": 0.1, "link_velocity": 1e-3}
 UR = ("link_position", "motor_velocity")
+POSITIONS = ("link_position", "motor_position")
 
 
 @functools.cache
@@ -143,3 +146,73 @@ def test_noise_of_the_link_that_would_explain_everything_gives_no_infinite_value
     estimate = fit(build("motor_side"), seen(labels=UR))
     assert np.isfinite([p.value for p in estimate.parameters]).all()
     assert np.isfinite(estimate.covariance).all()
+
+
+def gear(offset: float = 0.0) -> Recording:
+    time = np.arange(2000) / 500
+    link = 0.4 + 0.3 * np.sin(3.0 * time)
+    motor = 101.0 * (link + offset + 1e-3 * np.cos(3.0 * time))
+    return Recording(time, {"motor_position": motor, "link_position": link, "torque": 0.1 * np.cos(3.0 * time)})
+
+
+def test_encoders_with_different_zeros_are_named_unless_the_model_has_an_offset():
+    assert not findings(gear())
+    (found,) = findings(gear(-0.35))
+    assert "differ by -0.35 rad throughout, beside the gear ratio of 101" in found.text
+    assert concerning(PLAIN, gear(-0.35)) and not concerning(build("harmonic_drive", offsets=True), gear(-0.35))
+
+
+def stopped(first, last):
+    def change(values, _):
+        values[first:last] = values[first]
+        return values
+
+    return change
+
+
+FAULTS = {
+    "different zeros": ("link_position", lambda q, _: q + 0.02, POSITIONS, "differ by -0.02"),
+    "drift": ("link_position", lambda q, t: q + 0.005 * t, POSITIONS, "drift apart by -0.0"),
+    "link froze for good": (
+        "link_position", stopped(350, 990), POSITIONS,
+        "link_position stands still in samples 350 to 989 (1.44 to 3.996 s) while motor_position shows motion",
+    ),
+    "motor froze from the start": (
+        "motor_position", stopped(0, 400), POSITIONS, "motor_position stands still in samples 0 to 399",
+    ),
+    "motor velocity froze": (
+        "motor_velocity", stopped(500, 560), PLAIN.state_names, "motor_velocity stands still in samples 500 to 559",
+    ),
+    "motor velocity froze for good": (
+        "motor_velocity", stopped(700, 990), UR, "motor_velocity stands still in samples 700 to 989",
+    ),
+    "link is constant": (
+        "link_position", lambda q, _: 0.0 * q, POSITIONS, "link_position is 0 in all samples while motor_position",
+    ),
+    "motor is constant": (
+        "motor_position", lambda q, _: 0.0 * q, POSITIONS, "motor_position is 0 in all samples while link_position",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "change", "labels", "what"), FAULTS.values(), ids=list(FAULTS))
+def test_encoders_that_contradict_each_other_are_named(name, change, labels, what):
+    record = seen(labels=labels)
+    (found,) = findings(record.with_channels({name: change(record[name].copy(), record.time)}))
+    assert what in found.text and found.fatal is ("in all samples" in what)
+
+
+@pytest.mark.parametrize("labels", [PLAIN.state_names, POSITIONS, UR], ids=["all", "positions", "ur"])
+def test_good_encoders_raise_no_doubt(labels):
+    assert not findings(seen(labels=labels))
+
+
+def test_a_link_that_is_held_while_the_motor_twists_the_gear_is_no_fault():
+    time = np.arange(2000) / 500
+    motor = 101.0 * 5e-3 * np.sin(20.0 * time)
+    held = {"motor_position": motor, "link_position": np.full(2000, 0.7), "torque": 0.2 * np.sin(20.0 * time)}
+    assert not findings(Recording(time, held))
+
+
+def test_tiny_values_of_all_channels_are_no_error():
+    assert not findings(Recording(seen().time, {n: 1e-200 * x for n, x in seen().channels.items()}))

@@ -7,9 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from joint_id_core.checking.finding import Finding
+from joint_id_core.checking.sides import MOTION, turns_beside
 from joint_id_core.checking.signals import joint_moves, known, moves
 from joint_id_core.data.recording import Recording
-from joint_id_core.data.signals import derivative_of, integral_of
+from joint_id_core.data.signals import derivative_of, integral_of, side_of
 
 BACK = 0.2  # of the span of a position
 DRIVES = ("current", "torque", "voltage")
@@ -37,6 +38,9 @@ def constant_channels(recording: Recording) -> Iterator[Finding]:
         elif name not in DRIVES:
             beside = [n for n in (derivative_of(name), integral_of(name)) if n and recording.measured(n)]
             moving = [n for n in beside if moves(recording[n])]
+            if name in ("link_position", "motor_position"):
+                others = (n for n in MOTION if side_of(n) != side_of(name) and recording.measured(n))
+                moving += [n for n in others if turns_beside(recording, name, n, 0, len(recording))]
             if moving:
                 yield Finding(
                     f"Channel {name} is {value:.4g} in all samples while {moving[0]} changes: check the sensor, or "

@@ -26,14 +26,14 @@ def jumps(recording: Recording) -> Iterator[Finding]:
     for name in positions(recording):
         known = np.flatnonzero(np.isfinite(recording[name]))
         x = recording[name][known]
-        at = _sudden(recording.time[known], x)
+        at = sudden(recording.time[known], x)
         first, length = late_steps(recording.time[known], x)  # these are named there
         at = at[~np.isin(at, first - 1 + length)]
         if len(at):
             yield Finding(_said(name, recording, x, known, at), (name,), about=SAMPLES)
 
 
-def _sudden(time: Array, x: Array) -> NDArray[np.int64]:
+def sudden(time: Array, x: Array) -> NDArray[np.int64]:
     """Return the samples before jumps."""
     if len(x) < 4 * REACH:
         return np.zeros(0, dtype=np.int64)

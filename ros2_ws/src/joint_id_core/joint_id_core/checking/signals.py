@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.data.signals import CHANNELS
@@ -50,8 +51,13 @@ def joint_moves(recording: Recording) -> bool:
     for kind in ("_position", "_velocity"):  # a velocity tells only where there is no position
         names = [n for n in recording.channels if n.endswith(kind) and recording.measured(n)]
         if names:
-            return any(moves(recording[n]) and float(np.ptp(known(recording[n]))) > _least(n) for n in names)
+            return any(goes(n, recording[n]) for n in names)
     return False
+
+
+def goes(name: str, values: Array) -> bool:
+    """Return whether a position or velocity (T,) varies by more than its noise and more than one that is shaken."""
+    return moves(values) and float(np.ptp(known(values))) > GOES[name.rpartition("_")[2]] * CHANNELS[name].scale
 
 
 def positions(recording: Recording) -> list[str]:
@@ -62,8 +68,10 @@ def positions(recording: Recording) -> list[str]:
     return [n for n in measured if not n.startswith("reference")]
 
 
-def _least(name: str) -> float:
-    return GOES[name.rpartition("_")[2]] * CHANNELS[name].scale
+def equal_runs(x: Array) -> NDArray[np.int64]:
+    """Return first and last sample of each run of equal values (T,), shape (runs, 2)."""
+    same = np.concatenate([[False], x[1:] == x[:-1], [False]])
+    return np.flatnonzero(np.diff(same.astype(int))).reshape(-1, 2)
 
 
 def highest_frequency(time: Array, values: Array, times: int) -> float:

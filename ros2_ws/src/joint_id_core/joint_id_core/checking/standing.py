@@ -1,53 +1,54 @@
-"""Signals that stand still between samples that change: frozen, cut off, or from a slower source."""
+"""Signals that stand still between samples that change: frozen, or from a slower source."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from joint_id_core.checking.clipping import LEAST_CHANGES, cut_runs, long_runs, varies_else
 from joint_id_core.checking.finding import REMOVE, SAMPLES, Finding, number, stretches
+from joint_id_core.checking.sides import MOTION, way
 from joint_id_core.checking.signals import joint_moves, positions
-from joint_id_core.data.recording import Array, Recording
+from joint_id_core.data.recording import Recording
 
-LONG = 20  # equal values that are no chance in a signal that changes with nearly every sample
-CHANGES = 0.95  # share of the other samples that change in such a signal
+RESTS = 0.01  # of its whole way, which a joint at rest does not go
 SAME = 0.9  # share of the distances between changes that are the same, if a source is slower
-LEAST_CHANGES = 20
 
 
 def standing(recording: Recording) -> Iterator[Finding]:
-    """Find stretches of equal values of a measured drive that else changes with every sample.
+    """Find stretches of equal values of a measured drive that else changes with every sample, while the joint moves.
 
-    A commanded drive that is held for some samples is none. Positions that stand still: see `jumps`.
+    A commanded drive that is held for some samples is none. One that is cut off: see `clipping`. Positions and
+    velocities that stand still: see `jumps` and `frozen`.
     """
     if not joint_moves(recording):
         return
     for name in ("torque", "current"):
-        if name not in recording.channels or not recording.measured(name):
+        if not recording.measured(name):
             continue
         known = np.flatnonzero(np.isfinite(recording[name]))
         x = recording[name][known]
-        runs = _runs(x)
-        long = runs[runs[:, 1] - runs[:, 0] >= LONG]
-        held = int(np.sum(long[:, 1] - long[:, 0]))
-        others = len(x) - 1 - held
-        if not len(long) or np.count_nonzero(np.diff(x)) < CHANGES * others or others < LEAST_CHANGES:
+        long = long_runs(x)
+        if not len(long) or not varies_else(x, long) or len(cut_runs(x)):
             continue
-        cut = np.isin(x[long[:, 0]], (x.min(), x.max()))
-        if len(long) > 1 and cut.all():
+        ends = [(first, last) for first, last in known[long].tolist() if not _rests(recording, first, last)]
+        if ends:
             yield Finding(
-                f"Channel {name} is cut off at {x.min():.4g} and {x.max():.4g}, {100.0 * held / len(x):.2g} % of the "
-                "samples: what the drive did there is not known; record it with a wider range",
+                f"Channel {name} stands still {number(len(ends), 'time')} while else every sample differs: in samples "
+                f"{stretches(recording, ends)}; {REMOVE}",
                 (name,),
             )
-        else:
-            yield Finding(
-                f"Channel {name} stands still {number(len(long), 'time')} while else every sample differs: in samples "
-                f"{stretches(recording, [(known[a], known[b]) for a, b in long.tolist()])}; {REMOVE}",
-                (name,),
-            )
+
+
+def _rests(recording: Recording, first: int, last: int) -> bool:
+    """Return whether the joint rests from sample `first` to `last`: a drive may then stay the same."""
+    names = [n for n in MOTION if recording.measured(n)]
+    if not names:
+        return False
+    time, x = way(recording, names[0])
+    begin, end = np.searchsorted(time, recording.time[[first, last]])
+    return end > begin and float(np.ptp(x[begin : end + 1])) < RESTS * float(np.ptp(x))
 
 
 def slower_source(recording: Recording) -> Iterator[Finding]:
@@ -66,12 +67,6 @@ def slower_source(recording: Recording) -> Iterator[Finding]:
                 (name,),
                 about=SAMPLES,
             )
-
-
-def _runs(x: Array) -> NDArray[np.int64]:
-    """Return first and last sample of each run of equal values (T,), shape (runs, 2)."""
-    same = np.concatenate([[False], x[1:] == x[:-1], [False]])
-    return np.flatnonzero(np.diff(same.astype(int))).reshape(-1, 2)
 
 
 def _ordinal(count: int) -> str:

@@ -1,4 +1,4 @@
-"""Quantities that are not in SI units: times in milliseconds, positions in counts or degrees."""
+"""Quantities that are not in SI units: times in milliseconds, positions in counts or degrees; values of no joint."""
 
 from __future__ import annotations
 
@@ -6,23 +6,43 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from joint_id_core.checking.finding import Finding
+from joint_id_core.checking.finding import REMOVE, SAMPLES, Finding, number, places
 from joint_id_core.data.recording import Array, Recording
+from joint_id_core.data.signals import CHANNELS, LARGEST
 
 SLOWEST_S = 0.5  # a longer period shows no motion of a joint
+# Units of time, each with the longest period that is taken for it: those between are 0.1 s in one, 0.1 ms in the next.
+TIMES = (("milliseconds", "0.001", 100.0), ("microseconds", "1e-6", 1e5), ("nanoseconds", "1e-9", SLOWEST_S * 1e9))
 DISTINCT = 50  # whole numbers among positions that are no chance
 TURNS = 4.0 * 2.0 * np.pi  # rad that no link of a robot turns
+
+
+def too_large(recording: Recording) -> Iterator[Finding]:
+    """Find values that no joint reaches; what is computed of them may be beyond all numbers."""
+    for name, values in recording.channels.items():
+        at = np.flatnonzero(np.abs(values) > LARGEST)
+        if len(at):
+            yield Finding(
+                f"Channel {name} has {number(len(at), 'value')} beyond {LARGEST:g} {CHANNELS[name].unit}, which no "
+                f"joint reaches: {places(recording, at)}; if its unit is another one, convert it (--map), else "
+                f"{REMOVE}",
+                (name,),
+                fatal=True,
+                about=SAMPLES,
+                samples=tuple(at.tolist()),
+            )
 
 
 def time_units(recording: Recording) -> Iterator[Finding]:
     """Find times that are not in seconds."""
     period = recording.period
     if period > SLOWEST_S:
-        unit, factor = ("microseconds", "1e-6") if period >= 100.0 else ("milliseconds", "0.001")
+        seems = next((one for one in TIMES if period <= one[2]), None)
+        mend = "check its column" if seems is None else (
+            f"time seems to be in {seems[0]}; convert it to s (--map time_s={seems[1]}*COLUMN)"
+        )  # fmt: skip
         yield Finding(
-            f"The samples are {period:.4g} s apart, which is too long for the motion of a joint: time seems to be in "
-            f"{unit}; convert it to s (--map time_s={factor}*COLUMN)",
-            fatal=True,
+            f"The samples are {period:.4g} s apart, which is too long for the motion of a joint: {mend}", fatal=True
         )
 
 

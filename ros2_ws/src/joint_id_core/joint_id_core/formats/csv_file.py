@@ -42,7 +42,7 @@ def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:
     for name in used:
         if header.names.count(name) > 1:
             raise JointIdError(f"{path}: {header.names.count(name)} columns are called {name!r}: rename all but one")
-    tell(path, header.names, products)
+    tell(path, [name for name in header.names if name not in used], products)
     columns = _columns(path, header, used)
     values: dict[str, Array] = {}
     for target, product in products.items():

@@ -38,7 +38,8 @@ def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:
             if name in unusable:
                 raise JointIdError(f"{path}: {target}={expression}: {name} holds {unusable[name]}")
     products = plan(path, found, mapping, unusable)
-    tell(path, found, products, unusable)
+    used = {name for product in products.values() for name in product.names}
+    tell(path, [name for name in found if name not in used], products, unusable)
     values: dict[str, Array] = {}
     for target, product in products.items():
         parts = [found[name] for name in product.names]

@@ -167,7 +167,8 @@ def prepare(
             raise UnusableError(
                 Status.MISSING_SIGNAL,
                 f"{recording.source} has no {name}, an input of model {model.name}: it has "
-                f"{', '.join(recording.channels) or 'nothing'}; record it, rename a column to it (--map), "
+                f"{', '.join(n for n in recording.channels if recording.measured(n)) or 'nothing'}"
+                f"{f', and an empty {name}' if name in recording else ''}; record it, rename a column to it (--map), "
                 "or use another model",
             )
     u = np.array(columns).T.copy()

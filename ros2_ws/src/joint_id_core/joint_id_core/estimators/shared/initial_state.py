@@ -169,7 +169,9 @@ def rough_noise(values: Array) -> float:
     if len(values) < 4:
         return 0.0
     third = np.abs(_third(values[1:] - values[:-1]))
-    middle = float(np.partition(third, len(third) // 2)[len(third) // 2])
+    middle = min(
+        float(np.partition(third, len(third) // 2)[len(third) // 2]), 1e100
+    )  # damaged data: its square is finite
     return (middle / 0.6745) ** 2 / 20.0
 
 

@@ -148,7 +148,7 @@ def _divides(model: Model, values: Mapping[str, float], name: str) -> bool:
 
     from joint_id_core.models.operations import ArrayOps
 
-    others = {n: v if n == name or np.isfinite(v) and v != 0.0 else 1.0 for n, v in values.items()}
+    others = {n: v if n == name or (np.isfinite(v) and v != 0.0) else 1.0 for n, v in values.items()}
     x, u = ([np.ones(1) for _ in names] for names in (model.state_names, model.input_names))
     with np.errstate(all="ignore"):
         try:
