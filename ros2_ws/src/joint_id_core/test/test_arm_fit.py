@@ -116,6 +116,19 @@ def test_samples_without_a_value_and_gaps_are_left_out():
     assert found.converged and np.abs(off(found)).max() < 5.0
 
 
+def test_recordings_are_checked_first():
+    record = moving_arm.rigid(SECONDS, 0)
+    slow = {n: Recording(1e3 * r.time, dict(r.channels), source="log", joint=n) for n, r in record.items()}
+    with pytest.raises(JointIdError, match=r"log: joint turn: .*milliseconds"):
+        fit_arm(ARM, [slow], GAINS)
+    degrees = {n: r.with_channels({"link_position": np.rad2deg(r["link_position"])}) for n, r in record.items()}
+    assert all("degrees" in text for text in fit_arm(ARM, [degrees], GAINS).doubts[:6])
+    torque = record["lift"]["torque"].copy()
+    torque[2000] = 5e3
+    found = fit_arm(ARM, [{**record, "lift": record["lift"].with_channels({"torque": torque})}], GAINS)
+    assert any("joint lift" in text for text in found.doubts) and "doubtful: " in str(found)
+
+
 def test_what_cannot_be_fitted_is_refused():
     record = moving_arm.rigid(2.0)
     with pytest.raises(JointIdError, match="no recording of tilt, which arm"):

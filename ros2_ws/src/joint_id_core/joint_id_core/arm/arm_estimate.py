@@ -94,6 +94,7 @@ class ArmEstimate:
         duration: of motion in s.
         payload: what the arm carries in some recordings; None if in none.
         factors: on the torques, from the mass of a payload that is known; empty without.
+        doubts: what the checks of the recordings found.
     """
 
     source: str
@@ -104,6 +105,7 @@ class ArmEstimate:
     duration: float
     payload: Payload | None = None
     factors: tuple[Factor, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     @property
     def converged(self) -> bool:
@@ -147,7 +149,7 @@ class ArmEstimate:
         if self.factors:
             listed = ", ".join(f"{f.joint} {f.value:.4g} ± {f.std_dev:.2g}" for f in self.factors)
             lines.append(f"  the torques are right if they are multiplied by: {listed}")
-        return "\n".join(lines)
+        return "\n".join([*lines, *(f"  doubtful: {text}" for text in self.doubts)])
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain JSON types; values that are not finite become None."""
@@ -156,7 +158,7 @@ class ArmEstimate:
             "message": self.message, "duration_s": self.duration, "joints": [_plain(asdict(j)) for j in self.joints],
             "parameters": [_plain(asdict(p)) for p in self.parameters],
             "payload": None if self.payload is None else _plain(asdict(self.payload)),
-            "factors": [_plain(asdict(f)) for f in self.factors],
+            "factors": [_plain(asdict(f)) for f in self.factors], "doubts": list(self.doubts),
         }  # fmt: skip
 
 

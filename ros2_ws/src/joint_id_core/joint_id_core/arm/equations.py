@@ -7,14 +7,15 @@ and few samples of what is left are kept (Gautier, Janot & Vandanjon, IEEE Trans
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from joint_id_core.arm.motion import motion
+from joint_id_core.arm.motion import motion, require_recorded
 from joint_id_core.arm.regressor import OF_LINK, Regressor
+from joint_id_core.checking.findings import findings
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.filtering.offline import FilterOptions, differentiate
@@ -39,6 +40,7 @@ class Equations:
         used: whether an equation counts: the torque is known, and the joint moves, shape (R, n).
         duration: time in s in which the arm moves.
         loaded: whether the arm carries the payload.
+        doubts: what the checks of the recordings found.
     """
 
     y: Array
@@ -47,6 +49,7 @@ class Equations:
     duration: float
     base: int
     loaded: bool
+    doubts: tuple[str, ...]
 
 
 def equations(
@@ -70,8 +73,8 @@ def equations(
             joints were not recorded at the same time, or none moves.
     """
     joints, count = regressor.joints, len(regressor.joints)
-    if missing := [name for name in joints if name not in recordings]:
-        raise JointIdError(_missing(missing, recordings, source))
+    require_recorded(recordings, joints, source)
+    doubts = _doubts(recordings, joints)
     first = recordings[joints[0]]
     begin = max(r.origin - first.origin + float(r.time[0]) for r in map(recordings.__getitem__, joints))
     end = min(r.origin - first.origin + float(r.time[-1]) for r in map(recordings.__getitem__, joints))
@@ -95,16 +98,22 @@ def equations(
     if not used.any():
         raise JointIdError(f"{first.source}: no joint moves: record a motion of the arm")
     moving = float(np.count_nonzero(used.any(axis=1))) / RATE
-    return Equations(y[kept], columns[kept], used[kept], moving, base, loaded)
+    return Equations(y[kept], columns[kept], used[kept], moving, base, loaded, doubts)
 
 
-def _missing(missing: list[str], recordings: Mapping[str, Recording], source: str) -> str:
-    there = next(iter(recordings.values())).source if recordings else "the recording"
-    return (
-        f"{there}: no recording of {', '.join(missing)}, which {source} moves (recorded: "
-        f"{', '.join(recordings) or 'none'}): joints are found by name. Record all joints, or make one that stands "
-        "still fixed in a copy of the description"
-    )
+def _doubts(recordings: Mapping[str, Recording], joints: Sequence[str]) -> tuple[str, ...]:
+    """Return what the checks of the recordings doubt.
+
+    Raises:
+        JointIdError: one of them is of no use, as with angles in degrees.
+    """
+    told = []
+    for name in joints:
+        for finding in findings(recordings[name]):
+            if finding.fatal:
+                raise JointIdError(f"{recordings[name].source}: joint {name}: {finding.text}")
+            told.append(f"{recordings[name].source}, joint {name}: {finding.text}")
+    return tuple(told)
 
 
 def _torque(recording: Recording, gains: Mapping[str, float], name: str, like: Recording) -> Array:

@@ -127,7 +127,8 @@ class _Fitted:
         poor = [j.name for j in joints if not j.r_squared > LEAST_R_SQUARED]
         status = Status.POOR_FIT if poor else Status.CONVERGED
         duration = sum(p.duration for p in self._parts)
-        return ArmEstimate(source, status, poor, tuple(joints), parameters, duration, self.payload, factors)
+        doubts = tuple(text for part in self._parts for text in part.doubts)
+        return ArmEstimate(source, status, poor, tuple(joints), parameters, duration, self.payload, factors, doubts)
 
     def _rotor(self, j: int, value: float, sigma: float) -> Value:
         """Return the inertia of a rotor seen at the link, beside what the description says of the links."""

@@ -32,15 +32,26 @@ def motion(
     Raises:
         JointIdError: a joint was not recorded, or not its link position.
     """
-    if missing := [name for name in joints if name not in recordings]:
-        there = ", ".join(recordings) or "none"
-        raise JointIdError(
-            f"{like.source}: no recording of {', '.join(missing)}, which {source} moves (recorded: {there}): joints "
-            "are found by name. Record all joints, or make one that stands still fixed in a copy of the description"
-        )
+    require_recorded(recordings, joints, source)
     found = [_moved(recordings[name], name, like) for name in joints]
     q, dq, ddq = (np.array(rows).T for rows in zip(*found, strict=True))
     return q, dq, ddq
+
+
+def require_recorded(recordings: Mapping[str, Recording], joints: Sequence[str], source: str) -> None:
+    """Check that all joints of a robot were recorded; `source` is its description.
+
+    Raises:
+        JointIdError: one was not, or has no samples.
+    """
+    missing = [name for name in joints if name not in recordings or len(recordings[name]) < 2]
+    if missing:
+        there = next((r.source for r in recordings.values()), "the recording")
+        raise JointIdError(
+            f"{there}: no recording of {', '.join(missing)}, which {source} moves (recorded: "
+            f"{', '.join(recordings) or 'none'}): joints are found by name. Record all joints, or make one that stands "
+            "still fixed in a copy of the description"
+        )
 
 
 def _moved(recording: Recording, name: str, like: Recording) -> list[Array]:
