@@ -58,6 +58,13 @@ URDF = f"""<?xml version="1.0"?>
   {joint("spin", "hand", "plate", 'xyz="0.02 0 0.08"', "0 0 1", "continuous")}
   {joint("flange", "plate", "tool", 'xyz="0 0 0.04" rpy="0 0.4 0"', "1 0 0", "fixed")}
 </robot>"""
+MASS, CENTRE = 2.5, (0.02, -0.03, 0.12)  # of a payload: kg, and m in the frame of the plate
+CARRYING = URDF.replace(
+    "</robot>",
+    link("load", MASS, (0.0, 0.0, 0.0), 0.004)
+    + joint("grip", "plate", "load", f'xyz="{" ".join(map(str, CENTRE))}"', "1 0 0", "fixed")
+    + "</robot>",
+)
 # MuJoCo reads no meshes, and joins fixed links.
 MUJOCO = '<robot name="arm"><mujoco><compiler discardvisual="true" balanceinertia="false"/></mujoco>'
 

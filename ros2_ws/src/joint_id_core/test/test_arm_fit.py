@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import json
-import xml.etree.ElementTree as ET
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from joint_id_core import formats
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.results.verdict import Verdict
 
 from . import moving_arm
-from .moving_arm import COULOMB, JOINTS, ROTOR, URDF, VISCOUS, joint, link
+from .moving_arm import CARRYING, CENTRE, COULOMB, JOINTS, MASS, ROTOR, URDF, VISCOUS
 
 pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
 pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
@@ -150,14 +145,6 @@ def test_what_cannot_be_fitted_is_refused():
 
 # --- a payload
 
-MASS, CENTRE = 2.5, (0.02, -0.03, 0.12)
-CARRYING = URDF.replace(
-    "</robot>",
-    link("load", MASS, (0.0, 0.0, 0.0), 0.004)
-    + joint("grip", "plate", "load", f'xyz="{" ".join(map(str, CENTRE))}"', "1 0 0", "fixed")
-    + "</robot>",
-)
-
 
 def test_a_payload_is_weighed():
     free = [moving_arm.rigid(SECONDS, seed) for seed in (0, 1)]
@@ -200,112 +187,3 @@ def test_what_tells_nothing_of_a_payload_is_refused():
     for mass in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(JointIdError, match="give its mass in kg, above 0"):
             fit_arm(ARM, [record], GAINS, payload=[record], mass=mass)
-
-
-# --- the command
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """A bag with currents at the motor, one with torques, and the description."""
-    place = tmp_path_factory.mktemp("arm")
-    (place / "arm.urdf").write_text(URDF)
-    (place / "robot.yaml").write_text(
-        "/**/identifier:\n  ros__parameters:\n    set:\n      - N=100\n"
-        + "".join(f"      - {name}.k_t=0.1+-{5 + k}%\n" for k, name in enumerate(JOINTS))
-    )
-    record = moving_arm.rigid(SECONDS, 0)
-    formats.write_bag(place / "torques", record)
-    currents = {
-        n: Recording(r.time, {"link_position": r["link_position"], "current": r["torque"] / 10.0}, joint=n)
-        for n, r in record.items()
-    }
-    formats.write_bag(place / "currents", currents)
-    return place
-
-
-@pytest.fixture
-def here(folder, monkeypatch, run):
-    monkeypatch.chdir(folder)
-    return run
-
-
-def test_the_command_prints_saves_and_writes_a_description(here):
-    code, out, err = here("arm", "fit", "arm.urdf", "torques", "--save", "arm.json", "--out", "new.urdf")
-    assert code == 0, out + err
-    assert "arm of 6 joints: converged" in out and "turn, armature: beside the inertia of its links" in out
-    saved = json.loads(Path("arm.json").read_text())
-    assert [j["name"] for j in saved["joints"]] == list(JOINTS) and len(saved["parameters"]) == 40
-    root = ET.parse("new.urdf").getroot()
-    for k, name in enumerate(JOINTS):
-        row = saved["joints"][k]
-        found = root.find(f"joint[@name='{name}']/dynamics")
-        assert found is not None
-        assert float(found.get("damping", "nan")) == pytest.approx(row["damping"]["value"], rel=1e-6)
-        assert float(found.get("friction", "nan")) == pytest.approx(row["friction"]["value"], rel=1e-6)
-        assert abs(row["damping"]["value"] - VISCOUS[k]) < 4.0 * row["damping"]["std_dev"]
-    again, _, err = here("arm", "fit", "arm.urdf", "torques", "--out", "new.urdf", "--validate", "torques", "--json")
-    assert again == 0, err
-
-
-@pytest.mark.parametrize("gains", [("--robot", "robot.yaml"), ("--set", "k_t=0.1", "--set", "N=100")])
-def test_currents_need_torque_constants(here, gains):
-    code, out, err = here("arm", "fit", "arm.urdf", "currents", *gains, "--json")
-    assert code == 0, out + err
-    rows = json.loads(out)["joints"]
-    assert [
-        abs(r["friction"]["value"] - t) < 4.0 * r["friction"]["std_dev"] for r, t in zip(rows, COULOMB, strict=True)
-    ]
-    code, out, err = here("arm", "fit", "arm.urdf", "currents")
-    assert code == 2 and "has a current: give its torque constant" in err
-
-
-def test_the_command_weighs_a_payload_and_tells_torque_constants(here):
-    formats.write_bag(
-        "carrying",
-        {
-            n: Recording(r.time, {"link_position": r["link_position"], "current": r["torque"] / 12.0}, joint=n)
-            for n, r in moving_arm.rigid(SECONDS, 2, CARRYING).items()
-        },
-    )
-    formats.write_bag(
-        "free",
-        {
-            n: Recording(r.time, {"link_position": r["link_position"], "current": r["torque"] / 12.0}, joint=n)
-            for n, r in moving_arm.rigid(SECONDS, 1).items()
-        },
-    )
-    words = ("arm", "fit", "arm.urdf", "free", "--robot", "robot.yaml", "--payload", "carrying")
-    code, out, err = here(*words)
-    assert code == 0 and "payload on plate: 2.0" in out, out + err  # with constants that are a fifth too small
-    code, out, err = here(*words, "--mass", MASS)
-    assert code == 0, out + err
-    given = [line.split("k_t=")[1] for line in out.splitlines() if ".k_t=" in line]
-    assert len(given) == len(JOINTS)
-    for text in given:
-        value, sigma = text.rstrip("%").split("+-")
-        assert abs(float(value) - 0.12) < 4.0 * 0.12 * float(sigma) / 100.0
-    code, _, err = here("arm", "fit", "arm.urdf", "free", "--robot", "robot.yaml", "--payload", "free")
-    assert code == 2 and "given twice" in err
-
-
-def test_how_far_torque_constants_are_known_is_told(here):
-    code, out, _ = here("arm", "fit", "arm.urdf", "currents", "--robot", "robot.yaml")
-    assert code == 0 and "known to 5 to 10 %" in out
-
-
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (("torques", "--set", "J=1"), "of an arm, N and k_t can be set"),
-        (("torques", "--set", "lifft.k_t=1"), "no such joint"),
-        (("torques", "--set", "N=0"), "not 0"),
-        (("torques", "torques"), "is given twice"),
-        (("torques", "--save", "torques"), "would overwrite a file that is read"),
-        (("torques", "--out", "arm.urdf"), "would overwrite a file that is read"),
-        (("no_bag",), "no such file"),
-    ],
-)
-def test_bad_input_ends_in_one_line(here, words, told):
-    code, out, err = here("arm", "fit", "arm.urdf", *words)
-    assert code == 2 and not out and told in err and err.count("\n") == 1, err
