@@ -68,9 +68,8 @@ def test_currents_need_torque_constants(here, gains):
     code, out, err = here("arm", "fit", "arm.urdf", "currents", *gains, "--json")
     assert code == 0, out + err
     rows = json.loads(out)["joints"]
-    assert [
-        abs(r["friction"]["value"] - t) < 4.0 * r["friction"]["std_dev"] for r, t in zip(rows, COULOMB, strict=True)
-    ]
+    for row, truth in zip(rows, COULOMB, strict=True):
+        assert abs(row["friction"]["value"] - truth) < 4.0 * row["friction"]["std_dev"]
     code, out, err = here("arm", "fit", "arm.urdf", "currents")
     assert code == 2 and "has a current: give its torque constant" in err
 
