@@ -8,7 +8,7 @@ and few samples of what is left are kept (Gautier, Janot & Vandanjon, IEEE Trans
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,7 @@ class Equations:
     """Torques of n joints at R instants.
 
     Attributes:
+        time: instants in s, shape (R,), in the time of the recording of the first joint.
         y: torque at the link in Nm, shape (R, n).
         columns: torques by unit parameters, shape (R, n, P): `base` base parameters, `PAYLOAD` of a payload on the last
             link, viscous friction, Coulomb friction.
@@ -43,13 +44,14 @@ class Equations:
         doubts: what the checks of the recordings found.
     """
 
+    time: Array
     y: Array
     columns: Array
     used: NDArray[np.bool_]
     duration: float
     base: int
     loaded: bool
-    doubts: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
 
 
 def equations(
@@ -72,9 +74,27 @@ def equations(
         JointIdError: a joint was not recorded, or no link position, torque or current of it; a gain is not given; the
             joints were not recorded at the same time, or none moves.
     """
+    require_recorded(recordings, regressor.joints, source)
+    doubts = _doubts(recordings, regressor.joints)
+    found = unchecked(regressor, recordings, gains, source, loaded)
+    if not found.used.any():
+        raise JointIdError(f"{recordings[regressor.joints[0]].source}: no joint moves: record a motion of the arm")
+    return replace(found, doubts=doubts)
+
+
+def unchecked(
+    regressor: Regressor,
+    recordings: Mapping[str, Recording],
+    gains: Mapping[str, Mapping[str, float]],
+    source: str,
+    loaded: bool = False,
+) -> Equations:
+    """Return the equations of a recording that is not checked, perhaps of an arm at rest; see `equations`.
+
+    Raises:
+        JointIdError: as `equations`, but for joints that rest and what the checks find.
+    """
     joints, count = regressor.joints, len(regressor.joints)
-    require_recorded(recordings, joints, source)
-    doubts = _doubts(recordings, joints)
     first = recordings[joints[0]]
     begin = max(r.origin - first.origin + float(r.time[0]) for r in map(recordings.__getitem__, joints))
     end = min(r.origin - first.origin + float(r.time[-1]) for r in map(recordings.__getitem__, joints))
@@ -95,10 +115,8 @@ def equations(
         for p in np.flatnonzero(np.any(columns[known, k] != 0.0, axis=0)).tolist():
             columns[:, k, p] = differentiate(time, columns[:, k, p], low, 0)[0]
     used = np.isfinite(y) & np.isfinite(columns).all(axis=2) & ~_rests(dq)
-    if not used.any():
-        raise JointIdError(f"{first.source}: no joint moves: record a motion of the arm")
     moving = float(np.count_nonzero(used.any(axis=1))) / RATE
-    return Equations(y[kept], columns[kept], used[kept], moving, base, loaded, doubts)
+    return Equations(time[kept], y[kept], columns[kept], used[kept], moving, base, loaded)
 
 
 def _doubts(recordings: Mapping[str, Recording], joints: Sequence[str]) -> tuple[str, ...]:
