@@ -18,7 +18,7 @@ from joint_id_core.arm.regressor import OF_LINK, Regressor
 from joint_id_core.checking.findings import findings
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.filtering.offline import FilterOptions, differentiate
+from joint_id_core.filtering.offline import FilterOptions, differentiate, smoothed
 
 PAYLOAD = len(OF_LINK)  # parameters of a payload: those of a link
 BAND_HZ = 8.0  # of the equations: an arm moves below it, and friction is as its law says
@@ -26,6 +26,7 @@ RATE = 100.0  # instants in a second at which torques are computed, before the f
 KEPT = 5  # every so many of them is kept after it: 20 in a second
 SLOW = 0.01  # rad/s, over about twice of which Coulomb friction turns: gears yield before they slip
 REST, REST_S = 0.005, 0.25  # rad/s, s: a joint that is slower for so long rests, and sticks with any torque
+TURNED = 0.01  # how far filtered Coulomb friction of 1 is from it where a reversal does not count
 DRIVES = ("torque", "current")
 
 
@@ -52,6 +53,32 @@ class Equations:
     base: int
     loaded: bool
     doubts: tuple[str, ...] = ()
+
+    def between(self, begin: float, end: float) -> Equations:
+        """Return the equations of begin <= time < end."""
+        i, j = np.searchsorted(self.time, [begin, end])
+        some = slice(int(i), int(j))
+        moving = float(np.count_nonzero(self.used[some].any(axis=1))) * KEPT / RATE
+        return replace(
+            self, time=self.time[some], y=self.y[some], columns=self.columns[some], used=self.used[some],
+            duration=moving,
+        )  # fmt: skip
+
+    @property
+    def steady(self) -> Equations:
+        """The equations of joints that do not reverse nearby: friction is as its law says."""
+        count = self.used.shape[1]
+        own = np.arange(count)
+        coulomb = np.abs(self.columns[:, own, self.base + PAYLOAD + count + own])
+        return replace(self, used=self.used & (np.abs(coulomb - 1.0) < TURNED))
+
+
+def joined(parts: Sequence[Equations]) -> Equations:
+    """Return parts of one recording as one."""
+    y, columns, used, time = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("y", "columns", "used", "time")
+    )
+    return replace(parts[0], time=time, y=y, columns=columns, used=used, duration=sum(p.duration for p in parts))
 
 
 def equations(
@@ -111,9 +138,10 @@ def unchecked(
     columns = np.concatenate([inertial, dq[:, :, None] * own, np.tanh(dq / SLOW)[:, :, None] * own], axis=2)
     y = np.array([_torque(recordings[name], gains.get(name, {}), name, like) for name in joints]).T
     low, kept = FilterOptions(cutoff_hz=BAND_HZ), slice(None, None, KEPT)
-    for k in range(count):
-        for p in np.flatnonzero(np.any(columns[known, k] != 0.0, axis=0)).tolist():
-            columns[:, k, p] = differentiate(time, columns[:, k, p], low, 0)[0]
+    filled = np.any(columns[known] != 0.0, axis=0)  # half of them are not
+    for piece in np.split(np.arange(len(time)), np.flatnonzero(np.diff(known)) + 1):
+        if known[piece[0]]:
+            columns[piece[:, None], filled] = smoothed(columns[piece][:, filled], 1.0 / RATE, low)
     used = np.isfinite(y) & np.isfinite(columns).all(axis=2) & ~_rests(dq)
     moving = float(np.count_nonzero(used.any(axis=1))) / RATE
     return Equations(time[kept], y[kept], columns[kept], used[kept], moving, base, loaded)

@@ -123,6 +123,19 @@ def differentiate(
     return tuple(results)
 
 
+def smoothed(values: Array, period: float, options: FilterOptions) -> Array:
+    """Smooth signals of shape (T, k) on an even grid without gaps, as `differentiate` does; NaN if they are too short.
+
+    Raises:
+        JointIdError: the sampling is too slow for the cutoff.
+    """
+    sections = options.sections(period)
+    padding = _pad_length(sections)
+    if len(values) <= padding:
+        return np.full(values.shape, np.nan)
+    return _filtered(values, sections, padding, options.causal)[padding : padding + len(values)]
+
+
 def complete(recording: Recording, options: FilterOptions | None = None) -> Recording:
     """Add the velocities and accelerations that were not measured, marked as derived.
 
@@ -187,16 +200,17 @@ def _pad_length(sos: Array) -> int:
 
 
 def _extend_start(x: Array, padding: int) -> Array:
-    """Extend a signal at its start by the point reflection of its first samples."""
+    """Extend signals at their start by the point reflection of their first samples."""
     return np.concatenate([2 * x[0] - x[padding:0:-1], x])
 
 
 def _filtered(x: Array, sos: Array, padding: int, causal: bool) -> Array:
-    """Filter a signal extended at both ends; the result keeps the extension, which the difference stencil needs."""
+    """Filter signals along the first axis, extended at both ends; the result keeps the extension."""
     x = _extend_start(_extend_start(x, padding)[::-1], padding)[::-1]
     if not causal:
-        return scipy.signal.sosfiltfilt(sos, x, padlen=0)
-    return scipy.signal.sosfilt(sos, x, zi=scipy.signal.sosfilt_zi(sos) * x[0])[0]
+        return scipy.signal.sosfiltfilt(sos, x, axis=0, padlen=0)
+    state = np.multiply.outer(scipy.signal.sosfilt_zi(sos), x[0])
+    return scipy.signal.sosfilt(sos, x, axis=0, zi=state)[0]
 
 
 def _pieces(time: Array, valid: Indices, longest: float) -> Iterator[Indices]:

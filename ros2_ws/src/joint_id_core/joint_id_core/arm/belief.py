@@ -1,0 +1,296 @@
+"""What is known of an arm: a Gaussian of all its parameters, which every new stretch of motion makes sharper.
+
+The recursion of least squares in information form (Kailath, Sayed & Hassibi, Linear Estimation, 2000, ch. 9): equations
+of a stretch enter as their information matrix and vector, so their number does not matter. Residuals of real arms have
+a memory; the information of a joint is divided by its `colour`, by how much that makes the variance of friction larger
+than independent residuals would. It comes from the covariance of Newey & West of the first stretch, and is kept up.
+Friction changes with temperature: it may wander by `WANDER` in `WANDER_S` of motion, and so may the torque offsets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from joint_id_core.arm.equations import PAYLOAD, Equations, joined
+from joint_id_core.arm.stacked import Stacked
+from joint_id_core.data.recording import Array
+
+WANDER, WANDER_S = 0.05, 600.0  # of the friction of a joint, its standard deviation after a time of motion in s
+STRETCH_S = 4.0  # of motion, longer than what is left of a torque remembers
+MEMORY_S = 300.0  # of motion, over which noise and colour are averaged
+GRAVITY = 4  # parameters of a payload that gravity shows: its mass and first moments
+UNKNOWN = 1e3  # standard deviation, in SI units, of what no motion has shown
+ROUNDED = 1e-9  # share of the variance of a parameter that rounding may take from it
+
+
+@dataclass(frozen=True)
+class Information:
+    """What equations say of the parameters beside some values (P,).
+
+    Attributes:
+        matrix, vector, energy: of the quadratic form of what is left of the torques, shapes (P, P), (P,) and ().
+    """
+
+    values: Array
+    matrix: Array
+    vector: Array
+    energy: float
+
+    def beside(self, values: Array) -> Information:
+        """Return the same beside other values (P,)."""
+        step = self.values - values
+        vector = self.vector + self.matrix @ step
+        return Information(values, self.matrix, vector, self.energy + float(step @ (self.vector + vector)))
+
+
+def sum_of(parts: Sequence[Information]) -> Information | None:
+    """Return what equations say together, beside the same values; None if there are none."""
+    if not parts:
+        return None
+    matrix, vector = (sum((getattr(p, n) for p in parts[1:]), getattr(parts[0], n)) for n in ("matrix", "vector"))
+    return Information(parts[0].values, matrix, vector, sum(p.energy for p in parts))
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Sums over a stretch of motion, by joint and column: what is left of the torque times the column, and its square.
+
+    Without a memory of what is left, the mean of the first squared is sigma^2 times the second. Columns are those of
+    friction, and of mass and first moments of a payload, which gravity shows; shapes (n, k); `duration` in s of motion.
+    """
+
+    products: Array
+    squares: Array
+    duration: float = 0.0
+
+    @classmethod
+    def none(cls, count: int, columns: int) -> Scores:
+        """Return sums over nothing."""
+        return cls(np.zeros((count, columns)), np.zeros((count, columns)))
+
+    def colour(self, sigma: Array) -> Array:
+        """Return how much wider these sums scatter than without a memory, shape (n,); NaN for a joint that rests."""
+        white = self.squares * sigma[:, None] ** 2
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratios = np.where(white > 0.0, self.products**2 / white, 0.0).sum(axis=1)
+            return np.asarray(ratios / np.count_nonzero(white > 0.0, axis=1))
+
+
+@dataclass(frozen=True)
+class Belief:
+    """Values and covariance of P parameters: those of `Equations`, and a torque offset of each joint.
+
+    Attributes:
+        values, covariance: shapes (P,), (P, P). Those of the payload are 0 while it carries none.
+        base: number of base parameters, which come first; those of the payload follow, then friction, then offsets.
+        sigma: standard deviation of what is left of the torque of each joint in Nm, shape (n,).
+        colour: by how much its memory makes the variance of friction larger, shape (n,), at least 1.
+        mean, torque: mean and variance of the torque of each joint, in Nm and Nm^2, shape (n,).
+        carries: whether the payload counts.
+        seen: whether motion has shown each parameter, shape (P,).
+        duration: motion in s.
+        scores: of the newest motion, for the colour.
+    """
+
+    values: Array
+    covariance: Array
+    base: int
+    sigma: Array
+    colour: Array
+    mean: Array
+    torque: Array
+    carries: bool
+    seen: NDArray[np.bool_]
+    duration: float
+    scores: Scores
+
+    @property
+    def count(self) -> int:
+        """Number of joints."""
+        return len(self.sigma)
+
+    @property
+    def payload(self) -> slice:
+        """Place of the parameters of the payload."""
+        return slice(self.base, self.base + PAYLOAD)
+
+    @property
+    def offsets(self) -> slice:
+        """Place of the torque offsets."""
+        return slice(len(self.values) - self.count, len(self.values))
+
+    @property
+    def friction(self) -> slice:
+        """Place of the parameters of friction."""
+        return slice(self.base + PAYLOAD, len(self.values) - self.count)
+
+    def friction_of(self, joint: int) -> NDArray[np.intp]:
+        """Return the places of the parameters of friction of a joint."""
+        return np.arange(self.friction.start + joint, self.friction.stop, self.count)
+
+    @property
+    def r_squared(self) -> Array:
+        """Share of the torque of each joint that is explained, shape (n,); NaN where none was seen."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.where(self.torque > 0.0, 1.0 - self.sigma**2 / self.torque, np.nan)
+
+    def information(self, parts: Sequence[Equations]) -> Information:
+        """Return what the equations of some stretches say."""
+        size = len(self.values)
+        matrix, vector, energy = np.zeros((size, size)), np.zeros(size), 0.0
+        for part in parts:
+            for j in range(self.count):
+                columns, left = self._of_joint(part, j)
+                weight = 1.0 / (self.sigma[j] ** 2 * self.colour[j])
+                matrix += weight * columns.T @ columns
+                vector += weight * columns.T @ left
+                energy += weight * float(left @ left)
+        return Information(self.values, matrix, vector, energy)
+
+    def evidence(self, told: Information) -> float:
+        """Return twice the logarithm of the likelihood of equations, but for what all beliefs share."""
+        beside, root = told.beside(self.values), self._root()
+        lower = np.linalg.cholesky(np.eye(root.shape[1]) + root.T @ beside.matrix @ root)
+        pull = np.linalg.solve(lower, root.T @ beside.vector)
+        return float(pull @ pull - 2.0 * np.log(np.diag(lower)).sum()) - beside.energy
+
+    def told(self, information: Information) -> Belief:
+        """Return the belief after equations."""
+        beside, root = information.beside(self.values), self._root()
+        inner = np.linalg.inv(np.eye(root.shape[1]) + root.T @ beside.matrix @ root)
+        covariance = root @ inner @ root.T
+        values = self.values + covariance @ beside.vector
+        return replace(self, values=values, covariance=0.5 * (covariance + covariance.T))
+
+    def after(self, part: Equations) -> Belief:
+        """Return the belief after a stretch of motion, with noise and colour kept up."""
+        if not part.used.any():
+            return self
+        found = self._wandered(part.duration).told(self.information([part]))
+        share, seen = min(1.0, part.duration / MEMORY_S), self.seen.copy()
+        sigma, mean, torque = (a.copy() for a in (self.sigma, self.mean, self.torque))
+        scores = Scores(self.scores.products.copy(), self.scores.squares.copy(), self.scores.duration + part.duration)
+        for j in range(self.count):
+            columns, left = found._of_joint(part, j)
+            if not len(left):
+                continue
+            seen |= np.any(columns != 0.0, axis=0)
+            sigma[j] = np.sqrt(sigma[j] ** 2 + share * float(np.mean(left**2) - sigma[j] ** 2))
+            y = part.y[part.used[:, j], j]
+            mean[j] += share * float(np.mean(y - mean[j]))
+            torque[j] += share * float(np.mean((y - mean[j]) ** 2) - torque[j])
+            shown = columns[:, [*self.friction_of(j), *range(self.base, self.base + GRAVITY)]]
+            scores.products[j] += shown.T @ left
+            scores.squares[j] += np.sum(shown**2, axis=0)
+        known = {"sigma": sigma, "mean": mean, "torque": torque, "seen": seen, "scores": scores}
+        return replace(found, duration=self.duration + part.duration, **known)._with_colour()
+
+    def _with_colour(self) -> Belief:
+        """Return the belief with the colour of the newest motion, if there is enough of it."""
+        if self.scores.duration < STRETCH_S:
+            return self
+        new = self.scores.colour(self.sigma)
+        share = min(1.0, self.scores.duration / MEMORY_S)
+        mixed = np.where(np.isfinite(new), self.colour + share * (new - self.colour), self.colour)
+        return replace(self, colour=np.maximum(1.0, mixed), scores=Scores.none(*self.scores.products.shape))
+
+    def left(self, parts: Sequence[Equations]) -> Array:
+        """Return the mean square of what is left of the torque of each joint over sigma^2, shape (n,)."""
+        found = np.zeros(self.count)
+        for j in range(self.count):
+            left = np.concatenate([self._of_joint(part, j)[1] for part in parts])
+            found[j] = float(np.mean(left**2)) / self.sigma[j] ** 2 if len(left) else 0.0
+        return found
+
+    def widened(self, places: NDArray[np.intp] | slice, sigma: Array) -> Belief:
+        """Return the belief with parameters that may have changed by a standard deviation, shape (k,)."""
+        covariance = self.covariance.copy()
+        index = np.arange(len(self.values))[places]
+        covariance[index, index] += sigma**2
+        return replace(self, covariance=covariance)
+
+    def with_payload(self, sigma: Array | None) -> Belief:
+        """Return the belief with a payload of which only a standard deviation (10,) is known; None: it carries none."""
+        values, covariance, place = self.values.copy(), self.covariance.copy(), self.payload
+        values[place], covariance[place], covariance[:, place] = 0.0, 0.0, 0.0
+        if sigma is not None:
+            covariance[place, place] = np.diag(sigma**2)
+        return replace(self, values=values, covariance=covariance, carries=sigma is not None)
+
+    def _of_joint(self, part: Equations, j: int) -> tuple[Array, Array]:
+        """Return the columns (R, P) of the equations of a joint, and what is left of its torque (R,)."""
+        used = part.used[:, j]
+        columns = np.concatenate([part.columns[used, j], np.zeros((np.count_nonzero(used), self.count))], axis=1)
+        columns[:, self.offsets.start + j] = 1.0
+        return columns, part.y[used, j] - columns @ self.values
+
+    def _wandered(self, duration: float) -> Belief:
+        """Return the belief after some seconds of motion in which friction and offsets may have changed."""
+        covariance = self.covariance.copy()
+        share = WANDER * np.sqrt(duration / WANDER_S)
+        size = np.zeros(len(self.values))
+        size[self.friction] = share * self.values[self.friction]
+        size[self.offsets] = share * self.values[self.friction][-self.count :]
+        covariance[np.diag_indices_from(covariance)] += size**2
+        return replace(self, covariance=covariance)
+
+    def _root(self) -> Array:
+        """Return a square root (P, k) of the covariance, without the payload if there is none."""
+        index = np.arange(len(self.values))
+        active = index if self.carries else np.delete(index, self.payload)
+        size = np.sqrt(np.diag(self.covariance)[active])
+        size = np.where(size > 0.0, size, 1.0)
+        scaled = self.covariance[np.ix_(active, active)] / np.outer(size, size)
+        root = np.zeros((len(index), len(active)))
+        root[active] = size[:, None] * np.linalg.cholesky(scaled + ROUNDED * np.eye(len(active)))
+        return root
+
+
+def learned(parts: Sequence[Equations]) -> Belief:
+    """Return the belief from the first stretches of motion, without a payload.
+
+    Raises:
+        JointIdError: they are too short for the number of parameters.
+    """
+    whole = joined(parts)
+    table = Stacked.of([whole])
+    values, sigma = table.weighed()
+    covariance = table.covariance(table.columns, table.y - table.columns @ values, sigma)
+    count, own = table.count, len(values)
+    weighted = table.columns / sigma[table.joint, None]
+    white = np.linalg.pinv(weighted.T @ weighted, hermitian=True)
+    shown = np.any(table.columns != 0.0, axis=0)
+    friction = np.arange(whole.base, own).reshape(-1, count)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratios = np.where(shown, np.diag(covariance) / np.diag(white), np.nan)[friction]
+    colour = np.ones(count)
+    moves = np.isfinite(ratios).any(axis=0)
+    colour[moves] = np.maximum(1.0, np.nanmean(ratios[:, moves], axis=0))
+    size = own + PAYLOAD + count
+    place = np.concatenate([np.arange(whole.base), np.arange(whole.base + PAYLOAD, own + PAYLOAD)])
+    all_values, all_covariance, seen = np.zeros(size), np.zeros((size, size)), np.zeros(size, dtype=bool)
+    all_values[place], seen[place] = values, shown
+    spread = covariance + np.diag(np.where(shown, 0.0, UNKNOWN**2))
+    means, offsets, noise = np.zeros((count, own)), np.zeros(count), np.full(count, UNKNOWN**2)
+    mean, torque = np.zeros(count), np.zeros(count)
+    for j in range(count):
+        used = whole.used[:, j]
+        if used.any():
+            means[j] = whole.columns[used, j].mean(axis=0)[place]
+            mean[j], torque[j] = whole.y[used, j].mean(), whole.y[used, j].var()
+            offsets[j] = mean[j] - means[j] @ values
+            noise[j] = sigma[j] ** 2 * colour[j] / np.count_nonzero(used)
+    end = slice(size - count, size)
+    all_values[end], seen[end] = offsets, whole.used.any(axis=0)
+    all_covariance[np.ix_(place, place)] = spread
+    all_covariance[end, end] = means @ spread @ means.T + np.diag(noise)
+    all_covariance[end, place] = -means @ spread
+    all_covariance[place, end] = -spread @ means.T
+    return Belief(
+        all_values, all_covariance, whole.base, sigma, colour, mean, torque, False, seen,
+        sum(p.duration for p in parts), Scores.none(count, len(friction) + GRAVITY),
+    )  # fmt: skip

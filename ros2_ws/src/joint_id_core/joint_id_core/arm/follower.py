@@ -1,0 +1,193 @@
+"""An arm that is identified while it works: learnt from its first motion, then followed stretch by stretch."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from joint_id_core.arm.belief import Belief, learned
+from joint_id_core.arm.changes import EXPLAINED, OPEN, PAYLOAD, SURE, TOLD, Finding, find, with_other_friction
+from joint_id_core.arm.equations import Equations
+from joint_id_core.errors import JointIdError
+
+LEARN_S, LONGEST_S = 10.0, 60.0  # of motion: when an arm is known for the first time, and when it is learnt
+AGAIN = 1.5  # times the motion of the last fit, after which it is learnt anew with all of it
+RIVAL_S = 30.0  # of motion in which a belief of another friction can win
+HELD = 6  # newest stretches that are not believed yet: they are tested for a change
+PATIENCE_S = 20.0  # of motion that nothing explains, after which the arm is learnt anew
+
+
+@dataclass(frozen=True)
+class ArmChange:
+    """What changed at an instant in s: "payload", or the name of a joint whose friction did; with the belief before."""
+
+    what: str
+    since: float
+    before: Belief
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A belief of another friction that competes with the present one.
+
+    Attributes:
+        belief: it.
+        before: the belief when it began, at the instant `time` in s.
+        lead: twice the logarithm of the Bayes factor over the present belief since then.
+    """
+
+    belief: Belief
+    before: Belief
+    time: float
+    lead: float = 0.0
+
+    @property
+    def since(self) -> float:
+        """Motion in s before it began."""
+        return self.before.duration
+
+    def after(self, part: Equations, present: Belief) -> Rival:
+        """Return it after a stretch of motion, for which the present belief was as given."""
+        told = present.information([part])
+        lead = self.lead + self.belief.evidence(told) - present.evidence(told)
+        return replace(self, belief=self.belief.after(part), lead=lead)
+
+
+class ArmFollower:
+    """Follows an arm.
+
+    Attributes:
+        belief: what is known; None at first.
+        changes: newest change of each kind, by what changed.
+        unexplained: names of joints whose torque the belief does not explain now.
+        rests: whether no joint moves.
+        time: end of the newest stretch in s.
+    """
+
+    def __init__(self, joints: Sequence[str], arm_mass: float, belief: Belief | None = None) -> None:
+        """Begin.
+
+        Args:
+            joints: names of the joints.
+            arm_mass: mass of the arm in kg, which tells what payloads are possible.
+            belief: what is known of it already.
+        """
+        self.belief, self.changes = belief, dict[str, ArmChange]()
+        self.unexplained: tuple[str, ...] = ()
+        self.rests, self.time = True, float("nan")
+        self._joints, self._mass = tuple(joints), arm_mass
+        self._first: list[Equations] = []  # from which it is learnt
+        self._learning = belief is None
+        self._due = LEARN_S
+        self._held: deque[Equations] = deque()
+        self._rival: Rival | None = None
+        self._lost = 0.0  # s of motion that nothing explains
+
+    @property
+    def motion(self) -> float:
+        """Motion in s that has been used."""
+        return sum(part.duration for part in self._first) if self.belief is None else self.belief.duration
+
+    def add(self, part: Equations) -> bool:
+        """Take a stretch; return whether something new is known."""
+        if len(part.time):
+            self.time = float(part.time[-1])
+        self.rests = not part.used.any()
+        if self.rests:
+            return False
+        if self.belief is None:
+            self._first.append(part)
+            return self._learn()
+        self._held.append(part)
+        return self._test()
+
+    def _learn(self) -> bool:
+        """Learn the arm from all of its motion, if it is time."""
+        motion = sum(part.duration for part in self._first)
+        if motion < self._due:
+            return False
+        self._due = AGAIN * motion
+        try:
+            self.belief = learned(self._first)
+        except JointIdError:  # too few equations yet
+            return False
+        if motion >= LONGEST_S:
+            self._learning = False
+            self._first.clear()
+        return True
+
+    def _test(self) -> bool:
+        """Test the newest stretches for a change, and believe those that have passed."""
+        assert self.belief is not None
+        parts = list(self._held)
+        found = find(self.belief, parts, self._joints, self._mass)
+        if found.what == PAYLOAD and found.gain > SURE and self._explains(found):
+            self._take(found)
+            return True
+        left = self.belief.left(parts[-3:])
+        self.unexplained = tuple(n for n, value in zip(self._joints, left, strict=True) if value > EXPLAINED)
+        if len(parts) < HELD or (found.gain > OPEN and len(parts) < 2 * HELD):
+            return False
+        oldest = self._held.popleft()
+        if max(self.belief.left([oldest])) > EXPLAINED:
+            return self._missed(oldest)
+        self._lost = 0.0
+        self._believe(oldest)
+        return True
+
+    def _explains(self, found: Finding) -> bool:
+        """Return whether the held stretches since a change are as well explained with it as those before."""
+        assert self.belief is not None
+        belief, parts = found.opened(self.belief), list(self._held)[found.first + 1 :]
+        return bool(np.max(belief.told(belief.information(parts)).left(parts)) < EXPLAINED)
+
+    def _take(self, found: Finding) -> None:
+        """Go on with a belief that is open to a change; the stretch in which it came is left out."""
+        parts = list(self._held)
+        self._held.clear()
+        for part in parts[: found.first]:
+            self._believe(part)
+        before = self.belief
+        assert before is not None
+        self.belief, self._rival, self._lost, self.unexplained = found.opened(before), None, 0.0, ()
+        self._learning = False
+        self._first.clear()
+        for part in parts[found.first + 1 :]:
+            self._believe(part)
+        self.changes[found.what] = ArmChange(found.what, float(parts[found.first].time[0]), before)
+
+    def _believe(self, part: Equations) -> None:
+        """Make the belief sharper by a stretch of motion, and let it compete with one of another friction."""
+        assert self.belief is not None
+        if self._learning:
+            self.belief = self.belief.after(part)
+            self._first.append(part)
+            self._learn()
+            return
+        if self._rival is None or self.belief.duration - self._rival.since > RIVAL_S:
+            other = with_other_friction(self.belief, range(len(self._joints)))
+            self._rival = Rival(other, self.belief, float(part.time[0]))
+        self._rival = self._rival.after(part, self.belief)
+        self.belief = self.belief.after(part)
+        if self._rival.lead > SURE:
+            rival, self._rival, self.belief = self._rival, None, self._rival.belief
+            for j, name in enumerate(self._joints):
+                places = self.belief.friction_of(j)
+                old = rival.before.values[places]
+                if np.any(np.abs(self.belief.values[places] - old) > TOLD * np.abs(old)):
+                    self.changes[name] = ArmChange(name, rival.time, rival.before)
+
+    def _missed(self, part: Equations) -> bool:
+        """Leave out a stretch that nothing explains; begin anew after many of them."""
+        self._lost += part.duration
+        if self._lost < PATIENCE_S:
+            return False
+        self.belief, self._learning, self._due, self._lost = None, True, LEARN_S, 0.0
+        self._first.clear()
+        self._held.clear()
+        self._rival = None
+        self.changes.clear()
+        return True
