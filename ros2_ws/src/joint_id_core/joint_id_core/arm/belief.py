@@ -132,6 +132,10 @@ class Belief:
         """Return the places of the parameters of friction of a joint."""
         return np.arange(self.friction.start + joint, self.friction.stop, self.count)
 
+    def scores_of(self, joint: int) -> list[int]:
+        """Return the places of the columns of a joint whose scores tell the colour."""
+        return [*self.friction_of(joint).tolist(), *range(self.base, self.base + GRAVITY)]
+
     @property
     def r_squared(self) -> Array:
         """Share of the torque of each joint that is explained, shape (n,); NaN where none was seen."""
@@ -183,7 +187,7 @@ class Belief:
             y = part.y[part.used[:, j], j]
             mean[j] += share * float(np.mean(y - mean[j]))
             torque[j] += share * float(np.mean((y - mean[j]) ** 2) - torque[j])
-            shown = columns[:, [*self.friction_of(j), *range(self.base, self.base + GRAVITY)]]
+            shown = columns[:, self.scores_of(j)]
             scores.products[j] += shown.T @ left
             scores.squares[j] += np.sum(shown**2, axis=0)
         known = {"sigma": sigma, "mean": mean, "torque": torque, "seen": seen, "scores": scores}

@@ -20,7 +20,8 @@ from joint_id_core.data.recording import Array
 SURE = 2.0 * np.log(1e6)  # twice the logarithm of a Bayes factor from which a change is told
 OPEN = 2.0 * np.log(10.0)  # from which the newest stretches are not believed yet
 EXPLAINED = 9.0  # mean square of what is left of a torque over what was before, up to which it is explained
-TOLD = 0.1  # change of a friction, as a share of it, that is told; a smaller one is followed
+# Change of a friction that is told, as a share of it and in standard deviations; a smaller one is followed.
+TOLD, CLEAR = 0.1, 3.0
 FRICTION = 0.5  # standard deviation of a friction that may have changed, as a share of it
 # Standard deviations of a payload of which nothing is known: its mass as a share of that of the arm, the distance of
 # its centre from the last joint in m, and its size in m.

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from joint_id_core.arm.belief import Belief, learned
-from joint_id_core.arm.changes import EXPLAINED, OPEN, PAYLOAD, SURE, TOLD, Finding, find, with_other_friction
+from joint_id_core.arm.changes import CLEAR, EXPLAINED, OPEN, PAYLOAD, SURE, TOLD, Finding, find, with_other_friction
 from joint_id_core.arm.equations import Equations
 from joint_id_core.errors import JointIdError
 
-LEARN_S, LONGEST_S = 10.0, 60.0  # of motion: when an arm is known for the first time, and when it is learnt
+LEARN_S, LONGEST_S = 20.0, 60.0  # of motion: when an arm is known for the first time, and when it is learnt
 AGAIN = 1.5  # times the motion of the last fit, after which it is learnt anew with all of it
 RIVAL_S = 30.0  # of motion in which a belief of another friction can win
+SETTLED_S = 15.0  # of motion after which a friction that may have changed is compared with that before
 HELD = 6  # newest stretches that are not believed yet: they are tested for a change
-PATIENCE_S = 20.0  # of motion that nothing explains, after which the arm is learnt anew
+# Of motion that nothing explains: when it may be another friction of one joint, and when the arm is learnt anew.
+FRICTION_S, PATIENCE_S = 6.0, 20.0
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,8 @@ class ArmFollower:
         self._due = LEARN_S
         self._held: deque[Equations] = deque()
         self._rival: Rival | None = None
-        self._lost = 0.0  # s of motion that nothing explains
+        self._opened: deque[tuple[Belief, float]] = deque()  # before friction that may have changed, and when
+        self._lost: list[Equations] = []  # newest stretches, that nothing explains
 
     @property
     def motion(self) -> float:
@@ -124,7 +128,7 @@ class ArmFollower:
         assert self.belief is not None
         parts = list(self._held)
         found = find(self.belief, parts, self._joints, self._mass)
-        if found.what == PAYLOAD and found.gain > SURE and self._explains(found):
+        if found.what == PAYLOAD and found.gain > SURE and self._explains(found.opened, parts[found.first + 1 :]):
             self._take(found)
             return True
         left = self.belief.left(parts[-3:])
@@ -134,14 +138,14 @@ class ArmFollower:
         oldest = self._held.popleft()
         if max(self.belief.left([oldest])) > EXPLAINED:
             return self._missed(oldest)
-        self._lost = 0.0
+        self._lost.clear()
         self._believe(oldest)
         return True
 
-    def _explains(self, found: Finding) -> bool:
-        """Return whether the held stretches since a change are as well explained with it as those before."""
+    def _explains(self, opened: Callable[[Belief], Belief], parts: Sequence[Equations]) -> bool:
+        """Return whether stretches are as well explained with a change as those before were."""
         assert self.belief is not None
-        belief, parts = found.opened(self.belief), list(self._held)[found.first + 1 :]
+        belief = opened(self.belief)
         return bool(np.max(belief.told(belief.information(parts)).left(parts)) < EXPLAINED)
 
     def _take(self, found: Finding) -> None:
@@ -152,12 +156,17 @@ class ArmFollower:
             self._believe(part)
         before = self.belief
         assert before is not None
-        self.belief, self._rival, self._lost, self.unexplained = found.opened(before), None, 0.0, ()
-        self._learning = False
-        self._first.clear()
+        self.belief = found.opened(before)
+        self._begin_to_follow()
         for part in parts[found.first + 1 :]:
             self._believe(part)
-        self.changes[found.what] = ArmChange(found.what, float(parts[found.first].time[0]), before)
+        self.changes[PAYLOAD] = ArmChange(PAYLOAD, float(parts[found.first].time[0]), before)
+
+    def _begin_to_follow(self) -> None:
+        """Follow a belief that is open to a change."""
+        self._rival, self.unexplained, self._learning = None, (), False
+        self._lost.clear()
+        self._first.clear()
 
     def _believe(self, part: Equations) -> None:
         """Make the belief sharper by a stretch of motion, and let it compete with one of another friction."""
@@ -173,21 +182,43 @@ class ArmFollower:
         self._rival = self._rival.after(part, self.belief)
         self.belief = self.belief.after(part)
         if self._rival.lead > SURE:
-            rival, self._rival, self.belief = self._rival, None, self._rival.belief
-            for j, name in enumerate(self._joints):
-                places = self.belief.friction_of(j)
-                old = rival.before.values[places]
-                if np.any(np.abs(self.belief.values[places] - old) > TOLD * np.abs(old)):
-                    self.changes[name] = ArmChange(name, rival.time, rival.before)
+            self._opened.append((self._rival.before, self._rival.time))
+            self.belief, self._rival = self._rival.belief, None
+        while self._opened and self.belief.duration > self._opened[0][0].duration + SETTLED_S:
+            self._tell_friction(*self._opened.popleft())
+
+    def _tell_friction(self, before: Belief, time: float) -> None:
+        """Note of which joints the friction is clearly another one than before an instant in s."""
+        assert self.belief is not None
+        variance = np.diag(self.belief.covariance) + np.diag(before.covariance)
+        for j, name in enumerate(self._joints):
+            places = before.friction_of(j)
+            step = np.abs(self.belief.values[places] - before.values[places])
+            least = TOLD * np.abs(before.values[places])
+            if np.any((step > least) & (step > CLEAR * np.sqrt(variance[places]))):
+                self.changes[name] = ArmChange(name, time, before)
 
     def _missed(self, part: Equations) -> bool:
-        """Leave out a stretch that nothing explains; begin anew after many of them."""
-        self._lost += part.duration
-        if self._lost < PATIENCE_S:
+        """Leave out a stretch that nothing explains; many of them are another friction of a joint, or another arm."""
+        assert self.belief is not None
+        self._lost.append(part)
+        motion = sum(part.duration for part in self._lost)
+        if motion < FRICTION_S:
             return False
-        self.belief, self._learning, self._due, self._lost = None, True, LEARN_S, 0.0
-        self._first.clear()
-        self._held.clear()
+        for j in range(len(self._joints)):
+            opened = partial(with_other_friction, joints=[j])
+            parts, before = self._lost[1:], self.belief  # it may have changed in the first one
+            if self._explains(opened, parts):
+                self._opened.append((before, float(parts[0].time[0])))
+                self.belief = opened(before)
+                self._begin_to_follow()
+                for one in parts:
+                    self._believe(one)
+                return True
+        if motion < PATIENCE_S:
+            return False
+        self.belief, self._learning, self._due = None, True, LEARN_S
+        for kept in (self._lost, self._first, self._held, self._opened, self.changes):
+            kept.clear()
         self._rival = None
-        self.changes.clear()
         return True
