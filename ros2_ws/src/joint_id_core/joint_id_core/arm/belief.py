@@ -190,8 +190,9 @@ class Belief:
             shown = columns[:, self.scores_of(j)]
             scores.products[j] += shown.T @ left
             scores.squares[j] += np.sum(shown**2, axis=0)
-        known = {"sigma": sigma, "mean": mean, "torque": torque, "seen": seen, "scores": scores}
-        return replace(found, duration=self.duration + part.duration, **known)._with_colour()
+        duration = self.duration + part.duration
+        found = replace(found, sigma=sigma, mean=mean, torque=torque, seen=seen, duration=duration, scores=scores)
+        return found._with_colour()
 
     def _with_colour(self) -> Belief:
         """Return the belief with the colour of the newest motion, if there is enough of it."""

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from joint_id_core.arm.belief import Belief, Scores
+from joint_id_core.arm.gains import Gains
 from joint_id_core.arm.regressor import Regressor
 from joint_id_core.errors import JointIdError
 from joint_id_core.text_file import write_text
 
 FORMAT, VERSION = "joint_id arm knowledge", 1
 ARRAYS = ("values", "covariance", "sigma", "colour", "mean", "torque")
-Gains = Mapping[str, Mapping[str, float]]
 
 
 def write(path: Path, belief: Belief, regressor: Regressor, gains: Gains) -> None:
@@ -66,7 +66,10 @@ def _belief(content: Mapping[str, Any], regressor: Regressor) -> Belief:
     arrays = {name: np.array(content[name], dtype=float) for name in ARRAYS}
     count, size = len(regressor.joints), len(arrays["values"])
     seen = np.array(content["seen"], dtype=bool)
-    scores = Scores(*(np.array(content["scores"][n], dtype=float) for n in ("products", "squares")))
+    sums = content["scores"]
+    scores = Scores(
+        np.array(sums["products"], dtype=float), np.array(sums["squares"], dtype=float), float(sums["duration"])
+    )
     shapes = {"values": (size,), "covariance": (size, size)} | dict.fromkeys(ARRAYS[2:], (count,))
     if any(arrays[name].shape != shape for name, shape in shapes.items()) or seen.shape != (size,):
         raise ValueError

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from joint_id_core.arm.gains import Gains
 from joint_id_core.arm.motion import motion, require_recorded
 from joint_id_core.arm.regressor import OF_LINK, Regressor
 from joint_id_core.checking.findings import findings
@@ -84,7 +85,7 @@ def joined(parts: Sequence[Equations]) -> Equations:
 def equations(
     regressor: Regressor,
     recordings: Mapping[str, Recording],
-    gains: Mapping[str, Mapping[str, float]],
+    gains: Gains,
     source: str,
     loaded: bool = False,
 ) -> Equations:
@@ -112,7 +113,7 @@ def equations(
 def unchecked(
     regressor: Regressor,
     recordings: Mapping[str, Recording],
-    gains: Mapping[str, Mapping[str, float]],
+    gains: Gains,
     source: str,
     loaded: bool = False,
 ) -> Equations:

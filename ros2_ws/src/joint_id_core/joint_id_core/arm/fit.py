@@ -12,22 +12,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from joint_id_core.arm.arm_estimate import ArmEstimate, BaseParameter, JointValues, Value
+from joint_id_core.arm.arm_estimate import ArmEstimate, JointValues
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.equations import PAYLOAD, Equations, equations
+from joint_id_core.arm.gains import Gains
+from joint_id_core.arm.judged import base_parameters, friction, rotor
 from joint_id_core.arm.payload import Factor, Payload, gains_from_mass, payload_of
 from joint_id_core.arm.regressor import Regressor
 from joint_id_core.arm.stacked import Stacked, centred, of_joint
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.results.status import Status
-from joint_id_core.results.verdict import MAGNITUDE, Verdict
 
 LEAST_R_SQUARED = 0.9  # of the torque of a joint
-ACCURACY = 1e-3  # of friction at best: the filters blur where it reverses
-BOUND = 1.96  # standard deviations below zero from which the data, and not chance, ask for a negative value
-
-Gains = Mapping[str, Mapping[str, float]]
 
 
 def fit_arm(
@@ -110,47 +107,16 @@ class _Fitted:
         sigma, share = np.sqrt(np.diag(self.covariance)), [f.std_dev / f.value for f in factors] or [0.0] * n
         r_squared, joints = self.explained(self._parts), []
         for j, name in enumerate(names):
-            rotor = float(self.values[j] - self._regressor.reference[j])
-            armature = self._rotor(j, rotor, float(np.hypot(sigma[j], share[j] * rotor)))
-            least, friction = float(np.hypot(ACCURACY, share[j])), []
-            for k, unit in ((friction_at + j, "Nm s/rad"), (friction_at + n + j, "Nm")):
-                value = float(self.values[k])
-                friction.append(_positive(value, float(np.hypot(sigma[k], least * value)), unit, bool(self._seen[k])))
+            armature = rotor(self._regressor, j, self.values[j], sigma[j], self._seen[j], share[j])
+            lost = [
+                friction(float(self.values[k]), sigma[k], unit, bool(self._seen[k]), share[j])
+                for k, unit in ((friction_at + j, "Nm s/rad"), (friction_at + n + j, "Nm"))
+            ]
             predicted = float("nan") if held_out is None else held_out[j]
-            joints.append(JointValues(name, armature, friction[0], friction[1], r_squared[j], predicted))
-        rows = zip(
-            self._regressor.combinations, self.values, sigma, self._regressor.reference, self._seen, strict=False
-        )
-        parameters = tuple(
-            BaseParameter(t, float(v), float(s), float(r), _verdict(v, s, r, k)) for t, v, s, r, k in rows
-        )
+            joints.append(JointValues(name, armature, lost[0], lost[1], r_squared[j], predicted))
+        parameters = base_parameters(self._regressor, self.values, sigma, self._seen)
         poor = [j.name for j in joints if not j.r_squared > LEAST_R_SQUARED]
         status = Status.POOR_FIT if poor else Status.CONVERGED
         duration = sum(p.duration for p in self._parts)
         doubts = tuple(text for part in self._parts for text in part.doubts)
         return ArmEstimate(source, status, poor, tuple(joints), parameters, duration, self.payload, factors, doubts)
-
-    def _rotor(self, j: int, value: float, sigma: float) -> Value:
-        """Return the inertia of a rotor seen at the link, beside what the description says of the links."""
-        found = _positive(value, sigma, "kg m^2", bool(self._seen[j]))
-        return found if self._regressor.alone[j] else found.beside("beside the inertia of its links in the description")
-
-
-def _positive(value: float, sigma: float, unit: str, seen: bool) -> Value:
-    """Return a quantity that cannot be negative, with its verdict."""
-    if not seen:
-        return Value(float("nan"), float("nan"), unit, Verdict.NOT_EXCITED, "the joint does not move")
-    if value < -BOUND * sigma:
-        told = f"the data pull it below 0, to {value:.3g} ± {sigma:.2g} {unit}"
-        return Value(0.0, sigma, unit, Verdict.AT_BOUND, told)
-    if sigma > MAGNITUDE * value:
-        told = f"it lies below about {max(value, 0.0) + 2.0 * sigma:.2g} {unit}, more is not known"
-        return Value(max(value, 0.0), sigma, unit, Verdict.PRIOR, told)
-    return Value(value, sigma, unit, Verdict.ESTIMATED, "")
-
-
-def _verdict(value: float, sigma: float, reference: float, seen: bool) -> Verdict:
-    """Return whether a base parameter is known to half of its value, or of that of the description."""
-    if not seen:
-        return Verdict.NOT_EXCITED
-    return Verdict.ESTIMATED if sigma < MAGNITUDE * max(abs(value), abs(reference)) else Verdict.PRIOR

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from joint_id_core.arm.equations import DRIVES, Equations, unchecked
+from joint_id_core.arm.gains import Gains
 from joint_id_core.arm.regressor import Regressor
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
@@ -25,7 +26,7 @@ class ArmStream:
     The equations are those of `equations`: the filters run forwards and backwards over a block and its margins.
     """
 
-    def __init__(self, regressor: Regressor, gains: Mapping[str, Mapping[str, float]], source: str) -> None:
+    def __init__(self, regressor: Regressor, gains: Gains, source: str) -> None:
         """Begin without samples; `gains` and `source` as for `equations`."""
         self._regressor, self._gains, self._source = regressor, gains, source
         self._samples: dict[str, Recording] = {}

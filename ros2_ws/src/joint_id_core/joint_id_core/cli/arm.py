@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json as json_text
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
+from joint_id_core.arm.gains import NAMES, Drive, Gains, gains_of
 from joint_id_core.assignments import texts_by_name
 from joint_id_core.cli.fit_options import (
     BASE_GRAVITY_HELP,
@@ -24,15 +26,13 @@ from joint_id_core.cli.group import complain
 from joint_id_core.cli.output import Progress, print_json
 from joint_id_core.cli.outputs import require_apart, require_different
 from joint_id_core.cli.robot_file import robot_settings
-from joint_id_core.errors import JointIdError
-from joint_id_core.models.per_joint import Entry, parse
+from joint_id_core.models.per_joint import parse
 from joint_id_core.text_file import write_text
 
 if TYPE_CHECKING:
     from joint_id_core.arm.payload import Factor
     from joint_id_core.data.recording import Recording
 
-GAINS = ("N", "k_t")  # ratio of a gear, torque constant
 arm = typer.Typer(help="Identify a whole arm: all joints move at once.", no_args_is_help=True, rich_markup_mode=None)
 
 
@@ -82,7 +82,8 @@ def fit(
     require_apart({"--save": save, "--out": out}, [urdf, *files, *loaded, validate, Path(robot) if robot else None])
     gravity = GRAVITY if base_gravity is None else vector(base_gravity, "--base-gravity")
     description = Description.read(urdf, gravity)
-    gains, spread = _gains(description.joints, robot, set_ or ())
+    entries = [parse(text, "set") for text in set_ or ()]
+    gains, spread = gains_of(description.joints, entries, partial(_drive, robot))
     part, whole = (
         Part(texts_by_name(map_ or (), "--map"), start, end),
         Part(texts_by_name(map_ or (), "--map"), None, None),
@@ -123,45 +124,18 @@ def _read(file: Path, part: Part, joints: Sequence[str]) -> dict[str, Recording]
     return {name: part.read(file, name) for name in joints_of(file, part.mapping) if name in joints}
 
 
-def _gains(joints: Sequence[str], robot: str | None, texts: Sequence[str]) -> tuple[dict[str, dict[str, float]], str]:
-    """Return by joint and drive the torque at the link of one unit of it, and how far torque constants are known.
-
-    Raises:
-        JointIdError: a parameter that is none of a drive, a joint that the robot does not have, a value of zero.
-    """
-    entries = [parse(text, "set") for text in texts]
-    for entry in entries:
-        _check(entry, joints)
-    gains, shares = {}, []
-    for name in joints:
-        known = robot_settings(robot, name, GAINS) if robot is not None else None
-        values = dict(known.values) if known is not None else {}
-        deviations = dict(known.deviations) if known is not None else {}
-        for entry in sorted(entries, key=lambda e: e.joint != ""):
-            if entry.joint in ("", name) and entry.value is not None:
-                values[entry.name] = entry.value
-                deviations.pop(entry.name, None)
-                deviations |= {} if entry.deviation is None else {entry.name: entry.deviation}
-        ratio = values.get("N", 1.0)
-        gains[name] = {"torque": ratio} | ({"current": ratio * values["k_t"]} if "k_t" in values else {})
-        shares += [deviations["k_t"] / values["k_t"]] if "k_t" in deviations else []
-    ends = sorted({f"{100.0 * share:.2g}" for share in (min(shares), max(shares))}, key=float) if shares else []
-    return gains, f"{' to '.join(ends)} %" if ends else ""
+def _drive(robot: str | None, joint: str) -> Drive:
+    """Return what a parameter file of the identifier says of the drive of a joint."""
+    if robot is None:
+        return Drive()
+    known = robot_settings(robot, joint, NAMES)
+    return Drive(known.values, known.deviations)
 
 
-def _constants(factors: Sequence[Factor], gains: Mapping[str, Mapping[str, float]]) -> list[str]:
+def _constants(factors: Sequence[Factor], gains: Gains) -> list[str]:
     """Return options that give the torque constants that were found, to be pasted; none without currents."""
     known = [(f, gains[f.joint]) for f in factors if "current" in gains[f.joint]]
     return [
         f"--set {f.joint}.k_t={f.value * gain['current'] / gain['torque']:.4g}+-{100.0 * f.std_dev / f.value:.2g}%"
         for f, gain in known
     ]
-
-
-def _check(entry: Entry, joints: Sequence[str]) -> None:
-    if entry.name not in GAINS:
-        raise JointIdError(f"--set {entry.name}: of an arm, N and k_t can be set")
-    if entry.joint and entry.joint not in joints:
-        raise JointIdError(f"--set {entry.joint}.{entry.name}: no such joint, there are {', '.join(joints)}")
-    if entry.value == 0.0:
-        raise JointIdError(f"--set {entry.name}=0: give a value that is not 0")
