@@ -1,0 +1,62 @@
+"""What values and standard deviations of an arm's parameters tell of its joints: quantities with their verdicts."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from joint_id_core.arm.arm_estimate import BaseParameter, Value
+from joint_id_core.arm.regressor import Regressor
+from joint_id_core.data.recording import Array
+from joint_id_core.results.verdict import MAGNITUDE, Verdict
+
+ACCURACY = 1e-3  # of friction at best: the filters blur where it reverses
+BOUND = 1.96  # standard deviations below zero from which the data, and not chance, ask for a negative value
+
+
+def rotor(regressor: Regressor, j: int, value: float, sigma: float, seen: bool, share: float = 0.0) -> Value:
+    """Return the inertia of a rotor seen at the link, beside what the description says of the links.
+
+    Args:
+        regressor: of the arm.
+        j: number of the joint.
+        value, sigma: of its base parameter in kg m^2.
+        seen: whether a motion has shown it.
+        share: standard deviation of the gain, as a share of it.
+    """
+    own = value - float(regressor.reference[j])
+    found = _positive(own, float(np.hypot(sigma, share * own)), "kg m^2", seen)
+    return found if regressor.alone[j] else found.beside("beside the inertia of its links in the description")
+
+
+def friction(value: float, sigma: float, unit: str, seen: bool, share: float = 0.0) -> Value:
+    """Return a friction, which is known no better than the gain (`share`) and the filters allow."""
+    return _positive(value, float(np.hypot(sigma, np.hypot(ACCURACY, share) * value)), unit, seen)
+
+
+def base_parameters(
+    regressor: Regressor, values: Array, sigma: Array, seen: NDArray[np.bool_]
+) -> tuple[BaseParameter, ...]:
+    """Return the base parameters, which come first in arrays of shape (P,)."""
+    rows = zip(regressor.combinations, values, sigma, regressor.reference, seen, strict=False)
+    return tuple(BaseParameter(t, float(v), float(s), float(r), _verdict(v, s, r, k)) for t, v, s, r, k in rows)
+
+
+def _positive(value: float, sigma: float, unit: str, seen: bool) -> Value:
+    """Return a quantity that cannot be negative, with its verdict."""
+    if not seen:
+        return Value(float("nan"), float("nan"), unit, Verdict.NOT_EXCITED, "the joint does not move")
+    if value < -BOUND * sigma:
+        told = f"the data pull it below 0, to {value:.3g} ± {sigma:.2g} {unit}"
+        return Value(0.0, sigma, unit, Verdict.AT_BOUND, told)
+    if sigma > MAGNITUDE * value:
+        told = f"it lies below about {max(value, 0.0) + 2.0 * sigma:.2g} {unit}, more is not known"
+        return Value(max(value, 0.0), sigma, unit, Verdict.PRIOR, told)
+    return Value(value, sigma, unit, Verdict.ESTIMATED, "")
+
+
+def _verdict(value: float, sigma: float, reference: float, seen: bool) -> Verdict:
+    """Return whether a base parameter is known to half of its value, or of that of the description."""
+    if not seen:
+        return Verdict.NOT_EXCITED
+    return Verdict.ESTIMATED if sigma < MAGNITUDE * max(abs(value), abs(reference)) else Verdict.PRIOR
