@@ -68,6 +68,7 @@ class ArmFollower:
         unexplained: names of joints whose torque the belief does not explain now.
         rests: whether no joint moves.
         time: end of the newest stretch in s.
+        used: number of instants that were used since the arm is known.
     """
 
     def __init__(self, joints: Sequence[str], arm_mass: float, belief: Belief | None = None) -> None:
@@ -80,7 +81,7 @@ class ArmFollower:
         """
         self.belief, self.changes = belief, dict[str, ArmChange]()
         self.unexplained: tuple[str, ...] = ()
-        self.rests, self.time = True, float("nan")
+        self.rests, self.time, self.used = True, float("nan"), 0
         self._joints, self._mass = tuple(joints), arm_mass
         self._first: list[Equations] = []  # from which it is learnt
         self._learning = belief is None
@@ -95,6 +96,11 @@ class ArmFollower:
         """Motion in s that has been used."""
         return sum(part.duration for part in self._first) if self.belief is None else self.belief.duration
 
+    @property
+    def needed(self) -> float:
+        """Motion in s from which an arm is known."""
+        return LEARN_S
+
     def add(self, part: Equations) -> bool:
         """Take a stretch; return whether something new is known."""
         if len(part.time):
@@ -106,6 +112,7 @@ class ArmFollower:
             self._first.append(part)
             return self._learn()
         self._held.append(part)
+        self.used += int(np.count_nonzero(part.used.any(axis=1)))
         return self._test()
 
     def _learn(self) -> bool:
