@@ -22,7 +22,7 @@ from joint_id_core.arm.loaded import loaded
 from joint_id_core.arm.online_load import OnlineLoad, with_unknown_load
 from joint_id_core.arm.typical_inertia import typical_inertia
 
-from .arm_stream import ORIGIN_NS, as_recordings, batches, passed
+from .arm_stream import as_recordings, batches, passed
 
 RIGID, FLEXIBLE = build("rigid_joint"), build("harmonic_drive")
 MAX_GAP = 5.0
