@@ -112,4 +112,4 @@ class ArmLoad:
             return {}
         known = "not known" if self.complaint else f"of {self._options.urdf or self._topic}"
         without = "; ".join(f"{joint}: {why}" for joint, why in self._load.unloaded.items()) if self._load else ""
-        return {"load": known} | ({"without a load": without} if without else {})
+        return {"load": known, "without a load": without or "none"}
