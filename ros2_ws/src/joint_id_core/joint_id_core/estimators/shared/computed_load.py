@@ -10,8 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from joint_id_core.data.recording import Recording
+from joint_id_core.estimators.shared.sentences import message
 from joint_id_core.models import Model
-from joint_id_core.results.estimate import Estimate
+from joint_id_core.results.estimate import SHOWN, Estimate
 
 LOAD = "external_torque"
 # Errors of the parameters of a flexible joint, as shares of their values, which a fit does not see: vibrations of other
@@ -46,12 +47,31 @@ def with_doubt(estimate: Estimate, model: Model) -> Estimate:
         before = rows[name].std_dev
         if not before > 0.0:
             continue
-        share = DAMPING_ERROR if name == damping else ERROR * model.parameter(name).positive
-        sigma = float(np.hypot(before, share * rows[name].value))
+        sigma = float(np.hypot(before, _share(model, name) * rows[name].value))
         scale[k] = sigma / before
         rows[name] = replace(rows[name], std_dev=sigma)
     if damping in estimate.free:
         told = f"a computed load lacks the vibrations that show it: {100.0 * DAMPING_ERROR:.0f} % of it are doubtful"
         rows[damping] = replace(rows[damping], reason=told)
     covariance = estimate.covariance * np.outer(scale, scale)
-    return replace(estimate, parameters=tuple(rows.values()), covariance=covariance)
+    estimate = replace(estimate, parameters=tuple(rows.values()), covariance=covariance)
+    return _with_doubtful_changes(estimate, model) if estimate.changes else estimate
+
+
+def _share(model: Model, name: str) -> float:
+    """Return the share of the value of a parameter that is doubtful."""
+    return DAMPING_ERROR if name == model.gear_damping else ERROR * model.parameter(name).positive
+
+
+def _with_doubtful_changes(estimate: Estimate, model: Model) -> Estimate:
+    """Return an estimate without the changes that another motion, with other vibrations, may have made."""
+    wider = []
+    for change in estimate.changes:
+        share = _share(model, change.name)
+        before = float(np.hypot(change.before_std_dev, share * change.before))
+        after = float(np.hypot(change.after_std_dev, share * change.after))
+        wider.append(replace(change, before_std_dev=before, after_std_dev=after))
+    told = {old.text: new.text if new.size > SHOWN else "" for old, new in zip(estimate.changes, wider, strict=True)}
+    changes = tuple(change for change in wider if change.size > SHOWN)
+    notes = tuple(filter(None, (told.get(note, note) for note in estimate.notes)))
+    return replace(estimate, changes=changes, notes=notes, message=message(notes))
