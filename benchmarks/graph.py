@@ -4,8 +4,9 @@
 
 Emulated robot, driver, filter and identifier are processes of their own, as on a robot; this one listens to
 joint_params. The driver ends at 500 Hz, so at a higher rate `graph_source.py` publishes simulated joints. In the case
-"receiving", the window is longer than the run: the identifier takes in and converts samples, and fits nothing. In the
-first 16 s of motion all samples are fitted anew three times beside the recursion; `--after 25` leaves these out.
+"receiving", the window is longer than the run: the identifier takes in and converts samples, and fits nothing. "load"
+is the same with a description of the robot, from which the filter computes the load of every joint. In the first 16 s
+of motion all samples are fitted anew three times beside the recursion; `--after 25` leaves these out.
 
 The share of a core is small on a computer that has no time for the nodes, so the time per sample that a node received
 is given as well. Latency is the time from the stamp of the newest sample of an estimate to the instant at which the
@@ -23,6 +24,7 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -41,7 +43,8 @@ from joint_id_msgs.msg import JointParams
 
 DOMAIN = 1 + os.getpid() % 100
 PATIENCE_S = 120.0  # until the first estimate: the first fit of a model compiles it
-CASES = ("robot", "receiving", "fast")
+CASES = ("robot", "receiving", "load", "fast")
+IDLE = ("receiving", "load")  # in which nothing is fitted
 FAST_HZ = 1000.0
 JOINTS = build_joints(ROBOTS[0])  # those of the emulator
 
@@ -63,7 +66,7 @@ def main() -> None:
     runs = []
     for _ in range(args.runs):
         for case in args.cases:
-            for model in args.models if case != "receiving" else args.models[:1]:
+            for model in args.models if case not in IDLE else args.models[:1]:
                 runs.append(_measure(case, model, args.hop, args.duration, args.after))
                 print(_line(runs[-1]), flush=True)
     args.json.parent.mkdir(parents=True, exist_ok=True)
@@ -72,11 +75,14 @@ def main() -> None:
 
 def _measure(case: str, model: str, hop: float, duration: float, after: float) -> dict[str, Any]:
     """Run one case and return its figures."""
-    window = 2.0 if case != "receiving" else 600.0
+    window = 2.0 if case not in IDLE else 600.0
     settings = {"model": model, "actuation": "current", "window_s": window, "hop_s": hop}
     with ExitStack() as stack:
         watcher = stack.enter_context(_watching())
-        processes = {"filter": stack.enter_context(node("filter", {}))}
+        folder = stack.enter_context(TemporaryDirectory())
+        processes = {
+            "filter": stack.enter_context(node("filter", {"urdf": _described(folder)} if case == "load" else {}))
+        }
         if case == "fast":
             settings["set"] = listed([f"k_t={PositionControl.K_T!r}", "N=101"])
             processes["identifier"] = stack.enter_context(node("identifier", settings))
@@ -92,7 +98,7 @@ def _measure(case: str, model: str, hop: float, duration: float, after: float) -
             processes["emulator"] = emulator.process
             address = {"robot_ip": emulator.host, "port": emulator.port}
             processes["driver"] = stack.enter_context(node("driver", address))
-        if case == "receiving":
+        if case in IDLE:
             watcher.spin_for(12.0)  # until all nodes have started and the filter has learnt the period
         else:
             watcher.wait_for_estimates()
@@ -207,6 +213,21 @@ def process(command: list[str]) -> Iterator[subprocess.Popen[bytes]]:
         except subprocess.TimeoutExpired:
             started.kill()
             started.wait()
+
+
+def _described(folder: str) -> str:
+    """Write the description of an arm with the joints of the robot, and return its path."""
+    names, text = [j.name for j in JOINTS], '<link name="link_0"/>'
+    for k, name in enumerate(names):
+        text += (
+            f'<link name="link_{k + 1}"><inertial><origin xyz="0.1 0 0.05"/><mass value="{6 - k}"/>'
+            '<inertia ixx="0.03" iyy="0.04" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'<joint name="{name}" type="revolute"><parent link="link_{k}"/><child link="link_{k + 1}"/>'
+            f'<origin xyz="0.2 0 0.1"/><axis xyz="{"0 1 0" if k % 2 else "0 0 1"}"/></joint>'
+        )
+    path = Path(folder) / "robot.urdf"
+    path.write_text(f'<robot name="arm">{text}</robot>')
+    return str(path)
 
 
 def listed(texts: list[str]) -> str:

@@ -5,6 +5,7 @@ With rigid joints its motion is given in closed form, so that its recordings are
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,13 +118,25 @@ def rigid(seconds: float, seed: int = 0, urdf: str = URDF) -> dict[str, Recordin
     return _by_joint(time, shown)
 
 
-def flexible(seconds: float, seed: int = 0) -> dict[str, Recording]:
+def with_rests(time: Array, seed: int = 0) -> Motion:
+    """The same motion, which slows down, rests for a second, and goes on, every four seconds."""
+    rest, ramp, period = 1.0, 0.5, 4.0
+    phase = np.mod(time, period) - (period - rest)
+    speed = np.clip(np.minimum(-phase, phase + period - rest) / ramp, 0.0, 1.0)
+    smooth = 10.0 * speed**3 - 15.0 * speed**4 + 6.0 * speed**5
+    moved = np.concatenate([[0.0], np.cumsum(0.5 * (smooth[1:] + smooth[:-1]) * np.diff(time))])
+    there, rate = at(moved, seed), np.gradient(smooth, time)
+    s = smooth[:, None]
+    return Motion(there.q, there.dq * s, there.ddq * s**2 + there.dq * rate[:, None])
+
+
+def flexible(seconds: float, seed: int = 0, path: Callable[[Array, int], Motion] = at) -> dict[str, Recording]:
     """What both encoders and motor torques of all joints show, behind springs with dampers, by name.
 
     A controller of each motor holds its torque over a sample. Motors, springs and links are integrated by Runge-Kutta.
     """
     count, h = round(seconds * RATE), 1.0 / (RATE * FINER)
-    links, reference = _Links(), at(np.arange(count) / RATE, seed)
+    links, reference = _Links(), path(np.arange(count) / RATE, seed)
     rotor, damping = ROTOR / RATIO**2, DAMPING_S * STIFFNESS
     whole = rotor + links.inertia / RATIO**2
 

@@ -10,6 +10,7 @@ import numpy as np
 from joint_id_core.alignment.aligner import AlignedSamples
 from joint_id_core.data.instants import NANO, seconds
 from joint_id_core.data.recording import Recording
+from joint_id_core.estimators.shared.computed_load import LOAD
 from joint_id_core.formats.cdr import Layout
 from joint_id_core.formats.topics import MEASURED_BITS, SAMPLES
 from joint_id_msgs.msg import JointSamples
@@ -50,7 +51,7 @@ def to_recordings(messages: Sequence[RawMessage], origin_ns: int, source: str) -
     """Return one recording per joint, with time in s since the origin, from messages of JointSamples without error.
 
     The messages must be in the order of their stamps. A channel is derived if any of the messages says so. A channel
-    without any value is left out.
+    without any value is left out; a load without any is one that is not known, and no load of zero.
     """
     time = np.array([seconds(message.stamp_ns, origin_ns) for message in messages])
     checked = Recording(time, {}, source=source)  # the values were checked when they were read
@@ -72,8 +73,9 @@ def to_recordings(messages: Sequence[RawMessage], origin_ns: int, source: str) -
         begin = end
     recordings = {}
     missing, everywhere = np.isnan(values), named.all()
+    kept = LOAD if any(LOAD in table.channels for table, _, _ in groups) else ""
     for joint, own, gone, here in zip(joints, values, missing.all(axis=2).tolist(), named, strict=True):
-        found = {channel: row for channel, row, none in zip(CHANNELS, own, gone, strict=True) if not none}
+        found = {name: row for name, row, none in zip(CHANNELS, own, gone, strict=True) if not none or name == kept}
         if not everywhere:
             found = {channel: row[here] for channel, row in found.items()}
         marks = frozenset(derived[joint].intersection(found))

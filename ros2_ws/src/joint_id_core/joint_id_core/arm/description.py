@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError, close_to
@@ -26,7 +27,7 @@ UNBOUNDED = {"lower": "-1e3", "upper": "1e3", "effort": "1e6", "velocity": "1e6"
 
 @dataclass(frozen=True)
 class Load:
-    """What the arm does to one of its joints, in Nm and kg m^2 (N and kg for a prismatic one), shapes (T,).
+    """What the arm does to one of its joints (T,), or to all (T, joints), in Nm and kg m^2 (N and kg where prismatic).
 
     Attributes:
         torque: gravity, Coriolis and centrifugal torque, and that of the accelerations of other joints; it acts against
@@ -74,10 +75,16 @@ class Description:
         names = tuple(self._model.names)[1:]
         self.joints = tuple(name for name in names if name not in self._mimics)
         self._column = {name: self._model.joints[self._model.getJointId(name)].idx_v for name in names}
-        self._model.gravity.linear = _gravity(gravity)
+        self._model.gravity.linear = checked_gravity(gravity)
         self._data = self._model.createData()
         self._links = {joint.get("name", ""): _of(joint, "child") for joint in root.findall("joint")}
         self._check_bodies()
+
+    @property
+    def turning(self) -> NDArray[np.bool_]:
+        """Which of `joints` turn; the others slide."""
+        kinds = [self._model.joints[self._model.getJointId(name)].shortname() for name in self.joints]
+        return np.array([not kind.startswith("JointModelP") for kind in kinds])
 
     @property
     def mimics(self) -> tuple[str, ...]:
@@ -130,32 +137,36 @@ class Description:
             )
 
     def load(self, joint: str, q: Array, dq: Array, ddq: Array) -> Load:
-        """Return the load of a joint.
-
-        Args:
-            joint: its name.
-            q, dq, ddq: positions (rad, m), velocities and accelerations of `joints`, shape (T, joints); where one is
-                NaN, so is the load.
+        """Return the load of a joint, shape (T,); arguments as for `loads`.
 
         Raises:
             JointIdError: see `require`.
         """
+        self.require(joint)
+        found, k = self.loads(q, dq, ddq), self.joints.index(joint)
+        return Load(found.torque[:, k], found.inertia[:, k])
+
+    def loads(self, q: Array, dq: Array, ddq: Array) -> Load:
+        """Return the loads of all `joints`, shape (T, joints). That of a joint that drives another one is wrong.
+
+        Args:
+            q, dq, ddq: positions (rad, m), velocities and accelerations of `joints`, shape (T, joints); where one is
+                NaN, so are the loads.
+        """
         import pinocchio
 
-        self.require(joint)
-        count, own = len(q), self._column[joint]
-        motion = np.full((3, count, self._model.nv), np.nan)
-        for k, name in enumerate(self.joints):
-            motion[:, :, self._column[name]] = q[:, k], dq[:, k], ddq[:, k]
+        model, data, own = self._model, self._data, [self._column[name] for name in self.joints]
+        motion = np.full((3, len(q), model.nv), np.nan)
+        motion[:, :, own] = q, dq, ddq
         for name, mimic in self._mimics.items():
             motion[:, :, self._column[name]] = mimic.factor * motion[:, :, self._column[mimic.joint]]
             motion[0, :, self._column[name]] += mimic.offset
-        torque, inertia = np.full(count, np.nan), np.full(count, np.nan)
+        torque, inertia = np.full((2, len(q), model.nv), np.nan)
         for k in np.flatnonzero(np.isfinite(motion).all(axis=(0, 2))).tolist():
             at, speed, rate = motion[:, k]
-            inertia[k] = pinocchio.crba(self._model, self._data, at)[own, own]
-            torque[k] = pinocchio.rnea(self._model, self._data, at, speed, rate)[own] - inertia[k] * rate[own]
-        return Load(torque, inertia)
+            inertia[k] = pinocchio.crba(model, data, at).diagonal()
+            torque[k] = pinocchio.rnea(model, data, at, speed, rate) - inertia[k] * rate
+        return Load(torque[:, own], inertia[:, own])
 
     def _check_bodies(self) -> None:
         """Check masses and lengths of what moves."""
@@ -233,8 +244,12 @@ def _mimics(root: ET.Element, source: str) -> Mapping[str, Mimic]:
     return found
 
 
-def _built(root: ET.Element, source: str) -> Any:
-    """Return the model of Pinocchio: every joint has one coordinate, and no limits."""
+def loaded_pinocchio() -> Any:
+    """Return the module Pinocchio; to load it takes up to a second.
+
+    Raises:
+        JointIdError: it is not installed.
+    """
     try:
         import pinocchio
     except ModuleNotFoundError:
@@ -242,6 +257,12 @@ def _built(root: ET.Element, source: str) -> Any:
             "a robot's description needs Pinocchio, which is not installed: pip install pin, "
             "or apt install ros-jazzy-pinocchio"
         ) from None
+    return pinocchio
+
+
+def _built(root: ET.Element, source: str) -> Any:
+    """Return the model of Pinocchio: every joint has one coordinate, and no limits."""
+    pinocchio = loaded_pinocchio()
     for joint in root.findall("joint"):
         for part in joint.findall("mimic") + joint.findall("limit") + joint.findall("safety_controller"):
             joint.remove(part)
@@ -256,8 +277,12 @@ def _built(root: ET.Element, source: str) -> Any:
         raise JointIdError(f"{source}: not a valid URDF ({why}): check it with check_urdf") from None
 
 
-def _gravity(gravity: Sequence[float]) -> Array:
-    """Return gravity as an array, shape (3,)."""
+def checked_gravity(gravity: Sequence[float]) -> Array:
+    """Return gravity as an array, shape (3,).
+
+    Raises:
+        JointIdError: these are not three numbers, or no gravity in m/s^2.
+    """
     try:
         found = np.asarray(gravity, dtype=float)
     except ValueError:

@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.motion import motion
+from joint_id_core.arm.typical_inertia import typical_inertia
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.models import Model
-from joint_id_core.results.estimate import Estimate
+from joint_id_core.estimators.shared.computed_load import LOAD
 
-LOAD = "external_torque"
 NEAR = 1.5  # periods to the next sample; a longer step is a gap
-# Errors of the parameters of a flexible joint, as shares of their values, which a fit does not see: vibrations of other
-# joints are above the band of a computed load, or below its noise. On a simulated arm of six flexible joints the
-# damping of the gear came out 7 to 56 % too large, and of the others one was 1.8 % off, the rest 0.5 % in the mean.
-DAMPING_ERROR, ERROR = 0.5, 0.01
 
 
 @dataclass(frozen=True)
@@ -27,11 +22,11 @@ class Loaded:
     """Recordings of one joint whose `external_torque` is the load of the rest of the arm.
 
     A model of one joint has a constant inertia. So the torque that accelerates the links of the joint stays with the
-    model as far as their mean inertia gives it; only what differs from that, as the pose changes, is load.
+    model as far as their typical inertia gives it; only what differs from that, as the pose changes, is load.
 
     Attributes:
         recordings: with the load, as far as the motion of the arm is known; NaN in gaps of other joints.
-        inertia: that mean, in kg m^2: what the estimated inertia contains of the links of the description.
+        inertia: the typical one, in kg m^2: what the estimated inertia contains of the links of the description.
         rms: of the load in Nm.
         source: of the description.
     """
@@ -68,7 +63,7 @@ def loaded(description: Description, joint: str, records: Sequence[Mapping[str, 
         own = joints.get(joint)
         if own is None:
             raise JointIdError(f"no recording of joint {joint}: there are {', '.join(joints)}")
-        if own.measured(LOAD):
+        if LOAD in own:
             raise JointIdError(
                 f"{own.source}: joint {joint} has an {LOAD} already: leave the robot's description out, or that channel"
             )
@@ -79,38 +74,23 @@ def loaded(description: Description, joint: str, records: Sequence[Mapping[str, 
                 f"{own.source}: the joints of the arm were not recorded at the same time: no load is known"
             )
         loads.append((own, load, accelerations[:, description.joints.index(joint)]))
-    inertia = float(np.nanmean(np.concatenate([load.inertia for _, load, _ in loads])))
-    torques = [_held(own, load.torque + (load.inertia - inertia) * acceleration) for own, load, acceleration in loads]
+    inertia = float(typical_inertia(description)[description.joints.index(joint)])
+    torques = [
+        means_over_steps(own.time, load.torque + (load.inertia - inertia) * acceleration, own.period)
+        for own, load, acceleration in loads
+    ]
     recordings = tuple(_known(own, torque) for (own, _, _), torque in zip(loads, torques, strict=True))
     rms = float(np.sqrt(np.nanmean(np.concatenate(torques) ** 2)))
     return Loaded(recordings, inertia, rms, description.source)
 
 
-def with_doubt(estimate: Estimate, model: Model) -> Estimate:
-    """Return an estimate from a recording with a computed load: flexible joints are known less than the fit says."""
-    damping = model.gear_damping
-    if damping is None:
-        return estimate
-    rows, scale = {p.name: p for p in estimate.parameters}, np.ones(len(estimate.free))
-    for k, name in enumerate(estimate.free):
-        share = DAMPING_ERROR if name == damping else ERROR * model.parameter(name).positive
-        sigma = float(np.hypot(rows[name].std_dev, share * rows[name].value))
-        scale[k] = sigma / rows[name].std_dev
-        rows[name] = replace(rows[name], std_dev=sigma)
-    if damping in estimate.free:
-        told = f"a computed load lacks the vibrations that show it: {100.0 * DAMPING_ERROR:.0f} % of it are doubtful"
-        rows[damping] = replace(rows[damping], reason=told)
-    covariance = estimate.covariance * np.outer(scale, scale)
-    return replace(estimate, parameters=tuple(rows.values()), covariance=covariance)
+def means_over_steps(time: Array, torque: Array, period: float) -> Array:
+    """Return the means of torques (T, ...) over the step after each sample, as a model holds its inputs.
 
-
-def _held(recording: Recording, torque: Array) -> Array:
-    """Return the means of a torque (T,) over the step after each sample, as a model holds its inputs.
-
-    Without that it would come half a step late, and be taken for damping of the gear.
+    Without that they would come half a step late, and be taken for damping of the gear. Before a gap, and at the last
+    sample, it is the torque of the sample.
     """
-    held, steps = torque.copy(), np.diff(recording.time)
-    near = steps < NEAR * recording.period
+    held, near = torque.copy(), np.diff(time) < NEAR * period
     held[:-1][near] = 0.5 * (torque[:-1] + torque[1:])[near]
     return held
 
@@ -118,4 +98,4 @@ def _held(recording: Recording, torque: Array) -> Array:
 def _known(recording: Recording, torque: Array) -> Recording:
     """Return a recording with a load (T,), from the first to the last sample at which it is known."""
     known = np.flatnonzero(np.isfinite(torque))
-    return recording.with_channels({LOAD: torque}).slice(int(known[0]), int(known[-1]) + 1)
+    return recording.with_channels({LOAD: torque}, derived=True).slice(int(known[0]), int(known[-1]) + 1)

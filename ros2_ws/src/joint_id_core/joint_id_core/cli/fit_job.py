@@ -116,10 +116,7 @@ class FitJob:
         found = fit_several(model, given.recordings, settings, self.estimator, progress)
         if self.urdf is None:
             return found
-        from joint_id_core.arm.loaded import with_doubt
-
-        estimate = replace(found.estimate, notes=(*found.estimate.notes, *given.notes))
-        return replace(found, estimate=with_doubt(estimate, model))
+        return replace(found, estimate=replace(found.estimate, notes=(*found.estimate.notes, *given.notes)))
 
     def of_every_joint(self) -> list[FitJob]:
         """Return one job for every joint that the files hold.

@@ -59,7 +59,8 @@ def gravity_helps(recording: Recording) -> float:
     drive = next((d for d in DRIVES if recording.measured(d)), None)
     if drive is None or not recording.measured("link_position"):
         return 0.0
-    names = [n for n in ("link_position", "link_velocity", "external_torque") if recording.measured(n)]
+    names = [n for n in ("link_position", "link_velocity") if recording.measured(n)]
+    names += [n for n in ("external_torque",) if n in recording]  # it may be computed
     channels = {n: recording[n] for n in names} | {"torque": recording[drive]}
     seen = Recording(recording.time, channels, source=recording.source)
     try:

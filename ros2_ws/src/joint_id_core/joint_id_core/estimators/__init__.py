@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
@@ -87,6 +88,20 @@ def fit(
     require_types(model, recording, settings, estimator)
     if isinstance(recording, Sequence):
         return fit_several(model, recording, settings, estimator, progress).estimate
+    from joint_id_core.estimators.shared.computed_load import computed, with_doubt  # loads NumPy
+
+    estimate = _fit(model, recording, settings, estimator, progress)
+    return with_doubt(estimate, model) if computed(recording) else estimate
+
+
+def _fit(
+    model: Model,
+    recording: Recording,
+    settings: ParameterSettings | None,
+    estimator: Estimator,
+    progress: Progress | None,
+) -> Estimate:
+    """Return the estimate of one recording, as if its load were measured."""
     from joint_id_core.estimators.between_samples import fitted_between  # loads NumPy, as the next
     from joint_id_core.estimators.cross_check import cross_checked
     from joint_id_core.estimators.one_encoder import hides_compliance
@@ -147,9 +162,14 @@ def fit_several(
     Returns:
         The estimate of all recordings, that of each by itself, and how far each is from all.
     """
-    from joint_id_core.estimators.together.fit import together  # loads NumPy
+    from joint_id_core.estimators.shared.computed_load import computed, with_doubt  # loads NumPy, as the next
+    from joint_id_core.estimators.together.fit import together
 
-    return together(model, [fit(model, one, settings, estimator, progress) for one in recordings], settings)
+    found = together(model, [_fit(model, one, settings, estimator, progress) for one in recordings], settings)
+    if not any(map(computed, recordings)):
+        return found
+    alone = tuple(with_doubt(estimate, model) for estimate in found.alone)
+    return replace(found, estimate=with_doubt(found.estimate, model), alone=alone)
 
 
 def build(name: str, **options: object) -> Innovations | Regression | HPinn:

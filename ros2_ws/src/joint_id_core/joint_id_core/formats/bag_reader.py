@@ -258,7 +258,8 @@ def _read_topic(path: Path, reader: Bag, source: Source, joint: str | None, seen
                 )
             value = float(values[index]) if len(values) else np.nan
             columns[name].append(value)
-            if topic is SAMPLES and not message.measured & MEASURED_BITS[name] and value == value:
+            told = value == value or (name == "external_torque" and len(values))  # a load that is not known is no zero
+            if topic is SAMPLES and not message.measured & MEASURED_BITS[name] and told:
                 never[k] = True
     if len(stamps) > 1 and not any(stamps):
         raise JointIdError(f"{where}: every header.stamp is zero: stamp the messages when publishing")
@@ -274,7 +275,7 @@ def _merge(parts: list[Recording], path: Path, joint: str) -> Recording:
     for part in parts:
         rows = np.searchsorted(time, part.time)
         for name, values in part.channels.items():
-            if np.isnan(values).all():
+            if np.isnan(values).all() and name not in part.derived:
                 continue
             channels[name] = np.full(time.shape, np.nan)
             channels[name][rows] = values

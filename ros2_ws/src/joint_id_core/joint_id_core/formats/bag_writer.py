@@ -98,15 +98,18 @@ def _rows(path: Path, recordings: Mapping[str, Recording]) -> dict[int, list[Row
 
 
 def _messages(topic: Topic, stamp: int, rows: list[Row]) -> Iterator[Any]:
-    """Yield the messages of one topic at one stamp: one, or for `joint_samples` one per set of measured channels."""
-    groups: dict[int, list[Row]] = {}
+    """Yield the messages of one topic at one stamp.
+
+    That is one, or for `joint_samples` one per set of measured channels, with a load or without.
+    """
+    groups: dict[tuple[int, bool], list[Row]] = {}
     for row in rows:
         if topic is SAMPLES:
-            groups.setdefault(_mask(row[1]), []).append(row)
+            groups.setdefault((_mask(row[1]), "external_torque" in row[1]), []).append(row)
         elif any(name in row[1] for name in topic.fields.values()):
-            groups.setdefault(0, []).append(row)
+            groups.setdefault((0, False), []).append(row)
     types = typestore().types
-    for mask, group in groups.items():
+    for (mask, _), group in groups.items():
         arrays: dict[str, Any] = {}
         for field, name in topic.fields.items():
             present = any(name in r for _, r, _ in group)

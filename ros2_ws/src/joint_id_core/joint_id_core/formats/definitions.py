@@ -32,6 +32,7 @@ uint16 CURRENT=64
 uint16 VOLTAGE=128
 uint16 TORQUE=256
 uint16 TEMPERATURE=512
+uint16 EXTERNAL_TORQUE=1024
 std_msgs/Header header
 string[] name
 uint16 measured
@@ -45,6 +46,7 @@ float64[] current
 float64[] voltage
 float64[] torque
 float64[] temperature
+float64[] external_torque
 """,
     "joint_id_msgs/msg/RobotSignals": """
 std_msgs/Header header

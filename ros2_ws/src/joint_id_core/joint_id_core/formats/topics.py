@@ -49,6 +49,7 @@ MEASURED_BITS = {
     "voltage": 128,
     "torque": 256,
     "temperature": 512,
+    "external_torque": 1024,
 }
 
 SAMPLES = Topic("joint_samples", "joint_id_msgs/msg/JointSamples", {name: name for name in MEASURED_BITS})

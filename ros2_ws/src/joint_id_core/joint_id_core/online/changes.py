@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -11,9 +12,7 @@ from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.online.follower import Follower
 from joint_id_core.online.learning import Explanation
 from joint_id_core.online.memory import Change
-from joint_id_core.results.estimate import ParameterChange
-
-SHOWN = 3.0  # standard deviations by which a parameter must have changed to be named
+from joint_id_core.results.estimate import SHOWN, ParameterChange
 
 
 class Changes:
@@ -48,8 +47,8 @@ class Changes:
                 after, sigma = self._physical(*now)
                 j = self._free.index(old.name)
                 found[old.name] = replace(old, after=float(after[j]), after_std_dev=float(sigma[j]))
-        told = sorted(found.values(), key=_size, reverse=True)
-        self.told = tuple(c for c in told if c is told[0] or _size(c) > SHOWN)
+        told = sorted(found.values(), key=attrgetter("size"), reverse=True)
+        self.told = tuple(c for c in told if c is told[0] or c.size > SHOWN)
         return True
 
     def _found(self, change: Change, now: tuple[Array, Array], since: float) -> dict[str, ParameterChange]:
@@ -71,8 +70,3 @@ class Changes:
     def _physical(self, z: Array, covariance: Array) -> tuple[Array, Array]:
         """Return values and standard deviations, shapes (k,), in SI units."""
         return self._coordinates.values(z), self._coordinates.slope(z) * np.sqrt(np.diag(covariance))
-
-
-def _size(change: ParameterChange) -> float:
-    """Return a change in standard deviations of the difference."""
-    return abs(change.after - change.before) / float(np.hypot(change.before_std_dev, change.after_std_dev))

@@ -22,7 +22,7 @@ from joint_id_core.online.hops import Hops
 from joint_id_core.online.knowledge import Knowledge
 from joint_id_core.online.motion import MotionWatch
 from joint_id_core.online.options import OnlineOptions
-from joint_id_core.online.published import DISAGREE, at_rest, forgotten, too_short, with_note
+from joint_id_core.online.published import DISAGREE, at_rest, forgotten, too_short, with_computed_load, with_note
 from joint_id_core.online.resume import NOISE_SIGMA, as_of_now, known_of
 from joint_id_core.online.second_look import SecondLook, apart
 from joint_id_core.online.second_opinion import SecondOpinion
@@ -45,9 +45,8 @@ class OnlineIdentifier:
 
     Every half second, stretches of the newest samples are tested against the memory, with the noise levels that it
     knows. If parameters changed, those are forgotten and the others kept. If that does not explain the samples, the
-    newest window is fitted by itself.
-
-    While little is known, all samples since the start are fitted again, in a search that begins anew.
+    newest window is fitted by itself. While little is known, all samples since the start are fitted again, in a search
+    that begins anew.
 
     Noise levels are learned from all samples, too. From time to time, and when these levels are in doubt, the newest
     window is fitted as a whole, without the memory: for predictions and tests of the residuals, and to tell whether the
@@ -134,6 +133,7 @@ class OnlineIdentifier:
         if newest is None:
             return None
         newest = with_held_values(self._agreement.on(newest), self.model, self.settings)
+        newest = with_computed_load(newest, self._watch.recent, self.model)
         return newest.updated(elapsed_s=time.perf_counter() - begun)
 
     def _update(self, samples: Recording) -> Estimate | None:
@@ -282,7 +282,7 @@ class OnlineIdentifier:
             if not trial.due(self._watch.recent.end) or trial.late(window.recording()):
                 return with_note(trial.shown, window)
         elif not self._window_full:
-            return too_short(self.model, window, self.options.window_s)
+            return too_short(self.model, window if len(window) else self._watch.recent, self.options.window_s)
         recording, known = window.recording(), self._known
         if known is None:
             self._task = self._task.started(recording, self.settings)

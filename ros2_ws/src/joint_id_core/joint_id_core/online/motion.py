@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array, Recording
+from joint_id_core.estimators.shared.computed_load import where_known
 from joint_id_core.estimators.shared.stillness import STILL_S, still, still_link, surely_moves, wound_up
 from joint_id_core.models import Model
 from joint_id_core.online.window import SlidingWindow, extremes, pauses
@@ -32,7 +33,7 @@ class MotionWatch:
         self.recent = SlidingWindow(max(window_s, 8.0 * STILL_S))
         self.noise: dict[str, float] | None = None
         self._rested_s = np.inf  # time at rest since the newest sample in motion
-        self._positions = model.state_names
+        self._positions, self._loaded = model.state_names, model.load is not None
         self._done = -np.inf  # newest sample that was handed on
         self._wound: int | None = None  # samples since the joint rested, if the link has not moved since
 
@@ -42,7 +43,17 @@ class MotionWatch:
         return self._rested_s < MOVED_S
 
     def stretches(self, now: bool) -> Iterator[tuple[Recording, bool]]:
-        """Yield new stretches and whether the joint moves there; nothing while few samples wait, unless `now`."""
+        """Yield new stretches and whether the joint moves there; nothing while few samples wait, unless `now`.
+
+        Samples in motion whose load is not known are left out.
+        """
+        for part, moves in self._stretches(now):
+            used = where_known(part) if moves and self._loaded else part
+            if len(used):
+                yield used, moves
+
+    def _stretches(self, now: bool) -> Iterator[tuple[Recording, bool]]:
+        """Yield all stretches, whether their load is known or not."""
         until = self.recent.end - STILL_S
         if not now and until < self._done + BATCH_S:
             return

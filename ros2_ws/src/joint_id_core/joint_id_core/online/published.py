@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from joint_id_core.data.recording import Array
+from joint_id_core.data.recording import Array, any_finite
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.verdicts import findings, informative, table, verdicts
+from joint_id_core.estimators.shared.computed_load import LOAD, computed, with_doubt
 from joint_id_core.estimators.shared.fit_data import UnusableError, unusable
 from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.models import Model
@@ -19,6 +20,8 @@ from joint_id_core.online.window import SlidingWindow
 from joint_id_core.results.estimate import Estimate, ParameterChange, ParameterEstimate, Status
 
 DISAGREE = "The newest samples disagree with what was known: the joint changes, or the model does not describe it."
+UNKNOWN_S = 1.0  # after a gap the load of an arm is not known for up to 0.7 s
+UNKNOWN_LOAD = "the load of the rest of the arm is not known: the diagnostics of the filter say what is missing"
 FORGOTTEN = "The joint has changed: what was known is forgotten."
 
 
@@ -107,6 +110,17 @@ def forgotten(estimate: Estimate, agreement: Agreement) -> Estimate:
     agreement.replaced()
     notes = (estimate.notes[0], FORGOTTEN, *estimate.notes[1:])
     return replace(estimate, message=message(notes), notes=notes)
+
+
+def with_computed_load(estimate: Estimate, recent: SlidingWindow, model: Model) -> Estimate:
+    """Return an estimate at the end of `recent` samples, with what it owes to a load that was computed, if any was."""
+    samples = recent.recording(recent.end - UNKNOWN_S)
+    if model.load is None or not computed(samples):
+        return estimate
+    if estimate.status is not Status.NO_MOTION and not any_finite(samples[LOAD]):
+        notes = (sentence(UNKNOWN_LOAD),)
+        estimate = replace(estimate, status=Status.MISSING_SIGNAL, message=message(notes), notes=notes)
+    return with_doubt(estimate, model)
 
 
 def too_short(model: Model, window: SlidingWindow, needed_s: float) -> Estimate:

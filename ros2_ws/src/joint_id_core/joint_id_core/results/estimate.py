@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +18,8 @@ from joint_id_core.results.verdict import Verdict as Verdict
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
+
+SHOWN = 3.0  # standard deviations by which a parameter must have changed to be named
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,11 @@ class ParameterChange:
     after: float
     after_std_dev: float
     since: float
+
+    @property
+    def size(self) -> float:
+        """The change in standard deviations of the difference."""
+        return abs(self.after - self.before) / math.hypot(self.before_std_dev, self.after_std_dev)
 
     @property
     def text(self) -> str:

@@ -16,8 +16,10 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.filtering.offline import FilterOptions
 from joint_id_core.formats.topics import CONDITIONS, RAW
 from joint_id_msgs.msg import JointSamples, MotorTorques, MotorVoltages, RobotSignals
+from joint_id_ros.arm_load import ArmLoad
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.ending import SILENT_S, Ending
+from joint_id_ros.options.load import LoadOptions
 from joint_id_ros.options.reading import FilterReadingOptions
 from joint_id_ros.parameters import declare, read
 from joint_id_ros.qos import FLUSH, STREAM_OUT
@@ -39,12 +41,16 @@ class FilterNode(Node):
         self.finished = Future()
         declare(self, InputOptions)
         declare(self, FilterOptions)
+        declare(self, LoadOptions)
         declare(self, FilterReadingOptions)
         self._input = read(self, InputOptions).for_topic(self.resolve_topic_name(LINK_STATES))
-        self._aligner = Aligner(self._input, read(self, FilterOptions))
+        options = read(self, FilterOptions)
+        self._aligner = Aligner(self._input, options)
         self._published = self._silent_periods = 0
         self._heard = False
         self._diagnostics = Diagnostics(self, self._health, LINK_STATES)
+        tell = self._diagnostics.problem
+        self._load = ArmLoad(self, read(self, LoadOptions), self._input, options.max_gap, tell)
         self._publisher = self.create_publisher(JointSamples, "joint_samples", STREAM_OUT)
         self._writer = SamplesWriter()
         self._reading = read(self, FilterReadingOptions)
@@ -80,7 +86,7 @@ class FilterNode(Node):
 
     def _on_source(self, topic: str, event: SourceEvent) -> None:
         if topic == LINK_STATES and event.kind == RATE:
-            self._publish(self._aligner.new_rate("another sampling rate"))
+            self._begin_anew("another sampling rate")
 
     def _on_timer(self) -> None:
         """Release waiting samples after two silent periods; a single one may be a delay of this process."""
@@ -90,32 +96,41 @@ class FilterNode(Node):
             self._publish(self._aligner.release())
         silent = self._silent_periods * RELEASE_S > max(SILENT_S, self._input.join_wait_s + RELEASE_S)
         if self._ending.due(self._reading.end_with, self._heard) and silent and not self._sources.published:
-            self._publish(self._aligner.new_rate("the samples end"))  # those that wait for later ones
+            self._begin_anew("the samples end")
             self._publisher.wait_for_all_acked(FLUSH)
             self.finished.set_result(None)
 
+    def _begin_anew(self, why: str) -> None:
+        """Publish the samples that wait for later ones, and begin anew."""
+        self._publish(self._aligner.new_rate(why))
+        self._send(self._load.release())
+
     def _publish(self, aligned: list[AlignedSamples]) -> None:
-        for samples in aligned:
+        self._send(self._load.add(aligned))
+        while self._aligner.filter.events:
+            self._diagnostics.problem("filter", self._aligner.filter.events.popleft())
+
+    def _send(self, done: list[AlignedSamples]) -> None:
+        for samples in done:
             for message in self._writer.write(samples):
                 self._publisher.publish(message)
             self._published += len(samples.instants_ns)
-        while self._aligner.filter.events:
-            self._diagnostics.problem("filter", self._aligner.filter.events.popleft())
 
     def _health(self) -> Health:
         values: dict[str, object] = {
             "joints": ", ".join(self._aligner.joints),
             "effort": self._input.effort_source,
             "published": self._published,
-            "filter latency [s]": f"{self._aligner.filter.latency:.4f}",
+            "filter latency [s]": f"{self._aligner.filter.latency + self._load.latency:.4f}",
         }
+        values |= self._load.values
         values |= {f"filter: {kind}": count for kind, count in self._aligner.filter.counts.items()}
         if self.streams is None:
             text = f"waiting until {self._reading.wait_subscribers} subscribers listen on joint_samples"
             return Health(DiagnosticStatus.WARN, text, values)
         level, late = self._sources.lateness
         values |= self._sources.values()
-        bad = [*self._sources.complaints, *late]
+        bad = [*self._sources.complaints, *late, *filter(None, [self._load.complaint])]
         return Health(max(level, DiagnosticStatus.WARN) if bad else level, "; ".join(bad) or "filtering", values)
 
     def close(self) -> None:

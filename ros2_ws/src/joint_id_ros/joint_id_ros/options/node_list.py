@@ -10,6 +10,7 @@ from joint_id_core.simulation.plants import MotionOptions
 from joint_id_ros.options.baselines import BaselineOptions
 from joint_id_ros.options.driver import DriverOptions
 from joint_id_ros.options.identifier import IdentifierOptions
+from joint_id_ros.options.load import LoadOptions
 from joint_id_ros.options.player import PlayerOptions
 from joint_id_ros.options.reading import FilterReadingOptions, ReadingOptions
 from joint_id_ros.options.sim import SimOptions
@@ -17,7 +18,7 @@ from joint_id_ros.options.watch import WatchOptions
 
 NODES: dict[str, tuple[type, ...]] = {
     "sim": (SimOptions, MotionOptions),
-    "filter": (InputOptions, FilterOptions, FilterReadingOptions),
+    "filter": (InputOptions, FilterOptions, LoadOptions, FilterReadingOptions),
     "identifier": (IdentifierOptions, OnlineOptions, BaselineOptions, ReadingOptions),
     "player": (PlayerOptions,),
     "driver": (DriverOptions, StreamOptions),

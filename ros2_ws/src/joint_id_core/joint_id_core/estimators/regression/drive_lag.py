@@ -20,7 +20,8 @@ def drive_lag(recording: Recording) -> str:
     sides = [side for side in ("link", "motor") if any(f"{side}{kind}" in measured for kind in MOTION)]
     if drive is None or not sides:
         return ""
-    channels = {n: recording[n] for n in measured if n.startswith(sides[0]) or n in (drive, "external_torque")}
+    channels = {n: recording[n] for n in measured if n.startswith(sides[0]) or n == drive}
+    channels |= {n: recording[n] for n in ("external_torque",) if n in recording}  # it may be computed
     if sides[0] == "motor":
         channels = {across_gear(n) or n: values for n, values in channels.items()}
     has_angle = sides[0] == "link" and "link_position" in channels

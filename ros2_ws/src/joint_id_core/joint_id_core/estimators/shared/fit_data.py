@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array, Recording, any_finite
 from joint_id_core.errors import JointIdError
+from joint_id_core.estimators.shared.computed_load import LOAD, computed
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.estimators.shared.stillness import held_still, still_in_record, still_link, wound_up
 from joint_id_core.filtering.offline import complete
@@ -161,6 +162,12 @@ def prepare(
     for name in model.input_names:
         if name in recording and any_finite(recording[name]):
             columns.append(recording[name])
+        elif name == LOAD and computed(recording):
+            raise UnusableError(
+                Status.MISSING_SIGNAL,
+                f"{recording.source}: the load of the rest of the arm is not known: the diagnostics of the filter say "
+                "what is missing",
+            )
         elif name in model.optional_inputs:
             columns.append(np.zeros(len(recording)))
         else:
