@@ -26,6 +26,7 @@ setup(
             "filter = joint_id_ros.running:filter",
             "identifier = joint_id_ros.running:identifier",
             "player = joint_id_ros.running:player",
+            "arm_identifier = joint_id_ros.running:arm_identifier",
             "driver = joint_id_ros.running:driver",
             "watch = joint_id_ros.running:watch",
         ],

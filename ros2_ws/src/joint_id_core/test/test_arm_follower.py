@@ -27,7 +27,6 @@ from joint_id_core.arm.stream import MARGIN_S, ArmStream
 ARM = Description(URDF, "arm.urdf")
 REGRESSOR = Regressor(ARM)
 GAINS = {name: {"torque": 1.0} for name in JOINTS}
-ARM_MASS = sum(body.mass for body in list(ARM.model.inertias)[1:])
 Arm = Mapping[str, Recording]
 LEARN, AFTER = 30.0, 15.0  # s of motion until something changes, and after it
 
@@ -44,7 +43,7 @@ def blocks(arm: Arm) -> list[Equations]:
 
 
 def followed(arm: Arm, belief: Belief | None = None) -> ArmFollower:
-    follower = ArmFollower(JOINTS, ARM_MASS, belief)
+    follower = ArmFollower(JOINTS, ARM.mass, belief)
     for block in blocks(arm):
         follower.add(block)
     return follower
@@ -95,7 +94,7 @@ def test_an_arm_is_learnt_and_stays_honest():
 
 
 def test_a_payload_is_found_and_so_is_its_end():
-    follower, told = ArmFollower(JOINTS, ARM_MASS), []
+    follower, told = ArmFollower(JOINTS, ARM.mass), []
     up, down = LEARN, LEARN + AFTER
     for block in blocks(carrying(down + AFTER, 0, [(up, down)])):
         before = dict(follower.changes)
@@ -139,7 +138,7 @@ def test_a_push_from_outside_is_no_payload_and_is_not_learnt():
     arm = moving_arm.rigid(LEARN + AFTER, 4)
     time = arm["lift"].time
     push = np.where((time > LEARN + 2.0) & (time < LEARN + 6.0), 30.0 * np.sin(9.0 * time), 0.0)
-    follower, seen = ArmFollower(JOINTS, ARM_MASS), set()
+    follower, seen = ArmFollower(JOINTS, ARM.mass), set()
     for block in blocks(with_torque(arm, {"lift": push})):
         follower.add(block)
         seen |= set(follower.unexplained)
@@ -152,7 +151,7 @@ def test_what_stays_unexplained_is_learnt_anew():
     arm = moving_arm.rigid(LEARN + 60.0, 5)
     time = arm["lift"].time
     spring = np.where(time > LEARN, 80.0 * arm["lift"]["link_position"], 0.0)  # no payload and no friction is one
-    follower, lost = ArmFollower(JOINTS, ARM_MASS), False
+    follower, lost = ArmFollower(JOINTS, ARM.mass), False
     for block in blocks(with_torque(arm, {"lift": spring})):
         follower.add(block)
         lost = lost or (float(block.time[-1]) > LEARN and follower.belief is None)
@@ -176,7 +175,7 @@ def test_a_rest_changes_nothing():
         )
         for n in JOINTS
     }
-    follower = ArmFollower(JOINTS, ARM_MASS, known)
+    follower = ArmFollower(JOINTS, ARM.mass, known)
     assert not any(follower.add(block) for block in blocks(still))
     assert follower.rests and follower.belief is known and follower.motion == known.duration
 

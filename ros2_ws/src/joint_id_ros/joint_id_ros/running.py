@@ -117,6 +117,7 @@ def spare_the_collector() -> None:
 
 
 # Entry points of the nodes: console scripts of setup.py.
+arm_identifier = partial(run, "arm_identifier", "ArmIdentifierNode")
 driver = partial(run, "driver", "DriverNode")
 filter = partial(run, "filter", "FilterNode")
 identifier = partial(run, "identifier", "IdentifierNode")

@@ -96,6 +96,11 @@ class Description:
         """The model of Pinocchio."""
         return self._model
 
+    @property
+    def mass(self) -> float:
+        """Mass in kg of all links that move."""
+        return float(sum(body.mass for body in list(self._model.inertias)[1:]))
+
     def link_of(self, joint: str) -> str:
         """Return the name of the link that a joint moves."""
         return self._links[joint]
@@ -179,7 +184,7 @@ class Description:
                 )
             if np.linalg.eigvalsh(body.inertia).min() < -1e-9 * body.mass:
                 raise JointIdError(f"{self.source}: link {child[name]!r} has an inertia that no body has: correct it")
-        mass = sum(body.mass for body in list(model.inertias)[1:])
+        mass = self.mass
         reach = sum(float(np.linalg.norm(place.translation)) for place in list(model.jointPlacements)[1:])
         if mass > HEAVIEST or reach > LONGEST:
             raise JointIdError(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from joint_id_core.arm.belief import Belief
@@ -19,9 +21,10 @@ MODEL, ESTIMATOR = "arm", "recursive"
 UNITS = {"J_r": "kg m^2", "c": "Nm s/rad", "tau_f": "Nm", "tau_0": "Nm"}
 
 
-def joint_estimates(follower: ArmFollower, regressor: Regressor, source: str, began: float) -> dict[str, Estimate]:
-    """Return an estimate of each joint; `began` is the instant in s at which the arm was first seen."""
+def joint_estimates(follower: ArmFollower, regressor: Regressor, source: str) -> dict[str, Estimate]:
+    """Return an estimate of each joint; times count from the begin of the samples."""
     nan, belief = float("nan"), follower.belief
+    end = 0.0 if math.isnan(follower.time) else follower.time
     if belief is None:
         unknown = tuple(
             ParameterEstimate(name, unit, nan, nan, Verdict.NOT_EXCITED, reason="not learnt yet")
@@ -30,13 +33,13 @@ def joint_estimates(follower: ArmFollower, regressor: Regressor, source: str, be
         text = f"Learning the arm: {follower.motion:.0f} of {follower.needed:.0f} s of motion."
         return {
             name: Estimate(
-                MODEL, ESTIMATOR, Status.TOO_SHORT, text, unknown, start=began, end=follower.time, source=source,
+                MODEL, ESTIMATOR, Status.TOO_SHORT, text, unknown, start=0.0, end=end, source=source,
                 joint=name, notes=(text,),
             )
             for name in regressor.joints
         }  # fmt: skip
     return {
-        name: _of_joint(follower, belief, regressor, j).updated(source=source, start=began, end=follower.time)
+        name: _of_joint(follower, belief, regressor, j).updated(source=source, start=0.0, end=end)
         for j, name in enumerate(regressor.joints)
     }
 

@@ -1,4 +1,4 @@
-"""ROS parameters of the filter: the load that the rest of the arm puts on each joint."""
+"""ROS parameters of the nodes that know the description of the robot: filter and arm identifier."""
 
 from __future__ import annotations
 

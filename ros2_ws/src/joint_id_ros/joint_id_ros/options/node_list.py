@@ -7,6 +7,7 @@ from joint_id_core.filtering.offline import FilterOptions
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.rtde.stream import StreamOptions
 from joint_id_core.simulation.plants import MotionOptions
+from joint_id_ros.options.arm_identifier import ArmIdentifierOptions
 from joint_id_ros.options.baselines import BaselineOptions
 from joint_id_ros.options.driver import DriverOptions
 from joint_id_ros.options.identifier import IdentifierOptions
@@ -20,6 +21,7 @@ NODES: dict[str, tuple[type, ...]] = {
     "sim": (SimOptions, MotionOptions),
     "filter": (InputOptions, FilterOptions, LoadOptions, FilterReadingOptions),
     "identifier": (IdentifierOptions, OnlineOptions, BaselineOptions, ReadingOptions),
+    "arm_identifier": (ArmIdentifierOptions, ReadingOptions),
     "player": (PlayerOptions,),
     "driver": (DriverOptions, StreamOptions),
     "watch": (WatchOptions,),

@@ -1,0 +1,218 @@
+"""Node `arm_identifier`: identifies a whole arm, and what it carries, from aligned samples of all its joints."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.subscription import Subscription
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from joint_id_core.alignment.joining import StampOrder
+from joint_id_core.alignment.source_watch import SourceEvent
+from joint_id_core.arm.description import Description, loaded_pinocchio
+from joint_id_core.arm.joint_estimates import joint_estimates
+from joint_id_core.errors import JointIdError
+from joint_id_core.formats.topics import SAMPLES
+from joint_id_core.results.estimate import Estimate, Status
+from joint_id_msgs.msg import ArmPayload, JointSamples
+from joint_id_ros.arm_knowledge import ArmKnowledge
+from joint_id_ros.arm_payload import to_payload
+from joint_id_ros.diagnostics import Diagnostics, Health
+from joint_id_ros.ending import SILENT_S, Ending
+from joint_id_ros.estimate_bytes import to_values
+from joint_id_ros.latest_estimates import LatestEstimates
+from joint_id_ros.lifecycle import ManagedNode
+from joint_id_ros.options.arm_identifier import ArmIdentifierOptions
+from joint_id_ros.options.reading import ReadingOptions
+from joint_id_ros.parameters import read
+from joint_id_ros.qos import LATEST
+from joint_id_ros.raw_messages import RawMessage
+from joint_id_ros.samples import to_recordings
+from joint_id_ros.sources import Sources
+from joint_id_ros.streams import Streams
+
+PACE_S = 0.1  # time between two readings of the samples
+START_S = 0.01  # after which the node starts, if no lifecycle manager is to do it
+CHECK_S = 0.5  # period of the checks whether there are samples, or the node to end with has gone
+
+
+class ArmIdentifierNode(ManagedNode):
+    """Follows an arm: publishes joint_params for every joint, and payload."""
+
+    def __init__(self) -> None:
+        super().__init__("arm_identifier", ArmIdentifierOptions, ReadingOptions)
+        self._options = ArmIdentifierOptions()
+        self._arm: ArmKnowledge | None = None
+        self._text = self._refused = ""
+        self._sources: Sources | None = None
+        self._described: Subscription | None = None
+        self._latest = LatestEstimates(self)
+        self._payload = self.create_lifecycle_publisher(ArmPayload, "payload", LATEST)
+        self._ending = Ending(self)
+        self._diagnostics = Diagnostics(self, self._health, "joint_samples")
+        for name in ("save", "reset"):
+            self.create_service(Trigger, f"~/{name}", partial(self._answer, name))
+        self._forget_run()
+        self._silent = 0
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(CHECK_S, self._on_timer, clock=steady)
+        self._starter = self.create_timer(START_S, self._start_by_itself, clock=steady)
+
+    def _start_by_itself(self) -> None:
+        self._starter.cancel()
+        if self.get_parameter("autostart").value and not self._configured:
+            self.start()
+
+    # --- life cycle
+
+    def prepare(self) -> None:
+        """Check the parameters, and read the description if it is in a file."""
+        self._options = read(self, ArmIdentifierOptions)
+        loaded_pinocchio()
+        self._text = ""
+        if self._options.urdf:
+            Description.read(self._options.urdf, self._options.base_gravity)
+
+    def begin(self) -> None:
+        """Read the description, or subscribe to it; subscribe to the samples."""
+        if not self._options.urdf:
+            topic = self._options.description_topic
+            self._described = self.create_subscription(String, topic, self._on_description, LATEST)
+        reliability, topics = read(self, ReadingOptions).reliability, {SAMPLES.name: JointSamples}
+        self._sources = Sources(self, topics, reliability, self._diagnostics, self._on_source)
+        self.streams = Streams(self, topics, self._on_samples, self._sources, reliability, self._on_batch, PACE_S)
+        if self._options.urdf:
+            self._take(Description.read(self._options.urdf, self._options.base_gravity))
+        self.get_logger().info("identifying the arm")
+
+    def close(self) -> None:
+        """End the subscriptions, and write what is known."""
+        for part in (self.streams, self._sources):
+            if part is not None:
+                part.close()
+        if self._described is not None:
+            self.destroy_subscription(self._described)
+        if self._arm is not None:
+            self._arm.flush()
+        self.streams = self._sources = self._described = None
+
+    # --- the description
+
+    def _on_description(self, message: String) -> None:
+        if message.data == self._text:
+            return
+        self._text, self._refused = message.data, ""
+        try:
+            self._take(Description(message.data, self._options.description_topic, self._options.base_gravity))
+        except JointIdError as error:
+            self._refused = str(error)
+            self._diagnostics.problem("description", self._refused)
+
+    def _take(self, description: Description) -> None:
+        if self._arm is not None:
+            self._arm.close()
+        self._arm = None
+        self._arm = ArmKnowledge(description, self._options, self._diagnostics.problem)
+        self._forget_run()
+        if self._arm.follower.belief is not None and self.streams is not None:
+            self._publish(self._arm, f"Restored from {self._options.state_file}: not tested by new motion yet.")
+
+    # --- samples
+
+    def _forget_run(self) -> None:
+        self._order, self._origin_ns = StampOrder(), 0
+        self._waiting: list[RawMessage] = []
+        self._good: dict[str, Estimate] = {}
+
+    def _on_samples(self, topic: str, message: RawMessage) -> None:
+        self._silent = 0
+        self._diagnostics.received(message.stamp_ns)
+        try:
+            if message.error is not None:
+                raise message.error
+            restart = self._order.restarts(SAMPLES.name, message.stamp_ns)
+        except JointIdError as error:
+            self._diagnostics.problem("message left out", str(error))
+            return
+        if restart:
+            self._begin_anew(f"{SAMPLES.name}: time jumped back")
+        self._waiting.append(message)
+
+    def _on_source(self, topic: str, event: SourceEvent) -> None:
+        self._begin_anew(event.text)
+
+    def _begin_anew(self, why: str) -> None:
+        self._diagnostics.problem("restart", f"{why}: a new run begins, with what is known of the arm")
+        order = self._order
+        self._forget_run()
+        self._order = order
+        if self._arm is not None:
+            self._arm.begin()
+
+    def _on_batch(self) -> None:
+        messages, self._waiting = self._waiting, []
+        if self._arm is None or not messages:
+            return
+        if not self._origin_ns:
+            self._origin_ns = messages[0].stamp_ns
+        try:
+            new = self._arm.add(to_recordings(messages, self._origin_ns, SAMPLES.name))
+        except JointIdError as error:
+            self._diagnostics.problem("samples left out", str(error))
+            return
+        if new:
+            self._publish(self._arm)
+
+    def _publish(self, arm: ArmKnowledge, restored: str = "") -> None:
+        origin_ns = self._origin_ns or self.get_clock().now().nanoseconds
+        for name, found in joint_estimates(arm.follower, arm.regressor, SAMPLES.name).items():
+            if restored:
+                self._good[name] = found.updated(status=Status.CONVERGED)
+                found = found.updated(status=Status.TOO_SHORT, message=restored, notes=(restored,))
+            elif found.converged:
+                self._good[name] = found
+            self._latest.put(name, to_values(name, found, self._good.get(name), origin_ns))
+        self._latest.publish()
+        self._payload.publish(to_payload(arm.follower, arm.regressor, origin_ns))
+
+    # --- the rest
+
+    def _answer(self, name: str, _: Any, response: Any) -> Any:
+        try:
+            if self._arm is None:
+                raise JointIdError(self._missing())
+            response.message, response.success = getattr(self._arm, name)(), True
+            self._good.clear()
+        except JointIdError as error:
+            response.message, response.success = str(error), False
+        self.get_logger().info(f"{name}: {response.message}")
+        return response
+
+    def _missing(self) -> str:
+        """Return why there is no arm."""
+        return self._refused or f"no description of the robot on {self._options.description_topic} yet"
+
+    def _on_timer(self) -> None:
+        self._silent += 1
+        silent = self._silent * CHECK_S > SILENT_S and self._sources is not None and not self._sources.published
+        if silent and self._ending.due(self.get_parameter("end_with").value, self._origin_ns != 0):
+            self._latest.wait()
+            self.finished.set_result(None)
+
+    def _health(self) -> Health:
+        sources, arm = self._sources, self._arm
+        if self.not_ready or sources is None:
+            return Health(DiagnosticStatus.ERROR, self.not_ready or "stopped")
+        if arm is None:
+            return Health(DiagnosticStatus.WARN, self._missing())
+        follower, (level, late) = arm.follower, sources.lateness
+        text = "learning" if follower.belief is None else "at rest" if follower.rests else "identifying"
+        values: dict[str, object] = {"arm": text, "motion [s]": f"{follower.motion:.1f}", "state file": arm.state}
+        bad = [*sources.complaints, *late, *filter(None, [arm.problem])]
+        bad += [f"the torque of {', '.join(follower.unexplained)} is not explained"] if follower.unexplained else []
+        return Health(max(level, DiagnosticStatus.WARN) if bad else level, "; ".join(bad) or text, values)
