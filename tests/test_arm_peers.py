@@ -13,9 +13,13 @@ from robots.arm_peers import process
 from robots.arm_peers.found import Found, Method, of_json
 from robots.arm_peers.logs import Log, without_meshes
 from robots.arm_peers.pages import HEAD, least, pairs_by_joint, peers_table, relative_sigma
-from robots.arm_peers.runs import METHODS
+from robots.arm_peers.runs import METHODS, arm_log
 from robots.fitted import Value
 from robots.judging import Pairs
+from robots.recordings import DATA, UR10E_ALL
+
+from joint_id_core.arm.description import Description
+from joint_id_core.arm.fit import fit_arm
 
 LINK = """<link name="{0}"><inertial><mass value="{1}"/><origin xyz="0.1 0.02 0.2"/>
 <inertia ixx="0.08" iyy="0.09" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial>
@@ -65,6 +69,18 @@ def test_each_method_finds_a_simulated_arm_and_predicts_another_log(name, logs):
     assert found.cpu_s > 0.0
     if found.masses:
         assert len(found.masses) == len(found.rotors) == 2
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason=f"measured data are not there: {DATA}")
+def test_ours_is_judged_by_the_friction_that_it_has():
+    """What the benchmark predicts with an estimate is not behind what the fit itself says of a held-out recording."""
+    ours = import_module("robots.arm_peers.ours")
+    description = Description.read(DATA / "ur10e/ur10e.urdf")
+    one, other = (arm_log(name, description.joints) for name in UR10E_ALL[:2])
+    gains = {name: {"torque": 1.0} for name in description.joints}
+    estimate = fit_arm(description, [ours.recordings(one)], gains, ours.recordings(other))
+    judged = other.r_squared(ours.torque(estimate, description, other), in_motion=True)
+    assert all(r > j.held_out - 0.002 for r, j in zip(judged, estimate.joints, strict=True))
 
 
 def test_r_squared_is_about_the_means_and_in_motion_without_rests():

@@ -23,7 +23,7 @@ from figaroh.tools.regressor import build_regressor_basic
 from figaroh.tools.robot import load_robot
 
 from joint_id_core.data.recording import Array
-from robots.arm_peers.found import Found
+from robots.arm_peers.found import Found, scores
 from robots.arm_peers.logs import PERIOD_S, Log
 from robots.fitted import Value
 
@@ -71,14 +71,12 @@ def fit(urdf: str, log: Log, others: Sequence[Log]) -> Found:
             quantity: [Value(float(found[k]), float(sigma[k])) for k in _places(names, prefix, log)]
             for quantity, prefix in (("damping", "fv"), ("friction", "fs"))
         }
-        predicted = {other.name: _torque(robot, fitted, found, other) for other in others}
-    whole = {other.name: other.r_squared(predicted[other.name]) for other in others}
-    moving = {other.name: other.r_squared(predicted[other.name], in_motion=True) for other in others}
+        judged = scores(lambda other: _torque(robot, fitted, found, other), others)
     if not physical.accepted:
-        return Found(friction, whole, moving, (), (), cpu_s, note=f"no consistent links: {physical.reason}")
+        return Found(friction, *judged, (), (), cpu_s, note=f"no consistent links: {physical.reason}")
     consistent = dict(zip(physical.names, map(float, physical.values), strict=True))
     rotors, masses = ([consistent[f"{prefix}_{joint}"] for joint in log.joints] for prefix in ("Ia", "m"))
-    return Found(friction, whole, moving, rotors, masses, cpu_s)
+    return Found(friction, *judged, rotors, masses, cpu_s)
 
 
 def _solved(robot: Any, folder: Path, log: Log, more: Mapping[str, Any]) -> Identification:

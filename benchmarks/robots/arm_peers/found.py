@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from joint_id_core.data.recording import Array
+from robots.arm_peers.logs import Log
 from robots.fitted import Value
+
+Scores = Mapping[str, Sequence[float]]
 
 
 @dataclass(frozen=True)
@@ -25,8 +29,8 @@ class Found:
     """
 
     friction: Mapping[str, Sequence[Value]]
-    whole: Mapping[str, Sequence[float]]
-    moving: Mapping[str, Sequence[float]]
+    whole: Scores
+    moving: Scores
     rotors: Sequence[float] = ()
     masses: Sequence[float] = ()
     cpu_s: float = 0.0
@@ -47,6 +51,13 @@ class Method:
     name: str
     fits: Sequence[Found] = field(default_factory=tuple)
     failed: str = ""
+
+
+def scores(predict: Callable[[Log], Array], others: Sequence[Log]) -> tuple[Scores, Scores]:
+    """What `Found` calls `whole` and `moving`, from torques (T, n) that a fit predicts for a log."""
+    predicted = {log.name: predict(log) for log in others}
+    whole = {log.name: log.r_squared(predicted[log.name]) for log in others}
+    return whole, {log.name: log.r_squared(predicted[log.name], in_motion=True) for log in others}
 
 
 def of_json(row: dict[str, object]) -> Method:

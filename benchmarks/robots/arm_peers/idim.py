@@ -14,7 +14,7 @@ import pinocchio
 import scipy
 
 from joint_id_core.data.recording import Array
-from robots.arm_peers.found import Found
+from robots.arm_peers.found import Found, scores
 from robots.arm_peers.logs import PERIOD_S, Log, low_pass
 from robots.fitted import Value
 
@@ -43,10 +43,8 @@ def fit(urdf: str, log: Log, others: Sequence[Log]) -> Found:
         name: [Value(float(found[k]), float(sigma[k])) for k in range(first + i * count, first + (i + 1) * count)]
         for i, name in enumerate(("damping", "friction"))
     }
-    predicted = {other.name: regressor(model, other) @ found[:size] for other in others}
-    whole = {other.name: other.r_squared(predicted[other.name]) for other in others}
-    moving = {other.name: other.r_squared(predicted[other.name], in_motion=True) for other in others}
-    return Found(friction, whole, moving, (), (), cpu_s)
+    judged = scores(lambda other: regressor(model, other) @ found[:size], others)
+    return Found(friction, *judged, (), (), cpu_s)
 
 
 def regressor(model: pinocchio.Model, log: Log) -> Array:

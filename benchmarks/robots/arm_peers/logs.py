@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -81,8 +82,6 @@ def low_pass(values: Array, cutoff_hz: float) -> Array:
 
 def without_meshes(text: str) -> str:
     """A URDF without shapes, whose files two of the peers would look for."""
-    import xml.etree.ElementTree as ET
-
     root = ET.fromstring(text)
     for link in root.iter("link"):
         for part in [*link.findall("visual"), *link.findall("collision")]:

@@ -21,7 +21,7 @@ import numpy as np
 from mujoco import sysid
 
 from joint_id_core.data.recording import Array
-from robots.arm_peers.found import Found
+from robots.arm_peers.found import Found, scores
 from robots.arm_peers.logs import BAND_HZ, Log, low_pass
 from robots.fitted import Value
 
@@ -66,9 +66,7 @@ def fit(urdf: str, log: Log, others: Sequence[Log]) -> Found:
     covariance, intervals = sysid.calculate_intervals(left, result.jac)
     cpu_s = time.process_time() - begun
     found = sysid.apply_param_modifiers(best, spec)
-    predicted = {other.name: inverse(found, *other.motion()) for other in others}
-    whole = {other.name: other.r_squared(predicted[other.name]) for other in others}
-    moving = {other.name: other.r_squared(predicted[other.name], in_motion=True) for other in others}
+    judged = scores(lambda other: inverse(found, *other.motion()), others)
     note = f"stopped after {ITERATIONS} iterations" if len(result.extras["objective"]) > ITERATIONS else ""
     friction = {
         "damping": _values(best, covariance, log.joints, "damping"),
@@ -76,7 +74,7 @@ def fit(urdf: str, log: Log, others: Sequence[Log]) -> Found:
     }
     rotors = [float(best[f"{joint}_armature"].value[0]) for joint in log.joints]
     infinite = int(np.count_nonzero(np.isinf(intervals)))
-    return Found(friction, whole, moving, rotors, found.body_mass[1:].tolist(), cpu_s, infinite, note)
+    return Found(friction, *judged, rotors, found.body_mass[1:].tolist(), cpu_s, infinite, note)
 
 
 def inverse(model: Any, q: Array, dq: Array, ddq: Array) -> Array:

@@ -15,7 +15,7 @@ from joint_id_core.arm.fit import fit_arm
 from joint_id_core.arm.regressor import Regressor
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.results.verdict import Verdict
-from robots.arm_peers.found import Found
+from robots.arm_peers.found import Found, scores
 from robots.arm_peers.logs import Log
 from robots.fitted import Value
 
@@ -26,17 +26,15 @@ def fit(urdf: str, log: Log, others: Sequence[Log]) -> Found:
     """Fit a log, and predict the others."""
     description = Description(urdf)
     begun = time.process_time()
-    estimate = fit_arm(description, [_recordings(log)], {name: {"torque": 1.0} for name in log.joints})
+    estimate = fit_arm(description, [recordings(log)], {name: {"torque": 1.0} for name in log.joints})
     cpu_s = time.process_time() - begun
     friction = {
         "damping": [_known(j.damping) for j in estimate.joints],
         "friction": [_known(j.friction) for j in estimate.joints],
     }
-    predicted = {other.name: torque(estimate, description, other) for other in others}
-    whole = {other.name: other.r_squared(predicted[other.name]) for other in others}
-    moving = {other.name: other.r_squared(predicted[other.name], in_motion=True) for other in others}
+    judged = scores(lambda other: torque(estimate, description, other), others)
     rotors = [j.armature.value for j in estimate.joints]
-    return Found(friction, whole, moving, rotors, (), cpu_s)
+    return Found(friction, *judged, rotors, (), cpu_s)
 
 
 def torque(estimate: ArmEstimate, description: Description, log: Log) -> Array:
@@ -47,7 +45,8 @@ def torque(estimate: ArmEstimate, description: Description, log: Log) -> Array:
     return np.asarray(inertial + damping * dq + friction * np.tanh(dq / SLOW))
 
 
-def _recordings(log: Log) -> dict[str, Recording]:
+def recordings(log: Log) -> dict[str, Recording]:
+    """The log as `fit_arm` takes it."""
     return {
         name: Recording(log.time, {"link_position": log.q[:, k], "torque": log.torque[:, k]}, log.name, joint=name)
         for k, name in enumerate(log.joints)
