@@ -31,7 +31,7 @@ if not hasattr(sysid, "optimize"):  # it hides what it lacks
 PACKAGE = "mujoco"
 POSITION_HZ = 10.0  # what it predicts passes no filter: this is near the band of the torques, and better than 20 Hz
 EVERY = 5  # samples, at 100 Hz: one is kept
-ITERATIONS = 50  # it never ends by itself, and gains nothing after some 20; by default it takes 200
+ITERATIONS = 50  # its default of 200 does not end by itself either, takes four times as long, and predicts .001 better
 STARTS = {"damping": (5.0, 100.0), "frictionloss": (5.0, 100.0), "armature": (1.0, 50.0)}  # and upper bounds
 OFFSET = 50.0  # Nm, its bound
 
