@@ -104,9 +104,14 @@ bench-online: setup $(VENV)/.peers
 	$(RUN) python benchmarks/online_peers.py --docs
 	$(RUN) python benchmarks/soak.py --minutes 120 --docs
 
-# Both estimators and plain least squares on public recordings of real robots, expected in ../shared/data; what is not there is
-# skipped (half a minute). With --docs it writes the tables of docs/real_robots.md.
-bench-robots: setup
+# Other tools for a whole arm: see benchmarks/requirements-arm.txt. What is missing is shown as missing.
+$(VENV)/.arm_peers: $(VENV)/.installed benchmarks/requirements-arm.txt benchmarks/constraints.txt constraints.txt
+	@$(VENV)/bin/python -m pip install -qq -r benchmarks/requirements-arm.txt -c benchmarks/constraints.txt \
+		-c constraints.txt && touch $@ || echo "benchmarks/requirements-arm.txt could not be installed: continuing without it"
+
+# Both estimators, plain least squares and other tools on public recordings of real robots, expected in ../shared/data; what is not
+# there is skipped (three minutes). With --docs it writes the tables of docs/real_robots.md.
+bench-robots: setup $(VENV)/.arm_peers
 	$(RUN) python benchmarks/robots.py --json out/benchmarks/robots.json
 
 clean:

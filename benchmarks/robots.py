@@ -22,6 +22,9 @@ os.environ.update(SINGLE_CORE)  # times are processor times: libraries read this
 
 from measured_blocks import write
 from robots import stiffness, whole_arm
+from robots.arm_peers import found as of_arm
+from robots.arm_peers.pages import peers_table
+from robots.arm_peers.runs import methods
 from robots.cases import CASES
 from robots.fitted import Fitted, Value, of_json
 from robots.methods import fits
@@ -66,6 +69,7 @@ def main() -> None:
             "stiffness": [asdict(f) for f in stiffness.fits()] if axes and stiffness.there() else [],
             "payload": whole_arm.payload() if not args.cases and whole_arm.there() else [],
             "whole_arm": [asdict(r) for r in whole_arm.rows()] if not args.cases and whole_arm.there() else [],
+            "arm_peers": [asdict(m) for m in methods()] if not args.cases and whole_arm.there() else [],
         }
         args.json.parent.mkdir(parents=True, exist_ok=True)
         args.json.write_text(json.dumps(report, indent=1))
@@ -80,6 +84,7 @@ def main() -> None:
         "robots-joints": joints_table(found), "robots-stiffness": stiffness_table(axes_found),
         "robots-payload": whole_arm.payload_table(report.get("payload", [])),
         "robots-arm": whole_arm.table([whole_arm.Row(**row) for row in report.get("whole_arm", [])]),
+        "robots-arm-peers": peers_table([of_arm.of_json(row) for row in report.get("arm_peers", [])]),
     }  # fmt: skip
     print("\n\n".join(tables.values()))
     if args.docs:

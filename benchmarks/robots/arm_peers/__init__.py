@@ -1,0 +1,1 @@
+"""Other ways to fit a whole arm, beside ours, on the same logs."""
