@@ -238,4 +238,13 @@ LAUNCH_FILES = {
         },
         required=("robot_ip", "params_file"),
     ),
+    "arm": LaunchFile(
+        "driver, filter and arm identifier of one robot",
+        offers={
+            "driver": _all("driver", "joints", "gear_ratio"),
+            "filter": _all("filter", "reliability", "end_with", "description_topic", "urdf", "base_gravity"),  # no load
+            "arm_identifier": _all("arm_identifier", "reliability", "end_with"),
+        },
+        required=("robot_ip", "params_file"),
+    ),
 }
