@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from joint_id_core.arm.payload import Factor, Payload
+from joint_id_core.arm.rests import LEAST_S
 from joint_id_core.results.at_link import AtLink
 from joint_id_core.results.status import Status
 from joint_id_core.results.verdict import Verdict
@@ -39,15 +40,45 @@ class Value:
 
 
 @dataclass(frozen=True)
+class Rest:
+    """What is known of a joint that rests, or turns: its torque is that of the links and an offset, ± a band.
+
+    Attributes:
+        band: half of its width in Nm at the load of the joint's Coulomb friction; 0 if the joint never moved.
+        recorded: time of rest in s in the fitted recordings; below `rests.LEAST_S` the band is friction at standstill.
+        held, resting: of the held-out recording, the share of the rests that the band holds, and of the time in which
+            the joint rests (NaN without).
+    """
+
+    band: float
+    recorded: float
+    held: float
+    resting: float
+
+    def __str__(self) -> str:
+        """Return the band as text."""
+        return f"± {self.band:.3g}" if self.band > 0.0 else "-"
+
+    @property
+    def scored(self) -> str:
+        """What became of the held-out rests, as text."""
+        if not math.isfinite(self.held):
+            return "-"
+        return f"{100.0 * self.held:.1f} % of {100.0 * self.resting:.0f} % of the time"
+
+
+@dataclass(frozen=True)
 class JointValues:
     """What is known of one joint.
 
     Attributes:
         name: of the joint.
         armature: inertia of the rotor seen at the link.
-        damping, friction: viscous and Coulomb friction.
+        damping, friction: viscous and Coulomb friction: the straight line that is nearest to friction up to 1 rad/s.
         r_squared, held_out: share of the torque that is explained, below 8 Hz and in motion: of the recordings that
             were fitted, and of another one (NaN without).
+        load: torque through the gear in Nm at which `friction` is told.
+        rest: what is known at rest.
     """
 
     name: str
@@ -56,6 +87,8 @@ class JointValues:
     friction: Value
     r_squared: float
     held_out: float
+    load: float
+    rest: Rest
 
     def at_link(self) -> list[AtLink]:
         """Return what is estimated, for a robot's description."""
@@ -92,6 +125,7 @@ class ArmEstimate:
         poor: names of such joints.
         joints, parameters: what was found.
         duration: of motion in s.
+        by_load: how much Coulomb friction grows with the load, Nm by Nm, the same of all joints.
         payload: what the arm carries in some recordings; None if in none.
         factors: on the torques, from the mass of a payload that is known; empty without.
         doubts: what the checks of the recordings found.
@@ -103,6 +137,7 @@ class ArmEstimate:
     joints: tuple[JointValues, ...]
     parameters: tuple[BaseParameter, ...]
     duration: float
+    by_load: Value
     payload: Payload | None = None
     factors: tuple[Factor, ...] = ()
     doubts: tuple[str, ...] = ()
@@ -129,15 +164,17 @@ class ArmEstimate:
     def __str__(self) -> str:
         """Return a table, a row a joint."""
         width = max(len("joint"), *(len(j.name) for j in self.joints)) + 2
-        held_out = any(math.isfinite(j.held_out) for j in self.joints)
-        head = f"  {'joint':<{width}}{'damping':<18}{'friction':<18}{'armature':<18}{'R^2':<9}"
+        held_out = any(math.isfinite(j.held_out) or math.isfinite(j.rest.held) for j in self.joints)
         lines = [
             f"arm of {len(self.joints)} joints: {self.status.value}", f"  {self.message}", "",
-            head + ("held out" if held_out else ""), f"  {'':<{width}}{'Nm s/rad':<18}{'Nm':<18}{'kg m^2':<18}",
+            f"  {'joint':<{width}}{'damping':<17}{'friction':<17}{'armature':<17}{'at rest':<10}{'R^2':<9}"
+            + ("held out  rests in band" if held_out else ""),
+            f"  {'':<{width}}{'Nm s/rad':<17}{'Nm':<17}{'kg m^2':<17}Nm",
         ]  # fmt: skip
         for j in self.joints:
-            row = f"  {j.name:<{width}}{j.damping!s:<18}{j.friction!s:<18}{j.armature!s:<18}{j.r_squared:<9.4f}"
-            lines.append(row + (f"{j.held_out:.4f}" if held_out else ""))
+            row = f"  {j.name:<{width}}{j.damping!s:<17}{j.friction!s:<17}{j.armature!s:<17}{j.rest!s:<10}"
+            row += f"{j.r_squared:<9.4f}"
+            lines.append(row + (f"{j.held_out:<10.4f}{j.rest.scored}" if held_out else ""))
         told = [
             f"  {j.name}, {name}: {getattr(j, name).reason}"
             for j in self.joints
@@ -145,6 +182,11 @@ class ArmEstimate:
             if getattr(j, name).reason
         ]
         lines += ["", f"  {self.duration:.3g} s of motion; values at the link", *told]
+        loads = ", ".join(f"{j.load:.3g}" for j in self.joints)
+        lines.append(f"  friction grows with the load, by {self.by_load} of it; here it is that at {loads} Nm")
+        short = ", ".join(j.name for j in self.joints if not j.rest.recorded >= LEAST_S)
+        if short:
+            lines.append(f"  torque at rest is that of friction at standstill, no rest was recorded of {short}")
         lines += [f"  {self.payload}"] if self.payload is not None else []
         if self.factors:
             listed = ", ".join(f"{f.joint} {f.value:.4g} ± {f.std_dev:.2g}" for f in self.factors)
@@ -155,7 +197,8 @@ class ArmEstimate:
         """Return it as plain JSON types; values that are not finite become None."""
         return {
             "format": FORMAT, "version": VERSION, "description": self.source, "status": self.status.value,
-            "message": self.message, "duration_s": self.duration, "joints": [_plain(asdict(j)) for j in self.joints],
+            "message": self.message, "duration_s": self.duration, "friction_by_load": _plain(asdict(self.by_load)),
+            "joints": [_plain(asdict(j)) for j in self.joints],
             "parameters": [_plain(asdict(p)) for p in self.parameters],
             "payload": None if self.payload is None else _plain(asdict(self.payload)),
             "factors": [_plain(asdict(f)) for f in self.factors], "doubts": list(self.doubts),

@@ -264,7 +264,7 @@ def learned(parts: Sequence[Equations]) -> Belief:
     whole = joined(parts)
     table = Stacked.of([whole])
     values, sigma = table.weighed()
-    covariance = table.covariance(table.columns, table.y - table.columns @ values, sigma)
+    covariance, _ = table.covariance(table.columns, table.y - table.columns @ values, sigma)
     count, own = table.count, len(values)
     weighted = table.columns / sigma[table.joint, None]
     white = np.linalg.pinv(weighted.T @ weighted, hermitian=True)

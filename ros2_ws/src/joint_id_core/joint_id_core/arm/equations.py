@@ -32,6 +32,21 @@ DRIVES = ("torque", "current")
 
 
 @dataclass(frozen=True)
+class Unfiltered:
+    """What equations are made of, at T instants, `RATE` in a second.
+
+    Attributes:
+        inertial: torques in Nm by unit inertial parameters, those of the arm and of a payload, (T, n, base + PAYLOAD).
+        dq: velocities in rad/s, (T, n).
+        known: whether the motion is, (T,).
+    """
+
+    inertial: Array
+    dq: Array
+    known: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
 class Equations:
     """Torques of n joints at R instants.
 
@@ -39,21 +54,25 @@ class Equations:
         time: instants in s, shape (R,), in the time of the recording of the first joint.
         y: torque at the link in Nm, shape (R, n).
         columns: torques by unit parameters, shape (R, n, P): `base` base parameters, `PAYLOAD` of a payload on the last
-            link, viscous friction, Coulomb friction.
+            link, viscous friction, Coulomb friction, and what `friction` adds.
+        dq: velocities in rad/s, shape (R, n).
         used: whether an equation counts: the torque is known, and the joint moves, shape (R, n).
         duration: time in s in which the arm moves.
         loaded: whether the arm carries the payload.
         doubts: what the checks of the recordings found.
+        unfiltered: for columns that are added later; None of a part of a recording.
     """
 
     time: Array
     y: Array
     columns: Array
+    dq: Array
     used: NDArray[np.bool_]
     duration: float
     base: int
     loaded: bool
     doubts: tuple[str, ...] = ()
+    unfiltered: Unfiltered | None = None
 
     def between(self, begin: float, end: float) -> Equations:
         """Return the equations of begin <= time < end."""
@@ -61,25 +80,30 @@ class Equations:
         some = slice(int(i), int(j))
         moving = float(np.count_nonzero(self.used[some].any(axis=1))) * KEPT / RATE
         return replace(
-            self, time=self.time[some], y=self.y[some], columns=self.columns[some], used=self.used[some],
-            duration=moving,
+            self, time=self.time[some], y=self.y[some], columns=self.columns[some], dq=self.dq[some],
+            used=self.used[some], duration=moving, unfiltered=None,
         )  # fmt: skip
 
     @property
     def steady(self) -> Equations:
         """The equations of joints that do not reverse nearby: friction is as its law says."""
+        return self.turned(TURNED)
+
+    def turned(self, within: float) -> Equations:
+        """Return the equations in which filtered Coulomb friction is the whole, but for this share."""
         count = self.used.shape[1]
         own = np.arange(count)
         coulomb = np.abs(self.columns[:, own, self.base + PAYLOAD + count + own])
-        return replace(self, used=self.used & (np.abs(coulomb - 1.0) < TURNED))
+        return replace(self, used=self.used & (np.abs(coulomb - 1.0) < within))
 
 
 def joined(parts: Sequence[Equations]) -> Equations:
     """Return parts of one recording as one."""
-    y, columns, used, time = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("y", "columns", "used", "time")
+    time, y, columns, dq, used = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("time", "y", "columns", "dq", "used")
     )
-    return replace(parts[0], time=time, y=y, columns=columns, used=used, duration=sum(p.duration for p in parts))
+    duration = sum(p.duration for p in parts)
+    return replace(parts[0], time=time, y=y, columns=columns, dq=dq, used=used, duration=duration, unfiltered=None)
 
 
 def equations(
@@ -138,14 +162,23 @@ def unchecked(
     own = np.eye(count)
     columns = np.concatenate([inertial, dq[:, :, None] * own, np.tanh(dq / SLOW)[:, :, None] * own], axis=2)
     y = np.array([_torque(recordings[name], gains.get(name, {}), name, like) for name in joints]).T
-    low, kept = FilterOptions(cutoff_hz=BAND_HZ), slice(None, None, KEPT)
-    filled = np.any(columns[known] != 0.0, axis=0)  # half of them are not
-    for piece in np.split(np.arange(len(time)), np.flatnonzero(np.diff(known)) + 1):
-        if known[piece[0]]:
-            columns[piece[:, None], filled] = smoothed(columns[piece][:, filled], 1.0 / RATE, low)
+    columns, kept = below_band(columns, known), slice(None, None, KEPT)
     used = np.isfinite(y) & np.isfinite(columns).all(axis=2) & ~_rests(dq)
     moving = float(np.count_nonzero(used.any(axis=1))) / RATE
-    return Equations(time[kept], y[kept], columns[kept], used[kept], moving, base, loaded)
+    unfiltered = Unfiltered(inertial, dq, known)
+    return Equations(
+        time[kept], y[kept], columns[kept], dq[kept], used[kept], moving, base, loaded, unfiltered=unfiltered
+    )
+
+
+def below_band(columns: Array, known: NDArray[np.bool_]) -> Array:
+    """Return columns (T, n, P) below the band; NaN where the motion is not known, (T,)."""
+    found, low = np.where(known[:, None, None], columns, np.nan), FilterOptions(cutoff_hz=BAND_HZ)
+    filled = np.any(columns[known] != 0.0, axis=0)  # half of them are not
+    for piece in np.split(np.arange(len(known)), np.flatnonzero(np.diff(known)) + 1):
+        if known[piece[0]]:
+            found[piece[:, None], filled] = smoothed(columns[piece][:, filled], 1.0 / RATE, low)
+    return found
 
 
 def _doubts(recordings: Mapping[str, Recording], joints: Sequence[str]) -> tuple[str, ...]:

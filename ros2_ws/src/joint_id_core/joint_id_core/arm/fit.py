@@ -12,19 +12,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from joint_id_core.arm.arm_estimate import ArmEstimate, JointValues
+from joint_id_core.arm.arm_estimate import ArmEstimate, JointValues, Rest, Value
 from joint_id_core.arm.description import Description
+from joint_id_core.arm.drift import drift
 from joint_id_core.arm.equations import PAYLOAD, Equations, equations
+from joint_id_core.arm.friction import Friction
 from joint_id_core.arm.gains import Gains
 from joint_id_core.arm.judged import base_parameters, friction, rotor
 from joint_id_core.arm.payload import Factor, Payload, gains_from_mass, payload_of
 from joint_id_core.arm.regressor import Regressor
-from joint_id_core.arm.stacked import Stacked, centred, of_joint
-from joint_id_core.data.recording import Recording
+from joint_id_core.arm.rests import Band, HeldOut, Left, explained
+from joint_id_core.arm.stacked import Stacked
+from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.results.status import Status
+from joint_id_core.results.verdict import Verdict
 
 LEAST_R_SQUARED = 0.9  # of the torque of a joint
+SURE = 3.0  # standard deviations from which a bend of friction, or its growth with the load, is taken into the law
 
 
 def fit_arm(
@@ -65,20 +70,48 @@ def fit_arm(
         scale = np.array([factor.value for factor in factors])
         parts, other = ([replace(part, y=part.y * scale) for part in some] for some in (parts, other))
     fitted = _Fitted(regressor, parts)
-    return fitted.estimate(source, fitted.explained(other) if other else None, factors)
+    return fitted.estimate(source, fitted.held_out(other[0]) if other else None, factors)
 
 
 class _Fitted:
     """Weighted least squares of all equations."""
 
     def __init__(self, regressor: Regressor, parts: Sequence[Equations]) -> None:
-        self._regressor, self._parts = regressor, parts
+        self._regressor = regressor
         self._count, self._base = len(regressor.joints), len(regressor.reference)
         self._loaded = any(part.loaded for part in parts)
-        table = Stacked.of(parts)
+        self._friction = Friction.from_values(regressor, self._whole(Stacked.of(parts).weighed()[0]))
+        self._parts = [self._friction.added(part) for part in parts]
+        self._friction_at = self._base + PAYLOAD * self._loaded
+        table = Stacked.of(self._parts)
+        self._solve(table)
+        more = np.arange(self._friction_at + 2 * self._count, len(self.values))
+        sigma = np.sqrt(np.diag(self.covariance)[more])
+        self._by_load = float(self.values[-1]), float(sigma[-1])
+        size = np.abs(self.values[more])
+        size[-1] = self.values[-1]  # friction that falls with the load is none
+        if len(weak := more[~(size > SURE * sigma)]):
+            table = table.without(weak)
+            self._solve(table)
+        places = (self._friction_at + np.arange(2 * self._count)).reshape(2, -1)
+        changes = drift(table, table.y - table.columns @ self.values, places, self.values[places], self._lag)
+        self.covariance[places, places] += (changes[:, None] * self.values[places]) ** 2 / len(parts)
+        self._lefts = [self._left(part) for part in self._parts]
+        self._band = Band.of(self._lefts)
+
+    def _solve(self, table: Stacked) -> None:
+        """Find values, their covariance, and the lag in equations over which residuals remember."""
         self.values, sigma = table.weighed()
-        self.covariance = table.covariance(table.columns, table.y - table.columns @ self.values, sigma)
+        left = table.y - table.columns @ self.values
+        self.covariance, self._lag = table.covariance(table.columns, left, sigma)
         self._seen = np.any(table.columns != 0.0, axis=0)
+
+    def _whole(self, values: Array) -> Array:
+        """Return values with those of a payload, which are 0 where there is none."""
+        return values if self._loaded else np.insert(values, self._base, np.zeros(PAYLOAD))
+
+    def _left(self, part: Equations) -> Left:
+        return Left.of(part, self._friction, self._whole(self.values))
 
     @property
     def payload(self) -> Payload | None:
@@ -88,35 +121,39 @@ class _Fitted:
         place = slice(self._base, self._base + PAYLOAD)
         return payload_of(self._regressor.last_link, self.values[place], self.covariance[place, place])
 
-    def explained(self, parts: Sequence[Equations]) -> tuple[float, ...]:
-        """Return by joint the share of the torque about its mean that is explained; NaN where a joint does not move."""
-        found = []
-        for j in range(self._count):
-            known = [of_joint(part, j, self._loaded) for part in parts]
-            left = np.concatenate([centred(y - columns @ self.values) for y, columns in known])
-            spread = float(np.sum(np.concatenate([centred(y) for y, _ in known]) ** 2))
-            found.append(1.0 - float(left @ left) / spread if spread > 0.0 else float("nan"))
-        return tuple(found)
+    def held_out(self, part: Equations) -> HeldOut:
+        """Return how another recording is predicted."""
+        left = self._left(self._friction.added(part))
+        return HeldOut(explained([left]), self._band.holds(left), left.rests.mean(axis=0))
 
-    def estimate(
-        self, source: str, held_out: tuple[float, ...] | None, factors: tuple[Factor, ...] = ()
-    ) -> ArmEstimate:
+    def estimate(self, source: str, held_out: HeldOut | None, factors: tuple[Factor, ...] = ()) -> ArmEstimate:
         """Return the result; friction and rotors are known no better than the `factors` on the torques."""
-        n, names = self._count, self._regressor.joints
-        friction_at = self._base + PAYLOAD * self._loaded
+        n = self._count
         sigma, share = np.sqrt(np.diag(self.covariance)), [f.std_dev / f.value for f in factors] or [0.0] * n
-        r_squared, joints = self.explained(self._parts), []
-        for j, name in enumerate(names):
+        r_squared, usual = explained(self._lefts), self._friction.usual
+        bands = self._band.factor * self._friction.breakaway(self.values[self._friction_at :], usual)
+        other, joints = held_out or HeldOut(*np.full((3, n), np.nan)), []
+        for j, name in enumerate(self._regressor.joints):
             armature = rotor(self._regressor, j, self.values[j], sigma[j], self._seen[j], share[j])
-            lost = [
+            damping, coulomb = (
                 friction(float(self.values[k]), sigma[k], unit, bool(self._seen[k]), share[j])
-                for k, unit in ((friction_at + j, "Nm s/rad"), (friction_at + n + j, "Nm"))
-            ]
-            predicted = float("nan") if held_out is None else held_out[j]
-            joints.append(JointValues(name, armature, lost[0], lost[1], r_squared[j], predicted))
+                for k, unit in ((self._friction_at + j, "Nm s/rad"), (self._friction_at + n + j, "Nm"))
+            )
+            rest = Rest(*(float(a[j]) for a in (bands, self._band.rest_s, other.in_band, other.resting)))
+            told = float(r_squared[j]), float(other.r_squared[j]), float(usual[j])
+            joints.append(JointValues(name, armature, damping, coulomb, *told, rest))
         parameters = base_parameters(self._regressor, self.values, sigma, self._seen)
         poor = [j.name for j in joints if not j.r_squared > LEAST_R_SQUARED]
         status = Status.POOR_FIT if poor else Status.CONVERGED
         duration = sum(p.duration for p in self._parts)
         doubts = tuple(text for part in self._parts for text in part.doubts)
-        return ArmEstimate(source, status, poor, tuple(joints), parameters, duration, self.payload, factors, doubts)
+        return ArmEstimate(
+            source, status, poor, tuple(joints), parameters, duration, self._growth(), self.payload, factors, doubts
+        )
+
+    def _growth(self) -> Value:
+        """Return by how much friction grows with the load."""
+        value, sigma = self._by_load
+        if self._seen[-1]:
+            return Value(value, sigma, "Nm/Nm", Verdict.ESTIMATED, "")
+        return Value(max(0.0, value), sigma, "Nm/Nm", Verdict.PRIOR, "the law of friction is without it")

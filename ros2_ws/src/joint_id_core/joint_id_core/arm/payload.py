@@ -98,6 +98,6 @@ def gains_from_mass(parts: Sequence[Equations], mass: float) -> tuple[Array, Arr
         values[free] += step[:-n]
         share = share + step[-n:]
         if np.abs(step[-n:]).max() < SETTLED:
-            spread = np.sqrt(np.diag(table.covariance(columns, left, sigma))[-n:])
+            spread = np.sqrt(np.diag(table.covariance(columns, left, sigma)[0])[-n:])
             return 1.0 / share, spread / share**2
     raise JointIdError("no torque constants with which the payload has this mass: check the mass and the recordings")

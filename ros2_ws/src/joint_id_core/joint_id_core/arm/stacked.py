@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,12 @@ class Stacked:
         pieces = np.repeat(np.arange(len(rows)), lengths)
         return cls(y, columns, np.repeat([j for _, j in rows], lengths), pieces, count)
 
+    def without(self, places: NDArray[np.intp]) -> Stacked:
+        """Return the same with some parameters that are 0."""
+        columns = self.columns.copy()
+        columns[:, places] = 0.0
+        return replace(self, columns=columns)
+
     def weighed(self) -> tuple[Array, Array]:
         """Return values (P,), and standard deviations of what is left of the torque of each joint, shape (n,)."""
         values, sigma = np.zeros(self.columns.shape[1]), np.ones(self.count)
@@ -69,15 +75,15 @@ class Stacked:
         sigma = np.sqrt(squares / np.maximum(counts, 1))
         return np.where(sigma > 0.0, sigma, 1.0)
 
-    def covariance(self, columns: Array, left: Array, sigma: Array) -> Array:
-        """Return the covariance of values with these columns (T, k), whose residuals (T,) have a memory."""
+    def covariance(self, columns: Array, left: Array, sigma: Array) -> tuple[Array, float]:
+        """Return the covariance of values with these columns (T, k) and residuals (T,), and the lag of their memory."""
         weights = 1.0 / sigma[self.joint]
         weighted, residuals = columns * weights[:, None], left * weights
         scores, lag = weighted * residuals[:, None], 1.0
         for k in np.unique(self.pieces):
             some = scores[self.pieces == k]
             lag = max(lag, automatic_lag(some[:, np.any(some, axis=0)]))
-        return newey_west(weighted, residuals, self.pieces, lag)
+        return newey_west(weighted, residuals, self.pieces, lag), lag
 
 
 def of_joint(part: Equations, j: int, loaded: bool) -> tuple[Array, Array]:

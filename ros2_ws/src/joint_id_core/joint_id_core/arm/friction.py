@@ -1,0 +1,83 @@
+"""Friction of the gears of an arm beyond viscous and Coulomb friction: it bends, and it grows with the load.
+
+    tau = c v + (tau_c + s b(v) + mu (|load| - usual)) tanh(v / SLOW)
+
+b is what a Stribeck curve in Tustin's form, exp(-|v| / v_s), has beside its nearest straight line (Armstrong-Helouvry,
+Dupont & Canudas de Wit, Automatica 30, 1994). So c and tau_c stay those of the straight line that is nearest to the
+friction, as without it. Teeth of a gear are pressed by the torque that they pass on, the load: mu, of all joints, is by
+how much friction grows with it (Bittencourt & Gunnarsson, ASME Journal of Dynamic Systems, Measurement and Control 134,
+2012). tau_c is Coulomb friction at a usual load: that of gravity by the description, the mean over poses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from joint_id_core.arm.equations import KEPT, PAYLOAD, SLOW, Equations, below_band
+from joint_id_core.arm.regressor import Regressor
+from joint_id_core.data.recording import Array
+
+STRIBECK = 0.3  # rad/s, v_s: where friction of gears bends
+FASTEST = 1.0  # rad/s, to which a straight line shall be near
+POSES = 200  # random ones
+ROUNDED = 9  # decimals of a load that are no rounding
+# How far filtered Coulomb friction may be from the whole. Nearer to reversals friction turns in a way of its own, which
+# would be taken for a bend.
+TURNED = 0.1
+
+_GRID = np.linspace(0.0, FASTEST, 101)
+SLOPE, AT_REST = (float(v) for v in np.polyfit(_GRID, np.exp(-_GRID / STRIBECK), 1))
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Columns of friction that need to know the arm.
+
+    Attributes:
+        rigid: values of the inertial parameters of the arm without rotors, and of its payload, (base + PAYLOAD,).
+        usual: load of each joint in Nm at which its Coulomb friction is told, (n,).
+    """
+
+    rigid: Array
+    usual: Array
+
+    @classmethod
+    def from_values(cls, regressor: Regressor, values: Array) -> Friction:
+        """Return it from values of the inertial parameters of an arm and its payload, (base + PAYLOAD,) or more."""
+        rigid = values[: len(regressor.reference) + PAYLOAD].copy()
+        count = len(regressor.joints)
+        rigid[:count] = regressor.reference[:count]  # a gear does not pass on what turns the rotor
+        return cls(rigid, usual_load(regressor))
+
+    def of(self, part: Equations) -> Array:
+        """Return the inertial parameters whose torque is the load in a recording."""
+        rigid = self.rigid.copy()
+        rigid[part.base :] *= part.loaded
+        return rigid
+
+    def added(self, part: Equations) -> Equations:
+        """Return equations away from reversals, with columns for the bend of every joint, and for the load."""
+        whole = part.unfiltered
+        assert whole is not None, "a part of a recording"
+        sign, speed = np.tanh(whole.dq / SLOW), np.abs(whole.dq)
+        load = np.abs(whole.inertial @ self.of(part))
+        bend = (np.exp(-speed / STRIBECK) - AT_REST - SLOPE * speed) * sign
+        own = bend[:, :, None] * np.eye(load.shape[1])
+        columns = np.concatenate([own, ((load - self.usual) * sign)[:, :, None]], axis=2)
+        more = below_band(columns, whole.known)[::KEPT]
+        return replace(part.turned(TURNED), columns=np.concatenate([part.columns, more], axis=2))
+
+    def breakaway(self, values: Array, load: Array) -> Array:
+        """Return friction at standstill in Nm, (..., n), from parameters of friction (3 n + 1,) and a load (..., n)."""
+        coulomb, bend = values[len(self.usual) : -1].reshape(2, -1)
+        return np.maximum(0.0, coulomb + (1.0 - AT_REST) * bend + values[-1] * (load - self.usual))
+
+
+def usual_load(regressor: Regressor) -> Array:
+    """Return the mean size of the torque of gravity by the description, over random poses, in Nm, (n,)."""
+    count = len(regressor.joints)
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, count))
+    still = np.zeros_like(q)
+    return np.asarray(np.abs(regressor.rows(q, still, still)[0] @ regressor.reference).mean(axis=0).round(ROUNDED))
