@@ -73,7 +73,7 @@ def _alone(joint: int, gravity: bool, known: Mapping[str, Known]) -> Joint:
 
 
 def _of_arm(joint: int) -> Joint:
-    # A fit with a computed load keeps the mean inertia of all poses, the reference that of the poses in these logs.
+    # With a computed load, J holds the mean inertia over all poses; the reference has that of the poses in these logs.
     known = {n: v for n, v in ARM[joint].items() if n in FRICTION or joint > 3}
     return Joint(f"joint {joint}", partial(ur10e_of_arm, joint), False, known)
 

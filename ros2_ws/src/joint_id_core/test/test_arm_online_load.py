@@ -140,6 +140,19 @@ def test_a_new_run_begins_anew(rigid, shift_s):
     np.testing.assert_allclose(first[both], second[both], rtol=1e-5, atol=1e-6)
 
 
+def test_a_position_that_jumps_by_a_turn_gives_the_same_load(rigid, online):
+    """Joints that turn for ever are often told within one turn."""
+    wrapped = {name: r.slice(0, 3000) for name, r in rigid.items()}
+    jumps = np.mod(wrapped["roll"]["link_position"], 2.0 * np.pi)
+    assert np.abs(np.diff(jumps)).max() > 6.0
+    wrapped["roll"] = wrapped["roll"].with_channels({"link_position": jumps})
+    found = as_recordings(passed(OnlineLoad(Description(URDF), MAX_GAP), batches(wrapped), to_the_end=False))
+    np.testing.assert_array_equal(found["roll"]["link_position"], jumps[: len(found["roll"])])
+    for name in ("lift", "roll", "tilt"):
+        load = online[name]["external_torque"][: len(found[name])]
+        np.testing.assert_allclose(found[name]["external_torque"], load, rtol=1e-4, atol=1e-4)
+
+
 def test_samples_without_positions_have_no_load(rigid):
     motor = {name: Recording(r.time, {"motor_position": r["link_position"]}) for name, r in rigid.items()}
     load = OnlineLoad(Description(URDF), MAX_GAP)

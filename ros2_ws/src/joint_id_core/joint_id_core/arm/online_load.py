@@ -50,6 +50,8 @@ class OnlineLoad:
         self._origin_ns, self._newest_ns = 0, -1
         self._waiting: deque[AlignedSamples] = deque()  # in the order in which they came
         self._last = _Loads(np.empty(0), np.empty((0, len(description.joints))))  # of a sample that awaits the next one
+        self._turn = np.where(description.turning, 2.0 * np.pi, 0.0)  # rad, after which a position is the same
+        self._position = np.full(len(description.joints), np.nan)  # newest ones
         self._places: dict[tuple[str, ...], list[int]] = {}  # of the joints of samples, in the loads
 
     @property
@@ -83,6 +85,9 @@ class OnlineLoad:
         if known is not None:
             there = [name for name in joints if name in samples.joints]
             positions[:, [joints.index(name) for name in there]] = known[:, [samples.joints.index(n) for n in there]]
+        for row in positions:  # those of joints that turn for ever may jump by a turn
+            row -= np.nan_to_num(np.round((row - self._position) / (2.0 * np.pi))) * self._turn
+            self._position = np.where(np.isnan(row), self._position, row)
         lacking = np.isnan(positions).all(axis=0)
         self.missing = tuple(name for name, lacks in zip(joints, lacking.tolist(), strict=True) if lacks)
         return positions
