@@ -47,7 +47,7 @@ def _row(method: Method, unit: float) -> list[str]:
         f"{min(masses):.2g} to {max(masses):.3g}" if masses else "-",
         f"{min(rotors):.3g}" if rotors else "-",
         f"{seconds:.2g} s",
-        f"{seconds / unit:.2g}",
+        f"{seconds / unit:.3g}",
     ]
 
 
