@@ -67,7 +67,7 @@ def test_every_value_for_a_robot_has_its_source_or_is_called_a_guess(robot):
     text = (CONFIG / f"{robot}.yaml").read_text()
     assert unsourced(text) == []
     spoilt = re.sub(r"(k_t=[^ ]+)  #.*", r"\1  # choice", text).replace("rate: 500.0  #", "rate: 500.0  # [99]")
-    assert len(unsourced(spoilt)) == 7
+    assert len(unsourced(spoilt)) == 1 + 2 * 6  # of two nodes
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -75,6 +75,7 @@ def test_a_robot_has_a_torque_constant_for_every_joint_and_one_ratio_everywhere(
     nodes = {k: v["ros__parameters"] for k, v in yaml.safe_load((CONFIG / f"{robot}.yaml").read_text()).items()}
     driver, identifier = nodes["/**/driver"], nodes["/**/identifier"]
     assert driver["joints"] == identifier["joints"]
+    assert nodes["/**/arm_identifier"]["set"] == identifier["set"]
     options = IdentifierOptions(joints=tuple(identifier["joints"]), set=tuple(identifier["set"]))
     values = [options.values(joint) for joint in driver["joints"]]
     assert all(0.02 < v["k_t"] < 0.2 for v in values)

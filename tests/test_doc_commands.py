@@ -34,7 +34,10 @@ SUBSTITUTIONS = (
     ("--duration 30", "--duration 6", "shorter; discovery takes seconds on a busy machine"),
 )
 # Commands that run until they are stopped: nodes with their name in /diagnostics, and what another prints when ready.
-NODES = {f"joint-id-{name}": name for name in ("filter", "identifier", "driver", "sim", "watch")}
+NODES = {
+    f"joint-id-{name.replace('_', '-')}": name
+    for name in ("arm_identifier", "filter", "identifier", "driver", "sim", "watch")
+}
 PRINTS = {"joint-id robot-emulator": "ready on ", "joint-id watch": "the page is at"}
 # What has to run beside the commands of a page, since the page says so in words.
 BESIDE = {

@@ -127,7 +127,7 @@ def test_commands_exist_with_the_options_that_are_shown(generator: ModuleType, p
         elif program == "make":
             assert re.search(rf"^{words[1]}:", (ROOT / "Makefile").read_text(), re.MULTILINE), words
         elif words[:2] == ["ros2", "run"] or program.startswith("joint-id-"):
-            node = words[3] if program == "ros2" else program.removeprefix("joint-id-")
+            node = words[3] if program == "ros2" else program.removeprefix("joint-id-").replace("-", "_")
             assert f'"{node} = joint_id_ros.' in (NODES / "setup.py").read_text(), words
             given = dict(v.split(":=", 1) for k, v in pairwise(words) if k == "-p")
             assert given.keys() <= parameters(generator, node), words

@@ -24,6 +24,7 @@ class ArmKnowledge:
     Attributes:
         regressor: of the arm; follower: of the present run.
         problem: why the file is not used; empty if it is.
+        scale: how far the torque constants are known, as a sentence; empty if that is not known.
     """
 
     def __init__(
@@ -35,7 +36,8 @@ class ArmKnowledge:
             JointIdError: an entry of `set` does not fit, or joints that follow others.
         """
         self.regressor = Regressor(description)
-        self._gains, _ = gains_of(self.regressor.joints, options.entries)
+        self._gains, spread = gains_of(self.regressor.joints, options.entries)
+        self.scale = f" All values scale with the torque constants, which are known to {spread}." if spread else ""
         self._source, self._mass = description.source, description.mass
         self._path = Path(options.state_file).expanduser() if options.state_file else None
         self._saver = Autosave(self._write, tell) if self._path is not None else None

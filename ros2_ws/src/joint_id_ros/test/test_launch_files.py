@@ -84,7 +84,8 @@ def test_in_a_replay_every_node_ends_with_the_one_before_it():
 @pytest.mark.parametrize("name", LAUNCH_FILES)
 def test_every_option_of_the_identifier_is_an_argument(name):
     names = {a.name for a in LAUNCH_FILES[name].arguments}
-    mine = {f.name for options in NODES["identifier"] for f in fields(options)}
+    (identifier,) = {"identifier", "arm_identifier"} & LAUNCH_FILES[name].offers.keys()
+    mine = {f.name for options in NODES[identifier] for f in fields(options)}
     assert mine - names <= {"reliability", "end_with"}  # its samples come from our own filter
     assert "log_level" in names and ("respawn" in names) == (name != "replay")
 

@@ -175,10 +175,12 @@ class ArmIdentifierNode(ManagedNode):
                 self._good[name] = found.updated(status=Status.CONVERGED)
                 found = found.updated(status=Status.TOO_SHORT, message=restored, notes=(restored,))
             elif found.converged:
-                self._good[name] = found
+                found = self._good[name] = found.updated(message=found.message + arm.scale)
             self._latest.put(name, to_values(name, found, self._good.get(name), origin_ns))
         self._latest.publish()
-        self._payload.publish(to_payload(arm.follower, arm.regressor, origin_ns))
+        message = to_payload(arm.follower, arm.regressor, origin_ns)
+        message.message += arm.scale if message.carries else ""
+        self._payload.publish(message)
 
     # --- the rest
 
