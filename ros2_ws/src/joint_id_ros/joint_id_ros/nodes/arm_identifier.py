@@ -15,17 +15,13 @@ from std_srvs.srv import Trigger
 from joint_id_core.alignment.joining import StampOrder
 from joint_id_core.alignment.source_watch import SourceEvent
 from joint_id_core.arm.description import Description, loaded_pinocchio
-from joint_id_core.arm.joint_estimates import joint_estimates
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.topics import SAMPLES
-from joint_id_core.results.estimate import Estimate, Status
-from joint_id_msgs.msg import ArmPayload, JointSamples
+from joint_id_msgs.msg import JointSamples
 from joint_id_ros.arm_knowledge import ArmKnowledge
-from joint_id_ros.arm_payload import to_payload
+from joint_id_ros.arm_publisher import ArmPublisher
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.ending import SILENT_S, Ending
-from joint_id_ros.estimate_bytes import to_values
-from joint_id_ros.latest_estimates import LatestEstimates
 from joint_id_ros.lifecycle import ManagedNode
 from joint_id_ros.options.arm_identifier import ArmIdentifierOptions
 from joint_id_ros.options.reading import ReadingOptions
@@ -51,8 +47,7 @@ class ArmIdentifierNode(ManagedNode):
         self._text = self._refused = ""
         self._sources: Sources | None = None
         self._described: Subscription | None = None
-        self._latest = LatestEstimates(self)
-        self._payload = self.create_lifecycle_publisher(ArmPayload, "payload", LATEST)
+        self._publisher = ArmPublisher(self)
         self._ending = Ending(self)
         self._diagnostics = Diagnostics(self, self._health, "joint_samples")
         for name in ("save", "reset"):
@@ -67,8 +62,6 @@ class ArmIdentifierNode(ManagedNode):
         self._starter.cancel()
         if self.get_parameter("autostart").value and not self._configured:
             self.start()
-
-    # --- life cycle
 
     def prepare(self) -> None:
         """Check the parameters, and read the description if it is in a file."""
@@ -120,14 +113,14 @@ class ArmIdentifierNode(ManagedNode):
         self._arm = ArmKnowledge(description, self._options, self._diagnostics.problem)
         self._forget_run()
         if self._arm.follower.belief is not None and self.streams is not None:
-            self._publish(self._arm, f"Restored from {self._options.state_file}: not tested by new motion yet.")
+            self._publisher.publish_restored(self._arm, self.get_clock().now().nanoseconds)
 
     # --- samples
 
     def _forget_run(self) -> None:
         self._order, self._origin_ns = StampOrder(), 0
         self._waiting: list[RawMessage] = []
-        self._good: dict[str, Estimate] = {}
+        self._publisher.forget()
 
     def _on_samples(self, topic: str, message: RawMessage) -> None:
         self._silent = 0
@@ -166,21 +159,7 @@ class ArmIdentifierNode(ManagedNode):
             self._diagnostics.problem("samples left out", str(error))
             return
         if new:
-            self._publish(self._arm)
-
-    def _publish(self, arm: ArmKnowledge, restored: str = "") -> None:
-        origin_ns = self._origin_ns or self.get_clock().now().nanoseconds
-        for name, found in joint_estimates(arm.follower, arm.regressor, SAMPLES.name).items():
-            if restored:
-                self._good[name] = found.updated(status=Status.CONVERGED)
-                found = found.updated(status=Status.TOO_SHORT, message=restored, notes=(restored,))
-            elif found.converged:
-                found = self._good[name] = found.updated(message=found.message + arm.scale)
-            self._latest.put(name, to_values(name, found, self._good.get(name), origin_ns))
-        self._latest.publish()
-        message = to_payload(arm.follower, arm.regressor, origin_ns)
-        message.message += arm.scale if message.carries else ""
-        self._payload.publish(message)
+            self._publisher.publish(self._arm, self._origin_ns)
 
     # --- the rest
 
@@ -189,7 +168,7 @@ class ArmIdentifierNode(ManagedNode):
             if self._arm is None:
                 raise JointIdError(self._missing())
             response.message, response.success = getattr(self._arm, name)(), True
-            self._good.clear()
+            self._publisher.forget()
         except JointIdError as error:
             response.message, response.success = str(error), False
         self.get_logger().info(f"{name}: {response.message}")
@@ -203,7 +182,7 @@ class ArmIdentifierNode(ManagedNode):
         self._silent += 1
         silent = self._silent * CHECK_S > SILENT_S and self._sources is not None and not self._sources.published
         if silent and self._ending.due(self.get_parameter("end_with").value, self._origin_ns != 0):
-            self._latest.wait()
+            self._publisher.wait()
             self.finished.set_result(None)
 
     def _health(self) -> Health:
