@@ -21,7 +21,7 @@ from peers.process import SINGLE_CORE
 os.environ.update(SINGLE_CORE)  # times are processor times: libraries read this when they are imported
 
 from measured_blocks import write
-from robots import stiffness, whole_arm
+from robots import followed_arm, stiffness, whole_arm
 from robots.arm_peers import found as of_arm
 from robots.arm_peers.pages import peers_table
 from robots.arm_peers.runs import methods
@@ -69,6 +69,7 @@ def main() -> None:
             "stiffness": [asdict(f) for f in stiffness.fits()] if axes and stiffness.there() else [],
             "payload": whole_arm.payload() if not args.cases and whole_arm.there() else [],
             "whole_arm": [asdict(r) for r in whole_arm.rows()] if not args.cases and whole_arm.there() else [],
+            "followed_arm": [asdict(r) for r in followed_arm.runs()] if not args.cases and whole_arm.there() else [],
             "arm_peers": [asdict(m) for m in methods()] if not args.cases and whole_arm.there() else [],
         }
         args.json.parent.mkdir(parents=True, exist_ok=True)
@@ -84,6 +85,7 @@ def main() -> None:
         "robots-joints": joints_table(found), "robots-stiffness": stiffness_table(axes_found),
         "robots-payload": whole_arm.payload_table(report.get("payload", [])),
         "robots-arm": whole_arm.table([whole_arm.Row(**row) for row in report.get("whole_arm", [])]),
+        "robots-arm-followed": followed_arm.table([followed_arm.Run(**r) for r in report.get("followed_arm", [])]),
         "robots-arm-peers": peers_table([of_arm.of_json(row) for row in report.get("arm_peers", [])]),
     }  # fmt: skip
     print("\n\n".join(tables.values()))

@@ -56,7 +56,7 @@ def rows() -> list[Row]:
     """Fit, and compare."""
     description = Description.read(DATA / "ur10e/ur10e.urdf")
     gains = {name: {"torque": 1.0} for name in description.joints}
-    records = [_record(name, description.joints) for name in UR10E_ALL]
+    records = [record(name, description.joints) for name in UR10E_ALL]
     begun = time.process_time()
     whole = fit_arm(description, records, gains).joints
     cpu_s = time.process_time() - begun
@@ -73,8 +73,8 @@ def payload() -> list[str]:
     """Weigh the payload of the log that has one, and find the gains from its mass, as cells of a table."""
     description = Description.read(DATA / "ur10e/ur10e.urdf")
     gains = {name: {"torque": 1.0} for name in description.joints}
-    free = [_record(name, description.joints) for name in UR10E_ALL]
-    carrying = [_record(LOADED, description.joints)]
+    free = [record(name, description.joints) for name in UR10E_ALL]
+    carrying = [record(LOADED, description.joints)]
     weighed = fit_arm(description, free, gains, payload=carrying).payload
     assert weighed is not None
     found = [f"{weighed.mass:.4g} ± {weighed.mass_std_dev:.2g} kg"]
@@ -95,7 +95,8 @@ def payload_table(cells: Sequence[str]) -> str:
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
 
-def _record(name: str, joints: Sequence[str]) -> dict[str, Recording]:
+def record(name: str, joints: Sequence[str]) -> dict[str, Recording]:
+    """All joints of a log, by name."""
     return {joint: replace(ur10e(name, k), joint=joint) for k, joint in enumerate(joints, 1)}
 
 

@@ -63,6 +63,8 @@ class ArmKnowledge:
         """Begin a run, as after a jump of the time, with what is known."""
         self._stream = ArmStream(self.regressor, self._gains, self._source)
         self.follower = ArmFollower(self.regressor.joints, self._mass, self._known)
+        if self._known is not None:
+            self._stream.know(self._known.values, self._known.carries)
 
     def add(self, records: Mapping[str, Recording]) -> bool:
         """Take samples; return whether there is anything new to tell.
@@ -75,8 +77,9 @@ class ArmKnowledge:
             before = self.follower.rests, self.follower.unexplained
             learnt = self.follower.add(block)
             new = new or learnt or self.follower.belief is None or before != self._state()
-            if learnt and self.follower.belief is not None:
-                self._known = self.follower.belief
+            if learnt and (belief := self.follower.belief) is not None:
+                self._known = belief
+                self._stream.know(belief.values, belief.carries)
                 if self._saver is not None and not self.problem:
                     self._saver.ask()
         return new

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from joint_id_core.arm.drift import drift
 from joint_id_core.arm.equations import PAYLOAD, Equations, joined
 from joint_id_core.arm.stacked import Stacked
 from joint_id_core.data.recording import Array
@@ -23,6 +24,7 @@ WANDER, WANDER_S = 0.05, 600.0  # of the friction of a joint, its standard devia
 STRETCH_S = 4.0  # of motion, longer than what is left of a torque remembers
 MEMORY_S = 300.0  # of motion, over which noise and colour are averaged
 GRAVITY = 4  # parameters of a payload that gravity shows: its mass and first moments
+KINDS = 3  # of friction by joint: viscous, Coulomb, its bend
 UNKNOWN = 1e3  # standard deviation, in SI units, of what no motion has shown
 ROUNDED = 1e-9  # share of the variance of a parameter that rounding may take from it
 
@@ -94,6 +96,7 @@ class Belief:
         seen: whether motion has shown each parameter, shape (P,).
         duration: motion in s.
         scores: of the newest motion, for the colour.
+        drift: of viscous and Coulomb friction from one stretch to the next, as a share of it, (2,): see `drift`.
     """
 
     values: Array
@@ -107,6 +110,7 @@ class Belief:
     seen: NDArray[np.bool_]
     duration: float
     scores: Scores
+    drift: Array
 
     @property
     def count(self) -> int:
@@ -130,7 +134,13 @@ class Belief:
 
     def friction_of(self, joint: int) -> NDArray[np.intp]:
         """Return the places of the parameters of friction of a joint."""
-        return np.arange(self.friction.start + joint, self.friction.stop, self.count)
+        return self.friction.start + joint + self.count * np.arange(KINDS)
+
+    @property
+    def friction_scale(self) -> Array:
+        """Size of each kind of friction of each joint, (KINDS, n): viscous, Coulomb, and the latter of its bend."""
+        viscous, coulomb = np.abs(self.values[self.friction][: 2 * self.count]).reshape(2, -1)
+        return np.array([viscous, coulomb, coulomb])
 
     def scores_of(self, joint: int) -> list[int]:
         """Return the places of the columns of a joint whose scores tell the colour."""
@@ -238,8 +248,9 @@ class Belief:
         covariance = self.covariance.copy()
         share = WANDER * np.sqrt(duration / WANDER_S)
         size = np.zeros(len(self.values))
-        size[self.friction] = share * self.values[self.friction]
-        size[self.offsets] = share * self.values[self.friction][-self.count :]
+        scale = share * self.friction_scale
+        size[self.friction.start : self.friction.start + scale.size] = scale.ravel()
+        size[self.offsets] = scale[1]
         covariance[np.diag_indices_from(covariance)] += size**2
         return replace(self, covariance=covariance)
 
@@ -264,12 +275,13 @@ def learned(parts: Sequence[Equations]) -> Belief:
     whole = joined(parts)
     table = Stacked.of([whole])
     values, sigma = table.weighed()
-    covariance, _ = table.covariance(table.columns, table.y - table.columns @ values, sigma)
+    left = table.y - table.columns @ values
+    covariance, lag = table.covariance(table.columns, left, sigma)
     count, own = table.count, len(values)
     weighted = table.columns / sigma[table.joint, None]
     white = np.linalg.pinv(weighted.T @ weighted, hermitian=True)
     shown = np.any(table.columns != 0.0, axis=0)
-    friction = np.arange(whole.base, own).reshape(-1, count)
+    friction = np.arange(whole.base, whole.base + 2 * count).reshape(2, count)
     with np.errstate(invalid="ignore", divide="ignore"):
         ratios = np.where(shown, np.diag(covariance) / np.diag(white), np.nan)[friction]
     colour = np.ones(count)
@@ -297,5 +309,6 @@ def learned(parts: Sequence[Equations]) -> Belief:
     all_covariance[place, end] = -spread @ means.T
     return Belief(
         all_values, all_covariance, whole.base, sigma, colour, mean, torque, False, seen,
-        sum(p.duration for p in parts), Scores.none(count, len(friction) + GRAVITY),
+        sum(p.duration for p in parts), Scores.none(count, KINDS + GRAVITY),
+        drift(table, left, friction, values[friction], lag),
     )  # fmt: skip

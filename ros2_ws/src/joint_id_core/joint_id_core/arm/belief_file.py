@@ -18,7 +18,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.text_file import write_text
 
 FORMAT, VERSION = "joint_id arm knowledge", 1
-ARRAYS = ("values", "covariance", "sigma", "colour", "mean", "torque")
+ARRAYS = ("values", "covariance", "sigma", "colour", "mean", "torque", "drift")
 
 
 def write(path: Path, belief: Belief, regressor: Regressor, gains: Gains) -> None:
@@ -70,7 +70,7 @@ def _belief(content: Mapping[str, Any], regressor: Regressor) -> Belief:
     scores = Scores(
         np.array(sums["products"], dtype=float), np.array(sums["squares"], dtype=float), float(sums["duration"])
     )
-    shapes = {"values": (size,), "covariance": (size, size)} | dict.fromkeys(ARRAYS[2:], (count,))
+    shapes = {"values": (size,), "covariance": (size, size)} | dict.fromkeys(ARRAYS[2:], (count,)) | {"drift": (2,)}
     if any(arrays[name].shape != shape for name, shape in shapes.items()) or seen.shape != (size,):
         raise ValueError
     if not all(np.isfinite(a).all() for a in (*arrays.values(), scores.products, scores.squares)):

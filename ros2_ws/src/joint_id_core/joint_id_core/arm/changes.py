@@ -75,8 +75,8 @@ def find(belief: Belief, parts: Sequence[Equations], joints: Sequence[str], arm_
 def with_other_friction(belief: Belief, joints: Sequence[int]) -> Belief:
     """Return a belief that is open to another friction and torque offset of some joints, given by number."""
     places = [np.append(belief.friction_of(j), belief.offsets.start + j) for j in joints]
-    friction = [np.abs(belief.values[belief.friction_of(j)]) for j in joints]
-    sigma = [FRICTION * np.append(f, f[-1]) for f in friction]
+    scale = belief.friction_scale
+    sigma = [FRICTION * np.append(scale[:, j], scale[1, j]) for j in joints]
     return belief.widened(np.concatenate(places), np.concatenate(sigma))
 
 

@@ -199,10 +199,10 @@ class ArmFollower:
         assert self.belief is not None
         variance = np.diag(self.belief.covariance) + np.diag(before.covariance)
         for j, name in enumerate(self._joints):
-            places = before.friction_of(j)
-            step = np.abs(self.belief.values[places] - before.values[places])
-            least = TOLD * np.abs(before.values[places])
-            if np.any((step > least) & (step > CLEAR * np.sqrt(variance[places]))):
+            places = before.friction_of(j)[:2]
+            old, new = before.values[places], self.belief.values[places]
+            sigma = np.sqrt(variance[places] + 2.0 * (self.belief.drift * old) ** 2)
+            if np.any(np.abs(new - old) > np.maximum(TOLD * np.abs(old), CLEAR * sigma)):
                 self.changes[name] = ArmChange(name, time, before)
 
     def _missed(self, part: Equations) -> bool:

@@ -74,15 +74,16 @@ def _of_joint(follower: ArmFollower, belief: Belief, regressor: Regressor, j: in
     values = [float(value) for value in belief.values[places]]
     quantities = [rotor(regressor, j, values[0], float(sigma[0]), bool(seen[0]))]
     for k, parameter in ((1, "c"), (2, "tau_f")):
-        quantities.append(friction(values[k], float(sigma[k]), UNITS[parameter], bool(seen[k])))
+        spread = float(np.hypot(sigma[k], belief.drift[k - 1] * values[k]))  # it is another one in the next minute
+        quantities.append(friction(values[k], spread, UNITS[parameter], bool(seen[k])))
     rows = [
         ParameterEstimate(parameter, q.unit, q.value, q.std_dev, q.verdict, reason=q.reason)
         for parameter, q in zip(("J_r", "c", "tau_f"), quantities, strict=True)
     ]
     rows.append(_offset(values[3], float(sigma[3]), values[2], bool(seen[3])))
-    spread = np.array([row.std_dev for row in rows])
-    free = [k for k in range(len(rows)) if np.isfinite(spread[k])]
-    scale = spread[free] / sigma[free]
+    deviations = np.array([row.std_dev for row in rows])
+    free = [k for k in range(len(rows)) if np.isfinite(deviations[k])]
+    scale = deviations[free] / sigma[free]
     covariance = belief.covariance[np.ix_(places[free], places[free])] * np.outer(scale, scale)
     r_squared = float(belief.r_squared[j])
     status, notes = _status(follower, name, r_squared), []

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
-from joint_id_core.arm.equations import DRIVES, Equations, unchecked
+from joint_id_core.arm.equations import DRIVES, PAYLOAD, Equations, unchecked
+from joint_id_core.arm.friction import Friction
 from joint_id_core.arm.gains import Gains
 from joint_id_core.arm.regressor import Regressor
-from joint_id_core.data.recording import Recording
+from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 
 BLOCK_S = 0.5  # of a block of equations
@@ -31,6 +33,14 @@ class ArmStream:
         self._regressor, self._gains, self._source = regressor, gains, source
         self._samples: dict[str, Recording] = {}
         self._end: float | None = None  # of the last block
+        self._friction = Friction.from_values(regressor, np.append(regressor.reference, np.zeros(PAYLOAD)))
+        self._carries = False
+
+    def know(self, values: Array, carries: bool) -> None:
+        """Take what is known of the inertial parameters, (base + PAYLOAD,) or more: friction depends on the load."""
+        count, rigid = len(self._regressor.joints), self._friction.rigid.copy()
+        rigid[count:] = values[count : len(rigid)]  # a gear does not pass on what turns the rotor
+        self._friction, self._carries = replace(self._friction, rigid=rigid), carries
 
     def push(self, records: Mapping[str, Recording]) -> list[Equations]:
         """Add samples of some joints, later than those before and with the same origin; return what became complete.
@@ -74,8 +84,8 @@ class ArmStream:
         first, last = (np.array([r.time[k] for r in records.values()]) for k in (0, -1))
         if last.min() - first.max() < BLOCK_S + MARGIN_S:
             return []
-        found = unchecked(self._regressor, records, self._gains, self._source)
-        return [found.between(begin, begin + BLOCK_S).steady]
+        found = unchecked(self._regressor, records, self._gains, self._source, self._carries)
+        return [self._friction.added(found).between(begin, begin + BLOCK_S).steady]
 
     def _forget(self, before: float) -> None:
         """Forget samples from before an instant."""
