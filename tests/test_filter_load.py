@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from core_arm import moving_arm
 from robot_messages import NANO, stamp
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -21,15 +18,6 @@ pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.loaded import loaded
 from joint_id_core.arm.typical_inertia import typical_inertia
-
-ROOT = Path(__file__).resolve().parents[1]
-_SPEC = importlib.util.spec_from_file_location(
-    "moving_arm", ROOT / "ros2_ws/src/joint_id_core/test/moving_arm.py"
-)  # of another package
-assert _SPEC is not None and _SPEC.loader is not None
-moving_arm = importlib.util.module_from_spec(_SPEC)
-sys.modules["moving_arm"] = moving_arm  # dataclasses look for it there
-_SPEC.loader.exec_module(moving_arm)
 
 BEGIN = 100 * NANO
 JOINTS, URDF, RATE = moving_arm.JOINTS, moving_arm.URDF, moving_arm.RATE

@@ -142,3 +142,20 @@ def test_the_filter_writes_what_it_is_given():
         assert message.name == ["a", "b"] and message.measured == MEASURED_BITS["torque"]
         assert list(message.torque) == values[k].tolist() and list(message.link_velocity) == (-values[k]).tolist()
         assert len(message.current) == 0
+
+
+@pytest.mark.parametrize("load", [[math.nan, math.nan], [1.5, math.nan]], ids=["of none", "of one"])
+def test_a_load_that_is_not_known_stays_one_that_is_there(load):
+    """A joint without it is not a joint without a load: the identifier must not take it for zero."""
+    channels = {"link_position": np.full((3, 2), 0.1), "external_torque": np.tile(load, (3, 1))}
+    samples = AlignedSamples([10**9 + k for k in range(3)], ("a", "b"), channels, frozenset({"external_torque"}))
+    found = to_recordings(Reader(SAMPLES, JointSamples).read(SamplesWriter().write(samples)), 10**9, "topic")
+    for joint, value in zip("ab", load, strict=True):
+        np.testing.assert_array_equal(found[joint]["external_torque"], np.full(3, value))
+        assert found[joint].derived == {"external_torque"}
+
+
+def test_samples_without_a_load_get_none():
+    samples = AlignedSamples([10**9], ("a",), {"link_position": np.array([[0.1]])}, frozenset())
+    found = to_recordings(Reader(SAMPLES, JointSamples).read(SamplesWriter().write(samples)), 10**9, "topic")
+    assert "external_torque" not in found["a"]

@@ -22,7 +22,7 @@ class LoadOptions:
         "topic with the description (URDF) of the robot, such as robot_description: the load of the rest of the arm is "
         "computed from it and goes with the samples of every joint",
     )
-    urdf: str = option("", "the same from a URDF file; what it lacks ends the filter at its start")
+    urdf: str = option("", "the same from a URDF file; what it lacks ends the node at its start")
     base_gravity: tuple[float, ...] = option(
         GRAVITY, "gravity in the frame of the robot's base; this one is of a base that stands on the floor", "m/s^2"
     )
