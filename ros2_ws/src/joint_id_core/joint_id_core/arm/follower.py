@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
-from joint_id_core.arm.belief import Belief, learned
+from joint_id_core.arm.belief import Belief
 from joint_id_core.arm.changes import CLEAR, EXPLAINED, OPEN, PAYLOAD, SURE, TOLD, Finding, find, with_other_friction
 from joint_id_core.arm.equations import Equations
+from joint_id_core.arm.learning import learned
 from joint_id_core.errors import JointIdError
 
 LEARN_S, LONGEST_S = 20.0, 60.0  # of motion: when an arm is known for the first time, and when it is learnt
 AGAIN = 1.5  # times the motion of the last fit, after which it is learnt anew with all of it
 RIVAL_S = 30.0  # of motion in which a belief of another friction can win
 SETTLED_S = 15.0  # of motion after which a friction that may have changed is compared with that before
+YOUNG_S = 20.0  # of motion in which another change of the payload is taken for the same
 HELD = 6  # newest stretches that are not believed yet: they are tested for a change
 # Of motion that nothing explains: when it may be another friction of one joint, and when the arm is learnt anew.
 FRICTION_S, PATIENCE_S = 6.0, 20.0
@@ -59,6 +61,19 @@ class Rival:
         return replace(self, belief=self.belief.after(part), lead=lead)
 
 
+@dataclass(frozen=True)
+class Young:
+    """A payload that changed lately: the belief before, and the stretches of motion since then."""
+
+    belief: Belief
+    parts: list[Equations]
+
+    @property
+    def motion(self) -> float:
+        """Motion in s since then."""
+        return sum(part.duration for part in self.parts)
+
+
 class ArmFollower:
     """Follows an arm.
 
@@ -89,6 +104,7 @@ class ArmFollower:
         self._held: deque[Equations] = deque()
         self._rival: Rival | None = None
         self._opened: deque[tuple[Belief, float]] = deque()  # before friction that may have changed, and when
+        self._young: Young | None = None  # payload
         self._lost: list[Equations] = []  # newest stretches, that nothing explains
 
     @property
@@ -135,7 +151,8 @@ class ArmFollower:
         assert self.belief is not None
         parts = list(self._held)
         found = find(self.belief, parts, self._joints, self._mass)
-        if found.what == PAYLOAD and found.gain > SURE and self._explains(found.opened, parts[found.first + 1 :]):
+        since = parts[found.first + 1 :]
+        if found.what == PAYLOAD and found.gain > SURE and self._explains(found.opened(self.belief), since):
             self._take(found)
             return True
         left = self.belief.left(parts[-3:])
@@ -149,25 +166,39 @@ class ArmFollower:
         self._believe(oldest)
         return True
 
-    def _explains(self, opened: Callable[[Belief], Belief], parts: Sequence[Equations]) -> bool:
-        """Return whether stretches are as well explained with a change as those before were."""
-        assert self.belief is not None
-        belief = opened(self.belief)
+    def _explains(self, belief: Belief, parts: Sequence[Equations]) -> bool:
+        """Return whether a belief explains stretches, once it knows them, as well as those before were."""
         return bool(np.max(belief.told(belief.information(parts)).left(parts)) < EXPLAINED)
 
     def _take(self, found: Finding) -> None:
-        """Go on with a belief that is open to a change; the stretch in which it came is left out."""
-        parts = list(self._held)
+        """Go on with a belief that is open to a change of the payload; the stretch in which it came is left out."""
+        belief, parts, found = self._sought(found)
         self._held.clear()
+        self._young, self.belief = None, belief
         for part in parts[: found.first]:
             self._believe(part)
         before = self.belief
-        assert before is not None
         self.belief = found.opened(before)
         self._begin_to_follow()
         for part in parts[found.first + 1 :]:
             self._believe(part)
+        self._young = Young(belief, parts)
         self.changes[PAYLOAD] = ArmChange(PAYLOAD, float(parts[found.first].time[0]), before)
+
+    def _sought(self, found: Finding) -> tuple[Belief, list[Equations], Finding]:
+        """Return a change, with the belief before it and the stretches since then.
+
+        The first stretches after a change tell little of it. If they seem to hold another one soon, it is the same, and
+        its instant is sought in all of them.
+        """
+        assert self.belief is not None
+        held = list(self._held)
+        if self._young is not None:
+            belief, parts = self._young.belief, [*self._young.parts, *held]
+            again = find(belief, parts, self._joints, self._mass)
+            if again.what == PAYLOAD and self._explains(again.opened(belief), parts[again.first + 1 :]):
+                return belief, parts, again
+        return self.belief, held, found
 
     def _begin_to_follow(self) -> None:
         """Follow a belief that is open to a change."""
@@ -178,6 +209,10 @@ class ArmFollower:
     def _believe(self, part: Equations) -> None:
         """Make the belief sharper by a stretch of motion, and let it compete with one of another friction."""
         assert self.belief is not None
+        if self._young is not None:
+            self._young.parts.append(part)
+            if self._young.motion > YOUNG_S:
+                self._young = None
         if self._learning:
             self.belief = self.belief.after(part)
             self._first.append(part)
@@ -215,7 +250,7 @@ class ArmFollower:
         for j in range(len(self._joints)):
             opened = partial(with_other_friction, joints=[j])
             parts, before = self._lost[1:], self.belief  # it may have changed in the first one
-            if self._explains(opened, parts):
+            if self._explains(opened(before), parts):
                 self._opened.append((before, float(parts[0].time[0])))
                 self.belief = opened(before)
                 self._begin_to_follow()
@@ -227,5 +262,5 @@ class ArmFollower:
         self.belief, self._learning, self._due = None, True, LEARN_S
         for kept in (self._lost, self._first, self._held, self._opened, self.changes):
             kept.clear()
-        self._rival = None
+        self._rival = self._young = None
         return True

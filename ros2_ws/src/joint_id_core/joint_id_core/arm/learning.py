@@ -1,0 +1,60 @@
+"""What the first stretches of motion tell of an arm: the batch fit, as a belief that later motion makes sharper."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from joint_id_core.arm.belief import GRAVITY, KINDS, UNKNOWN, Belief, Scores
+from joint_id_core.arm.drift import drift
+from joint_id_core.arm.equations import PAYLOAD, Equations, joined
+from joint_id_core.arm.stacked import Stacked
+
+
+def learned(parts: Sequence[Equations]) -> Belief:
+    """Return the belief from the first stretches of motion, without a payload.
+
+    Raises:
+        JointIdError: they are too short for the number of parameters.
+    """
+    whole = joined(parts)
+    table = Stacked.of([whole])
+    values, sigma = table.weighed()
+    left = table.y - table.columns @ values
+    covariance, lag = table.covariance(table.columns, left, sigma)
+    count, own = table.count, len(values)
+    weighted = table.columns / sigma[table.joint, None]
+    white = np.linalg.pinv(weighted.T @ weighted, hermitian=True)
+    shown = np.any(table.columns != 0.0, axis=0)
+    friction = np.arange(whole.base, whole.base + 2 * count).reshape(2, count)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratios = np.where(shown, np.diag(covariance) / np.diag(white), np.nan)[friction]
+    colour = np.ones(count)
+    moves = np.isfinite(ratios).any(axis=0)
+    colour[moves] = np.maximum(1.0, np.nanmean(ratios[:, moves], axis=0))
+    size = own + PAYLOAD + count
+    place = np.concatenate([np.arange(whole.base), np.arange(whole.base + PAYLOAD, own + PAYLOAD)])
+    all_values, all_covariance, seen = np.zeros(size), np.zeros((size, size)), np.zeros(size, dtype=bool)
+    all_values[place], seen[place] = values, shown
+    spread = covariance + np.diag(np.where(shown, 0.0, UNKNOWN**2))
+    means, offsets, noise = np.zeros((count, own)), np.zeros(count), np.full(count, UNKNOWN**2)
+    mean, torque = np.zeros(count), np.zeros(count)
+    for j in range(count):
+        used = whole.used[:, j]
+        if used.any():
+            means[j] = whole.columns[used, j].mean(axis=0)[place]
+            mean[j], torque[j] = whole.y[used, j].mean(), whole.y[used, j].var()
+            offsets[j] = mean[j] - means[j] @ values
+            noise[j] = sigma[j] ** 2 * colour[j] / np.count_nonzero(used)
+    end = slice(size - count, size)
+    all_values[end], seen[end] = offsets, whole.used.any(axis=0)
+    all_covariance[np.ix_(place, place)] = spread
+    all_covariance[end, end] = means @ spread @ means.T + np.diag(noise)
+    all_covariance[end, place] = -means @ spread
+    all_covariance[place, end] = -spread @ means.T
+    return Belief(
+        all_values, all_covariance, whole.base, sigma, colour, mean, torque, False, seen,
+        sum(p.duration for p in parts), Scores.none(count, KINDS + GRAVITY),
+        drift(table, left, friction, values[friction], lag),
+    )  # fmt: skip
