@@ -78,6 +78,7 @@ class JointValues:
         r_squared, held_out: share of the torque that is explained, below 8 Hz and in motion: of the recordings that
             were fitted, and of another one (NaN without).
         load: torque through the gear in Nm at which `friction` is told.
+        bend: of friction beside the straight line, in Nm: see `friction.bend`; 0 where none was found.
         rest: what is known at rest.
     """
 
@@ -88,6 +89,7 @@ class JointValues:
     r_squared: float
     held_out: float
     load: float
+    bend: float
     rest: Rest
 
     def at_link(self) -> list[AtLink]:

@@ -131,7 +131,7 @@ class _Fitted:
         n = self._count
         sigma, share = np.sqrt(np.diag(self.covariance)), [f.std_dev / f.value for f in factors] or [0.0] * n
         r_squared, usual = explained(self._lefts), self._friction.usual
-        bands = self._band.factor * self._friction.breakaway(self.values[self._friction_at :], usual)
+        bands = self._band.width(self._friction.breakaway(self.values[self._friction_at :], usual))
         other, joints = held_out or HeldOut(*np.full((3, n), np.nan)), []
         for j, name in enumerate(self._regressor.joints):
             armature = rotor(self._regressor, j, self.values[j], sigma[j], self._seen[j], share[j])
@@ -140,7 +140,8 @@ class _Fitted:
                 for k, unit in ((self._friction_at + j, "Nm s/rad"), (self._friction_at + n + j, "Nm"))
             )
             rest = Rest(*(float(a[j]) for a in (bands, self._band.rest_s, other.in_band, other.resting)))
-            told = float(r_squared[j]), float(other.r_squared[j]), float(usual[j])
+            bent = float(self.values[self._friction_at + 2 * n + j])
+            told = float(r_squared[j]), float(other.r_squared[j]), float(usual[j]), bent
             joints.append(JointValues(name, armature, damping, coulomb, *told, rest))
         parameters = base_parameters(self._regressor, self.values, sigma, self._seen)
         poor = [j.name for j in joints if not j.r_squared > LEAST_R_SQUARED]
