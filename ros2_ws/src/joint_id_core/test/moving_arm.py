@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -154,7 +155,7 @@ def point_to_point(moves: int, seed: int = 0) -> dict[str, Recording]:
     move, rest = round(1.2 * RATE), round(1.5 * RATE)
     share = np.linspace(0.0, 1.0, move)
     share = np.concatenate([share**3 * (10.0 - 15.0 * share + 6.0 * share**2), np.ones(rest)])
-    reference = np.concatenate([a + share[:, None] * (b - a) for a, b in zip(poses, poses[1:], strict=False)])
+    reference = np.concatenate([a + share[:, None] * (b - a) for a, b in pairwise(poses)])
     speed = np.gradient(reference, 1.0 / RATE, axis=0)
     gain = 30.0 * COULOMB  # Nm/rad: the arm stops up to 2 degrees away
     q, torques = np.empty_like(reference), np.empty_like(reference)
