@@ -10,7 +10,7 @@ import pytest
 from joint_id_core.results.verdict import Verdict
 
 from . import moving_arm
-from .moving_arm import COULOMB, JOINTS, URDF, VISCOUS
+from .moving_arm import CARRYING, COULOMB, JOINTS, MASS, URDF, VISCOUS
 
 pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
 pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
@@ -72,6 +72,19 @@ def test_the_bend_is_what_a_stribeck_curve_has_beside_a_line():
     np.testing.assert_allclose(bend(speed) + AT_REST + SLOPE * speed, np.exp(-speed / 0.3), atol=1e-3)
     np.testing.assert_allclose(bend(-speed), -bend(speed))
     assert bend(np.zeros(1)) == 0.0
+
+
+def test_torque_constants_come_out_right_with_friction_that_grows_with_the_load():
+    wrong = np.array([1.25, 0.8, 1.1, 0.9, 1.3, 0.7])
+    assumed = {name: {"torque": float(w)} for name, w in zip(JOINTS, wrong, strict=True)}
+    free, carrying = (
+        [moving_arm.rigid(15.0, seed, urdf, growth=GROWTH) for seed in seeds]
+        for urdf, seeds in ((URDF, (0, 1)), (CARRYING, (2, 3)))
+    )
+    found = fit_arm(ARM, free, assumed, payload=carrying, mass=MASS)
+    for factor, w in zip(found.factors, wrong, strict=True):
+        assert abs(factor.value * w - 1.0) < 4.5 * factor.std_dev * w < 0.02
+    assert abs(found.by_load.value - GROWTH) < 4.5 * found.by_load.std_dev
 
 
 # --- drift

@@ -185,7 +185,8 @@ class ArmEstimate:
         ]
         lines += ["", f"  {self.duration:.3g} s of motion; values at the link", *told]
         loads = ", ".join(f"{j.load:.3g}" for j in self.joints)
-        lines.append(f"  friction grows with the load, by {self.by_load} of it; here it is that at {loads} Nm")
+        if self.by_load.verdict is not Verdict.NOT_EXCITED:
+            lines.append(f"  friction grows with the load, by {self.by_load} of it; here it is that at {loads} Nm")
         short = ", ".join(j.name for j in self.joints if not j.rest.recorded >= LEAST_S)
         if short:
             lines.append(f"  torque at rest is that of friction at standstill, no rest was recorded of {short}")

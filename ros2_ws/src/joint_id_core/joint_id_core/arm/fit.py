@@ -29,6 +29,7 @@ from joint_id_core.results.status import Status
 from joint_id_core.results.verdict import Verdict
 
 LEAST_R_SQUARED = 0.9  # of the torque of a joint
+ROUNDS = 2  # of torque constants: the first has the load of the gears with wrong ones
 SURE = 3.0  # standard deviations from which a bend of friction, or its growth with the load, is taken into the law
 
 
@@ -65,12 +66,23 @@ def fit_arm(
     other = [] if held_out is None else [equations(regressor, held_out, gains, source)]
     factors: tuple[Factor, ...] = ()
     if mass is not None:
-        found = zip(*gains_from_mass(parts, mass), strict=True)
+        found = zip(*_gains(regressor, parts, mass), strict=True)
         factors = tuple(Factor(n, float(v), float(s)) for n, (v, s) in zip(regressor.joints, found, strict=True))
         scale = np.array([factor.value for factor in factors])
         parts, other = ([replace(part, y=part.y * scale) for part in some] for some in (parts, other))
     fitted = _Fitted(regressor, parts)
     return fitted.estimate(source, fitted.held_out(other[0]) if other else None, factors)
+
+
+def _gains(regressor: Regressor, parts: Sequence[Equations], mass: float) -> tuple[Array, Array]:
+    """Return factors on the torques of all joints with which the payload has this mass, and their sigma, shape (n,)."""
+    scale, sigma = np.ones(len(regressor.joints)), np.zeros(len(regressor.joints))
+    for _ in range(ROUNDS):
+        scaled = [replace(part, y=part.y * scale) for part in parts]
+        law = Friction.from_values(regressor, Stacked.of(scaled).weighed()[0])
+        found, spread = gains_from_mass([law.added(part) for part in scaled], mass)
+        scale, sigma = scale * found, scale * spread
+    return scale, sigma
 
 
 class _Fitted:
@@ -157,4 +169,6 @@ class _Fitted:
         value, sigma = self._by_load
         if self._seen[-1]:
             return Value(value, sigma, "Nm/Nm", Verdict.ESTIMATED, "")
+        if not sigma > 0.0:
+            return Value(float("nan"), float("nan"), "Nm/Nm", Verdict.NOT_EXCITED, "no gear bears a load")
         return Value(max(0.0, value), sigma, "Nm/Nm", Verdict.PRIOR, "the law of friction is without it")
