@@ -18,6 +18,7 @@ from robots.recordings import DATA, UR10E_ALL, UR10E_NM_PER_A, ur10e
 
 FOLDER = "ur10e"
 LOADED, MASS = "ur-20_02_19_14harm50secLoad", 2.805  # kg
+POINT_TO_POINT = "ur-20_01_17-ptp_10_points"  # of the same robot; by the same authors
 AUTHORS_NM_PER_A = (10.0, 10.7, 8.46, 9.0, 9.48, 10.12)
 INTERVAL = 1.959964  # standard deviations: 95 %
 SHOWN = ("damping", "friction", "armature")
@@ -32,7 +33,9 @@ class Row:
         values: by quantity, value and standard deviation from all logs.
         agree, pairs: pairs of logs whose damping and friction agree within 95 % intervals, and how many there are.
         sigma: median of their relative standard deviations, of single logs.
-        held_out: least R2 of a log that the fit of the others predicts.
+        held_out: least R2, in motion, of a log that the fit of the others predicts.
+        in_band: least share of its rests that the band holds, whose half width in Nm is `band`.
+        point_to_point: both of a log with motion from point to point, that the fit of all logs predicts; NaN without.
         off: largest distance of damping and friction from the reference, in combined standard deviations.
         cpu_s: processor time of the fit of all logs.
     """
@@ -43,6 +46,9 @@ class Row:
     pairs: int
     sigma: float
     held_out: float
+    band: float
+    in_band: float
+    point_to_point: tuple[float, float]
     off: float
     cpu_s: float
 
@@ -57,14 +63,16 @@ def rows() -> list[Row]:
     description = Description.read(DATA / "ur10e/ur10e.urdf")
     gains = {name: {"torque": 1.0} for name in description.joints}
     records = [record(name, description.joints) for name in UR10E_ALL]
+    path = DATA / FOLDER / f"{POINT_TO_POINT}.csv"
+    rests = record(POINT_TO_POINT, description.joints) if path.exists() else None
     begun = time.process_time()
-    whole = fit_arm(description, records, gains).joints
+    whole = fit_arm(description, records, gains, rests).joints
     cpu_s = time.process_time() - begun
     alone = [fit_arm(description, [record], gains).joints for record in records]
     others = [[r for r in records if r is not record] for record in records]
     predicted = [fit_arm(description, rest, gains, record).joints for rest, record in zip(others, records, strict=True)]
     return [
-        _row(j, whole[j], [a[j] for a in alone], min(p[j].held_out for p in predicted), cpu_s)
+        _row(j, whole[j], [a[j] for a in alone], [p[j] for p in predicted], cpu_s)
         for j in range(len(description.joints))
     ]
 
@@ -100,7 +108,9 @@ def record(name: str, joints: Sequence[str]) -> dict[str, Recording]:
     return {joint: replace(ur10e(name, k), joint=joint) for k, joint in enumerate(joints, 1)}
 
 
-def _row(j: int, whole: JointValues, alone: Sequence[JointValues], held_out: float, cpu_s: float) -> Row:
+def _row(
+    j: int, whole: JointValues, alone: Sequence[JointValues], predicted: Sequence[JointValues], cpu_s: float
+) -> Row:
     found = [(a.damping, a.friction) for a in alone]
     agree = [
         abs(x.value - y.value) < INTERVAL * np.hypot(x.std_dev, y.std_dev)
@@ -113,16 +123,24 @@ def _row(j: int, whole: JointValues, alone: Sequence[JointValues], held_out: flo
     ]
     values = {name: (getattr(whole, name).value, getattr(whole, name).std_dev) for name in SHOWN}
     sigma = float(np.median([v.std_dev / v.value for pair in found for v in pair]))
-    return Row(j + 1, values, sum(map(bool, agree)), len(agree), sigma, held_out, max(off, key=abs), cpu_s)
+    held_out, in_band = min(p.held_out for p in predicted), min(p.rest.held for p in predicted)
+    return Row(
+        j + 1, values, sum(map(bool, agree)), len(agree), sigma, held_out, whole.rest.band, in_band,
+        (whole.held_out, whole.rest.held), max(off, key=abs), cpu_s,
+    )  # fmt: skip
 
 
 def table(found: Sequence[Row]) -> str:
     """A row a joint."""
     head = ["joint", "damping, Nm s/rad", "Coulomb friction, Nm", "armature, kg m²", "pairs that agree", "median sigma",
-            "friction off", "held-out R², least"]  # fmt: skip
+            "friction off", "held-out R² in motion, least", "band at rest, ± Nm", "held-out rests in it, least",
+            "point to point: R² in motion", "rests in the band"]  # fmt: skip
     lines = ["| " + " | ".join(head) + " |", "| " + " | ".join("---" for _ in head) + " |"]
     for row in found:
         cells = [str(row.joint), *(f"{v:.3g} ± {s:.2g}" for v, s in row.values.values())]
         cells += [f"{row.agree} of {row.pairs}", f"{100.0 * row.sigma:.2g} %", f"{row.off:+.2g}", f"{row.held_out:.4f}"]
+        moving, resting = row.point_to_point
+        cells += [f"{row.band:.3g}", f"{100.0 * row.in_band:.0f} %"]
+        cells += [f"{moving:.4f}", f"{100.0 * resting:.0f} %"] if np.isfinite(moving) else ["-", "-"]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)

@@ -12,6 +12,7 @@ from joint_id_core.arm.arm_estimate import Value as OfArm
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.equations import SLOW
 from joint_id_core.arm.fit import fit_arm
+from joint_id_core.arm.friction import bend
 from joint_id_core.arm.regressor import Regressor
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.results.verdict import Verdict
@@ -40,9 +41,15 @@ def fit(urdf: str, log: Log, others: Sequence[Log]) -> Found:
 def torque(estimate: ArmEstimate, description: Description, log: Log) -> Array:
     """Torques of the motion of a log, shape (T, n), without offsets."""
     q, dq, ddq = log.motion()
-    inertial = Regressor(description).rows(q, dq, ddq)[0] @ np.array([p.value for p in estimate.parameters])
+    regressor = Regressor(description)
+    columns, values = regressor.rows(q, dq, ddq)[0], np.array([p.value for p in estimate.parameters])
+    count, links = len(regressor.joints), values.copy()
+    links[:count] = regressor.reference[:count]  # without rotors
     damping, friction = (np.array([getattr(j, n).value for j in estimate.joints]) for n in ("damping", "friction"))
-    return np.asarray(inertial + damping * dq + friction * np.tanh(dq / SLOW))
+    usual, bent = (np.array([getattr(j, n) for j in estimate.joints]) for n in ("load", "bend"))
+    growth = estimate.by_load.value if estimate.by_load.verdict is Verdict.ESTIMATED else 0.0
+    coulomb = friction + growth * (np.abs(columns @ links) - usual)
+    return np.asarray(columns @ values + damping * dq + coulomb * np.tanh(dq / SLOW) + bent * bend(dq))
 
 
 def recordings(log: Log) -> dict[str, Recording]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -106,12 +107,19 @@ def inverse(motion: Motion, urdf: str = URDF, gravity: tuple[float, float, float
     return torque
 
 
-def rigid(seconds: float, seed: int = 0, urdf: str = URDF) -> dict[str, Recording]:
-    """What link encoders and torques of all joints show, by name; torques are means over a sample."""
+def rigid(
+    seconds: float, seed: int = 0, urdf: str = URDF, growth: float = 0.0, falls: Array | float = 0.0
+) -> dict[str, Recording]:
+    """What link encoders and torques of all joints show, by name; torques are means over a sample.
+
+    Coulomb friction grows with the torque of the links by a share `growth` of it, and `falls` (Nm) from standstill as
+    exp(-|v| / 0.3 rad/s).
+    """
     time = np.arange(round(seconds * RATE)) / RATE
     middle = at(time + 0.5 / RATE, seed)
-    friction = VISCOUS * middle.dq + COULOMB * np.sign(middle.dq)
-    torque = inverse(middle, urdf) + ROTOR * middle.ddq + friction
+    links = inverse(middle, urdf)
+    coulomb = COULOMB + growth * np.abs(links) + falls * np.exp(-np.abs(middle.dq) / 0.3)
+    torque = links + ROTOR * middle.ddq + VISCOUS * middle.dq + coulomb * np.sign(middle.dq)
     rng = np.random.default_rng([seed, 1])
     shown = {"link_position": at(time, seed).q + 1e-5 * rng.standard_normal(torque.shape)}
     shown["torque"] = torque + 0.05 * rng.standard_normal(torque.shape)
@@ -128,6 +136,38 @@ def with_rests(time: Array, seed: int = 0) -> Motion:
     there, rate = at(moved, seed), np.gradient(smooth, time)
     s = smooth[:, None]
     return Motion(there.q, there.dq * s, there.ddq * s**2 + there.dq * rate[:, None])
+
+
+def point_to_point(moves: int, seed: int = 0) -> dict[str, Recording]:
+    """What the same shows of an arm that MuJoCo moves to some poses, 1.2 s each, and that rests there for 1.5 s.
+
+    Its friction holds it where it stops: MuJoCo's friction loss. The controllers have no integral, so torques at rest
+    are anything that friction allows.
+    """
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_string(URDF.replace('<robot name="arm">', MUJOCO))
+    model.opt.timestep, model.opt.iterations = 1.0 / RATE, 50
+    model.dof_armature[:], model.dof_damping[:], model.dof_frictionloss[:] = ROTOR, VISCOUS, COULOMB
+    model.dof_solimp[:, :2] = 0.9999  # joints that stick hardly creep
+    data, rng = mujoco.MjData(model), np.random.default_rng([seed, 3])
+    poses = np.concatenate([np.zeros((1, len(JOINTS))), rng.uniform(-1.2, 1.2, (moves, len(JOINTS)))])
+    move, rest = round(1.2 * RATE), round(1.5 * RATE)
+    share = np.linspace(0.0, 1.0, move)
+    share = np.concatenate([share**3 * (10.0 - 15.0 * share + 6.0 * share**2), np.ones(rest)])
+    reference = np.concatenate([a + share[:, None] * (b - a) for a, b in pairwise(poses)])
+    speed = np.gradient(reference, 1.0 / RATE, axis=0)
+    gain = 30.0 * COULOMB  # Nm/rad: the arm stops up to 2 degrees away
+    q, torques = np.empty_like(reference), np.empty_like(reference)
+    for k in range(len(reference)):
+        mujoco.mj_forward(model, data)
+        q[k] = data.qpos
+        torques[k] = data.qfrc_bias + gain * (reference[k] - q[k]) + 0.3 * gain * (speed[k] - data.qvel)
+        data.qfrc_applied[:] = torques[k]
+        mujoco.mj_step(model, data)
+    noise = np.random.default_rng([seed, 4]).standard_normal((2, *q.shape))
+    shown = {"link_position": q + 1e-5 * noise[0], "torque": torques + 0.05 * noise[1]}
+    return _by_joint(np.arange(len(q)) / RATE, shown)
 
 
 def flexible(seconds: float, seed: int = 0, path: Callable[[Array, int], Motion] = at) -> dict[str, Recording]:

@@ -47,6 +47,15 @@ def test_base_parameters_give_the_torques_of_another_library():
     assert not regressor.alone[0] and regressor.combinations[2] == "rotor of bend"
 
 
+def test_an_arm_of_one_joint_is_an_arm():
+    one = moving_arm.link("column", 8.0, (0.1, 0.02, 0.0), 0.03)
+    one += moving_arm.joint("turn", "base", "column", 'xyz="0 0 0.2"', "0 0 1", "continuous")
+    regressor = Regressor(Description(f'<robot name="one"><link name="base"/>{one}</robot>', "one.urdf"))
+    rows, _ = regressor.rows(*np.ones((3, 4, 1)))
+    np.testing.assert_allclose(rows, 1.0)  # rotor and link turn as one
+    assert len(regressor.reference) == 1 and not regressor.alone[0]
+
+
 def test_friction_and_rotors_are_found_with_honest_intervals():
     z = np.array([off(fitted(seed)) for seed in range(6)])
     assert np.abs(z).max() < 4.5

@@ -78,6 +78,7 @@ class JointValues:
         r_squared, held_out: share of the torque that is explained, below 8 Hz and in motion: of the recordings that
             were fitted, and of another one (NaN without).
         load: torque through the gear in Nm at which `friction` is told.
+        bend: of friction beside the straight line, in Nm: see `friction.bend`; 0 where none was found.
         rest: what is known at rest.
     """
 
@@ -88,6 +89,7 @@ class JointValues:
     r_squared: float
     held_out: float
     load: float
+    bend: float
     rest: Rest
 
     def at_link(self) -> list[AtLink]:
@@ -183,7 +185,8 @@ class ArmEstimate:
         ]
         lines += ["", f"  {self.duration:.3g} s of motion; values at the link", *told]
         loads = ", ".join(f"{j.load:.3g}" for j in self.joints)
-        lines.append(f"  friction grows with the load, by {self.by_load} of it; here it is that at {loads} Nm")
+        if self.by_load.verdict is not Verdict.NOT_EXCITED:
+            lines.append(f"  friction grows with the load, by {self.by_load} of it; here it is that at {loads} Nm")
         short = ", ".join(j.name for j in self.joints if not j.rest.recorded >= LEAST_S)
         if short:
             lines.append(f"  torque at rest is that of friction at standstill, no rest was recorded of {short}")

@@ -56,7 +56,8 @@ class Equations:
         columns: torques by unit parameters, shape (R, n, P): `base` base parameters, `PAYLOAD` of a payload on the last
             link, viscous friction, Coulomb friction, and what `friction` adds.
         dq: velocities in rad/s, shape (R, n).
-        used: whether an equation counts: the torque is known, and the joint moves, shape (R, n).
+        used: whether an equation counts: the torque is known, and the joint does not rest, shape (R, n).
+        rests: whether the torque is known, and the joint rests, shape (R, n).
         duration: time in s in which the arm moves.
         loaded: whether the arm carries the payload.
         doubts: what the checks of the recordings found.
@@ -68,6 +69,7 @@ class Equations:
     columns: Array
     dq: Array
     used: NDArray[np.bool_]
+    rests: NDArray[np.bool_]
     duration: float
     base: int
     loaded: bool
@@ -81,7 +83,7 @@ class Equations:
         moving = float(np.count_nonzero(self.used[some].any(axis=1))) * KEPT / RATE
         return replace(
             self, time=self.time[some], y=self.y[some], columns=self.columns[some], dq=self.dq[some],
-            used=self.used[some], duration=moving, unfiltered=None,
+            used=self.used[some], rests=self.rests[some], duration=moving, unfiltered=None,
         )  # fmt: skip
 
     @property
@@ -99,11 +101,14 @@ class Equations:
 
 def joined(parts: Sequence[Equations]) -> Equations:
     """Return parts of one recording as one."""
-    time, y, columns, dq, used = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("time", "y", "columns", "dq", "used")
+    time, y, columns, dq, used, rests = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("time", "y", "columns", "dq", "used", "rests")
     )
     duration = sum(p.duration for p in parts)
-    return replace(parts[0], time=time, y=y, columns=columns, dq=dq, used=used, duration=duration, unfiltered=None)
+    return replace(
+        parts[0], time=time, y=y, columns=columns, dq=dq, used=used, rests=rests, duration=duration, unfiltered=None
+    )
 
 
 def equations(
@@ -163,12 +168,14 @@ def unchecked(
     columns = np.concatenate([inertial, dq[:, :, None] * own, np.tanh(dq / SLOW)[:, :, None] * own], axis=2)
     y = np.array([_torque(recordings[name], gains.get(name, {}), name, like) for name in joints]).T
     columns, kept = below_band(columns, known), slice(None, None, KEPT)
-    used = np.isfinite(y) & np.isfinite(columns).all(axis=2) & ~_rests(dq)
+    told, rests = np.isfinite(y) & np.isfinite(columns).all(axis=2), _rests(dq)
+    used = told & ~rests
     moving = float(np.count_nonzero(used.any(axis=1))) / RATE
     unfiltered = Unfiltered(inertial, dq, known)
     return Equations(
-        time[kept], y[kept], columns[kept], dq[kept], used[kept], moving, base, loaded, unfiltered=unfiltered
-    )
+        time[kept], y[kept], columns[kept], dq[kept], used[kept], (told & rests)[kept], moving, base, loaded,
+        unfiltered=unfiltered,
+    )  # fmt: skip
 
 
 def below_band(columns: Array, known: NDArray[np.bool_]) -> Array:

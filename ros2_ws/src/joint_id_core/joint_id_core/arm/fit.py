@@ -29,6 +29,7 @@ from joint_id_core.results.status import Status
 from joint_id_core.results.verdict import Verdict
 
 LEAST_R_SQUARED = 0.9  # of the torque of a joint
+ROUNDS = 2  # of torque constants: the first has the load of the gears with wrong ones
 SURE = 3.0  # standard deviations from which a bend of friction, or its growth with the load, is taken into the law
 
 
@@ -65,12 +66,23 @@ def fit_arm(
     other = [] if held_out is None else [equations(regressor, held_out, gains, source)]
     factors: tuple[Factor, ...] = ()
     if mass is not None:
-        found = zip(*gains_from_mass(parts, mass), strict=True)
+        found = zip(*_gains(regressor, parts, mass), strict=True)
         factors = tuple(Factor(n, float(v), float(s)) for n, (v, s) in zip(regressor.joints, found, strict=True))
         scale = np.array([factor.value for factor in factors])
         parts, other = ([replace(part, y=part.y * scale) for part in some] for some in (parts, other))
     fitted = _Fitted(regressor, parts)
     return fitted.estimate(source, fitted.held_out(other[0]) if other else None, factors)
+
+
+def _gains(regressor: Regressor, parts: Sequence[Equations], mass: float) -> tuple[Array, Array]:
+    """Return factors on the torques of all joints with which the payload has this mass, and their sigma, shape (n,)."""
+    scale, sigma = np.ones(len(regressor.joints)), np.zeros(len(regressor.joints))
+    for _ in range(ROUNDS):
+        scaled = [replace(part, y=part.y * scale) for part in parts]
+        law = Friction.from_values(regressor, Stacked.of(scaled).weighed()[0])
+        found, spread = gains_from_mass([law.added(part) for part in scaled], mass)
+        scale, sigma = scale * found, scale * spread
+    return scale, sigma
 
 
 class _Fitted:
@@ -131,7 +143,7 @@ class _Fitted:
         n = self._count
         sigma, share = np.sqrt(np.diag(self.covariance)), [f.std_dev / f.value for f in factors] or [0.0] * n
         r_squared, usual = explained(self._lefts), self._friction.usual
-        bands = self._band.factor * self._friction.breakaway(self.values[self._friction_at :], usual)
+        bands = self._band.width(self._friction.breakaway(self.values[self._friction_at :], usual))
         other, joints = held_out or HeldOut(*np.full((3, n), np.nan)), []
         for j, name in enumerate(self._regressor.joints):
             armature = rotor(self._regressor, j, self.values[j], sigma[j], self._seen[j], share[j])
@@ -140,7 +152,8 @@ class _Fitted:
                 for k, unit in ((self._friction_at + j, "Nm s/rad"), (self._friction_at + n + j, "Nm"))
             )
             rest = Rest(*(float(a[j]) for a in (bands, self._band.rest_s, other.in_band, other.resting)))
-            told = float(r_squared[j]), float(other.r_squared[j]), float(usual[j])
+            bent = float(self.values[self._friction_at + 2 * n + j])
+            told = float(r_squared[j]), float(other.r_squared[j]), float(usual[j]), bent
             joints.append(JointValues(name, armature, damping, coulomb, *told, rest))
         parameters = base_parameters(self._regressor, self.values, sigma, self._seen)
         poor = [j.name for j in joints if not j.r_squared > LEAST_R_SQUARED]
@@ -156,4 +169,6 @@ class _Fitted:
         value, sigma = self._by_load
         if self._seen[-1]:
             return Value(value, sigma, "Nm/Nm", Verdict.ESTIMATED, "")
+        if not sigma > 0.0:
+            return Value(float("nan"), float("nan"), "Nm/Nm", Verdict.NOT_EXCITED, "no gear bears a load")
         return Value(max(0.0, value), sigma, "Nm/Nm", Verdict.PRIOR, "the law of friction is without it")

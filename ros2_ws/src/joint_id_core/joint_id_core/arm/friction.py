@@ -61,11 +61,9 @@ class Friction:
         """Return equations away from reversals, with columns for the bend of every joint, and for the load."""
         whole = part.unfiltered
         assert whole is not None, "a part of a recording"
-        sign, speed = np.tanh(whole.dq / SLOW), np.abs(whole.dq)
         load = np.abs(whole.inertial @ self.of(part))
-        bend = (np.exp(-speed / STRIBECK) - AT_REST - SLOPE * speed) * sign
-        own = bend[:, :, None] * np.eye(load.shape[1])
-        columns = np.concatenate([own, ((load - self.usual) * sign)[:, :, None]], axis=2)
+        own = bend(whole.dq)[:, :, None] * np.eye(load.shape[1])
+        columns = np.concatenate([own, ((load - self.usual) * np.tanh(whole.dq / SLOW))[:, :, None]], axis=2)
         more = below_band(columns, whole.known)[::KEPT]
         return replace(part.turned(TURNED), columns=np.concatenate([part.columns, more], axis=2))
 
@@ -73,6 +71,12 @@ class Friction:
         """Return friction at standstill in Nm, (..., n), from parameters of friction (3 n + 1,) and a load (..., n)."""
         coulomb, bend = values[len(self.usual) : -1].reshape(2, -1)
         return np.maximum(0.0, coulomb + (1.0 - AT_REST) * bend + values[-1] * (load - self.usual))
+
+
+def bend(dq: Array) -> Array:
+    """Return the bend of friction at velocities in rad/s, for a unit parameter."""
+    speed = np.abs(dq)
+    return np.asarray((np.exp(-speed / STRIBECK) - AT_REST - SLOPE * speed) * np.tanh(dq / SLOW))
 
 
 def usual_load(regressor: Regressor) -> Array:

@@ -70,7 +70,12 @@ def payload_of(link: str, values: Array, covariance: Array) -> Payload:
 def gains_from_mass(parts: Sequence[Equations], mass: float) -> tuple[Array, Array]:
     """Return factors on the torques of all joints with which the payload has this mass, and their sigma, shape (n,).
 
-    Gauss-Newton: the torque that was recorded is that of the masses over the factor, and friction.
+    Gauss-Newton: the torque that was recorded is that of the masses over the factor, and friction. Of friction, what
+    grows with the load has one parameter for all joints, so it is over the factor, too.
+
+    Args:
+        parts: equations with all columns of friction.
+        mass: of the payload in kg.
 
     Raises:
         JointIdError: no recording has the payload or none is without it, the mass is not above 0, or the iteration
@@ -84,14 +89,13 @@ def gains_from_mass(parts: Sequence[Equations], mass: float) -> tuple[Array, Arr
     values, _ = table.weighed()
     values[first], n = mass, table.count
     free = np.delete(np.arange(table.columns.shape[1]), first)
-    share, inertial = np.ones(n), slice(0, first + PAYLOAD)
+    share, place = np.ones(n), np.arange(len(values))
+    shared = (place < first + PAYLOAD) | (place == place[-1])  # parameters that are not of a joint alone
     of_joint = table.joint[:, None] == np.arange(n)
     for _ in range(ITERATIONS):
-        rigid = table.columns[:, inertial] @ values[inertial]
-        scaled = np.concatenate(
-            [share[table.joint, None] * table.columns[:, inertial], table.columns[:, first + PAYLOAD :]], axis=1
-        )
-        left = table.y - share[table.joint] * rigid - table.columns[:, first + PAYLOAD :] @ values[first + PAYLOAD :]
+        rigid = table.columns[:, shared] @ values[shared]
+        scaled = np.where(shared, share[table.joint, None], 1.0) * table.columns
+        left = table.y - scaled @ values
         sigma = table.scatter(left)
         columns = np.concatenate([scaled[:, free], np.where(of_joint, rigid[:, None], 0.0)], axis=1)
         step = solved(columns / sigma[table.joint, None], left / sigma[table.joint])

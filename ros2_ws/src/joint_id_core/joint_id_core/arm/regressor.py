@@ -88,6 +88,7 @@ class Regressor:
         place = np.ix_(np.array(order), bodies)
         for t, (at, speed, rate) in enumerate(zip(*moved, strict=True)):
             table = self._pinocchio.computeJointTorqueRegressor(self._model, self._data, at, speed, rate)
+            table = table.reshape(count, -1)  # of one joint it has one axis
             found[t, :, count:] = table[place]
         return found
 

@@ -21,6 +21,7 @@ from joint_id_core.data.recording import Array
 
 MOVES = 0.02  # rad/s: above it friction has turned after a reversal, and gears do not yield any more
 SHARE = 0.95  # of rests that a band holds
+NOISE = 2.0  # standard deviations of what is left in motion, by which a band is wider: it is there at rest, too
 LEAST_S = 2.0  # of rest: less tells nothing of what a joint holds
 
 
@@ -51,10 +52,9 @@ class Left:
         inertial = slice(0, part.base + PAYLOAD)
         rigid = part.columns[:, :, inertial] @ own[inertial]
         load = np.abs(part.columns[:, :, inertial] @ friction.of(part))
-        known = np.isfinite(part.y) & np.isfinite(part.columns).all(axis=2)
         fast = np.abs(np.nan_to_num(part.dq)) > MOVES
         breakaway = friction.breakaway(own[inertial.stop :], load)
-        return cls(part.y, part.y - part.columns @ own, part.y - rigid, breakaway, part.used & fast, known & ~fast)
+        return cls(part.y, part.y - part.columns @ own, part.y - rigid, breakaway, part.used & fast, part.rests)
 
     def offsets(self, otherwise: Array) -> Array:
         """Return the torque offset of each joint, (n,): the mean of what is left in motion; `otherwise` without."""
@@ -92,41 +92,57 @@ def explained(lefts: Sequence[Left]) -> Array:
 
 @dataclass(frozen=True)
 class Band:
-    """Torque of each joint at rest: that of the links and its offset, plus and minus `factor` times the breakaway.
+    """Torque of each joint at rest: that of the links and its offset, ± `factor` times the breakaway and `noise`.
 
     Attributes:
-        factor: at least 1, (n,).
+        factor: at least 1, of all joints: one joint alone rests too seldom to tell.
+        noise: twice the standard deviation of what is left of the torque in motion, in Nm, (n,).
         offsets: in Nm, the means over the recordings, (n,).
-        rest_s: how long each joint rested in them, in s, (n,); below `LEAST_S` its factor is 1.
+        rest_s: how long each joint rested in them, in s, (n,).
     """
 
-    factor: Array
+    factor: float
+    noise: Array
     offsets: Array
     rest_s: Array
 
     @classmethod
     def of(cls, lefts: Sequence[Left]) -> Band:
-        """Return the narrowest one that holds `SHARE` of the rests of some recordings, and whole breakaways."""
+        """Return the narrowest one that holds breakaways, and `SHARE` of the torque in `SHARE` of recorded rests."""
         count = lefts[0].torque.shape[1]
         all_offsets = np.array([left.offsets(np.full(count, np.nan)) for left in lefts])
         known = np.isfinite(all_offsets)
         offsets = np.where(known, all_offsets, 0.0).sum(axis=0) / np.maximum(1, known.sum(axis=0))
-        factor, rest_s = np.ones(count), np.zeros(count)
-        sizes = [_sizes(left, offsets) for left in lefts]
-        for j in range(count):
-            ratios = np.concatenate([some[j] for some in sizes])
-            rest_s[j] = len(ratios) * KEPT / RATE
-            if rest_s[j] >= LEAST_S:
-                factor[j] = max(1.0, float(np.quantile(ratios, SHARE)))
-        return cls(factor, offsets, rest_s)
+        noise = NOISE * np.sqrt(np.array([_mean_square(lefts, j) for j in range(count)]))
+        sizes = [_sizes(left, offsets, noise) for left in lefts]
+        each = [float(np.quantile(rest, SHARE)) for some in sizes for joint in some for rest in joint]
+        rest_s = np.array([sum(left.rests[:, j].sum() for left in lefts) * KEPT / RATE for j in range(count)])
+        factor = float(np.quantile(each, SHARE, method="higher")) if each else 1.0
+        return cls(max(1.0, factor), noise, offsets, rest_s)
+
+    def width(self, breakaway: Array) -> Array:
+        """Return half of its width in Nm at friction at standstill, (n,); 0 where that is not known."""
+        return np.where(breakaway > 0.0, self.factor * breakaway + self.noise, 0.0)
 
     def holds(self, left: Left) -> Array:
-        """Return the share of the rests of each joint that it holds, (n,); NaN where it does not rest."""
-        sizes = _sizes(left, self.offsets)
-        return np.array([float(np.mean(s <= f)) if len(s) else np.nan for s, f in zip(sizes, self.factor, strict=True)])
+        """Return the share of the time at rest of each joint in which it holds, (n,); NaN where it does not rest."""
+        sizes = [np.concatenate([*rests, []]) for rests in _sizes(left, self.offsets, self.noise)]
+        return np.array([float(np.mean(some <= self.factor)) if len(some) else np.nan for some in sizes])
 
 
-def _sizes(left: Left, offsets: Array) -> list[Array]:
-    """Return by joint the sizes of what is left at rest, as shares of the breakaway; none if friction is not known."""
-    away, known = np.abs(left.resting - left.offsets(offsets)), left.rests & (left.breakaway > 0.0)
-    return [a[w] / b[w] for a, b, w in zip(away.T, left.breakaway.T, known.T, strict=True)]
+def _mean_square(lefts: Sequence[Left], j: int) -> float:
+    """Return the mean square in Nm^2 of what is left of the torque of a joint in motion; 0 if it does not move."""
+    left = np.concatenate([centred(part.moving[part.moves[:, j], j]) for part in lefts])
+    return float(left @ left) / max(1, len(left))
+
+
+def _sizes(left: Left, offsets: Array, noise: Array) -> list[list[Array]]:
+    """Return by joint and rest what is left beyond the noise over the breakaway; none if friction is not known."""
+    away = np.abs(left.resting - left.offsets(offsets)) - noise
+    known = left.rests & (left.breakaway > 0.0)
+    found = []
+    for a, b, w in zip(away.T, left.breakaway.T, known.T, strict=True):
+        rows = np.flatnonzero(w)
+        rests = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+        found.append([a[rest] / b[rest] for rest in rests if len(rest)])
+    return found

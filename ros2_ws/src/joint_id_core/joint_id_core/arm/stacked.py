@@ -108,4 +108,5 @@ def solved(table: Array, y: Array) -> Array:
     size = np.linalg.norm(table, axis=0)
     scale = np.where(size > 0.0, size, 1.0)
     scaled = table / scale  # normal equations, which take a hundredth of the time: base parameters hardly depend
-    return np.asarray(np.linalg.lstsq(scaled.T @ scaled, scaled.T @ y, rcond=ROUNDED)[0] / scale)
+    found = np.linalg.lstsq(scaled.T @ scaled, scaled.T @ y, rcond=ROUNDED)[0] / scale
+    return np.asarray(np.where(size > 0.0, found, 0.0))
