@@ -11,8 +11,8 @@ from joint_id_ros.options.node_list import NODES
 WITH_CHOICES = {
     node: [f for options in NODES[node] for f in fields(options) if f.metadata["choices"]] for node in NODES
 }
-AT_RUN_TIME = {"driver", "identifier"}  # the others read their parameters once: these are read-only
-START = {"driver": {"autostart": False}, "identifier": {"autostart": False}}
+AT_RUN_TIME = {"arm_identifier", "driver", "identifier"}  # the others read their parameters once: these are read-only
+START = {node: {"autostart": False} for node in AT_RUN_TIME}
 
 
 @pytest.mark.parametrize("node", [n for n, options in WITH_CHOICES.items() if options])

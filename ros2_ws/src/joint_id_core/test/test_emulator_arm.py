@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from joint_id_core.data.recording import Recording
-from joint_id_core.emulator.arm import START_S, STOP_S, TICK_S
 from joint_id_core.emulator.controller import Controller
+from joint_id_core.emulator.reference import START_S, STOP_S, TICK_S
 from joint_id_core.emulator.robots import HOME, ROBOTS, build_joints
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ParameterSettings, fit
@@ -34,8 +34,9 @@ def run(controller, ticks, truth=False):
         row["motor_position"] = [controller.values[f"output_double_register_{k}"] for k in range(24, 30)]
         row["motor_velocity"] = [controller.values[f"output_double_register_{k}"] for k in range(30, 36)]
         if truth:
-            for name in ("motor_position", "link_position", "motor_velocity", "link_velocity", "current"):
-                row[f"true_{name}"] = list(getattr(controller.arm, name))
+            for name in ("motor_position", "link_position", "motor_velocity", "link_velocity"):
+                row[f"true_{name}"] = getattr(controller.arm.joints, name)
+            row["true_current"] = controller.arm.current
         rows.append({name: np.array(value, dtype=float) for name, value in row.items()})
         controller.advance()
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}

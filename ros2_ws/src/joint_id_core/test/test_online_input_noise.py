@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from joint_id_core.data.recording import Recording
-from joint_id_core.emulator.arm import TICK_S, Arm
+from joint_id_core.emulator.arm import Arm
+from joint_id_core.emulator.reference import TICK_S
 from joint_id_core.emulator.robots import build_joints
 from joint_id_core.estimators import ParameterSettings
 from joint_id_core.models import HarmonicDrive
@@ -30,7 +31,7 @@ def motion():
     arm, rows = Arm(joints, range(2), 0.3), []
     for _ in range(round(SECONDS / TICK_S)):
         arm.decide()
-        rows.append([list(getattr(arm, name)) for name in MEASURED])
+        rows.append([arm.joints.link_position, arm.joints.motor_velocity, arm.current])
         arm.advance(go=True)
     return joints, np.array(rows)
 

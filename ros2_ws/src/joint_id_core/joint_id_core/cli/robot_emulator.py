@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
+from joint_id_core.cli.fit_options import BaseGravityOption, vector
 from joint_id_core.emulator.faults import COMMANDS, usage
 from joint_id_core.errors import JointIdError
 from joint_id_core.rtde.fields import FIELDS, JOINTS, PORT, register_type
+
+if TYPE_CHECKING:
+    from joint_id_core.arm.description import Description
 
 EPILOG = "\b\nCommands, one a line on standard input:\n" + "\n".join(
     f"  {usage(c):<20}{c.meaning}" for c in COMMANDS.values()
@@ -27,6 +31,11 @@ def robot_emulator(
     seed: Annotated[int, typer.Option(help="of noise and faults")] = 0,
     moving: Annotated[str, typer.Option(help="joints that move: all, none, or numbers from 0 to 5 as 0,2")] = "all",
     amplitude: Annotated[float, typer.Option(help="peak of the motion in rad")] = 0.3,
+    urdf: Annotated[
+        Optional[Path],
+        typer.Option(help="description of an arm of six joints: gravity, and links that act on each other"),
+    ] = None,
+    base_gravity: BaseGravityOption = None,
     truth: Annotated[Optional[Path], typer.Option(help="YAML file to write the true parameters to")] = None,
 ) -> None:
     """Emulate a robot controller on the network: RTDE at 500 Hz, six simulated joints, faults on demand.
@@ -48,10 +57,15 @@ def robot_emulator(
         raise JointIdError(f"--amplitude {amplitude:g}: give rad from 0 to 3")
 
     from joint_id_core.emulator.emulator import Emulator
-    from joint_id_core.emulator.robots import build_joints
+    from joint_id_core.emulator.robots import build_joints, with_links
 
-    joints = build_joints(robot)
-    emulator = Emulator(joints, which, amplitude, numbers, without or (), seed, host, port, slow_start)
+    joints, description = build_joints(robot), None
+    if urdf is not None:
+        description = _description(urdf, base_gravity)
+        joints = with_links(joints, description.joints)
+    elif base_gravity is not None:
+        raise JointIdError("--base-gravity needs the description of the robot: give --urdf, too")
+    emulator = Emulator(joints, which, amplitude, numbers, without or (), seed, host, port, slow_start, description)
     if truth is not None:
         import yaml
 
@@ -60,6 +74,20 @@ def robot_emulator(
         except OSError as error:
             raise JointIdError(f"--truth {truth}: {error.strerror}: choose a file that can be written") from None
     emulator.run()
+
+
+def _description(urdf: Path, base_gravity: str | None) -> Description:
+    """Read the description of the links.
+
+    Raises:
+        JointIdError: it cannot be read, or is not that of an arm of six joints.
+    """
+    from joint_id_core.arm.description import GRAVITY, Description
+    from joint_id_core.emulator.links import require_six_joints
+
+    description = Description.read(urdf, GRAVITY if base_gravity is None else vector(base_gravity, "--base-gravity"))
+    require_six_joints(description)
+    return description
 
 
 def _version(text: str) -> tuple[int, ...]:

@@ -6,7 +6,10 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from joint_id_core.emulator.arm import TICK_S, Arm
+from joint_id_core.arm.description import Description
+from joint_id_core.emulator.arm import Arm
+from joint_id_core.emulator.links import RigidLinks
+from joint_id_core.emulator.reference import TICK_S
 from joint_id_core.emulator.robots import Joint
 from joint_id_core.rtde.fields import FIELDS, JOINTS, TYPES, register_type
 from joint_id_core.rtde.modes import JointMode, RobotMode, SafetyMode
@@ -39,6 +42,10 @@ class Controller:
         version: version of the controller, (major, minor, ...).
         without: fields that it does not have although its version has them.
         seed: seed of the noise.
+        description: of the links; without, joints have no gravity and do not act on each other.
+
+    Raises:
+        JointIdError: links that the robot cannot have or hold.
     """
 
     def __init__(
@@ -49,8 +56,10 @@ class Controller:
         version: tuple[int, ...],
         without: Collection[str] = (),
         seed: int = 0,
+        description: Description | None = None,
     ) -> None:
-        self.arm = Arm(joints, moving, amplitude)
+        links = None if description is None else RigidLinks(description)
+        self.arm = Arm(joints, moving, amplitude, links)
         self.version = version
         self.stopped = False
         self.clock_offset = 0.0
@@ -59,7 +68,6 @@ class Controller:
         self._rng = np.random.default_rng(seed)
         values = {name: np.array([j.values[name] for j in joints]) for name in joints[0].values}
         self._ratio, self._k_t = values["N"], values["k_t"]
-        self._inertia = values["J_q"] + self._ratio**2 * values["J_m"]
         self._c_m, self._c_q = values["c_m"], values["c_q"]
         self._tau_fm, self._tau_fq = values["tau_fm"], values["tau_fq"]
         self._size = np.array([j.size for j in joints])
@@ -124,7 +132,7 @@ class Controller:
         arm = self.arm
         heat = 0.0
         if not arm.braked:
-            current, w_m, w_q = np.array((arm.current, arm.motor_velocity, arm.link_velocity))
+            current, w_m, w_q = np.array((arm.current, arm.joints.motor_velocity, arm.joints.link_velocity))
             w_m, w_q = abs(w_m), abs(w_q)
             friction = w_m * (self._tau_fm + self._c_m * w_m) + w_q * (self._tau_fq + self._c_q * w_q)
             heat = _RESISTANCE * current * current + friction
@@ -138,7 +146,7 @@ class Controller:
         values["target_q"], values["target_qd"], values["target_qdd"] = (
             arm.reference.q, arm.reference.qd, arm.reference.qdd,
         )  # fmt: skip
-        moment = self._inertia * arm.reference.qdd
+        moment = arm.target_moment
         values["target_moment"] = moment.tolist()
         values["target_current"] = (moment / (self._ratio * self._k_t)).tolist()
         values["joint_control_output"] = arm.current
@@ -148,7 +156,8 @@ class Controller:
         if not len(self._noise):
             self._noise = self._rng.standard_normal((_NOISE_BLOCK, *self._noise.shape[1:]))
         noise, self._noise = self._noise[0], self._noise[1:]
-        shown = np.array((arm.link_position, arm.motor_position, arm.motor_velocity, arm.current))
+        joints = arm.joints
+        shown = np.array((joints.link_position, joints.motor_position, joints.motor_velocity, arm.current))
         rail = _RAIL - _RAIL_DROP * abs(shown[3]) + _RAIL_NOISE * noise[4]
         if arm.braked:  # the electronics of the joints are off: the last positions remain
             noise, rail = np.zeros_like(noise), np.zeros(JOINTS)

@@ -1,4 +1,4 @@
-"""The emulator as a process: its clock, and the fault commands on standard input."""
+"""The emulator as a process: its clock, and the commands on standard input."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from collections.abc import Callable, Collection, Sequence
 from selectors import EVENT_READ, SelectSelector
 from types import FrameType
 
-from joint_id_core.emulator.arm import TICK_S
+from joint_id_core.arm.description import Description
 from joint_id_core.emulator.controller import Controller
 from joint_id_core.emulator.faults import parse
+from joint_id_core.emulator.reference import TICK_S
 from joint_id_core.emulator.robots import Joint
 from joint_id_core.emulator.server import Server
 from joint_id_core.errors import JointIdError
@@ -39,6 +40,7 @@ class Emulator:
         host: address to listen at.
         port: TCP port; 0 takes any free port.
         slow_start: time in s after each start in which connections are accepted, but requests are not answered.
+        description: of the links; without, joints have no gravity and do not act on each other.
 
     Raises:
         JointIdError: bad values, or cannot listen at this address and port.
@@ -55,9 +57,10 @@ class Emulator:
         host: str,
         port: int,
         slow_start: float,
+        description: Description | None = None,
     ) -> None:
         self._new_controller: Callable[[], Controller] = lambda: Controller(
-            joints, moving, amplitude, version, without, seed
+            joints, moving, amplitude, version, without, seed, description
         )
         self._slow_start = slow_start
         self._selector = SelectSelector()  # it waits with a resolution below 1 ms, and it accepts any input file
@@ -152,7 +155,11 @@ class Emulator:
         if self._off_until is not None and name != "quit":
             _complain(f"command {name}: the controller is off, for another {self._off_until - now:.1f} s")
             return
-        done = getattr(self, f"_{name.replace('-', '_')}")(value, now)
+        try:
+            done = getattr(self, f"_{name.replace('-', '_')}")(value, now)
+        except JointIdError as error:
+            _complain(f"command {name}: {error}")
+            return
         _say(f"{name}: {done} (controller time {self._controller.ticks * TICK_S:.3f} s)")
 
     def _drop(self, value: float, now: float) -> str:
@@ -194,6 +201,14 @@ class Emulator:
 
     def _unlock(self, value: float, now: float) -> str:
         return "the joints go on" if self._controller.protective_stop(False) else "was not stopped"
+
+    def _pick_up(self, value: float, now: float) -> str:
+        self._controller.arm.carry(value)
+        return f"the last link carries {value:g} kg"
+
+    def _put_down(self, value: float, now: float) -> str:
+        self._controller.arm.carry(0.0)
+        return "the last link carries nothing"
 
     def _clock_jump(self, value: float, now: float) -> str:
         self._controller.clock_offset += value

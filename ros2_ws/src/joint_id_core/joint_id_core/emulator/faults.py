@@ -1,4 +1,4 @@
-"""Commands that cause faults while the emulator runs."""
+"""Commands that the emulator takes while it runs: faults, and what the robot carries."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from joint_id_core.errors import JointIdError
 class Command:
     """A command: name, meaning, kind of argument, default of the argument.
 
-    `argument` is "" (none), "N" (a count), "S" (seconds, not negative), "+-S" (seconds) or "on|off". With the default
-    NaN the argument must be given.
+    `argument` is "" (none), "N" (a count), "S" (seconds, not negative), "+-S" (seconds), "KG" (a mass above 0) or
+    "on|off". With the default NaN the argument must be given.
     """
 
     name: str
@@ -33,6 +33,8 @@ COMMANDS: dict[str, Command] = {
         Command("power-on", "brakes off, motors on: the joints go on from where they are"),
         Command("protective-stop", "safety mode PROTECTIVE_STOP, the joints stop and hold"),
         Command("unlock", "end of the protective stop: the joints go on"),
+        Command("pick-up", "with --urdf: the last link carries KG kg from now on", "KG"),
+        Command("put-down", "with --urdf: the last link carries nothing from now on"),
         Command("zero", "every value of the next N samples is zero", "N", 1),
         Command("nan", "actual_q of the next N samples is NaN", "N", 1),
         Command("clock-jump", "the controller's clock jumps by S s", "+-S"),
@@ -41,7 +43,7 @@ COMMANDS: dict[str, Command] = {
         Command("quit", "the emulator ends"),
     )
 }
-_LARGEST_COUNT, _LONGEST_S = 1_000_000, 1e6
+_LARGEST_COUNT, _LARGEST = 1_000_000, 1e6
 
 
 def parse(line: str) -> tuple[str, float]:
@@ -81,7 +83,8 @@ def _argument(command: Command, text: str) -> float:
         except ValueError:
             value = math.nan
         whole = command.argument != "N" or (value.is_integer() and 1 <= value <= _LARGEST_COUNT)
-        if whole and abs(value) <= _LONGEST_S and (value >= 0.0 or command.argument == "+-S"):
+        signed = value > 0.0 if command.argument == "KG" else value >= 0.0 or command.argument == "+-S"
+        if whole and signed and abs(value) <= _LARGEST:
             return value
     raise JointIdError(f"command {command.name} {text}: write {usage(command)}, e.g. {_example(command)}")
 

@@ -8,7 +8,8 @@ values.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -57,3 +58,9 @@ def build_joints(robot: str) -> tuple[Joint, ...]:
         changes = {p: float(f"{nominal[p] * f:.4g}") for p, f in zip(_SCALED, factors, strict=True)}
         joints.append(Joint(name, size, home, {**nominal, **changes}))
     return tuple(joints)
+
+
+def with_links(joints: Sequence[Joint], names: Sequence[str]) -> tuple[Joint, ...]:
+    """Return the joints with other names, and without an inertia of the link: it is that of the links they move."""
+    pairs = zip(joints, names, strict=True)
+    return tuple(replace(j, name=n, values={p: v for p, v in j.values.items() if p != "J_q"}) for j, n in pairs)

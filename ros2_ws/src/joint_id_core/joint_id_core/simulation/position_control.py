@@ -41,12 +41,13 @@ class PositionController:
     k_d: float = 0.8
     limit: float = 1.5
 
-    def torque(self, q_ref: float, dq_ref: float, q: float, dq: float) -> float:
+    def torque(self, q_ref: float, dq_ref: float, q: float, dq: float, ahead: float = 0.0) -> float:
         """Return the torque at the motor shaft in Nm; `q`: link position in rad, `dq`: motor velocity over N in rad/s.
 
-        `q_ref` and `dq_ref` are the references of the link, in the same units.
+        `q_ref` and `dq_ref` are the references of the link, in the same units; `ahead` is the torque in Nm that the
+        reference is known to need.
         """
-        wanted = self.k_p * (q_ref - q) + self.k_d * (dq_ref - dq)
+        wanted = ahead + self.k_p * (q_ref - q) + self.k_d * (dq_ref - dq)
         return max(-self.limit, min(self.limit, wanted))
 
 

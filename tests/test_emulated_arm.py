@@ -1,0 +1,74 @@
+"""A whole arm through the whole path: emulated robot, driver, bag, `joint-id arm fit`."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+import yaml
+from sensor_msgs.msg import JointState
+
+pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
+
+pytestmark = pytest.mark.long
+SECONDS, PATIENCE_S = 15.0, 180.0
+NAMES = tuple(f"axis_{k}" for k in range(1, 7))
+LINKS = (  # mass in kg, centre in m, axis of its joint, its place on the link before
+    (8.0, "0 0.02 -0.03", "0 0 1", 'xyz="0 0 0.2"'),
+    (6.0, "0.22 0 0.05", "0 1 0", 'xyz="0 0.1 0.05"'),
+    (3.0, "0.18 0.01 0", "0 1 0", 'xyz="0.4 0 0"'),
+    (1.2, "0 0.02 0.04", "1 0 0", 'xyz="0.35 0 0"'),
+    (1.0, "0.01 0 0.05", "0 1 0", 'xyz="0 0 0.08"'),
+    (0.8, "0.03 0 0.02", "0 0 1", 'xyz="0.02 0 0.08"'),
+)
+
+
+def description():
+    """An arm of six joints."""
+    parts = ['<robot name="arm"><link name="link_0"/>']
+    for k, (mass, centre, axis, place) in enumerate(LINKS, 1):
+        parts.append(
+            f'<link name="link_{k}"><inertial><origin xyz="{centre}"/><mass value="{mass}"/>'
+            f'<inertia ixx="{0.005 * mass}" iyy="{0.005 * mass}" izz="{0.005 * mass}" ixy="0" ixz="0" iyz="0"/>'
+            f'</inertial></link><joint name="{NAMES[k - 1]}" type="continuous"><parent link="link_{k - 1}"/>'
+            f'<child link="link_{k}"/><origin {place}/><axis xyz="{axis}"/></joint>'
+        )
+    return "".join([*parts, "</robot>"])
+
+
+def joint_id(*words, environment=None):
+    """A command in a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-c", "from joint_id_core.cli import main; main()", *map(str, words)],
+        capture_output=True, text=True, timeout=PATIENCE_S, env=environment, check=False,
+    )  # fmt: skip
+
+
+def test_a_recording_of_the_driver_tells_friction_rotors_and_the_payload(start, probe, robot, tmp_path, domain):
+    urdf, truth = tmp_path / "arm.urdf", tmp_path / "truth.yaml"
+    urdf.write_text(description())
+    machine = robot("--urdf", str(urdf), "--robot", "ur5e", "--amplitude", "1", "--truth", str(truth))
+    links = probe.collect(JointState, "link_states")
+    start("driver", robot_ip="127.0.0.1", port=machine.port, joints=list(NAMES), stall_s=20.0)
+    probe.until(lambda: len(links) > 600, "samples")
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    for bag, command in (("free", "put-down"), ("carrying", "pick-up 2.5")):
+        machine.tell(command)
+        words = ("record", tmp_path / bag, "link_states", "motor_states", "--duration", SECONDS)
+        done = joint_id(*words, environment=environment)
+        assert done.returncode == 0, done.stderr
+    known = yaml.safe_load(truth.read_text())
+    gains = [w for n in NAMES for w in ("--set", f"{n}.k_t={known[n]['k_t']}", "--set", f"{n}.N={known[n]['N']}")]
+    done = joint_id("arm", "fit", urdf, tmp_path / "free", "--payload", tmp_path / "carrying", *gains, "--json")
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = json.loads(done.stdout)
+    assert [j["name"] for j in found["joints"]] == list(NAMES)
+    for j in found["joints"]:
+        p = known[j["name"]]
+        coulomb, viscous = p["N"] * p["tau_fm"] + p["tau_fq"], p["N"] ** 2 * p["c_m"] + p["c_q"]
+        assert j["friction"]["value"] == pytest.approx(coulomb, rel=0.03)
+        assert j["damping"]["value"] == pytest.approx(viscous, rel=0.06)
+        assert j["r_squared"] > 0.98
+    load = found["payload"]
+    assert abs(load["mass"] - 2.5) < 4.0 * load["mass_std_dev"] < 0.2
