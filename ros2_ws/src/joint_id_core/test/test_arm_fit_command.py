@@ -59,8 +59,27 @@ def test_the_command_prints_saves_and_writes_a_description(here):
         assert float(found.get("damping", "nan")) == pytest.approx(row["damping"]["value"], rel=1e-6)
         assert float(found.get("friction", "nan")) == pytest.approx(row["friction"]["value"], rel=1e-6)
         assert abs(row["damping"]["value"] - VISCOUS[k]) < 4.0 * row["damping"]["std_dev"]
+    masses = [float(root.find(f"link[@name='{link['name']}']/inertial/mass").get("value")) for link in saved["links"]]
+    for link, mass in zip(saved["links"][:-1], masses, strict=False):  # a tool is fixed to the last one
+        assert mass == pytest.approx(link["found"]["mass"], rel=1e-6) and len(link["found"]["inertia"]) == 6
     again, _, err = here("arm", "fit", "arm.urdf", "torques", "--out", "new.urdf", "--validate", "torques", "--json")
     assert again == 0, err
+
+
+def test_the_command_writes_an_mjcf_and_tells_what_the_files_predict(here):
+    words = ("--out", "robot.urdf", "--out", "robot.xml", "--validate", "torques")
+    code, out, err = here("arm", "fit", "arm.urdf", "torques", *words)
+    assert code == 0, out + err
+    assert "column  as described" in out
+    for name, least in (("robot.urdf", 0.5), ("robot.xml", 0.999)):  # a URDF has no rotors
+        told = next(line for line in out.splitlines() if name in line)
+        shares = [float(word) for word in told.split("R^2 ")[1].split()]
+        assert len(shares) == len(JOINTS) and min(shares) > least, told
+    joints = list(ET.parse("robot.xml").getroot().iter("joint"))
+    assert [joint.get("name") for joint in joints] == list(JOINTS)
+    assert all(float(joint.get("armature", "nan")) > 0.0 for joint in joints)
+    code, _, err = here("arm", "fit", "arm.urdf", "torques", "--out", "a.xml", "--out", "a.xml")
+    assert code == 2 and "--out (2) a.xml would overwrite a file that --out writes" in err
 
 
 @pytest.mark.parametrize("gains", [("--robot", "robot.yaml"), ("--set", "k_t=0.1", "--set", "N=100")])

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from joint_id_core.arm.links import Links
 from joint_id_core.arm.payload import Factor, Payload
 from joint_id_core.arm.rests import LEAST_S
 from joint_id_core.results.at_link import AtLink
@@ -126,6 +127,7 @@ class ArmEstimate:
         status: CONVERGED, or POOR_FIT if the torque of a joint is not explained.
         poor: names of such joints.
         joints, parameters: what was found.
+        links: bodies that exist and have these parameters, near those of the description.
         duration: of motion in s.
         by_load: how much Coulomb friction grows with the load, Nm by Nm, the same of all joints.
         payload: what the arm carries in some recordings; None if in none.
@@ -138,6 +140,7 @@ class ArmEstimate:
     poor: Sequence[str]
     joints: tuple[JointValues, ...]
     parameters: tuple[BaseParameter, ...]
+    links: Links
     duration: float
     by_load: Value
     payload: Payload | None = None
@@ -162,6 +165,14 @@ class ArmEstimate:
             f"The torque of {', '.join(self.poor)} is not explained: another load acts on it, the gains or the "
             f"description are wrong, or its drive is another quantity. {said}"
         )
+
+    def at_link(self) -> dict[str, list[AtLink]]:
+        """Return by joint what is estimated, for a robot's description; rotors are those that go with `links`."""
+        rotors = {link.joint: link.rotor for link in self.links.links}
+        return {
+            j.name: [replace(q, value=rotors[j.name]) if q.name == "armature" else q for q in j.at_link()]
+            for j in self.joints
+        }
 
     def __str__(self) -> str:
         """Return a table, a row a joint."""
@@ -194,7 +205,8 @@ class ArmEstimate:
         if self.factors:
             listed = ", ".join(f"{f.joint} {f.value:.4g} ± {f.std_dev:.2g}" for f in self.factors)
             lines.append(f"  the torques are right if they are multiplied by: {listed}")
-        return "\n".join([*lines, *(f"  doubtful: {text}" for text in self.doubts)])
+        lines += ["", *self.links.lines]
+        return "\n".join([*lines, *(f"  doubtful: {text}" for text in (*self.doubts, *self.links.doubts))])
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain JSON types; values that are not finite become None."""
@@ -203,8 +215,10 @@ class ArmEstimate:
             "message": self.message, "duration_s": self.duration, "friction_by_load": _plain(asdict(self.by_load)),
             "joints": [_plain(asdict(j)) for j in self.joints],
             "parameters": [_plain(asdict(p)) for p in self.parameters],
+            "links": [asdict(link) for link in self.links.links], "description_wrong_by": self.links.share,
+            "links_off": {"rms": self.links.off, "most": self.links.farthest},
             "payload": None if self.payload is None else _plain(asdict(self.payload)),
-            "factors": [_plain(asdict(f)) for f in self.factors], "doubts": list(self.doubts),
+            "factors": [_plain(asdict(f)) for f in self.factors], "doubts": [*self.doubts, *self.links.doubts],
         }  # fmt: skip
 
 

@@ -19,6 +19,7 @@ from joint_id_core.arm.equations import PAYLOAD, Equations, equations
 from joint_id_core.arm.friction import Friction
 from joint_id_core.arm.gains import Gains
 from joint_id_core.arm.judged import base_parameters, friction, rotor
+from joint_id_core.arm.links import consistent_links
 from joint_id_core.arm.payload import Factor, Payload, gains_from_mass, payload_of
 from joint_id_core.arm.regressor import Regressor
 from joint_id_core.arm.rests import Band, HeldOut, Left, explained
@@ -156,12 +157,26 @@ class _Fitted:
             told = float(r_squared[j]), float(other.r_squared[j]), float(usual[j]), bent
             joints.append(JointValues(name, armature, damping, coulomb, *told, rest))
         parameters = base_parameters(self._regressor, self.values, sigma, self._seen)
+        rotors = [j.armature.value if j.armature.verdict is Verdict.ESTIMATED else 0.0 for j in joints]
+        base, seen = self._base, self._seen[: self._base]
+        known = self.covariance[:base, :base] * np.outer(seen, seen)
+        links = consistent_links(self._regressor, self.values[:base], known, rotors)
         poor = [j.name for j in joints if not j.r_squared > LEAST_R_SQUARED]
         status = Status.POOR_FIT if poor else Status.CONVERGED
         duration = sum(p.duration for p in self._parts)
         doubts = tuple(text for part in self._parts for text in part.doubts)
         return ArmEstimate(
-            source, status, poor, tuple(joints), parameters, duration, self._growth(), self.payload, factors, doubts
+            source,
+            status,
+            poor,
+            tuple(joints),
+            parameters,
+            links,
+            duration,
+            self._growth(),
+            self.payload,
+            factors,
+            doubts,
         )
 
     def _growth(self) -> Value:

@@ -24,9 +24,11 @@ class Regressor:
     """Base parameters of an arm.
 
     Attributes:
-        joints: names of the joints, n of them; `last_link`: name of the link that the last one moves.
+        joints: names of the joints, n of them; `links`: of the links that they move, and `last_link` the last one.
         combinations: what each of the B base parameters stands for, in words; the first n are those of the rotors.
         reference: their values by the description, without rotors, shape (B,).
+        composition: what they are made of, shape (B, 11 n): of the rotors, and of ten parameters of each link.
+        bodies: these ten of each link, with what is fixed to it, by the description, shape (n, 10).
         alone: whether each stands for one parameter alone, shape (B,).
     """
 
@@ -43,7 +45,9 @@ class Regressor:
                 f"{description.source}: {', '.join(description.mimics)} follows another joint (mimic), which no linear "
                 "model has: make it fixed in a copy of the description"
             )
-        self.joints, self.last_link = description.joints, description.link_of(description.joints[-1])
+        self.joints = description.joints
+        self.links = tuple(map(description.link_of, self.joints))
+        self.last_link = self.links[-1]
         self._pinocchio, self._model = pinocchio, description.model
         self._data = self._model.createData()
         self._order = [description.column(name) for name in self.joints]
@@ -57,9 +61,12 @@ class Regressor:
         kept = everything[:, self._kept] / scale[self._kept]
         share = np.linalg.lstsq(kept, everything[:, others], rcond=None)[0] / scale[self._kept, None]
         share[np.abs(share) * scale[self._kept, None] < SHOWN * scale[others]] = 0.0
-        bodies = [self._model.inertias[self._model.getJointId(name)].toDynamicParameters() for name in self.joints]
-        values = np.concatenate([np.zeros(count), *bodies])
-        self.reference = values[self._kept] + share @ values[others]
+        model = self._model
+        self.bodies = np.array([model.inertias[model.getJointId(n)].toDynamicParameters() for n in self.joints])
+        self.composition = np.zeros((len(self._kept), 11 * count))
+        self.composition[np.arange(len(self._kept)), self._kept] = 1.0
+        self.composition[:, others] = share
+        self.reference = self.composition[:, count:] @ self.bodies.ravel()
         names = [f"rotor of {name}" for name in self.joints]
         names += [f"{part} of {name}" for name in self.joints for part in OF_LINK]
         self.combinations = tuple(

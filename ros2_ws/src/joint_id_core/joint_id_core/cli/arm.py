@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from joint_id_core.arm.payload import Factor
     from joint_id_core.data.recording import Recording
 
+OUT_HELP = "robot to write, with what was estimated: a URDF; or, if it ends in .xml, an MJCF, with rotors; repeatable"
 arm = typer.Typer(help="Identify a whole arm: all joints move at once.", no_args_is_help=True, rich_markup_mode=None)
 
 
@@ -63,7 +64,7 @@ def fit(
     ] = None,
     validate: Annotated[Optional[Path], typer.Option(help="recording that the fit must predict")] = None,
     save: Annotated[Optional[Path], typer.Option(help="save the result as JSON")] = None,
-    out: Annotated[Optional[Path], typer.Option("--out", "-o", help="URDF to write, with what was estimated")] = None,
+    out: Annotated[Optional[list[Path]], typer.Option("--out", "-o", help=OUT_HELP)] = None,
     json: JsonOption = False,
 ) -> None:
     """Fit viscous and Coulomb friction and the rotor of every joint, and the inertial parameters of the links.
@@ -74,12 +75,16 @@ def fit(
     Exit code 0: the torques of all joints are explained; 1: not of all; 2: bad input.
     """
     from joint_id_core.arm.description import GRAVITY, Description
+    from joint_id_core.arm.exported import OF_MUJOCO, exported
     from joint_id_core.arm.fit import fit_arm
-    from joint_id_core.results.robot_files import with_joints
+    from joint_id_core.arm.written import explained_by
 
-    loaded = payload or []
+    loaded, outs = payload or [], out or []
     require_different([*files, *loaded])
-    require_apart({"--save": save, "--out": out}, [urdf, *files, *loaded, validate, Path(robot) if robot else None])
+    inputs = [urdf, *files, *loaded, validate, Path(robot) if robot else None]
+    require_apart(
+        {"--save": save} | {f"--out ({k + 1})" if k else "--out": path for k, path in enumerate(outs)}, inputs
+    )
     gravity = GRAVITY if base_gravity is None else vector(base_gravity, "--base-gravity")
     description = Description.read(urdf, gravity)
     entries = [parse(text, "set") for text in set_ or ()]
@@ -105,11 +110,13 @@ def fit(
             print(f"  all values scale with the torque constants, which are known to {spread}")
     if save is not None:
         write_text(save, json_text.dumps(found.to_dict(), indent=1), "the result")
-    if out is not None:
-        source = f"joint_id, arm fit of {', '.join(file.name for file in files)}"
-        known = {j.name: j.at_link() for j in found.joints}
-        text = with_joints(urdf, "urdf", {n: q for n, q in known.items() if q}, dict.fromkeys(known, source))
-        write_text(out, text, "the description")
+    source = f"joint_id, arm fit of {', '.join(file.name for file in files)}"
+    for path in outs:
+        write_text(path, exported(found, description, urdf, path, source), "the description")
+        if held_out is not None and not json:
+            again = explained_by(path, description, held_out, _corrected(gains, found.factors))
+            rotors = "" if path.suffix.lower() in OF_MUJOCO else ", without rotors,"
+            print(f"  {path}, read again{rotors} predicts {validate} with R^2 {' '.join(f'{r:.4f}' for r in again)}")
     if not found.converged:
         complain(f"{found.status.value}: {found.message}")
         raise typer.Exit(1)
@@ -130,6 +137,12 @@ def _drive(robot: str | None, joint: str) -> Drive:
         return Drive()
     known = robot_settings(robot, joint, NAMES)
     return Drive(known.values, known.deviations)
+
+
+def _corrected(gains: Gains, factors: Sequence[Factor]) -> dict[str, dict[str, float]]:
+    """Return the gains times the factors that were found."""
+    share = {factor.joint: factor.value for factor in factors}
+    return {name: {drive: share.get(name, 1.0) * gain for drive, gain in own.items()} for name, own in gains.items()}
 
 
 def _constants(factors: Sequence[Factor], gains: Gains) -> list[str]:
