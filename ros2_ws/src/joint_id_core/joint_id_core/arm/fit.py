@@ -96,21 +96,26 @@ class _Fitted:
         self._friction = Friction.from_values(regressor, self._whole(Stacked.of(parts).weighed()[0]))
         self._parts = [self._friction.added(part) for part in parts]
         self._friction_at = self._base + PAYLOAD * self._loaded
-        table = Stacked.of(self._parts)
-        self._solve(table)
-        more = np.arange(self._friction_at + 2 * self._count, len(self.values))
-        sigma = np.sqrt(np.diag(self.covariance)[more])
-        self._by_load = float(self.values[-1]), float(sigma[-1])
-        size = np.abs(self.values[more])
-        size[-1] = self.values[-1]  # friction that falls with the load is none
-        if len(weak := more[~(size > SURE * sigma)]):
-            table = table.without(weak)
-            self._solve(table)
+        table = self._with_what_data_ask_for(Stacked.of(self._parts))
         places = (self._friction_at + np.arange(2 * self._count)).reshape(2, -1)
         changes = drift(table, table.y - table.columns @ self.values, places, self.values[places], self._lag)
         self.covariance[places, places] += (changes[:, None] * self.values[places]) ** 2 / len(parts)
         self._lefts = [self._left(part) for part in self._parts]
         self._band = Band.of(self._lefts)
+
+    def _with_what_data_ask_for(self, table: Stacked) -> Stacked:
+        """Solve, again without bends and growth with the load that may be 0, and return the equations of that."""
+        self._solve(table)
+        more = np.arange(self._friction_at + 2 * self._count, len(self.values))
+        size, sigma = np.abs(self.values[more]), np.sqrt(np.diag(self.covariance)[more])
+        self._by_load = float(self.values[-1]), float(sigma[-1])
+        size[-1] = self.values[-1]  # friction does not fall with the load
+        weak = more[~(size > SURE * sigma)]
+        if not len(weak):
+            return table
+        table = table.without(weak)
+        self._solve(table)
+        return table
 
     def _solve(self, table: Stacked) -> None:
         """Find values, their covariance, and the lag in equations over which residuals remember."""
