@@ -86,21 +86,21 @@ def rows() -> list[Row]:
     alone = [fit_arm(description, [record], gains).joints for record in records]
     others = [[r for r in records if r is not record] for record in records]
     predicted = [fit_arm(description, rest, gains, record) for rest, record in zip(others, records, strict=True)]
-    files = [_by_files(description, fit, record) for fit, record in zip(predicted, records, strict=True)]
+    files = [by_files(description, fit, record) for fit, record in zip(predicted, records, strict=True)]
     return [
         _row(j, whole, [a[j] for a in alone], [p.joints[j] for p in predicted], cpu_s, files)
         for j in range(len(description.joints))
     ]
 
 
-def _by_files(description: Description, fit: ArmEstimate, record: dict[str, Recording]) -> list[tuple[float, ...]]:
+def by_files(description: Description, fit: ArmEstimate, log: dict[str, Recording]) -> list[tuple[float, ...]]:
     """R2 of each joint by the files that are made of a fit, a row a file."""
     gains = {name: {"torque": 1.0} for name in description.joints}
     with TemporaryDirectory() as folder:
         paths = [Path(folder) / name for name in FILES]
         for path in paths:
             path.write_text(exported(fit, description, URDF, path, "joint_id"))
-        return [explained_by(path, description, record, gains) for path in paths]
+        return [explained_by(path, description, log, gains) for path in paths]
 
 
 def payload() -> list[str]:
