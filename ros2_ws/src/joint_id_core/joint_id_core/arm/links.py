@@ -89,7 +89,7 @@ class Links:
             body = f"{'as described':<40}" if link.found == link.described else f"{masses:<22}{moved:<18}"
             lines.append(f"  {link.name:<{width}}{body}" + (f"{link.rotor:.4g}" if link.rotor else "-"))
         wrong, mass = 100.0 * self.share, 100.0 * self.share / np.sqrt(OF_MASS)
-        told = f"masses of the description seem to be wrong by {mass:.2g} %, and how they are spread by {wrong:.2g} %"
+        told = f"masses of the description seem to be wrong by {mass:.3g} %, and how they are spread by {wrong:.3g} %"
         return [
             *lines,
             f"  bodies nearest to the description with the combinations that were found, {self.off:.2g} standard "
