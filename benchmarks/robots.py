@@ -80,11 +80,12 @@ def main() -> None:
         stiffness.Stiffness(**{**row, "values": {n: Value(**v) for n, v in row["values"].items()}})
         for row in report["stiffness"]
     ]
+    arm = [whole_arm.Row(**row) for row in report.get("whole_arm", [])]
     tables = {
         "robots-targets": targets_table(found, axes_found), "robots": methods_table(found),
         "robots-joints": joints_table(found), "robots-stiffness": stiffness_table(axes_found),
         "robots-payload": whole_arm.payload_table(report.get("payload", [])),
-        "robots-arm": whole_arm.table([whole_arm.Row(**row) for row in report.get("whole_arm", [])]),
+        "robots-arm": whole_arm.table(arm), "robots-links": whole_arm.links_table(arm),
         "robots-arm-followed": followed_arm.table([followed_arm.Run(**r) for r in report.get("followed_arm", [])]),
         "robots-arm-peers": peers_table([of_arm.of_json(row) for row in report.get("arm_peers", [])]),
     }  # fmt: skip

@@ -107,7 +107,7 @@ def test_measured_blocks_are_written_and_the_rest_is_left():
     page = "a\n<!-- measured: x -->\nold\n<!-- end -->\nb\n<!-- measured: y -->\n<!-- end -->\n"
     assert written(page, {"x": "new"}) == page.replace("old", "new")
     names = {name for path in DOCS.rglob("*.md") for _, name, _ in BLOCK.findall(path.read_text())}
-    parts = ("targets", "joints", "stiffness", "arm", "payload", "arm-peers")
+    parts = ("targets", "joints", "links", "stiffness", "arm", "payload", "arm-followed", "arm-peers")
     assert names == {"changes", "steady", "peers", "soak", "robots"} | {f"robots-{part}" for part in parts}
 
 

@@ -8,15 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from robots import methods, stiffness
+from robots import methods, stiffness, whole_arm
 from robots.cases import CASES, Known
 from robots.fitted import Fitted, Value, of_json
 from robots.judging import Pairs, farthest, held_out, pairs, relative_sigma, usable
 from robots.pages import joints_table, methods_table, stiffness_table, targets_table
 from robots.plain import plain_least_squares
-from robots.recordings import DATA, kuka
+from robots.recordings import DATA, UR10E_ALL, kuka
 from robots.targets import stiffness_verdicts, verdicts
 
+from joint_id_core.arm.description import Description
+from joint_id_core.arm.fit import fit_arm
 from joint_id_core.data.recording import Recording
 
 with_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"measured data are not there: {DATA}")
@@ -162,3 +164,17 @@ def test_every_joint_of_every_case_is_recorded():
             recordings = joint.fitted()
             assert min(r.duration for r in recordings) > 10.0
             assert all({"link_position", "torque"} <= set(r.channels) for r in (*recordings, *joint.only_predicted()))
+
+
+@with_data
+def test_links_of_an_arm_are_plausible_and_its_files_predict_as_the_fit_does():
+    description = Description.read(whole_arm.URDF)
+    gains = {name: {"torque": 1.0} for name in description.joints}
+    first, _, other = (whole_arm.record(name, description.joints) for name in UR10E_ALL)
+    found = fit_arm(description, [first], gains, other)
+    for link in found.links.links:
+        assert 0.7 < link.found.mass / link.described.mass < 1.4 and link.rotor > 0.0
+    assert found.links.off < 1.5 and not found.links.doubts
+    mjcf, urdf = whole_arm.by_files(description, found, other)
+    for joint, whole, without_rotor in zip(found.joints, mjcf, urdf, strict=True):
+        assert whole > joint.held_out - 0.005 and without_rotor < whole

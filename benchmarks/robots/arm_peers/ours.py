@@ -34,8 +34,8 @@ def fit(urdf: str, log: Log, others: Sequence[Log]) -> Found:
         "friction": [_known(j.friction) for j in estimate.joints],
     }
     judged = scores(lambda other: torque(estimate, description, other), others)
-    rotors = [j.armature.value for j in estimate.joints]
-    return Found(friction, *judged, rotors, (), cpu_s)
+    links = estimate.links.links
+    return Found(friction, *judged, [one.rotor for one in links], [one.found.mass for one in links], cpu_s)
 
 
 def torque(estimate: ArmEstimate, description: Description, log: Log) -> Array:

@@ -167,12 +167,16 @@ class ArmEstimate:
         )
 
     def at_link(self) -> dict[str, list[AtLink]]:
-        """Return by joint what is estimated, for a robot's description; rotors are those that go with `links`."""
-        rotors = {link.joint: link.rotor for link in self.links.links}
-        return {
-            j.name: [replace(q, value=rotors[j.name]) if q.name == "armature" else q for q in j.at_link()]
-            for j in self.joints
-        }
+        """Return by joint what is estimated, for a file with the bodies of `links`: rotors are those beside them."""
+        known = {j.name: j.at_link() for j in self.joints}
+        for link in self.links.links:
+            known[link.joint] = [
+                replace(q, value=link.rotor, formula=q.formula.replace("in the description", "in this file"))
+                if q.name == "armature"
+                else q
+                for q in known[link.joint]
+            ]
+        return known
 
     def __str__(self) -> str:
         """Return a table, a row a joint."""

@@ -83,15 +83,13 @@ class Links:
     def lines(self) -> list[str]:
         """Masses and centres before and after, as lines of a table."""
         width = max(len("link"), *(len(link.name) for link in self.links)) + 2
-        lines = [f"  {'link':<{width}}{'mass, kg':<22}{'centre moved, mm':<18}"]
+        lines = [f"  {'link':<{width}}{'mass, kg':<22}{'centre moved, mm':<18}beside it a rotor, kg m^2"]
         for link in self.links:
-            masses = f"{link.described.mass:.4g} -> {link.found.mass:.4g}"
-            same = link.found == link.described
-            lines.append(
-                f"  {link.name:<{width}}" + ("as described" if same else f"{masses:<22}{1e3 * link.moved:.3g}")
-            )
+            masses, moved = f"{link.described.mass:.4g} -> {link.found.mass:.4g}", f"{1e3 * link.moved:.3g}"
+            body = f"{'as described':<40}" if link.found == link.described else f"{masses:<22}{moved:<18}"
+            lines.append(f"  {link.name:<{width}}{body}" + (f"{link.rotor:.4g}" if link.rotor else "-"))
         wrong, mass = 100.0 * self.share, 100.0 * self.share / np.sqrt(OF_MASS)
-        told = f"masses of the description seem to be wrong by {mass:.2g} %, and how they are spread by {wrong:.2g} %"
+        told = f"masses of the description seem to be wrong by {mass:.3g} %, and how they are spread by {wrong:.3g} %"
         return [
             *lines,
             f"  bodies nearest to the description with the combinations that were found, {self.off:.2g} standard "

@@ -63,7 +63,8 @@ def _fixed(root: ET.Element, name: str) -> Iterator[tuple[ET.Element, Array]]:
     waiting = [(name, np.eye(4))]
     while waiting:
         name, place = waiting.pop()
-        for element in root.findall(f"link[@name='{name}']/inertial"):
+        links = [link for link in root.findall("link") if link.get("name") == name]
+        for element in (inertial for link in links for inertial in link.findall("inertial")):
             mass = element.find("mass")
             if mass is not None and float(mass.get("value", "0")) > 0.0:
                 yield element, place @ _origin(element)
