@@ -1,4 +1,4 @@
-"""A whole arm through the whole path: emulated robot, driver, bag, `joint-id arm fit`."""
+"""A whole arm through the whole path: emulated robot, driver, then a bag and its fit, or filter and arm identifier."""
 
 import json
 import os
@@ -8,6 +8,10 @@ import sys
 import pytest
 import yaml
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from joint_id_msgs.msg import ArmPayload, JointEstimate, JointParams
+from joint_id_ros.qos import LATEST
 
 pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
 
@@ -72,3 +76,36 @@ def test_a_recording_of_the_driver_tells_friction_rotors_and_the_payload(start, 
         assert j["r_squared"] > 0.98
     load = found["payload"]
     assert abs(load["mass"] - 2.5) < 4.0 * load["mass_std_dev"] < 0.2
+
+
+def test_an_arm_at_work_is_identified_and_so_is_what_it_picks_up(start, probe, robot, tmp_path):
+    """Driver, filter and arm identifier in real time."""
+    urdf, truth = tmp_path / "arm.urdf", tmp_path / "truth.yaml"
+    urdf.write_text(description())
+    machine = robot("--urdf", str(urdf), "--robot", "ur5e", "--amplitude", "1", "--truth", str(truth))
+    known = yaml.safe_load(truth.read_text())
+    drives = [w for n in NAMES for w in (f"{n}.k_t={known[n]['k_t']}", f"{n}.N={known[n]['N']}")]
+    found, payloads = probe.collect(JointParams, "joint_params", LATEST), probe.collect(ArmPayload, "payload", LATEST)
+    start("filter", effort_source="current")
+    start("arm_identifier", set=drives)
+    described = probe.create_publisher(String, "robot_description", LATEST)
+    described.publish(String(data=urdf.read_text()))
+    start("driver", robot_ip="127.0.0.1", port=machine.port, joints=list(NAMES), stall_s=20.0)
+    probe.until(lambda: len(payloads) and payloads[-1].verdict, "an arm that is known")
+    probe.spin(5.0)
+    assert not payloads[-1].carries
+    for joint in found[-1].joints:
+        assert joint.status == JointEstimate.CONVERGED, joint.message
+        p, rows = known[joint.joint], {r.name: r for r in joint.parameters}
+        coulomb, viscous = p["N"] * p["tau_fm"] + p["tau_fq"], p["N"] ** 2 * p["c_m"] + p["c_q"]
+        assert rows["tau_f"].value == pytest.approx(coulomb, rel=0.05)
+        assert rows["c"].value == pytest.approx(viscous, rel=0.1)
+    for command, mass in (("pick-up 2.5", 2.5), ("put-down", 0.0), ("pick-up 1", 1.0)):
+        machine.tell(command)
+        at = payloads[-1].header.stamp.sec
+        probe.until(lambda mass=mass: payloads[-1].carries == (mass > 0.0), command)
+        assert payloads[-1].since.sec - at < 4, payloads[-1].message
+        probe.spin(6.0)
+        assert payloads[-1].carries == (mass > 0.0)
+        if mass:
+            assert payloads[-1].mass == pytest.approx(mass, abs=max(0.05, 4.0 * payloads[-1].mass_std_dev))
