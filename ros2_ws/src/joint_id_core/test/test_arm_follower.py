@@ -208,3 +208,16 @@ def test_a_pause_costs_no_more_than_its_margins():
     times = np.concatenate([part.time for part in found])
     assert not np.any((times > 3.0 - MARGIN_S + 0.5) & (times < 5.0 + MARGIN_S - 0.5)) and times[-1] > 7.0
     assert all(np.isfinite(part.columns[part.used]).all() for part in found)
+
+
+def test_positions_that_jump_by_a_turn_are_the_same_motion():
+    arm = moving_arm.rigid(4.0)
+    turned = {n: r.with_channels({"link_position": r["link_position"] + 3.0}) for n, r in arm.items() if n == "turn"}
+    wrapped = {
+        n: r.with_channels({"link_position": np.angle(np.exp(1j * r["link_position"]))}) for n, r in turned.items()
+    }
+    assert np.abs(np.diff(wrapped["turn"]["link_position"])).max() > 6.0
+    one, other = (blocks({**arm, **part}) for part in (turned, wrapped))
+    for a, b in zip(one, other, strict=True):
+        np.testing.assert_array_equal(a.used, b.used)
+        np.testing.assert_allclose(a.columns[a.used], b.columns[b.used], atol=1e-6)

@@ -19,7 +19,8 @@ BLOCK_S = 0.5  # of a block of equations
 # low-pass of the equations, of which less than a thousandth is left after 0.3 s.
 MARGIN_S = 0.4
 WAIT_S = 3.0  # a joint whose samples are further behind those of the others is missing
-NEEDED = ("link_position", *DRIVES)
+POSITION = "link_position"
+NEEDED = (POSITION, *DRIVES)
 
 
 class ArmStream:
@@ -109,4 +110,13 @@ def _joined(old: Recording | None, new: Recording) -> Recording:
     channels = {
         name: np.concatenate([old.channels.get(name, nothing["old"]), own.get(name, nothing["new"])]) for name in names
     }
+    if POSITION in channels:
+        channels[POSITION] = _unwrapped(channels[POSITION])
     return new.trusted(np.concatenate([old.time, new.time]), channels, frozenset())
+
+
+def _unwrapped(position: Array) -> Array:
+    """Return positions in rad (T,) without jumps by a turn, as those of joints that turn for ever have."""
+    found, known = position.copy(), np.isfinite(position)
+    found[known] = np.unwrap(position[known])
+    return found
