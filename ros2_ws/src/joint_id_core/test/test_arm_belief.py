@@ -33,7 +33,7 @@ GAINS = {name: {"torque": 1.0} for name in JOINTS}
 def motion(seconds: float, seed: int) -> Equations:
     plain = equations(REGRESSOR, moving_arm.rigid(seconds, seed), GAINS, "arm")
     inertial = np.append(REGRESSOR.reference, np.zeros(PAYLOAD))
-    whole = Friction.from_values(REGRESSOR, inertial).added(plain).steady
+    whole = Friction.from_values(REGRESSOR, inertial).added(plain)
     return whole.between(MARGIN_S, seconds - MARGIN_S)  # filters are less accurate near the ends
 
 
@@ -127,10 +127,9 @@ def test_it_stays_honest_while_it_grows_sharper(known, more):
     assert np.abs(z).max() < 4.5 and 0.6 < np.sqrt(np.mean(z**2)) < 1.4
     before, after = (np.sqrt(np.diag(b.covariance))[: b.base] for b in (known, found))
     assert np.median(after / before) < 0.8
-    friction = slice(
-        found.friction.start, found.friction.start + 2 * len(JOINTS)
-    )  # it may change with temperature: 5 % in ten minutes
-    assert np.all(np.sqrt(np.diag(found.covariance))[friction] < 0.01 * found.values[friction])
+    # Friction may change with temperature: by 5 % in ten minutes.
+    friction = slice(found.friction.start, found.friction.start + 2 * len(JOINTS))
+    assert np.all(np.sqrt(np.diag(found.covariance))[friction] < 0.03 * found.values[friction])
     assert found.duration > known.duration + 20.0
 
 

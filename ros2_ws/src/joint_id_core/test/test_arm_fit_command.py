@@ -66,6 +66,16 @@ def test_the_command_prints_saves_and_writes_a_description(here):
     assert again == 0, err
 
 
+def test_the_combinations_of_masses_and_inertias_are_a_table(here):
+    code, out, err = here("arm", "fit", "arm.urdf", "torques", "--parameters")
+    assert code == 0, out + err
+    rows = [line for line in out.splitlines() if " ± " in line and " of " in line and "Izz of turn" in line]
+    value, sigma, described = (float(w) for w in rows[0].split()[:4] if w != "±")
+    assert 0.0 < sigma < 0.05 * value and described < value  # the rotor is not in the description
+    assert "estimated" in rows[0] and "rotor of turn" in rows[0]
+    assert len([line for line in out.splitlines() if " estimated " in line or " prior " in line]) >= 35
+
+
 def test_the_command_writes_an_mjcf_and_tells_what_the_files_predict(here):
     words = ("--out", "robot.urdf", "--out", "robot.xml", "--validate", "torques")
     code, out, err = here("arm", "fit", "arm.urdf", "torques", *words)

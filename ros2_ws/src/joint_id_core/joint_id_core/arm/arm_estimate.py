@@ -212,6 +212,16 @@ class ArmEstimate:
         lines += ["", *self.links.lines]
         return "\n".join([*lines, *(f"  doubtful: {text}" for text in (*self.doubts, *self.links.doubts))])
 
+    @property
+    def combinations(self) -> str:
+        """The base parameters as a table: value, that of the description, verdict, and what each stands for."""
+        lines = [f"  {'value':<24}{'description':<14}{'verdict':<13}combination, in kg, kg m and kg m^2"]
+        for p in self.parameters:
+            known = p.verdict is not Verdict.NOT_EXCITED
+            value = f"{p.value:.4g} ± {p.std_dev:.2g}" if known else "-"
+            lines.append(f"  {value:<24}{p.described:<14.4g}{p.verdict.value:<13}{p.text}")
+        return "\n".join(lines)
+
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain JSON types; values that are not finite become None."""
         return {

@@ -88,15 +88,11 @@ class Equations:
 
     @property
     def steady(self) -> Equations:
-        """The equations of joints that do not reverse nearby: friction is as its law says."""
-        return self.turned(TURNED)
-
-    def turned(self, within: float) -> Equations:
-        """Return the equations in which filtered Coulomb friction is the whole, but for this share."""
+        """The equations of joints that do not reverse nearby, where friction turns in a way of its own."""
         count = self.used.shape[1]
         own = np.arange(count)
         coulomb = np.abs(self.columns[:, own, self.base + PAYLOAD + count + own])
-        return replace(self, used=self.used & (np.abs(coulomb - 1.0) < within))
+        return replace(self, used=self.used & (np.abs(coulomb - 1.0) < TURNED))
 
 
 def joined(parts: Sequence[Equations]) -> Equations:

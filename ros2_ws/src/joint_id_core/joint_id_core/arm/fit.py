@@ -31,6 +31,7 @@ from joint_id_core.results.verdict import Verdict
 
 LEAST_R_SQUARED = 0.9  # of the torque of a joint
 ROUNDS = 2  # of torque constants: the first has the load of the gears with wrong ones
+BENT = 0.1  # least bend of friction, as a share of Coulomb friction: a smaller one is that of the filters at reversals
 SURE = 3.0  # standard deviations from which a bend of friction, or its growth with the load, is taken into the law
 
 
@@ -110,7 +111,8 @@ class _Fitted:
         size, sigma = np.abs(self.values[more]), np.sqrt(np.diag(self.covariance)[more])
         self._by_load = float(self.values[-1]), float(sigma[-1])
         size[-1] = self.values[-1]  # friction does not fall with the load
-        weak = more[~(size > SURE * sigma)]
+        coulomb = np.abs(self.values[self._friction_at + self._count : more[0]])
+        weak = more[~(size > np.maximum(SURE * sigma, np.append(BENT * coulomb, 0.0)))]
         if not len(weak):
             return table
         table = table.without(weak)

@@ -23,9 +23,6 @@ STRIBECK = 0.3  # rad/s, v_s: where friction of gears bends
 FASTEST = 1.0  # rad/s, to which a straight line shall be near
 POSES = 200  # random ones
 ROUNDED = 9  # decimals of a load that are no rounding
-# How far filtered Coulomb friction may be from the whole. Nearer to reversals friction turns in a way of its own, which
-# would be taken for a bend.
-TURNED = 0.1
 
 _GRID = np.linspace(0.0, FASTEST, 101)
 SLOPE, AT_REST = (float(v) for v in np.polyfit(_GRID, np.exp(-_GRID / STRIBECK), 1))
@@ -65,7 +62,7 @@ class Friction:
         own = bend(whole.dq)[:, :, None] * np.eye(load.shape[1])
         columns = np.concatenate([own, ((load - self.usual) * np.tanh(whole.dq / SLOW))[:, :, None]], axis=2)
         more = below_band(columns, whole.known)[::KEPT]
-        return replace(part.turned(TURNED), columns=np.concatenate([part.columns, more], axis=2))
+        return replace(part.steady, columns=np.concatenate([part.columns, more], axis=2))
 
     def breakaway(self, values: Array, load: Array) -> Array:
         """Return friction at standstill in Nm, (..., n), from parameters of friction (3 n + 1,) and a load (..., n)."""

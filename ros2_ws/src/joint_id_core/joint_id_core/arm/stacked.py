@@ -15,6 +15,7 @@ from joint_id_core.estimators.regression.covariance import automatic_lag, newey_
 
 WEIGHINGS = 3  # passes that weigh the joints
 LEAST_ROWS = 2.0  # equations by parameter
+LEAST_FREE = 0.01  # share of an equation that others do not determine
 ROUNDED = 1e-13  # smallest singular value of normal equations that rounding does not make
 
 
@@ -76,9 +77,17 @@ class Stacked:
         return np.where(sigma > 0.0, sigma, 1.0)
 
     def covariance(self, columns: Array, left: Array, sigma: Array) -> tuple[Array, float]:
-        """Return the covariance of values with these columns (T, k) and residuals (T,), and the lag of their memory."""
+        """Return the covariance of values with these columns (T, k) and residuals (T,), and the lag of their memory.
+
+        An equation that alone tells of a parameter leaves nothing, however wrong it is. So residuals are those of a fit
+        without their own equation (MacKinnon & White, Journal of Econometrics 29, 1985).
+        """
         weights = 1.0 / sigma[self.joint]
-        weighted, residuals = columns * weights[:, None], left * weights
+        weighted = columns * weights[:, None]
+        size = np.linalg.norm(weighted, axis=0)
+        scaled = weighted / np.where(size > 0.0, size, 1.0)
+        leverage = np.sum(scaled @ np.linalg.pinv(scaled.T @ scaled, hermitian=True) * scaled, axis=1)
+        residuals = left * weights / np.maximum(1.0 - leverage, LEAST_FREE)
         scores, lag = weighted * residuals[:, None], 1.0
         for k in np.unique(self.pieces):
             some = scores[self.pieces == k]

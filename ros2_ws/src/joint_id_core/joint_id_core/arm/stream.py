@@ -86,7 +86,7 @@ class ArmStream:
         if last.min() - first.max() < BLOCK_S + MARGIN_S:
             return []
         found = unchecked(self._regressor, records, self._gains, self._source, self._carries)
-        return [self._friction.added(found).between(begin, begin + BLOCK_S).steady]
+        return [self._friction.added(found).between(begin, begin + BLOCK_S)]
 
     def _forget(self, before: float) -> None:
         """Forget samples from before an instant."""

@@ -65,6 +65,9 @@ def fit(
     validate: Annotated[Optional[Path], typer.Option(help="recording that the fit must predict")] = None,
     save: Annotated[Optional[Path], typer.Option(help="save the result as JSON")] = None,
     out: Annotated[Optional[list[Path]], typer.Option("--out", "-o", help=OUT_HELP)] = None,
+    parameters: Annotated[
+        bool, typer.Option("--parameters", help="print the combinations of masses and inertias, too")
+    ] = False,
     json: JsonOption = False,
 ) -> None:
     """Fit viscous and Coulomb friction and the rotor of every joint, and the inertial parameters of the links.
@@ -104,6 +107,8 @@ def fit(
         print_json(found.to_dict())
     else:
         print(found)
+        if parameters:
+            print(f"\n{found.combinations}\n")
         for text in _constants(found.factors, gains) if found.factors else ():
             print(f"  {text}")
         if spread and not found.factors:
