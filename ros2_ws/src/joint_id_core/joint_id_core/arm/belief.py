@@ -212,11 +212,17 @@ class Belief:
         return replace(self, colour=np.maximum(1.0, mixed), scores=Scores.none(*self.scores.products.shape))
 
     def left(self, parts: Sequence[Equations]) -> Array:
-        """Return the mean square of what is left of the torque of each joint over sigma^2, shape (n,)."""
-        found = np.zeros(self.count)
+        """Return the mean square of what is left of the torque of each joint over its variance, shape (n,).
+
+        The variance is that of noise and of the values: a young belief does not know all poses.
+        """
+        found, root = np.zeros(self.count), self._root()
         for j in range(self.count):
-            left = np.concatenate([self._of_joint(part, j)[1] for part in parts])
-            found[j] = float(np.mean(left**2)) / self.sigma[j] ** 2 if len(left) else 0.0
+            rows = [self._of_joint(part, j) for part in parts]
+            left = np.concatenate([row[1] for row in rows])
+            if len(left):
+                doubt = np.concatenate([row[0] for row in rows]) @ root
+                found[j] = float(np.mean(left**2)) / (self.sigma[j] ** 2 + float(np.mean(np.sum(doubt**2, axis=1))))
         return found
 
     def widened(self, places: NDArray[np.intp] | slice, sigma: Array) -> Belief:
