@@ -93,9 +93,10 @@ def test_an_arm_at_work_is_identified_and_so_is_what_it_picks_up(start, probe, r
     start("driver", robot_ip="127.0.0.1", port=machine.port, joints=list(NAMES), stall_s=20.0)
     probe.until(lambda: len(payloads) and payloads[-1].verdict, "an arm that is known")
     probe.spin(5.0)
+    # Where a joint sticks for a moment, half a second of motion may not be explained.
+    probe.until(lambda: all(j.status == JointEstimate.CONVERGED for j in found[-1].joints), "joints that are explained")
     assert not payloads[-1].carries
     for joint in found[-1].joints:
-        assert joint.status == JointEstimate.CONVERGED, joint.message
         p, rows = known[joint.joint], {r.name: r for r in joint.parameters}
         coulomb, viscous = p["N"] * p["tau_fm"] + p["tau_fq"], p["N"] ** 2 * p["c_m"] + p["c_q"]
         assert rows["tau_f"].value == pytest.approx(coulomb, rel=0.05)
