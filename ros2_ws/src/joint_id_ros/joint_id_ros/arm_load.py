@@ -10,8 +10,9 @@ from std_msgs.msg import String
 
 from joint_id_core.alignment.aligner import AlignedSamples
 from joint_id_core.alignment.inputs import InputOptions
-from joint_id_core.arm.description import Description, loaded_pinocchio
+from joint_id_core.arm.description import Description
 from joint_id_core.arm.online_load import OnlineLoad, with_unknown_load
+from joint_id_core.arm.urdf import loaded_pinocchio
 from joint_id_core.errors import JointIdError
 from joint_id_ros.options.load import LoadOptions
 from joint_id_ros.qos import LATEST

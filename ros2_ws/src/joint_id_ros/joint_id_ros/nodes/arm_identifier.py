@@ -13,8 +13,9 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from joint_id_core.alignment.joining import StampOrder
-from joint_id_core.alignment.source_watch import SourceEvent
-from joint_id_core.arm.description import Description, loaded_pinocchio
+from joint_id_core.alignment.source_watch import RATE, SourceEvent
+from joint_id_core.arm.description import Description
+from joint_id_core.arm.urdf import loaded_pinocchio
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.topics import SAMPLES
 from joint_id_msgs.msg import JointSamples
@@ -118,7 +119,8 @@ class ArmIdentifierNode(ManagedNode):
     # --- samples
 
     def _forget_run(self) -> None:
-        self._order, self._origin_ns = StampOrder(), 0
+        self._order = StampOrder()
+        self._origin_ns: int | None = None
         self._waiting: list[RawMessage] = []
         self._publisher.forget()
 
@@ -137,7 +139,8 @@ class ArmIdentifierNode(ManagedNode):
         self._waiting.append(message)
 
     def _on_source(self, topic: str, event: SourceEvent) -> None:
-        self._begin_anew(event.text)
+        if event.kind == RATE:
+            self._begin_anew(event.text)
 
     def _begin_anew(self, why: str) -> None:
         self._diagnostics.problem("restart", f"{why}: a new run begins, with what is known of the arm")
@@ -151,7 +154,7 @@ class ArmIdentifierNode(ManagedNode):
         messages, self._waiting = self._waiting, []
         if self._arm is None or not messages:
             return
-        if not self._origin_ns:
+        if self._origin_ns is None:
             self._origin_ns = messages[0].stamp_ns
         try:
             new = self._arm.add(to_recordings(messages, self._origin_ns, SAMPLES.name))
@@ -181,7 +184,7 @@ class ArmIdentifierNode(ManagedNode):
     def _on_timer(self) -> None:
         self._silent += 1
         silent = self._silent * CHECK_S > SILENT_S and self._sources is not None and not self._sources.published
-        if silent and self._ending.due(self.get_parameter("end_with").value, self._origin_ns != 0):
+        if silent and self._ending.due(self.get_parameter("end_with").value, self._origin_ns is not None):
             self._publisher.wait()
             self.finished.set_result(None)
 
