@@ -11,6 +11,7 @@ from robot_messages import NANO, stamp
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from joint_id_core.stored.file_lock import FileLock
 from joint_id_msgs.msg import ArmPayload, JointEstimate, JointParams, JointSamples, ParameterEstimate
 from joint_id_ros.qos import LATEST, STREAM_OUT
 
@@ -184,6 +185,23 @@ def test_a_state_file_of_another_arm_is_not_overwritten(start, probe, motions, t
     probe.until(lambda: probe.told("arm_identifier", "no file of joint_id"), "the file")
     answer = probe.call(Trigger, "/arm_identifier/save", Trigger.Request())
     assert not answer.success and state.read_text() == "{}"
+
+
+def test_two_nodes_do_not_share_a_state_file(start, probe, tmp_path):
+    state, urdf = tmp_path / "arm.json", tmp_path / "arm.urdf"
+    state.write_text("{}")
+    urdf.write_text(URDF)
+    lock = FileLock(state)  # as a node that uses it
+    lock.take()
+    start("arm_identifier", urdf=str(urdf), state_file=str(state))
+    probe.until(lambda: probe.told("arm_identifier", "is in use by another node"), "that")
+    for name in ("save", "reset"):
+        answer = probe.call(Trigger, f"/arm_identifier/{name}", Trigger.Request())
+        assert not answer.success and "is in use by another node" in answer.message
+    assert state.read_text() == "{}"
+    lock.release()
+    assert probe.call(Trigger, "/arm_identifier/reset", Trigger.Request()).success
+    assert not state.exists()
 
 
 BAD_PARAMETERS = {

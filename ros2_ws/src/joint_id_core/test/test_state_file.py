@@ -13,6 +13,7 @@ import pytest
 from joint_id_core.errors import JointIdError
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status, Verdict
 from joint_id_core.stored import state_file
+from joint_id_core.stored.file_lock import FileLock
 from joint_id_core.stored.state_file import Known, StateFile
 
 SETTINGS = {"values": {"J": 1.0}, "fixed": [], "freed": [], "priors": {}}
@@ -106,7 +107,7 @@ def test_a_full_disk_leaves_the_old_file_and_no_draft(file, monkeypatch):
 
 def test_a_folder_that_is_not_there_or_cannot_be_written_is_said(tmp_path, monkeypatch):
     file = StateFile(str(tmp_path / "nowhere" / "state.json"))
-    file.lock()
+    FileLock(file.path).take()
     assert file.read() == {}
     with pytest.raises(JointIdError, match=r"nowhere/state.json cannot be written: No such file or directory"):
         file.write({"joint": known()}, 0.0)
@@ -145,12 +146,12 @@ def test_a_number_that_json_cannot_hold_leaves_the_old_file(file):
 
 
 def test_one_process_at_a_time(file):
-    file.lock()
-    other = StateFile(str(file.path))
+    one, other = FileLock(file.path), FileLock(file.path)
+    one.take()
     with pytest.raises(JointIdError, match="is in use by another node: nothing is stored"):
-        other.lock()
-    file.close()
-    other.lock()
+        other.take()
+    one.release()
+    other.take()
 
 
 def write_for_ever(path, pipe):

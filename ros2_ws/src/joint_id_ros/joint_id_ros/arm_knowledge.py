@@ -15,6 +15,7 @@ from joint_id_core.arm.stream import ArmStream
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.stored.autosave import Autosave
+from joint_id_core.stored.file_lock import FileLock
 from joint_id_ros.options.arm_identifier import ArmIdentifierOptions
 
 
@@ -39,13 +40,13 @@ class ArmKnowledge:
         self._gains, spread = gains_of(self.regressor.joints, options.entries)
         self.scale = f" All values scale with the torque constants, which are known to {spread}." if spread else ""
         self._source, self._mass = description.source, description.mass
-        self._path = Path(options.state_file).expanduser() if options.state_file else None
+        self._path = Path(options.state_file).expanduser().absolute() if options.state_file else None
         self._saver = Autosave(self._write, tell) if self._path is not None else None
+        self._lock = FileLock(self._path) if self._path is not None else None
         self._known: Belief | None = None
         self.problem = ""
         try:
-            if self._path is not None and self._path.exists():
-                self._known = belief_file.read(self._path, self.regressor, self._gains)
+            self._open()
         except JointIdError as error:
             self.problem = f"{error}. The arm is learnt anew, and nothing is written"
             tell("state file", self.problem)
@@ -103,8 +104,10 @@ class ArmKnowledge:
         """Forget the arm, and delete the file; return a sentence.
 
         Raises:
-            JointIdError: the file cannot be deleted.
+            JointIdError: the file cannot be deleted, or another node uses it.
         """
+        if self._lock is not None:
+            self._lock.take()
         if self._path is not None and self._saver is not None:
             self._saver.forget(self._remove)
         self._known, self.problem = None, ""
@@ -117,9 +120,19 @@ class ArmKnowledge:
             self._saver.flush()
 
     def close(self) -> None:
-        """Write what is new, for the last time."""
+        """Write what is new, for the last time, and leave the file."""
         if self._saver is not None:
             self._saver.close()
+        if self._lock is not None:
+            self._lock.release()
+
+    def _open(self) -> None:
+        """Read the file, if there is one, and keep other nodes off it."""
+        if self._path is None or self._lock is None:
+            return
+        self._lock.take()
+        if self._path.exists():
+            self._known = belief_file.read(self._path, self.regressor, self._gains)
 
     def _state(self) -> tuple[bool, tuple[str, ...]]:
         return self.follower.rests, self.follower.unexplained

@@ -6,7 +6,6 @@ under which it was made. A checksum finds a file that was changed or copied badl
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
@@ -40,46 +39,11 @@ class Known:
 
 
 class StateFile:
-    """Reads and writes the file; it is never half written, and a file that cannot be read is kept under another name.
-
-    One process at a time uses it: two identifiers with one file would take each other's joints for their own.
-    """
+    """Reads and writes the file; it is never half written, and a file that cannot be read is kept under another name."""
 
     def __init__(self, path: str) -> None:
         self.path = Path(path).expanduser().absolute()
-        self._lock: int | None = None
         self._precious = False  # whether there is a file that could be neither read nor renamed
-
-    def lock(self) -> None:
-        """Keep other processes off the file, until `close` or the end of this process.
-
-        Raises:
-            JointIdError: another process uses the file.
-        """
-        if self._lock is not None:
-            return
-        try:
-            handle = os.open(self._beside(".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        except OSError:
-            return  # what cannot be written cannot be spoiled by two processes: `write` says why it fails
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(handle)
-            raise JointIdError(
-                f"state file {self.path} is in use by another node: nothing is stored. Give every identifier a "
-                "state_file of its own"
-            ) from None
-        except OSError:  # a file system without locks
-            os.close(handle)
-            return
-        self._lock = handle
-
-    def close(self) -> None:
-        """Let other processes use the file."""
-        if self._lock is not None:
-            os.close(self._lock)
-            self._lock = None
 
     def read(self) -> dict[str, Known]:
         """Return what is known, by joint; nothing if there is no file.

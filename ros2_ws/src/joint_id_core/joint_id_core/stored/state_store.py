@@ -7,6 +7,7 @@ from pathlib import Path
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.stored.autosave import Autosave
+from joint_id_core.stored.file_lock import FileLock
 from joint_id_core.stored.state_file import Known, StateFile
 
 
@@ -29,6 +30,7 @@ class StateStore:
         self._content, self._tell, self._clock = content, problem, clock
         self._asked_for = ""
         self._file: StateFile | None = None
+        self._lock: FileLock | None = None
         self._saver: Autosave | None = None
         self._unread = ""  # why a file was not read, until it is
 
@@ -51,8 +53,10 @@ class StateStore:
         if not path:
             return {}
         file = StateFile(path)
+        lock = FileLock(file.path)
         try:
-            file.lock()
+            lock.take()
+            self._lock = lock
             self._file, self._saver = file, Autosave(self._write, self._tell)
             return file.read()
         except JointIdError as error:
@@ -109,9 +113,9 @@ class StateStore:
         """Write the file if something is new, and leave it."""
         if self._saver is not None:
             self._saver.close()
-        if self._file is not None:
-            self._file.close()
-        self._file = self._saver = None
+        if self._lock is not None:
+            self._lock.release()
+        self._file = self._lock = self._saver = None
 
     def values(self) -> dict[str, object]:
         """Return figures for the diagnostics."""
