@@ -1,5 +1,7 @@
 """rosbag2 in: bags that are damaged, or whose topics, joints or stamps cannot be read."""
 
+import resource
+
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -138,3 +140,18 @@ def test_array_lengths_must_match_the_names(tmp_path):
 def test_bag_without_any_value(tmp_path):
     with pytest.raises(JointIdError, match=r"joint elbow has no value on any topic"):
         formats.read(states_bag(tmp_path / "bag", [(10**9, np.nan)]))
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_a_bag_that_cannot_be_written_leaves_nothing(tmp_path, storage):
+    """A limit of the size of files ends writing half way, as a full disk does."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
+    try:
+        with pytest.raises(JointIdError, match=r"bag: the bag cannot be written: .+: check folder, permissions and"):
+            formats.write_bag(tmp_path / "bag", {"j": recording(n=2000)}, storage)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not (tmp_path / "bag").exists()
+    formats.write_bag(tmp_path / "bag", {"j": recording(n=2000)}, storage)
+    assert len(formats.read(tmp_path / "bag")) == 2000

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+import shutil
+import sqlite3
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +25,8 @@ FILLED_BY_OTHERS = {
 }
 _MAX_STAMP = 2**31  # s, header.stamp.sec is an int32
 
+Row = tuple[str, Recording, int]
+
 
 def write_bag(path: str | Path, recordings: Mapping[str, Recording], storage: str = "mcap") -> None:
     """Write the recordings of one robot, by joint name, into a new bag directory.
@@ -32,20 +36,30 @@ def write_bag(path: str | Path, recordings: Mapping[str, Recording], storage: st
 
     Raises:
         JointIdError: the path exists, unknown storage, nothing to write, a channel without a message field, times that
-            do not fit a stamp.
+            do not fit a stamp; it cannot be written, and then nothing of it stays.
     """
     path = Path(path)
     if storage not in _PLUGINS:
         raise JointIdError(f"storage {storage!r}: choose one of {', '.join(_PLUGINS)}")
     if path.exists():
         raise JointIdError(f"{path} exists already: remove it or choose another name")
-    store = typestore()
     raw = {name for topic in (*RAW, SIGNALS) for name in topic.fields.values()}
     fits = all(set(r.channels) <= raw and not r.derived for r in recordings.values())
     _check(path, recordings, raw if fits else MEASURED_BITS)
     used = {name for r in recordings.values() for name in r.channels}
     topics = [t for t in (*RAW, SIGNALS) if used & set(t.fields.values())] if fits else [SAMPLES]
     rows = _rows(path, recordings)
+    try:
+        _write(path, rows, topics, storage)
+    except (OSError, sqlite3.Error) as error:
+        shutil.rmtree(path, ignore_errors=True)  # a full disk needs its room, and half a bag misleads
+        why = getattr(error, "strerror", None) or error
+        raise JointIdError(f"{path}: the bag cannot be written: {why}: check folder, permissions and space") from None
+
+
+def _write(path: Path, rows: Mapping[int, list[Row]], topics: Sequence[Topic], storage: str) -> None:
+    """Write the samples of topics into a new bag."""
+    store = typestore()
     with Writer(path, version=9, storage_plugin=_PLUGINS[storage]) as writer:
         connections = {t.name: writer.add_connection(f"/{t.name}", t.type, typestore=store) for t in topics}
         for stamp in sorted(rows):
@@ -83,9 +97,6 @@ def _stamps(path: Path, joint: str, recording: Recording) -> NDArray[np.int64]:
         k = int(np.flatnonzero(np.diff(stamps) <= 0)[0])
         raise JointIdError(f"{path}: joint {joint}, sample {k + 1} comes within 1 ns of the one before: thin it out")
     return stamps
-
-
-Row = tuple[str, Recording, int]
 
 
 def _rows(path: Path, recordings: Mapping[str, Recording]) -> dict[int, list[Row]]:

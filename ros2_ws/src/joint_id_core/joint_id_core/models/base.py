@@ -96,6 +96,16 @@ class Model:
         return "tau_0" in self.parameter_names
 
     @property
+    def motor_constants(self) -> tuple[str, ...]:
+        """Parameters that are the voltage constant and the torque constant of the motor; none without a circuit."""
+        return ("k_b", "k_t") if self._own("k_b") else ()
+
+    @property
+    def motor_inertias(self) -> tuple[str, ...]:
+        """Parameters that are an inertia at the motor."""
+        return tuple(filter(None, (self._own("J_r"), self._own("J_m"))))
+
+    @property
     def twist_offset(self) -> str | None:
         """Parameter that is the twist at which the encoders agree; None without."""
         return self._own("dtheta_0")

@@ -39,7 +39,7 @@ class Known:
 
 
 class StateFile:
-    """Reads and writes the file; it is never half written, and a file that cannot be read is kept under another name."""
+    """Reads and writes the file; it is never half written, and one that cannot be read is kept under another name."""
 
     def __init__(self, path: str) -> None:
         self.path = Path(path).expanduser().absolute()

@@ -10,6 +10,7 @@ from joint_id_core.checking.findings import findings
 from joint_id_core.data.recording import Recording
 from joint_id_core.data.signals import integral_of
 from joint_id_core.estimators.shared.fit_data import UnusableError, unusable
+from joint_id_core.estimators.shared.motor_constants import unequal_constants
 from joint_id_core.estimators.shared.oscillation import slow_samples
 from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.models import Model
@@ -33,13 +34,13 @@ def refused(model: Model, estimator: str, found: Sequence[Finding], recording: R
 
 
 def noted(estimate: Estimate, found: Sequence[Finding], model: Model, recording: Recording) -> Estimate:
-    """Return an estimate with the findings after its first note, and with whether the samples show its oscillation.
+    """Return an estimate with the findings after its first note, and with what its values say of the recording.
 
     A fault of the data explains most of what the other notes say of a fit.
     """
     texts = [f.text for f in found]
     if estimate.status in (Status.CONVERGED, Status.DISAGREE):
-        texts += [slow_samples(model, estimate.values, 1.0 / recording.period)]
+        texts += [slow_samples(model, estimate.values, 1.0 / recording.period), unequal_constants(model, estimate)]
     more = [sentence(text) for text in texts if text]
     if not more:
         return estimate
