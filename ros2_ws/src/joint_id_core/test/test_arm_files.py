@@ -56,7 +56,7 @@ def written(request, records, tmp_path_factory) -> tuple[Path, ArmEstimate, Desc
     description = Description.read(folder / "arm.urdf")
     found = fit_arm(description, records[0], GAINS, records[1])
     for name in ("new.urdf", "new.xml"):
-        text = exported(found, description, folder / "arm.urdf", folder / name, "joint_id, a log--of mine")
+        text = exported(found, description, folder / name, "joint_id, a log--of mine")
         (folder / name).write_text(text)
     return folder, found, description
 
@@ -143,7 +143,7 @@ def test_what_is_not_estimated_is_not_written(tmp_path, records):
     }
     less = replace(found, joints=(found.joints[0], replace(lift, **unknown), *found.joints[2:]))
     for name, wanted in (("new.urdf", ("damping", "friction")), ("new.xml", ("damping", "frictionloss", "armature"))):
-        root = ET.fromstring(exported(less, description, path, tmp_path / name, "a fit"))
+        root = ET.fromstring(exported(less, description, tmp_path / name, "a fit"))
         for joint in root.iter("joint"):
             place = joint if name.endswith("xml") else joint.find("dynamics")
             there = [] if place is None else [word for word in wanted if word in place.attrib]

@@ -31,8 +31,8 @@ LEVEL = {room: level for level, floor in enumerate(FLOORS) for room in floor}
 
 # All that the library may import beside itself and what is part of Python: no package of ROS is among them.
 LIBRARIES = {
-    "llvmlite", "matplotlib", "mcap", "numba", "numpy", "pandas", "pinocchio", "rosbags", "rtde_receive", "scipy",
-    "sympy", "torch", "typer", "yaml",
+    "llvmlite", "matplotlib", "mcap", "mujoco", "numba", "numpy", "pandas", "pinocchio", "rosbags", "rtde_receive",
+    "scipy", "sympy", "torch", "typer", "yaml",
 }  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""The description of a robot (URDF) as rigid links: what a joint must give beside what accelerates it.
+"""The description of a robot (URDF, or MJCF) as rigid links: what a joint must give beside what accelerates it.
 
 Inverse dynamics by the recursive Newton-Euler algorithm, and the inertia of what a joint moves by the composite rigid
 body algorithm (Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 5 and 6), both of the library Pinocchio.
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from joint_id_core.arm.from_mjcf import is_mjcf, urdf_of
 from joint_id_core.arm.urdf import built, end_of, mimics_of, parsed
 from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError, close_to
@@ -42,6 +43,7 @@ class Description:
     Attributes:
         joints: names of those that move by themselves, from the base on.
         source: where the description came from.
+        text: the URDF.
     """
 
     def __init__(self, text: str, source: str = "robot_description", gravity: Sequence[float] = GRAVITY) -> None:
@@ -56,7 +58,7 @@ class Description:
             JointIdError: Pinocchio is not installed, no URDF, a joint of an unknown kind, a link that moves and has no
                 mass, units other than kg and m, a gravity that is none.
         """
-        self.source = source
+        self.source, self.text = source, text
         root = parsed(text, source)
         self._mimics = mimics_of(root, source)
         self._model: Any = built(root, source)
@@ -99,17 +101,17 @@ class Description:
 
     @classmethod
     def read(cls, path: str | Path, gravity: Sequence[float] = GRAVITY) -> Description:
-        """Read a URDF file.
+        """Read a URDF or MJCF file. Gravity is that of the argument, not of the file.
 
         Raises:
-            JointIdError: the file cannot be read; as for the constructor.
+            JointIdError: the file cannot be read; as for the constructor and `from_mjcf.urdf_of`.
         """
         try:
             text = Path(path).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             reason = getattr(error, "strerror", None) or "not a text file"
             raise JointIdError(f"{path}: cannot be read ({reason}): give a URDF file") from None
-        return cls(text, str(path), gravity)
+        return cls(urdf_of(Path(path)) if is_mjcf(text) else text, str(path), gravity)
 
     def require(self, joint: str) -> None:
         """Check that a joint moves by itself and drives no other one.

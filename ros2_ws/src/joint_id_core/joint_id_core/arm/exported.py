@@ -8,27 +8,24 @@ from joint_id_core.arm.arm_estimate import ArmEstimate
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.mjcf import mjcf
 from joint_id_core.arm.urdf_bodies import with_bodies
-from joint_id_core.results.robot_files import with_joints
+from joint_id_core.results.robot_files import text_with_joints
 
 OF_MUJOCO = (".xml", ".mjcf")  # endings of files
 
 
-def exported(found: ArmEstimate, description: Description, urdf: Path, out: Path, source: str) -> str:
+def exported(found: ArmEstimate, description: Description, out: Path, source: str) -> str:
     """Return the description with what was estimated: bodies of links, damping, friction, and rotors.
 
     Args:
         found: the fit.
-        description: of the robot, from the file `urdf`.
-        urdf: its file.
+        description: of the robot, from a file.
         out: the file that will be written; an MJCF if it ends so, else a URDF, which has no place for rotors.
         source: of the values, for comments.
-
-    Raises:
-        JointIdError: the URDF cannot be read any more.
     """
     known = found.at_link()
     sources = dict.fromkeys(known, source)
-    text = with_joints(urdf, "urdf", {n: q for n, q in known.items() if q}, sources)
+    own = {n: q for n, q in known.items() if q}
+    text = text_with_joints(description.text, Path(description.source), "urdf", own, sources)
     if out.suffix.lower() not in OF_MUJOCO:
         return with_bodies(text, found.links, source)
     return mjcf(text, description, found.links, known, source)

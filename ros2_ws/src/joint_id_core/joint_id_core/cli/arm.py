@@ -44,7 +44,7 @@ def _group() -> None:
 
 @arm.command()
 def fit(
-    urdf: Annotated[Path, typer.Argument(help="description of the robot (URDF)")],
+    urdf: Annotated[Path, typer.Argument(help="description of the robot (URDF or MJCF)")],
     files: Annotated[list[Path], typer.Argument(help="bags or robot's logs with all joints; several: one fit of all")],
     set_: Annotated[Texts, typer.Option("--set", help="JOINT.k_t=VALUE, JOINT.N=VALUE, or k_t=VALUE for all")] = None,
     robot: Annotated[
@@ -117,7 +117,7 @@ def fit(
         write_text(save, json_text.dumps(found.to_dict(), indent=1), "the result")
     source = f"joint_id, arm fit of {', '.join(file.name for file in files)}"
     for path in outs:
-        write_text(path, exported(found, description, urdf, path, source), "the description")
+        write_text(path, exported(found, description, path, source), "the description")
         if held_out is not None and not json:
             again = explained_by(path, description, held_out, _corrected(gains, found.factors))
             rotors = "" if path.suffix.lower() in OF_MUJOCO else ", without rotors,"

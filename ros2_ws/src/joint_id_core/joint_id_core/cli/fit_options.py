@@ -31,7 +31,7 @@ PriorOption = Annotated[Texts, typer.Option("--prior", help=PRIOR_HELP)]
 MapOption = Annotated[Texts, typer.Option("--map", help=MAP_HELP)]
 ROBOT_HELP = "set, fix and free from a parameter file of the identifier, such as config/ur10e.yaml, or by name (ur10e)"
 RobotOption = Annotated[Optional[str], typer.Option(help=ROBOT_HELP)]
-URDF_HELP = "description of the robot (URDF): the load of all other joints, which the file holds too, is taken from it"
+URDF_HELP = "description of the robot (URDF or MJCF), for the load of all other joints, which the file holds too"
 UrdfOption = Annotated[Optional[Path], typer.Option(help=URDF_HELP)]
 BASE_GRAVITY_HELP = "gravity in the frame of the base, m/s^2, for --urdf: 9.81,0,0 for a wall (default: 0,0,-9.81)"
 BaseGravityOption = Annotated[Optional[str], typer.Option(metavar="X,Y,Z", help=BASE_GRAVITY_HELP)]

@@ -18,18 +18,32 @@ MOVING = {"urdf": ("revolute", "continuous", "prismatic"), "mjcf": ("hinge", "sl
 
 
 def with_joints(path: Path, kind: str, joints: Mapping[str, Sequence[AtLink]], source: Mapping[str, str]) -> str:
-    """Return a URDF or MJCF (`kind`) in which joints have these quantities; what else it holds stays.
-
-    A comment in each joint says value, standard deviation and `source`, and names what has no place in the format.
+    """Return a URDF or MJCF file (`kind`) in which joints have these quantities; see `text_with_joints`.
 
     Raises:
-        JointIdError: the file cannot be read, is of another kind or a xacro, or a joint is not in it, there twice, or
-            not one that moves by itself.
+        JointIdError: the file cannot be read; and as for `text_with_joints`.
     """
     try:
-        root = ET.parse(path, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))).getroot()
+        text = path.read_bytes()
     except OSError as error:
         raise JointIdError(f"{path}: cannot be read ({error.strerror}): check the path and its permissions") from None
+    return text_with_joints(text, path, kind, joints, source)
+
+
+def text_with_joints(
+    text: str | bytes, path: Path, kind: str, joints: Mapping[str, Sequence[AtLink]], source: Mapping[str, str]
+) -> str:
+    """Return the text of a URDF or MJCF (`kind`) in which joints have these quantities; what else it holds stays.
+
+    A comment in each joint says value, standard deviation and `source`, and names what has no place in the format.
+    `path` is the file that the text is of, for messages.
+
+    Raises:
+        JointIdError: the text is of another kind or a xacro, or a joint is not in it, there twice, or not one that
+            moves by itself.
+    """
+    try:
+        root = ET.fromstring(text, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
     except ET.ParseError as error:
         raise JointIdError(f"{path}: not XML ({error}): give a URDF or MJCF file; expand a xacro first") from None
     wanted = {"urdf": "robot", "mjcf": "mujoco"}[kind]
