@@ -22,7 +22,7 @@ FLOORS = (
     ("estimators.innovations", "estimators.hpinn"),
     ("estimators",),
     ("validation", "online", "arm"),
-    ("comparison", "stored", "pages"),
+    ("comparison", "stored", "pages", "design"),
     ("emulator", "doctor"),
     ("cli",),
 )
