@@ -30,7 +30,7 @@ AUTHORS_NM_PER_A = (10.0, 10.7, 8.46, 9.0, 9.48, 10.12)
 INTERVAL = 1.959964  # standard deviations: 95 %
 SHOWN = ("damping", "friction", "armature")
 URDF = DATA / "ur10e/ur10e.urdf"
-FILES = ("new.xml", "new.urdf")  # MJCF, and URDF, which has no rotors
+FILES = ("new.xml", "new.urdf")  # MJCF, and URDF, which holds the first rotor only
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def by_files(description: Description, fit: ArmEstimate, log: dict[str, Recordin
     with TemporaryDirectory() as folder:
         paths = [Path(folder) / name for name in FILES]
         for path in paths:
-            path.write_text(exported(fit, description, URDF, path, "joint_id"))
+            path.write_text(exported(fit, description, path, "joint_id"))
         return [explained_by(path, description, log, gains) for path in paths]
 
 
@@ -183,7 +183,7 @@ def table(found: Sequence[Row]) -> str:
 def links_table(found: Sequence[Row]) -> str:
     """What became of the links, and what the written files predict, a row a link."""
     head = ["link", "mass, kg, description", "found", "centre moved, mm", "held-out R², least, fit", "MJCF",
-            "URDF, without rotors"]  # fmt: skip
+            "URDF, first rotor only"]  # fmt: skip
     lines = ["| " + " | ".join(head) + " |", "| " + " | ".join("---" for _ in head) + " |"]
     for row in found:
         described, mass = row.masses

@@ -2,6 +2,10 @@
 
 A joint moves a link and all that is fixed to it, and a fit knows them together. Every part is changed by the same map
 of the pseudo-inertia, P -> A P A', so that their sum is the body that was found, and each of them is a body again.
+
+A URDF has no place for the inertia of a rotor. That of the first joint goes into the link that it turns, as a ring
+about its axis: such a link turns about nothing else, so its motion is the same. That of any other joint would also load
+the joints before it, which it does not do as a rotor, and is left out.
 """
 
 from __future__ import annotations
@@ -14,6 +18,7 @@ import numpy as np
 
 from joint_id_core.arm.links import Body, Link, Links
 from joint_id_core.arm.pseudo_inertia import nearest_body
+from joint_id_core.arm.urdf import TURNING, end_of
 from joint_id_core.data.recording import Array
 
 DIGITS = ".12g"
@@ -30,23 +35,42 @@ def with_bodies(text: str, links: Links, source: str) -> str:
     """
     root = ET.fromstring(text, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
     for link in links.links:
-        if link.found != link.described:
-            _change(root, link, source)
+        ring = _ring(root, link)
+        if link.found != link.described or ring.any():
+            _change(root, link, ring, source)
     return f'<?xml version="1.0"?>\n{ET.tostring(root, encoding="unicode")}\n'
 
 
-def _change(root: ET.Element, link: Link, source: str) -> None:
-    """Change a link and what is fixed to it."""
+def _ring(root: ET.Element, link: Link) -> Array:
+    """Return the second moments (3, 3) of a ring with the inertia of a first joint's rotor; zero for other joints."""
+    joints = {end_of(joint, "child"): joint for joint in root.findall("joint")}
+    joint = joints[link.name]
+    above = joints.get(end_of(joint, "parent"))
+    while above is not None and above.get("type") == "fixed":
+        above = joints.get(end_of(above, "parent"))
+    if above is not None or joint.get("type") not in TURNING:
+        return np.zeros((3, 3))
+    given = joint.find("axis")
+    axis = np.array(("1 0 0" if given is None else given.get("xyz", "1 0 0")).split(), dtype=float)
+    axis /= np.linalg.norm(axis)
+    return np.asarray(0.5 * link.rotor * (np.eye(3) - np.outer(axis, axis)))
+
+
+def _change(root: ET.Element, link: Link, ring: Array, source: str) -> None:
+    """Change a link and what is fixed to it; the second moments of a ring are added to it."""
     parts = [(e, place, place @ _body(e).pseudo_inertia @ place.T) for e, place in _fixed(root, link.name)]
     start = nearest_body(link.described.pseudo_inertia)
     together = " with what is fixed to it" if len(parts) > 1 else ""
     heaviest = int(np.argmax([part[3, 3] for *_, part in parts]))
     parts[heaviest][2][:] += start - sum(part for *_, part in parts)
-    change = _map(start, link.found.pseudo_inertia)
+    end = link.found.pseudo_inertia
+    end[:3, :3] += ring
+    change = _map(start, end)
+    rotor = f", and the rotor of {link.joint}: {link.rotor:.5g} kg m^2" if ring.any() else ""
     for element, place, part in parts:
         back = np.linalg.inv(place)
         changed = Body.of(back @ change @ part @ change.T @ back.T)
-        told = f" {source}: {link.described.mass:.5g} -> {link.found.mass:.5g} kg{together} "
+        told = f" {source}: {link.described.mass:.5g} -> {link.found.mass:.5g} kg{together}{rotor} "
         _write(element, changed, re.sub("-(?=-)", "- ", told))
 
 

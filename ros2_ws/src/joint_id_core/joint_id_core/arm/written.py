@@ -44,7 +44,7 @@ def explained_by(
 
 
 def _urdf(path: Path, regressor: Regressor) -> tuple[Array, Array]:
-    """Return bodies (n, 10), and rotors, damping and friction (3, n), of a URDF; it has no rotors."""
+    """Return bodies (n, 10), and rotors, damping and friction (3, n), of a URDF; rotors are 0."""
     joints = {joint.get("name"): joint.find("dynamics") for joint in ET.parse(path).getroot().findall("joint")}
     values = np.zeros((3, len(regressor.joints)))
     for k, name in enumerate(regressor.joints):

@@ -120,7 +120,7 @@ def fit(
         write_text(path, exported(found, description, path, source), "the description")
         if held_out is not None and not json:
             again = explained_by(path, description, held_out, _corrected(gains, found.factors))
-            rotors = "" if path.suffix.lower() in OF_MUJOCO else ", without rotors,"
+            rotors = "" if path.suffix.lower() in OF_MUJOCO else ", without the other rotors,"
             print(f"  {path}, read again{rotors} predicts {validate} with R^2 {' '.join(f'{r:.4f}' for r in again)}")
     if not found.converged:
         complain(f"{found.status.value}: {found.message}")
