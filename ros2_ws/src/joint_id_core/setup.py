@@ -23,8 +23,11 @@ setup(
     ],
     extras_require={
         "arm": ["pin>=2.7"],
+        "batch": ["pyarrow>=16", "fsspec>=2024.2"],
+        "dask": ["distributed>=2024.2"],
         "hpinn": ["torch>=2.1"],
         "plot": ["matplotlib>=3.6"],
+        "s3": ["s3fs>=2024.2"],
         "test": ["pytest", "hypothesis"],
     },
     zip_safe=True,

@@ -1,4 +1,4 @@
-"""Parse texts of the form NAME=VALUE from command lines and ROS parameters."""
+"""Parse texts of the form NAME=VALUE, and vectors, from command lines and ROS parameters."""
 
 from __future__ import annotations
 
@@ -74,3 +74,15 @@ def measured_by_name(texts: Iterable[str], option: str) -> tuple[dict[str, float
         if deviation is not None:
             deviations[name] = deviation
     return values, deviations
+
+
+def vector(text: str, option: str) -> tuple[float, ...]:
+    """Return the numbers of a text, such as "0,0,-9.81".
+
+    Raises:
+        JointIdError: a part is not a number.
+    """
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise JointIdError(f"{option} {text}: give three numbers with commas between them") from None

@@ -23,7 +23,8 @@ FLOORS = (
     ("estimators",),
     ("validation", "online", "arm"),
     ("comparison", "stored", "pages", "design"),
-    ("emulator", "doctor"),
+    ("emulator", "doctor", "jobs"),
+    ("batch",),
     ("cli",),
 )
 LEVEL = {room: level for level, floor in enumerate(FLOORS) for room in floor}
@@ -31,8 +32,8 @@ LEVEL = {room: level for level, floor in enumerate(FLOORS) for room in floor}
 
 # All that the library may import beside itself and what is part of Python: no package of ROS is among them.
 LIBRARIES = {
-    "llvmlite", "matplotlib", "mcap", "mujoco", "numba", "numpy", "pandas", "pinocchio", "rosbags", "rtde_receive",
-    "scipy", "sympy", "torch", "typer", "yaml",
+    "distributed", "fsspec", "llvmlite", "matplotlib", "mcap", "mujoco", "numba", "numpy", "pandas", "pinocchio",
+    "pyarrow", "rosbags", "rtde_receive", "scipy", "sympy", "torch", "typer", "yaml",
 }  # fmt: skip
 
 

@@ -7,8 +7,8 @@ import json
 import pytest
 
 from joint_id_core import formats
-from joint_id_core.cli.robot_file import robot_settings
 from joint_id_core.errors import JointIdError
+from joint_id_core.jobs.robot_file import robot_settings
 from joint_id_core.models import build
 
 from .online_motion import motion

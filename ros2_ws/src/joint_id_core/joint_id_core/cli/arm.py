@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 import typer
 
 from joint_id_core.arm.gains import NAMES, Drive, Gains, gains_of
-from joint_id_core.assignments import texts_by_name
+from joint_id_core.assignments import texts_by_name, vector
 from joint_id_core.cli.fit_options import (
     BASE_GRAVITY_HELP,
     EndOption,
@@ -19,13 +19,12 @@ from joint_id_core.cli.fit_options import (
     MapOption,
     StartOption,
     Texts,
-    vector,
 )
-from joint_id_core.cli.given import Part, joints_of
 from joint_id_core.cli.group import complain
 from joint_id_core.cli.output import Progress, print_json
 from joint_id_core.cli.outputs import require_apart, require_different
-from joint_id_core.cli.robot_file import robot_settings
+from joint_id_core.jobs.given import Part, joints_of
+from joint_id_core.jobs.robot_file import robot_settings
 from joint_id_core.models.per_joint import parse
 from joint_id_core.text_file import write_text
 

@@ -22,13 +22,13 @@ from joint_id_core.cli.fit_options import (
     StartOption,
     Texts,
     parameter_settings,
-    window,
 )
 from joint_id_core.cli.group import BAD_INPUT, complain
 from joint_id_core.cli.output import Progress, print_json
-from joint_id_core.cli.robot_file import robot_settings
 from joint_id_core.comparison.model_text import GRAMMAR
 from joint_id_core.errors import JointIdError
+from joint_id_core.jobs.given import window
+from joint_id_core.jobs.robot_file import robot_settings
 
 if TYPE_CHECKING:
     from joint_id_core.comparison.trial import Trial

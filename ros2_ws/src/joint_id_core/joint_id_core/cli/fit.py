@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 import typer
 
 from joint_id_core.assignments import texts_by_name
-from joint_id_core.cli.fit_job import ALL, FitJob, Result, joints_json, joints_table, run_all
 from joint_id_core.cli.fit_options import (
     BaseGravityOption,
     EndOption,
@@ -27,11 +26,14 @@ from joint_id_core.cli.fit_options import (
     parameter_settings,
 )
 from joint_id_core.cli.group import BAD_INPUT, complain
+from joint_id_core.cli.joints import joints_json, joints_table
 from joint_id_core.cli.options import with_options
 from joint_id_core.cli.output import Progress, print_json
 from joint_id_core.cli.outputs import require_apart, require_different
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ESTIMATORS, Innovations
+from joint_id_core.jobs.cores import run_all
+from joint_id_core.jobs.fit_job import ALL, FitJob, Result
 from joint_id_core.models.options import ModelOptions
 
 if TYPE_CHECKING:

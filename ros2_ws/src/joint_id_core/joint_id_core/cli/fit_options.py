@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Optional
+from typing import Annotated, Optional
 
 import typer
 
 from joint_id_core.assignments import measured_by_name, numbers_by_name
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ParameterSettings
-
-if TYPE_CHECKING:
-    from joint_id_core.data.recording import Recording
 
 Texts = Optional[list[str]]
 MAP_HELP = "channel=column, or a product: torque=gtau*vir; of a bag channel=topic.field"
@@ -62,35 +59,3 @@ def parameter_settings(set_: Texts, fix: Texts, free: Texts, prior: Texts = None
             raise JointIdError(f"--fix {name} and --set {name} both give a value: give one of them")
     priors = numbers_by_name(prior or (), "--prior")
     return ParameterSettings(values | held_values, held, free or (), priors, deviations | held_deviations)
-
-
-def vector(text: str, option: str) -> tuple[float, ...]:
-    """Return the numbers of a text, such as "0,0,-9.81".
-
-    Raises:
-        JointIdError: a part is not a number.
-    """
-    try:
-        return tuple(float(part) for part in text.split(","))
-    except ValueError:
-        raise JointIdError(f"{option} {text}: give three numbers with commas between them") from None
-
-
-def window(recording: Recording, start: float | None, end: float | None) -> Recording:
-    """Return the part of a recording between two instants, given in s after its first sample.
-
-    Raises:
-        JointIdError: this part has no sample.
-    """
-    for option, value in (("--start", start), ("--end", end)):
-        if value is not None and not value >= 0.0:
-            raise JointIdError(f"{option} {value:g}: give a time in s after the first sample, 0 or more")
-    if start is None and end is None:
-        return recording
-    first = recording.time[0] if len(recording) else 0.0
-    part = recording.window(first + (start or 0.0), float("inf") if end is None else first + end)
-    if not len(part):
-        raise JointIdError(
-            f"{recording.source}: no sample between --start and --end: it lasts {recording.duration:.6g} s"
-        )
-    return part

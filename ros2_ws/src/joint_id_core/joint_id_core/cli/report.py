@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 import typer
 
 from joint_id_core.assignments import texts_by_name
-from joint_id_core.cli.fit_job import ALL, FitJob, of_all
 from joint_id_core.cli.fit_options import (
     BaseGravityOption,
     EndOption,
@@ -33,6 +32,8 @@ from joint_id_core.cli.output import Progress
 from joint_id_core.cli.outputs import require_apart
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ESTIMATORS
+from joint_id_core.jobs.cores import of_all
+from joint_id_core.jobs.fit_job import ALL, FitJob
 from joint_id_core.models.options import ModelOptions
 from joint_id_core.text_file import write_text
 

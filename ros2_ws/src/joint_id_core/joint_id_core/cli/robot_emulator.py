@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
-from joint_id_core.cli.fit_options import BaseGravityOption, vector
+from joint_id_core.assignments import vector
+from joint_id_core.cli.fit_options import BaseGravityOption
 from joint_id_core.emulator.faults import COMMANDS, usage
 from joint_id_core.errors import JointIdError
 from joint_id_core.rtde.fields import FIELDS, JOINTS, PORT, register_type

@@ -1,20 +1,16 @@
-"""The work of `joint-id fit`: read, build the model, fit; for one joint, or for all joints of a bag on all cores."""
+"""The work of `joint-id fit` on one joint: read, build the model, fit."""
 
 from __future__ import annotations
 
-import os
-import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
-from joint_id_core.cli.given import Given, Part, plain, with_load
-from joint_id_core.cli.robot_file import robot_settings
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import Estimator, ParameterSettings, fit_several
+from joint_id_core.jobs.given import Given, Part, plain, with_load
+from joint_id_core.jobs.robot_file import robot_settings
 from joint_id_core.models.options import ModelOptions
 
 if TYPE_CHECKING:
@@ -26,7 +22,6 @@ if TYPE_CHECKING:
 
 DESCRIBED = ("converged", "disagree")  # status of an estimate of a model that describes the motion
 ALL = "all"  # the name that stands for every joint
-Found = TypeVar("Found")  # of one joint
 
 
 @dataclass(frozen=True)
@@ -158,67 +153,3 @@ class Result:
     def estimate(self) -> Estimate:
         """The estimate of all recordings."""
         return self.together.estimate
-
-
-def _one(job: FitJob) -> tuple[str, Result | str]:
-    """Fit one joint; return its name and the result, or what was wrong with it."""
-    assert job.joint is not None
-    try:
-        return job.joint, job.run()
-    except JointIdError as error:
-        return job.joint, str(error)
-
-
-def run_all(jobs: Sequence[FitJob], progress: Progress = lambda _: None) -> dict[str, Result | str]:
-    """Fit several joints on all cores; return by joint the result, or what was wrong with it."""
-    return of_all(jobs, _one, progress)
-
-
-def of_all(jobs: Sequence[FitJob], work: Callable[[FitJob], tuple[str, Found]], progress: Progress) -> dict[str, Found]:
-    """Work on several joints on all cores; return by joint what `work`, a function of a module, returns with it."""
-    progress(f"fitting {len(jobs)} joints")
-    workers = min(len(jobs), os.cpu_count() or 1)
-    if workers < 2:
-        return dict(_counted(map(work, jobs), len(jobs), progress))
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        return dict(_counted(pool.map(work, jobs), len(jobs), progress))
-
-
-def _counted(results: Iterable[tuple[str, Found]], count: int, progress: Progress) -> Iterator[tuple[str, Found]]:
-    """Pass on results, and tell how many there are."""
-    begun = time.monotonic()
-    for k, result in enumerate(results, 1):
-        left = (time.monotonic() - begun) / k * (count - k)
-        progress(f"{k} of {count} joints, about {left:.0f} s left")
-        yield result
-
-
-def joints_table(results: Mapping[str, Result | str]) -> str:
-    """Return a table with a row a joint: status, and the estimated parameters."""
-    from joint_id_core.results.report import estimated
-
-    width = max(len("joint"), *map(len, results)) + 2
-    lines = [f"  {'joint':<{width}}{'model':<22}{'status':<16}parameters"]
-    also: dict[str, list[str]] = {}  # joints by message: what is wrong with all of them is said once
-    for joint, result in results.items():
-        if isinstance(result, str):
-            lines.append(f"  {joint:<{width}}{'-':<22}{'not fitted':<16}")
-            also.setdefault(result, []).append(joint)
-            continue
-        estimate = result.estimate
-        gravity = " gravity" if estimate.model_options.get("gravity") else ""
-        lines.append(
-            f"  {joint:<{width}}{estimate.model + gravity:<22}{estimate.status.value:<16}{estimated(estimate) or '-'}"
-        )
-        if not estimate.converged:
-            also.setdefault(estimate.message, []).append(joint)
-    remarks = [f"  {', '.join(joints)}: {text}" for text, joints in also.items()]
-    return "\n".join([*lines, *([""] if also else []), *remarks])
-
-
-def joints_json(results: Mapping[str, Result | str]) -> list[dict[str, Any]]:
-    """Return the results as plain JSON types, an entry a joint."""
-    return [
-        {"joint": joint, "error": result} if isinstance(result, str) else {"joint": joint, **result.estimate.to_dict()}
-        for joint, result in results.items()
-    ]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from joint_id_core.cli.fit_options import vector, window
+from joint_id_core.assignments import vector
 from joint_id_core.errors import JointIdError
 
 if TYPE_CHECKING:
@@ -85,3 +85,23 @@ def with_load(
     done = loaded(description, joint, records)
     recordings = list(done.recordings)
     return Given(recordings[: len(files)], recordings[-1] if validate is not None else None, (done.text,))
+
+
+def window(recording: Recording, start: float | None, end: float | None) -> Recording:
+    """Return the part of a recording between two instants, given in s after its first sample.
+
+    Raises:
+        JointIdError: this part has no sample.
+    """
+    for option, value in (("--start", start), ("--end", end)):
+        if value is not None and not value >= 0.0:
+            raise JointIdError(f"{option} {value:g}: give a time in s after the first sample, 0 or more")
+    if start is None and end is None:
+        return recording
+    first = recording.time[0] if len(recording) else 0.0
+    part = recording.window(first + (start or 0.0), float("inf") if end is None else first + end)
+    if not len(part):
+        raise JointIdError(
+            f"{recording.source}: no sample between --start and --end: it lasts {recording.duration:.6g} s"
+        )
+    return part
