@@ -131,7 +131,7 @@ def test_a_damaged_byte_never_becomes_a_wrong_number(tmp_path, plain, place, bit
 
 
 def test_topics_are_in_the_order_of_time_across_chunks(tmp_path):
-    from joint_id_core.formats.bag_reader import opened
+    from joint_id_core.formats.opened_bag import opened
 
     path = tmp_path / "late.mcap"
     times = [30, 50, 20, 10, 55, 5, 40, 70, 60]
@@ -193,7 +193,7 @@ def test_files_of_others_and_files_without_a_message(tmp_path):
 
 
 def test_closed_bags_are_left_to_the_ordinary_reader(tmp_path):
-    from joint_id_core.formats.bag_reader import opened
+    from joint_id_core.formats.opened_bag import opened
 
     formats.write_bag(tmp_path / "bag", {"elbow": recording()})
     with opened(tmp_path / "bag") as reader:

@@ -15,6 +15,7 @@ from typing import Annotated
 import typer
 
 from joint_id_core.cli.arm import arm
+from joint_id_core.cli.batch import batch
 from joint_id_core.cli.compare import compare
 from joint_id_core.cli.diff import diff
 from joint_id_core.cli.doctor import doctor
@@ -55,6 +56,7 @@ app.add_typer(arm, name="arm")
 app.command()(simulate)
 app.command()(info)
 app.command()(fit)
+app.command()(batch)
 app.command()(compare)
 app.command()(report)
 app.command()(diff)

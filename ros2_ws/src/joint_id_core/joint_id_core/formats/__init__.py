@@ -2,25 +2,36 @@
 
 `read` picks the format: `.csv` (or `.txt`, `.tsv`, also with `.gz`), `.mat`, or a bag, which is a directory with
 `metadata.yaml` or a bare `.mcap` or `.db3` file. Gaps, unequal steps and NaN are kept as they are; nothing is resampled
-or filled in.
+or filled in. What is read may lie in object storage (`remote.py`): of an mcap file there only the chunks with topics of
+joints are read, other files are copied first.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import NamedTuple
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats import csv_file, mat_file
 from joint_id_core.formats.csv_file import write_csv
+from joint_id_core.formats.remote import Place, RemotePath, copied, place
 
 KINDS = {".csv": "csv", ".txt": "csv", ".tsv": "csv", ".mat": "mat", ".mcap": "bag", ".db3": "bag"}  # by ending
-__all__ = ["contents", "joints", "read", "taken", "write", "write_bag", "write_csv"]
+__all__ = ["contents", "joints", "read", "read_joints", "taken", "write", "write_bag", "write_csv"]
 
 
-def read(path: str | Path, joint: str | None = None, mapping: Mapping[str, str] | None = None) -> Recording:
+class Joints(NamedTuple):
+    """What a file holds: the namespace of its topics, and by joint the recording or what is wrong with it."""
+
+    namespace: str
+    recordings: dict[str, Recording | JointIdError]
+
+
+def read(path: str | Place, joint: str | None = None, mapping: Mapping[str, str] | None = None) -> Recording:
     """Read the recording of one joint.
 
     Args:
@@ -35,8 +46,13 @@ def read(path: str | Path, joint: str | None = None, mapping: Mapping[str, str] 
     Raises:
         JointIdError: unreadable or damaged file, wrong types, missing joint, columns that are not understood.
     """
-    path = Path(path)
+    path = place(path)
     kind = _kind(path)
+    if isinstance(path, RemotePath):
+        if not _needed_here(path, kind):
+            return _bags().read(path, joint, mapping or {})
+        with copied(path) as here:
+            return replace(read(here, joint, mapping), source=str(path))
     if kind == "csv":
         return csv_file.read(path, joint or "", mapping or {})
     if kind == "mat":
@@ -44,7 +60,43 @@ def read(path: str | Path, joint: str | None = None, mapping: Mapping[str, str] 
     return _bags().read(path, joint, mapping or {})
 
 
-def joints(path: str | Path, mapping: Mapping[str, str] | None = None) -> tuple[str, ...]:
+def read_joints(path: str | Place, mapping: Mapping[str, str] | None = None, joint: str = "") -> Joints:
+    """Read the recordings of all joints of a file, a bag in one pass.
+
+    Args:
+        path, mapping: as for `read`.
+        joint: name of the joint of a file that holds one without a name.
+
+    Raises:
+        JointIdError: the file, or what all of its joints share, cannot be read.
+    """
+    path = place(path)
+    kind = _kind(path)
+    if isinstance(path, RemotePath) and _needed_here(path, kind):
+        with copied(path) as here:
+            space, found = read_joints(here, mapping, joint)
+        own = str(path)
+        for name, one in found.items():
+            if isinstance(one, JointIdError):
+                found[name] = JointIdError(str(one).replace(str(here), own))
+            else:
+                found[name] = replace(one, source=own)
+        return Joints(space, found)
+    if kind == "bag":
+        return Joints(*_bags().read_joints(path, mapping or {}))
+    names = joints(path, mapping)
+    if not names:
+        return Joints("", {joint: read(path, joint, mapping)})
+    recordings: dict[str, Recording | JointIdError] = {}
+    for name in names:
+        try:
+            recordings[name] = read(path, name, mapping)
+        except JointIdError as error:
+            recordings[name] = error
+    return Joints("", recordings)
+
+
+def joints(path: str | Place, mapping: Mapping[str, str] | None = None) -> tuple[str, ...]:
     """Return the names of the joints in a bag, in order of appearance, or in a UR robot's log, from the base.
 
     () for other files, which hold one joint.
@@ -54,8 +106,13 @@ def joints(path: str | Path, mapping: Mapping[str, str] | None = None) -> tuple[
     Raises:
         JointIdError: unreadable or damaged file; of a bag, no known topic, or a mapping that is not understood.
     """
-    path = Path(path)
+    path = place(path)
     kind = _kind(path)
+    if isinstance(path, RemotePath):
+        if not _needed_here(path, kind):
+            return tuple(_bags().joints(path, mapping or {}))
+        with copied(path) as here:
+            return joints(here, mapping)
     if kind == "csv":
         return csv_file.joints(path, mapping or {})
     return _bags().joints(path, mapping or {}) if kind == "bag" else ()
@@ -117,7 +174,12 @@ def _bags() -> ModuleType:
     return bag_reader
 
 
-def _kind(path: Path) -> str:
+def _needed_here(path: RemotePath, kind: str) -> bool:
+    """Return whether a reader needs a file or folder on this computer: all but mcap files are read as a whole."""
+    return kind != "bag" or any(one.suffix == ".db3" for one in (path.iterdir() if path.is_dir() else (path,)))
+
+
+def _kind(path: Place) -> str:
     """Return the format of `path`, after a check that there is something to read."""
     if not path.exists():
         raise JointIdError(f"{path}: no such file or directory: check the path")
@@ -127,7 +189,7 @@ def _kind(path: Path) -> str:
     kind = next((kind for ending, kind in KINDS.items() if name.endswith(ending)), None)
     kind = None if kind != "csv" and path.suffix.lower() == ".gz" else kind
     if path.name == "metadata.yaml":
-        raise JointIdError(f"{path}: this is the index of a bag: give its directory, {path.parent}")
+        raise JointIdError(f"{path}: this is the index of a bag: give its directory, {str(path).rpartition('/')[0]}")
     if kind is None:
         raise JointIdError(
             f"{path}: not a known format: give a .csv, .txt, .tsv, .mat, .mcap or .db3 file or a bag directory"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 from rosbags.interfaces import Connection
@@ -11,6 +10,7 @@ from rosbags.interfaces import Connection
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError, close_to
 from joint_id_core.formats.mapping import TIME, parse
+from joint_id_core.formats.remote import Place
 from joint_id_core.formats.topics import JOINT_STATE, RAW, SIGNAL_FIELDS, SIGNALS, Topic
 
 FIELDS = {topic.type: tuple(topic.fields) for topic in RAW}
@@ -30,7 +30,7 @@ def columns(connections: Sequence[Connection]) -> list[str]:
     return [f"{c.topic.strip('/')}.{field}" for c in connections for field in FIELDS.get(c.msgtype, ())]
 
 
-def plan(path: Path, connections: Sequence[Connection], mapping: Mapping[str, str]) -> list[Source]:
+def plan(path: Place, connections: Sequence[Connection], mapping: Mapping[str, str]) -> list[Source]:
     """Return the topics to read for a mapping {channel: expression}; an expression is one field times numbers.
 
     Raises:

@@ -8,17 +8,13 @@ the time at which it was recorded.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rosbags.interfaces import Connection, MessageDefinitionFormat
-from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -26,16 +22,17 @@ from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.bag_mapping import Source, example, plan
 from joint_id_core.formats.definitions import typestore
+from joint_id_core.formats.opened_bag import Bag, opened
+from joint_id_core.formats.remote import Place
 from joint_id_core.formats.topics import MEASURED_BITS, RAW, SAMPLES, SIGNALS, Topic
-from joint_id_core.formats.unclosed_bag import UnclosedReader, is_unclosed
 
-log = logging.getLogger(__name__)
-Bag = Reader | UnclosedReader
+Flags = NDArray[np.bool_]
 NANO = 10**9
+EVERY = "\0"  # stands for all joints; no joint has this name
 DAY = 86400  # s; smaller stamps come from a simulation or a test that starts near zero, and are kept as they are
 
 
-def read(path: Path, joint: str | None, mapping: Mapping[str, str]) -> Recording:
+def read(path: Place, joint: str | None, mapping: Mapping[str, str]) -> Recording:
     """Read one joint; `joint` may be None if the bag holds only one. Channels without any value are left out.
 
     Raises:
@@ -51,7 +48,31 @@ def read(path: Path, joint: str | None, mapping: Mapping[str, str]) -> Recording
     if joint not in (None, *names):
         raise JointIdError(f"{path} has no joint {joint!r}: it has {', '.join(names)}")
     joint = names[0] if joint is None else joint
-    filled = [table for table in tables if len(table.stamps)]
+    return _joined(path, joint, [table[joint] for table in tables if joint in table])
+
+
+def read_joints(path: Place, mapping: Mapping[str, str]) -> tuple[str, dict[str, Recording | JointIdError]]:
+    """Read all joints in one pass; return the namespace of the topics, and by joint a recording or what is wrong.
+
+    Raises:
+        JointIdError: as `read`, what concerns all joints.
+    """
+    seen: dict[str, None] = {}
+    with opened(path) as reader:
+        sources = _sources(path, reader, mapping)
+        tables = [_read_topic(path, reader, source, EVERY, seen) for source in sources]
+    spaces = {source.connection.topic.rpartition("/")[0].strip("/") for source in sources}
+    found: dict[str, Recording | JointIdError] = {}
+    for joint in _named(path, seen):
+        try:
+            found[joint] = _joined(path, joint, [table[joint] for table in tables if joint in table])
+        except JointIdError as error:
+            found[joint] = error
+    return spaces.pop() if len(spaces) == 1 else "", found
+
+
+def _joined(path: Place, joint: str, filled: list[_Table]) -> Recording:
+    """Return the recording of one joint from the topics that have samples of it."""
     first = min(table.stamps[0] for table in filled) // NANO
     parts = [table.recording(joint, first if first > DAY else 0) for table in filled]
     merged = _merge(parts, path, joint)
@@ -75,7 +96,7 @@ class _Table:
         return Recording(time, self.channels, self.derived, self.where, joint, origin)
 
 
-def joints(path: Path, mapping: Mapping[str, str]) -> tuple[str, ...]:
+def joints(path: Place, mapping: Mapping[str, str]) -> tuple[str, ...]:
     """Return the names of the joints, in order of appearance.
 
     Raises:
@@ -89,14 +110,14 @@ def joints(path: Path, mapping: Mapping[str, str]) -> tuple[str, ...]:
     return _named(path, names)
 
 
-def _named(path: Path, seen: dict[str, None]) -> tuple[str, ...]:
+def _named(path: Place, seen: dict[str, None]) -> tuple[str, ...]:
     """Return the joint names; raise JointIdError if there is none."""
     if not seen:
         raise JointIdError(f"{path}: the messages name no joint: fill the field 'name' when publishing")
     return tuple(seen)
 
 
-def topics(path: Path) -> tuple[str, ...]:
+def topics(path: Place) -> tuple[str, ...]:
     """Return the topics with their types, "topic (type)".
 
     Raises:
@@ -110,64 +131,14 @@ def _topics(reader: Bag) -> tuple[str, ...]:
     return tuple(sorted({f"{c.topic} ({c.msgtype})" for c in reader.connections}))
 
 
-@contextmanager
-def opened(path: Path) -> Iterator[Bag]:
-    """Open a bag reader; any error of the decoder on damaged bytes becomes one clear JointIdError.
-
-    Of a bag that was not closed, the complete part is read, and a warning is logged.
-    """
-    try:
-        target = _data(path)
-        if is_unclosed(target):
-            reader: Bag = UnclosedReader(target)
-            _warn(path, reader.message_count)
-        else:
-            reader = Reader(target)
-            reader.open()
-        with closing(reader):
-            if not reader.message_count:
-                raise JointIdError(f"{path}: the bag holds no message: record it again while the topics are published")
-            yield reader
-    except JointIdError:
-        raise
-    except Exception as error:  # apsw, struct, yaml or rosbags: any of their errors means a damaged file
-        what = " ".join(str(error).split()) or type(error).__name__
-        raise JointIdError(
-            f"{path}: not a readable bag, damaged or truncated ({what}): record it again, or try `mcap recover` "
-            "(mcap) or sqlite's `.recover` (db3)"
-        ) from error
-
-
-def _data(path: Path) -> Path:
-    """Return what to open: the only file of a directory if that file was not closed or metadata.yaml is missing."""
-    if not path.is_dir():
-        return path
-    indexed = (path / "metadata.yaml").exists()
-    files = [file for file in sorted(path.iterdir()) if file.suffix in (".mcap", ".db3")]
-    if len(files) == 1 and (not indexed or is_unclosed(files[0])):
-        return files[0]
-    if not indexed:
-        several = f" and several files ({', '.join(file.name for file in files)})" if files else ""
-        raise JointIdError(
-            f"{path}: not a bag, there is no metadata.yaml in it{several}: give a bag directory or a bare .mcap or "
-            ".db3 file (`ros2 bag reindex` restores a lost metadata.yaml)"
-        )
-    return path
-
-
-@cache  # once for a bag, which a command may open several times
-def _warn(path: Path, count: int) -> None:
-    log.warning("%s: not closed: %s messages recovered", path, f"{count:,}")
-
-
-def _sources(path: Path, reader: Bag, mapping: Mapping[str, str]) -> list[Source]:
+def _sources(path: Place, reader: Bag, mapping: Mapping[str, str]) -> list[Source]:
     """Return the topics to read."""
     if mapping:
         return plan(path, reader.connections, mapping)
     return [Source(topic, connection, {}) for topic, connection in _known(path, reader)]
 
 
-def _known(path: Path, reader: Bag) -> list[tuple[Topic, Connection]]:
+def _known(path: Place, reader: Bag) -> list[tuple[Topic, Connection]]:
     """Return the topics with joint_id's own names, all in one namespace: the raw topics, or else `joint_samples`."""
     by_name = {topic.name: topic for topic in (*RAW, SAMPLES)}
     matched = [(by_name[last], c) for c in reader.connections if (last := c.topic.rsplit("/", 1)[-1]) in by_name]
@@ -233,42 +204,61 @@ def _messages(reader: Bag, connection: Connection) -> Iterator[Any]:
         )
 
 
-def _read_topic(path: Path, reader: Bag, source: Source, joint: str | None, seen: dict[str, None]) -> _Table:
-    """Read the samples of one joint (None: the first one) on one topic; adds all joint names to `seen`."""
+@dataclass
+class _Columns:
+    """The samples of one joint on a topic while they are read; `never`: channels not measured in some message."""
+
+    stamps: list[int]
+    values: dict[str, list[float]]
+    never: Flags
+
+
+def _read_topic(
+    path: Place, reader: Bag, source: Source, joint: str | None, seen: dict[str, None]
+) -> dict[str, _Table]:
+    """Read a topic: the samples of one joint (None: the first one), or of `EVERY` joint; adds the names to `seen`."""
     topic, connection, factors = source
     where = f"{path}, topic {connection.topic}"
-    stamps: list[int] = []
-    columns: dict[str, list[float]] = {name: [] for name in topic.fields.values()}
-    never = np.zeros(len(columns), dtype=bool)  # channels that were not measured in some message
+    read: dict[str, _Columns] = {}
+    channels = tuple(topic.fields.values())
     for number, message in enumerate(_messages(reader, connection)):
         seen.update(dict.fromkeys(message.name))
         if joint is None:
             joint = next(iter(seen), None)
-        if joint not in message.name:
-            continue
-        index, length = message.name.index(joint), len(message.name)
-        stamp = message.header.stamp
-        stamps.append(stamp.sec * NANO + stamp.nanosec)
-        for k, (field, name) in enumerate(topic.fields.items()):
-            values = getattr(message, field, ())  # an older definition may lack the field
-            if len(values) not in (0, length):
-                raise JointIdError(
-                    f"{where}: message {number} has {len(values)} values of {field} for {length} joints: "
-                    "mend the publisher"
-                )
-            value = float(values[index]) if len(values) else np.nan
-            columns[name].append(value)
-            told = value == value or (name == "external_torque" and len(values))  # a load that is not known is no zero
-            if topic is SAMPLES and not message.measured & MEASURED_BITS[name] and told:
-                never[k] = True
-    if len(stamps) > 1 and not any(stamps):
+        wanted = list(dict.fromkeys(message.name)) if joint == EVERY else [str(joint)]
+        length, stamp = len(message.name), message.header.stamp
+        for name in wanted:
+            if name not in message.name:
+                continue
+            index = message.name.index(name)
+            if name not in read:
+                read[name] = _Columns([], {c: [] for c in channels}, np.zeros(len(channels), dtype=bool))
+            columns = read[name]
+            columns.stamps.append(stamp.sec * NANO + stamp.nanosec)
+            for k, (field, channel) in enumerate(topic.fields.items()):
+                values = getattr(message, field, ())  # an older definition may lack the field
+                if len(values) not in (0, length):
+                    raise JointIdError(
+                        f"{where}: message {number} has {len(values)} values of {field} for {length} joints: "
+                        "mend the publisher"
+                    )
+                value = float(values[index]) if len(values) else np.nan
+                columns.values[channel].append(value)
+                # a load that is not known is no zero
+                told = value == value or (channel == "external_torque" and len(values))
+                if topic is SAMPLES and not message.measured & MEASURED_BITS[channel] and told:
+                    columns.never[k] = True
+    if any(len(c.stamps) > 1 and not any(c.stamps) for c in read.values()):
         raise JointIdError(f"{where}: every header.stamp is zero: stamp the messages when publishing")
-    channels = {name: factors.get(name, 1.0) * np.array(column) for name, column in columns.items()}
-    derived = frozenset(name for name, flag in zip(columns, never, strict=True) if flag)
-    return _Table(stamps, channels, derived, where)
+    tables = {}
+    for name, columns in read.items():
+        scaled = {c: factors.get(c, 1.0) * np.array(column) for c, column in columns.values.items()}
+        derived = frozenset(c for c, flag in zip(channels, columns.never, strict=True) if flag)
+        tables[name] = _Table(columns.stamps, scaled, derived, where)
+    return tables
 
 
-def _merge(parts: list[Recording], path: Path, joint: str) -> Recording:
+def _merge(parts: list[Recording], path: Place, joint: str) -> Recording:
     """Merge all topics on the union of their stamps."""
     time = np.unique(np.concatenate([part.time for part in parts]))
     channels: dict[str, Array] = {}

@@ -6,12 +6,12 @@ import math
 import shlex
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError, close_to
 from joint_id_core.formats.column_names import TIME, understood
 from joint_id_core.formats.overlooked import overlooked
+from joint_id_core.formats.remote import Place
 
 TARGETS = (TIME, *CHANNELS)
 
@@ -25,7 +25,7 @@ class Product:
 
 
 def plan(
-    path: Path, found: Collection[str], mapping: Mapping[str, str], unusable: Mapping[str, str] | None = None
+    path: Place, found: Collection[str], mapping: Mapping[str, str], unusable: Mapping[str, str] | None = None
 ) -> dict[str, Product]:
     """Determine how time and each channel are computed from the columns `found` in a file.
 
@@ -70,7 +70,7 @@ def plan(
     return {name: targets[name] for name in TARGETS if name in targets}
 
 
-def parse(path: Path, target: str, expression: str, found: Collection[str]) -> Product:
+def parse(path: Place, target: str, expression: str, found: Collection[str]) -> Product:
     """Parse an expression such as `gtau*vir` or `0.5*q`.
 
     Raises:

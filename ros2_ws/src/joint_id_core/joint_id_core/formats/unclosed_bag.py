@@ -12,8 +12,7 @@ import io
 import struct
 from collections import Counter
 from collections.abc import Collection, Iterator
-from pathlib import Path
-from typing import BinaryIO, NamedTuple, TypeAlias
+from typing import BinaryIO, NamedTuple, TypeAlias, cast
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
@@ -23,13 +22,14 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefiniti
 from rosbags.rosbag2.metadata import parse_qos
 
 from joint_id_core.errors import JointIdError
+from joint_id_core.formats.remote import Place
 
 MAGIC = b"\x89MCAP0\r\n"  # the first and the last bytes of a closed file
 HEAD = struct.Struct("<BQ")  # each record begins with its kind and the length of its content
 FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
 
 
-def is_unclosed(path: Path) -> bool:
+def is_unclosed(path: Place) -> bool:
     """Return whether `path` is an mcap file with a beginning but no end."""
     if path.suffix.lower() != ".mcap" or path.stat().st_size <= len(MAGIC):
         return False
@@ -62,9 +62,9 @@ class UnclosedReader:
         JointIdError: the file was not written by ROS 2, or no message in it is complete.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Place) -> None:
         self.path = path
-        self._file: BinaryIO = path.open("rb")
+        self._file: BinaryIO = cast(BinaryIO, path.open("rb"))
         self._blocks: list[_Block] = []
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}

@@ -25,7 +25,7 @@ def robot_settings(robot: str, joint: str | None, names: Collection[str]) -> Par
     Raises:
         JointIdError: no such file, it cannot be read, or it holds no parameters of the node.
     """
-    path = _file(robot)
+    path = path_of(robot)
     parameters = _parameters(path)
     entries = {kind: _entries(path, parameters.get(kind) or [], kind, joint) for kind in ("set", "fix", "free")}
     values = {e.name: e.value for kind in ("set", "fix") for e in entries[kind] if e.value is not None}
@@ -34,8 +34,12 @@ def robot_settings(robot: str, joint: str | None, names: Collection[str]) -> Par
     return ParameterSettings(values, fixed, freed, deviations=deviations).only(names)
 
 
-def _file(robot: str) -> Path:
-    """Return the path of the file of a robot."""
+def path_of(robot: str) -> Path:
+    """Return the path of the file of a robot.
+
+    Raises:
+        JointIdError: no such file.
+    """
     if (path := Path(robot)).is_file():
         return path
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)

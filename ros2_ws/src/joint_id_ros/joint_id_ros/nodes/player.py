@@ -19,7 +19,7 @@ from rosbags.interfaces import Connection, QosDurability
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from joint_id_core.errors import JointIdError
-from joint_id_core.formats.bag_reader import opened
+from joint_id_core.formats.opened_bag import opened
 from joint_id_ros.conversions import to_stamp
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.message_types import message_class

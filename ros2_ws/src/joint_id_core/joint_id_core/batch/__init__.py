@@ -1,0 +1,1 @@
+"""Many recordings, one table: every joint of every recording is fitted, on all cores or on a cluster."""

@@ -1,0 +1,114 @@
+"""`joint-id batch`: every joint of many recordings, in one table."""
+
+from __future__ import annotations
+
+import hashlib
+import json as json_text
+from dataclasses import asdict
+from typing import Annotated, Any, Optional
+
+import typer
+
+from joint_id_core.assignments import texts_by_name
+from joint_id_core.cli.fit import SHOWN
+from joint_id_core.cli.fit_options import (
+    EndOption,
+    FixOption,
+    FreeOption,
+    JsonOption,
+    MapOption,
+    PriorOption,
+    RobotOption,
+    SetOption,
+    StartOption,
+    parameter_settings,
+)
+from joint_id_core.cli.group import complain
+from joint_id_core.cli.options import with_options
+from joint_id_core.cli.output import Progress, print_json
+from joint_id_core.errors import JointIdError
+from joint_id_core.estimators import ESTIMATORS
+from joint_id_core.jobs.fit_job import FitJob
+from joint_id_core.jobs.robot_file import path_of
+from joint_id_core.models.options import ModelOptions
+
+PATTERN_HELP = (
+    "files, folders, addresses (s3://...), or patterns in quotes: 'logs/**/*.mcap'; {robot} and {joint} are names in "
+    "it: 'logs/{robot}/*.mcap'"
+)
+JOBS_HELP = "processes, one thread each (default: one a core)"
+DASK_HELP = "address of a Dask scheduler, such as tcp://host:8786, whose workers do the work"
+
+
+@with_options("model_options", (ModelOptions,), no_default=("model",))
+@with_options("estimator_options", tuple(ESTIMATORS.values()), only=SHOWN)
+def batch(
+    recordings: Annotated[list[str], typer.Argument(help=PATTERN_HELP)],
+    model_options: dict[str, Any],
+    estimator_options: dict[str, Any],
+    output: Annotated[
+        str, typer.Option("--output", "-o", help="table (parquet) to write or go on with, or its address")
+    ],
+    joint: Annotated[Optional[str], typer.Option(help="only this joint")] = None,
+    set_: SetOption = None,
+    fix: FixOption = None,
+    free: FreeOption = None,
+    map_: MapOption = None,
+    estimator: Annotated[str, typer.Option(help=f"{', '.join(ESTIMATORS)} (needs torch)")] = "innovations",
+    prior: PriorOption = None,
+    robot: RobotOption = None,
+    start: StartOption = None,
+    end: EndOption = None,
+    jobs: Annotated[Optional[int], typer.Option(min=1, help=JOBS_HELP)] = None,
+    dask: Annotated[Optional[str], typer.Option(metavar="ADDRESS", help=DASK_HELP)] = None,
+    retry: Annotated[bool, typer.Option("--retry", help="do again what could not be read or fitted before")] = False,
+    json: JsonOption = False,
+) -> None:
+    """Fit every joint of many recordings into one table, a row each; what is wrong with one is a row, too.
+
+    The same command goes on after it was ended in any way, and takes in new recordings. Without --model, each joint
+    gets the richest model that its motion shows.
+
+    Exit code 0: every recording was fitted; 1: some could not be read or fitted, and their rows say why; 2: bad input.
+    """
+    from joint_id_core import estimators
+    from joint_id_core.batch.cluster import on_cluster
+    from joint_id_core.batch.recordings import find
+    from joint_id_core.batch.run import on_this_computer, run
+    from joint_id_core.batch.work import Work
+
+    if jobs is not None and dask is not None:
+        raise JointIdError("--jobs and --dask exclude each other: the number of workers is that of the cluster")
+    settings = parameter_settings(set_, fix, free, prior)
+    mapping = texts_by_name(map_ or (), "--map")
+    solver = estimators.build(estimator, **estimator_options)
+    ModelOptions(**model_options)  # wrong values are said first
+    file = None
+    if robot is not None:
+        path = path_of(robot)
+        file = path.name, path.read_bytes()
+    given = {
+        "joint": joint, "set": set_, "fix": fix, "free": free, "map": mapping, "estimator": estimator, "prior": prior,
+        "robot": f"{file[0]} {hashlib.sha256(file[1]).hexdigest()[:16]}" if file else None, "start": start, "end": end,
+    }  # fmt: skip
+    chosen = {name: value for name, value in (given | model_options | estimator_options).items() if value}
+    options = json_text.dumps(chosen, sort_keys=True)
+    job = FitJob((), joint, mapping, start, end, model_options, settings, solver, robot)
+    with Progress() as progress:
+        progress("looking for recordings")
+        found = find(recordings)
+        pool = on_this_computer(jobs) if dask is None else (lambda work, some: on_cluster(work, some, dask))
+        done = run(found, Work(job, options, file), output, pool, retry, progress)
+    for text in done.said:
+        complain(text)
+    if json:
+        print_json({"output": output, **asdict(done)})
+    else:
+        counts = ", ".join(f"{count} {status}" for status, count in sorted(done.rows.items()))
+        print(
+            f"{output}: {sum(done.rows.values())} rows ({counts}); {done.fitted} recordings fitted, {done.before} were "
+            "finished before"
+        )
+    if done.failed:
+        complain(f"{done.failed} recordings could not be read or fitted: see the column message of their rows")
+        raise typer.Exit(1)
