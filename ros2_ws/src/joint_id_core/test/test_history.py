@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from joint_id_core.cli import app
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status
-from joint_id_core.results.history import DAY_S, courses
+from joint_id_core.results.history import DAY_S, courses, known
 from joint_id_core.results.verdict import Verdict
 
 
@@ -25,14 +25,14 @@ def estimate(day: float, c: float, sigma: float, joint: str = "elbow") -> Estima
     )
     return Estimate(
         "rigid_joint", "regression", Status.CONVERGED, "", tuple(rows), ("c",), np.array([[sigma**2]]), joint=joint,
-        origin=1_700_000_000 * 10**9, start=day * DAY_S, end=day * DAY_S + 20.0, samples=100,
+        origin=1_700_000_000 + int(day * DAY_S), start=0.0, end=20.0, samples=100,
     )  # fmt: skip
 
 
 def test_a_line_is_found_with_the_standard_deviation_of_weighted_least_squares():
     days, sigma = np.array([0.0, 1.0, 4.0, 9.0]), np.array([0.1, 0.2, 0.1, 0.3])
     values = 10.0 + 0.5 * days
-    course = courses([estimate(d, v, s) for d, v, s in zip(days, values, sigma, strict=True)][::-1])[0]
+    course = courses(known([estimate(d, v, s) for d, v, s in zip(days, values, sigma, strict=True)][::-1]))[0]
     A = np.column_stack([np.ones(4), days]) / sigma[:, None]
     assert course.slope == pytest.approx(0.5, rel=1e-6)
     assert course.slope_std_dev == pytest.approx(np.sqrt(np.linalg.inv(A.T @ A)[1, 1]), rel=1e-6)
@@ -45,7 +45,7 @@ def test_scatter_beyond_the_intervals_is_no_trend(count):
     rng, called = np.random.default_rng(0), 0
     for _ in range(300):
         values = 10.0 + rng.standard_normal(count)
-        called += "a trend" in courses([estimate(k, v, 0.1) for k, v in enumerate(values)])[0].trend
+        called += "a trend" in courses(known([estimate(k, v, 0.1) for k, v in enumerate(values)]))[0].trend
     assert called <= 6
 
 

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
+import math
+import time
+import uuid
 from collections.abc import Iterator, Sequence
+from concurrent.futures import CancelledError
 from typing import Any
 
 from joint_id_core.batch.cores import Done
@@ -43,7 +48,7 @@ def _connected(address: str) -> Any:
     except ModuleNotFoundError:
         raise JointIdError("--dask needs the package distributed: pip install distributed") from None
     try:
-        client = Client(address, timeout=PATIENCE_S, set_as_default=False)
+        client = Client(address, timeout=PATIENCE_S)
     except (OSError, TimeoutError, ValueError) as error:
         said = " ".join(str(error).split())
         raise JointIdError(
@@ -61,7 +66,7 @@ def _connected(address: str) -> Any:
 
 
 def _require_same_library(client: Any, address: str) -> None:
-    here = versions().partition(",")[0]
+    here = _here()
     try:
         found = client.run(versions)
     except Exception as error:  # of a worker that cannot import the function
@@ -73,24 +78,33 @@ def _require_same_library(client: Any, address: str) -> None:
             raise JointIdError(f"--dask {address}: {worker} has {there}, here is {here}: install the same version")
 
 
+def _here() -> str:
+    return versions().partition(",")[0]
+
+
 def _done(client: Any, work: Work, found: Sequence[Found], address: str) -> Iterator[Done]:
     from distributed import wait
     from distributed.scheduler import KilledWorker
 
-    waiting, running = list(reversed(found)), dict[Any, Found]()
+    waiting, running, run = list(reversed(found)), dict[Any, Found](), uuid.uuid4().hex
+    room, looked = 0, -math.inf
     while waiting or running:
-        room = AHEAD * max(1, sum(client.nthreads().values()))
+        if time.monotonic() > looked + PACE_S:  # workers come and go
+            try:
+                room, looked = AHEAD * max(1, sum(client.nthreads().values())), time.monotonic()
+            except OSError:
+                raise _lost(address) from None
         while waiting and len(running) < room:
             one = waiting.pop()
-            running[client.submit(work.rows, one, key=f"joint_id-{one.place}-{id(work):x}", pure=False)] = one
+            running[client.submit(work.rows, one, key=f"joint_id-{one.place}-{run}", pure=False)] = one
         try:
             done = wait(list(running), timeout=PACE_S, return_when="FIRST_COMPLETED").done
         except TimeoutError:
             if client.status != "running":
                 raise _lost(address) from None
             continue
-        except Exception as error:  # the futures are cancelled when the connection is lost
-            raise _lost(address) from error
+        except (CancelledError, asyncio.CancelledError):  # as all futures are when the connection is lost
+            raise _lost(address) from None
         for future in done:
             one = running.pop(future)
             if future.status == "finished":

@@ -14,8 +14,11 @@ from typing import Any, BinaryIO, NamedTuple
 
 from joint_id_core.batch.recordings import Found
 from joint_id_core.batch.row import FAILED, MARK, VERSION, Row, schema
-from joint_id_core.batch.store import ENDING, Store
+from joint_id_core.batch.store import ENDING, Store, store
 from joint_id_core.errors import JointIdError
+from joint_id_core.results.history import Known
+from joint_id_core.results.status import Status
+from joint_id_core.results.verdict import Verdict
 
 BLOCK = 2000  # rows that are in memory at once
 
@@ -155,7 +158,8 @@ def join(store: Store, parts: dict[str, str]) -> Counter[str]:
                 if len(block) >= BLOCK:
                     writer.write_table(pa.Table.from_pylist(block, columns))
                     block = []
-            writer.write_table(pa.Table.from_pylist(block, columns))
+            if block:
+                writer.write_table(pa.Table.from_pylist(block, columns))
         if file is not None:
             file.close()
     return counts
@@ -174,3 +178,36 @@ def _of_table(table: Any, replaced: dict[str, str]) -> Iterator[list[Row]]:
 def _of_parts(store: Store, parts: dict[str, str]) -> Iterator[list[Row]]:
     for place in sorted(parts):
         yield json.loads(store.get(parts[place]))
+
+
+def known(output: str) -> tuple[list[Known], int, int]:
+    """Return what the converged rows of a table know, how many rows there are, and how many of them are left out.
+
+    Raises:
+        JointIdError: there is no table, or it cannot be read.
+    """
+    file = store(output).table()
+    if file is None:
+        raise JointIdError(f"{output}: no such table: make one with joint-id batch")
+    columns = ["robot", "joint", "status", "model", "end_s", "parameters"]
+    found, rows, left = list[Known](), 0, 0
+    with file:
+        try:
+            table = opened(file, output)
+        except JointIdError:
+            raise
+        except ValueError as error:
+            raise JointIdError(f"{output} is damaged or half-written ({error}): make it again") from None
+        for batch in table.iter_batches(BLOCK, columns=columns):
+            for row in batch.to_pylist():
+                rows += 1
+                if row["status"] != Status.CONVERGED.value:
+                    left += 1
+                    continue
+                found += [
+                    Known(row["robot"], row["joint"] or "joint", row["model"], p["name"], p["unit"],
+                          row["end_s"] or 0.0, p["value"], p["std_dev"])
+                    for p in row["parameters"]
+                    if p["verdict"] == Verdict.ESTIMATED.value and p["std_dev"]
+                ]  # fmt: skip
+    return found, rows, left

@@ -1,4 +1,4 @@
-"""`joint-id history`: how the parameters of joints went over the estimates in a folder."""
+"""`joint-id history`: how the parameters of joints went, over the estimates in a folder or the table of a batch."""
 
 from __future__ import annotations
 
@@ -13,26 +13,48 @@ from joint_id_core.cli.output import print_json
 from joint_id_core.errors import JointIdError
 
 if TYPE_CHECKING:
-    from joint_id_core.results.history import Course
+    from joint_id_core.results.history import Course, Known
 
 
 def history(
-    folder: Annotated[Path, typer.Argument(help="folder with estimates, from fit --save")],
+    source: Annotated[str, typer.Argument(help="folder with estimates, from fit --save; or a table, from batch")],
     plot: Annotated[Optional[Path], typer.Option(help="save a picture, a row a joint")] = None,
     json: JsonOption = False,
 ) -> None:
-    """Show how the parameters of joints went over the estimates in a folder: first, last, trend a day.
+    """Show how the parameters of joints went: first, last, trend a day; and joints unlike those of other robots.
 
-    Files that hold no estimate are named on stderr and left out.
+    Files that hold no estimate are named on stderr and left out. Of a table with six robots or more, each joint is
+    compared with the same joint of the others.
     """
-    from joint_id_core.results.estimate import Estimate
+    from dataclasses import asdict
+
+    from joint_id_core.results.fleet import apart
     from joint_id_core.results.history import courses, table
     from joint_id_core.results.plot import require_writable
 
-    if not folder.is_dir():
-        raise JointIdError(f"{folder}: no such folder: give one with files of fit --save")
     if plot is not None:
         require_writable(plot)
+    rows = _of_folder(Path(source)) if Path(source).is_dir() else _of_table(source)
+    found = courses(rows)
+    if not found:
+        raise JointIdError(f"{source}: no good estimate in it: save some with joint-id fit FILE --save NAME.json")
+    outliers = apart(found)
+    if json:
+        print_json({"courses": [_as_dict(c) for c in found], "apart": [asdict(a) for a in outliers]})
+    else:
+        print(table(found))
+        for one in outliers:
+            print(f"unlike the others: {one.text}")
+    if plot is not None:
+        from joint_id_core.results.history_plot import save
+
+        save(plot, found)
+
+
+def _of_folder(folder: Path) -> list[Known]:
+    from joint_id_core.results.estimate import Estimate
+    from joint_id_core.results.history import known
+
     estimates = []
     for path in sorted(folder.rglob("*.json")):
         try:
@@ -42,21 +64,24 @@ def history(
     bad = [e for e in estimates if not e.converged]
     if bad:
         complain(f"left out: {len(bad)} of {len(estimates)} estimates, which are not good ones")
-    found = courses(estimates)
-    if not found:
-        raise JointIdError(f"{folder}: no good estimate in it: save some with joint-id fit FILE --save NAME.json")
-    if json:
-        print_json({"courses": [_as_dict(c) for c in found]})
-    else:
-        print(table(found))
-    if plot is not None:
-        from joint_id_core.results.history_plot import save
+    return known(estimates)
 
-        save(plot, found)
+
+def _of_table(source: str) -> list[Known]:
+    from joint_id_core.batch.table import known
+    from joint_id_core.formats.remote import is_url
+
+    if not is_url(source) and not Path(source).exists():
+        raise JointIdError(f"{source}: no such folder or table: give one with files of fit --save, or a table of batch")
+    found, rows, left = known(source)
+    if left:
+        complain(f"left out: {left} of {rows} rows, which are no good estimates")
+    return found
 
 
 def _as_dict(c: Course) -> dict[str, object]:
     return {
-        "joint": c.joint, "name": c.name, "unit": c.unit, "days": c.days.tolist(), "values": c.values.tolist(),
-        "std_devs": c.std_devs.tolist(), "slope_a_day": c.slope, "slope_std_dev": c.slope_std_dev, "trend": c.trend,
+        "robot": c.robot, "joint": c.label, "name": c.name, "unit": c.unit, "days": c.days.tolist(),
+        "values": c.values.tolist(), "std_devs": c.std_devs.tolist(), "slope_a_day": c.slope,
+        "slope_std_dev": c.slope_std_dev, "trend": c.trend,
     }  # fmt: skip

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -18,11 +20,25 @@ SURE = 3.0  # standard deviations of a slope from which it is a trend
 FEWEST = 3  # estimates that a trend needs
 
 
+class Known(NamedTuple):
+    """One parameter of a joint, from one recording; `instant_s` since 1970 where the recording had such stamps."""
+
+    robot: str
+    joint: str
+    model: str
+    name: str
+    unit: str
+    instant_s: float
+    value: float
+    std_dev: float
+
+
 @dataclass(frozen=True)
 class Course:
     """One parameter of a joint over estimates, in the order of their time.
 
     Attributes:
+        robot: name of the robot, "" where it is not known; label: of the joint, with the model if it has several.
         days: since the first one, shape (n,).
         values, std_devs: in `unit`, shape (n,).
         slope, slope_std_dev: of a weighted straight line, in `unit` a day; NaN if a line says nothing. The standard
@@ -38,6 +54,9 @@ class Course:
     std_devs: Array
     slope: float
     slope_std_dev: float
+    robot: str = ""
+    model: str = ""
+    label: str = ""
 
     @property
     def trend(self) -> str:
@@ -51,32 +70,46 @@ class Course:
         return f"{size}: {'a trend' if sigmas > SURE else f'no trend beyond {SURE:g} sigma'}"
 
 
-def courses(estimates: Sequence[Estimate]) -> list[Course]:
-    """Return the course of every parameter that at least one converged estimate knows, joint by joint.
+def known(estimates: Iterable[Estimate]) -> list[Known]:
+    """Return what estimates know of their joints.
 
-    Estimates that did not converge, and values that are not called estimated, are left out. Those of one joint must be
-    of one model: others are other parameters of the same name, and become a course of their own.
+    Estimates that did not converge, and values that are not called estimated, are left out.
     """
-    kept: dict[tuple[str, str, str], list[tuple[float, float, float]]] = {}
+    return [
+        Known("", e.joint or "joint", e.model, p.name, p.unit, _instant(e), p.value, p.std_dev)
+        for e in estimates
+        if e.converged
+        for p in e.parameters
+        if p.verdict is Verdict.ESTIMATED and p.std_dev > 0.0
+    ]
+
+
+def courses(rows: Sequence[Known]) -> list[Course]:
+    """Return the course of every parameter, robot by robot and joint by joint.
+
+    Those of one joint must be of one model: others are other parameters of the same name, and become a course of their
+    own.
+    """
+    kept: dict[tuple[str, str, str, str], list[tuple[float, float, float]]] = {}
     units: dict[str, str] = {}
-    for e in estimates:
-        for p in e.parameters if e.converged else ():
-            if p.verdict is Verdict.ESTIMATED and p.std_dev > 0.0:
-                units[p.name] = p.unit
-                kept.setdefault((e.joint or "joint", e.model, p.name), []).append((_instant(e), p.value, p.std_dev))
-    models = {(joint, model) for joint, model, _ in kept}
+    for r in rows:
+        units[r.name] = r.unit
+        kept.setdefault((r.robot, r.joint, r.model, r.name), []).append((r.instant_s, r.value, r.std_dev))
+    models = {(robot, joint, model) for robot, joint, model, _ in kept}
+    several = Counter((robot, joint) for robot, joint, _ in models)
     found = []
-    for (joint, model, name), rows in kept.items():
-        label = f"{joint} ({model})" if sum(j == joint for j, _ in models) > 1 else joint
-        seconds, values, sigmas = np.array(sorted(rows)).T
+    for (robot, joint, model, name), values_at in kept.items():
+        label = f"{joint} ({model})" if several[robot, joint] > 1 else joint
+        seconds, values, sigmas = np.array(sorted(values_at)).T
         days = (seconds - seconds[0]) / DAY_S
-        found.append(Course(label, name, units[name], days, values, sigmas, *_line(days, values, sigmas)))
+        line = _line(days, values, sigmas)
+        found.append(Course(joint, name, units[name], days, values, sigmas, *line, robot, model, label))
     return found
 
 
 def _instant(estimate: Estimate) -> float:
-    """Return the end of the data of an estimate in s; it is since 1970 where the recording had such stamps."""
-    return 1e-9 * estimate.origin + (estimate.end if math.isfinite(estimate.end) else 0.0)
+    """Return the end of the data of an estimate in s."""
+    return estimate.origin + (estimate.end if math.isfinite(estimate.end) else 0.0)
 
 
 def _line(days: Array, values: Array, sigmas: Array) -> tuple[float, float]:
@@ -96,9 +129,10 @@ def _line(days: Array, values: Array, sigmas: Array) -> tuple[float, float]:
 
 def table(found: Sequence[Course]) -> str:
     """Return the courses as lines of text."""
-    width = max([6, *(len(c.joint) for c in found)]) + 2
+    names = [f"{c.robot} {c.label}".strip() for c in found]
+    width = max([6, *map(len, names)]) + 2
     lines = [f"  {'joint':<{width}}{'parameter':<10}{'n':>3}{'first':>20}{'last':>20}  {'unit':<11}trend"]
-    for c in found:
+    for c, name in zip(found, names, strict=True):
         first, last = (f"{c.values[k]:.4g} ± {c.std_devs[k]:.2g}" for k in (0, -1))
-        lines.append(f"  {c.joint:<{width}}{c.name:<10}{len(c.days):>3}{first:>20}{last:>20}  {c.unit:<11}{c.trend}")
+        lines.append(f"  {name:<{width}}{c.name:<10}{len(c.days):>3}{first:>20}{last:>20}  {c.unit:<11}{c.trend}")
     return "\n".join(lines)

@@ -20,8 +20,8 @@ def save(path: Path, found: Sequence[Course]) -> None:
     require_writable(path)
     from matplotlib.figure import Figure
 
-    joints = list(dict.fromkeys(c.joint for c in found))
-    rows = {joint: [c for c in found if c.joint == joint] for joint in joints}
+    joints = list(dict.fromkeys((c.robot, c.label) for c in found))
+    rows = {joint: [c for c in found if (c.robot, c.label) == joint] for joint in joints}
     columns = max(map(len, rows.values()))
     figure = Figure(figsize=(1.0 + 2.6 * columns, 0.6 + 2.2 * len(joints)), layout="constrained")
     axes = figure.subplots(len(joints), columns, squeeze=False)
@@ -33,5 +33,5 @@ def save(path: Path, found: Sequence[Course]) -> None:
             axis.set_title(f"{c.name} [{c.unit}]", fontsize=9)
             axis.tick_params(labelsize=8)
             axis.set_xlabel("days", fontsize=8)
-        axes[k, 0].set_ylabel(joint)
+        axes[k, 0].set_ylabel(" ".join(joint).strip())
     written(path, figure)

@@ -1,0 +1,269 @@
+"""Many recordings become one table, and nothing of them is lost or done twice."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import shutil
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as parquet
+import pytest
+
+from joint_id_core.batch import cores
+from joint_id_core.batch.recordings import Found, find
+from joint_id_core.batch.run import run as run_batch
+from joint_id_core.batch.store import ASIDE, LocalStore, store
+from joint_id_core.batch.table import join, write_part
+from joint_id_core.errors import JointIdError
+
+from .many_recordings import recordings, rows, run_here, work, write_bags
+
+SPACE = "/cell_3/ur5e"
+COMMAND = ("--model", "rigid_joint", "--estimator", "regression")
+
+
+@pytest.fixture
+def in_this_process(monkeypatch):
+    """Commands work in this process, which spares the start of others."""
+    monkeypatch.setattr("joint_id_core.batch.run.on_cores", lambda w, found, _: cores.here(w, found))
+
+
+def test_every_joint_is_a_row_with_what_was_found_and_where_it_came_from(tmp_path, run):
+    write_bags(tmp_path / "ur_1", 1, 2)
+    shutil.copytree(tmp_path / "ur_1", tmp_path / "ur_2")
+    (tmp_path / "ur_2/a_0").rename(tmp_path / "ur_2/b")
+    output = tmp_path / "out.parquet"
+    code, out, err = run("batch", tmp_path / "{robot}/*/*.mcap", "-o", output, *COMMAND)
+    assert (code, err) == (0, "") and "4 rows (4 converged)" in out
+    found = rows(output)
+    assert [(r["robot"], r["joint"], r["status"]) for r in found] == [
+        (robot, joint, "converged") for robot in ("ur_1", "ur_2") for joint in ("joint_0", "joint_1")
+    ]
+    first = found[0]
+    assert first["recording"] == str(tmp_path / "ur_1/a_0") and first["samples"] > 300
+    assert first["size_bytes"] == sum(p.stat().st_size for p in (tmp_path / "ur_1/a_0").iterdir())
+    assert '"model": "rigid_joint"' in first["options"] and "joint-id-core" in first["versions"]
+    assert 0.0 <= first["start_s"] < 0.2 and 2.8 < first["end_s"] <= 3.0
+    inertia = next(p for p in first["parameters"] if p["name"] == "J")
+    assert inertia["verdict"] == "estimated" and abs(inertia["value"] - 1.0) < 4.0 * inertia["std_dev"]
+    k = first["free"].index("J")
+    assert first["covariance"][k * len(first["free"]) + k] == pytest.approx(inertia["std_dev"] ** 2)
+    assert not Path(f"{output}.parts").exists()
+
+
+def test_the_rows_are_those_of_joint_id_fit(tmp_path):
+    import joint_id_core as jid
+
+    (bag,) = write_bags(tmp_path, 1)
+    run_here([bag], tmp_path / "out.parquet")
+    estimate = jid.fit(jid.build("rigid_joint"), jid.read(bag), estimator=jid.Regression())
+    (row,) = rows(tmp_path / "out.parquet")
+    assert {p["name"]: p["value"] for p in row["parameters"]} == estimate.values
+    assert row["message"] == estimate.message
+
+
+def test_what_is_wrong_with_a_recording_is_a_row_and_is_done_again_on_demand(tmp_path, run, in_this_process):
+    good, cut = write_bags(tmp_path, 2)
+    data = next(cut.glob("*.mcap"))
+    whole = data.read_bytes()
+    data.write_bytes(whole[:200])
+    (tmp_path / "other.csv").write_text("a,b\n1,2\n")
+    (tmp_path / "notes.md").write_text("no recording")
+    output = tmp_path / "out.parquet"
+    code, _, err = run("batch", tmp_path, "-o", output, *COMMAND)
+    assert code == 1 and "2 recordings could not be read or fitted" in err
+    assert [(Path(r["recording"]).name, r["status"]) for r in rows(output)] == [
+        ("a_0", "converged"), ("a_1", "error"), ("other.csv", "error"),
+    ]  # fmt: skip
+    assert "damaged or truncated" in rows(output)[1]["message"] and "no known time_s" in rows(output)[2]["message"]
+    code, out, _ = run("batch", tmp_path, "-o", output, *COMMAND)
+    assert code == 0 and "0 recordings fitted, 3 were finished before" in out
+    stat = data.stat()
+    data.write_bytes(whole)
+    os.utime(data, ns=(stat.st_atime_ns, stat.st_mtime_ns))  # the size alone tells
+    code, out, _ = run("batch", tmp_path, "-o", output, *COMMAND)
+    assert (code, out.count("1 recordings fitted, 2 were finished before")) == (0, 1)
+    assert [r["status"] for r in rows(output)] == ["converged", "converged", "error"]
+    code, out, _ = run("batch", tmp_path, "-o", output, *COMMAND, "--retry")
+    assert (code, out.count("1 recordings fitted")) == (1, 1) and good.exists()
+
+
+def test_csv_files_have_the_names_of_the_pattern(tmp_path):
+    from joint_id_core.formats import write_csv
+
+    for robot, motion in zip(("r1", "r2"), recordings(2), strict=True):
+        (tmp_path / robot).mkdir()
+        write_csv(tmp_path / robot / "elbow.csv", motion)
+    run_here([tmp_path / "{robot}/{joint}.csv"], tmp_path / "out.parquet")
+    assert [(r["robot"], r["joint"]) for r in rows(tmp_path / "out.parquet")] == [("r1", "elbow"), ("r2", "elbow")]
+
+
+def test_the_namespace_of_a_bag_names_its_robot(tmp_path):
+    from joint_id_core.formats import bag_reader
+
+    (bag,) = write_bags(tmp_path, 1)
+    known = bag_reader._known
+
+    def moved(path, reader):
+        return [(t, c._replace(topic=SPACE + c.topic)) for t, c in known(path, reader)]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bag_reader, "_known", moved)
+        patch.setattr(
+            bag_reader, "_messages", lambda r, c, m=bag_reader._messages: m(r, c._replace(topic=c.topic[12:]))
+        )
+        run_here([bag], tmp_path / "out.parquet")
+    assert rows(tmp_path / "out.parquet")[0]["robot"] == SPACE.strip("/")
+
+
+def test_new_recordings_are_added_and_those_of_other_patterns_stay(tmp_path):
+    first, second, third = write_bags(tmp_path, 3)
+    output = tmp_path / "out.parquet"
+    run_here([second], output)
+    before = rows(output)
+    done = run_here([third, first, first], output)
+    assert (done.fitted, done.before, done.rows) == (2, 0, {"converged": 3})
+    assert rows(output)[1] == before[0]
+    assert [Path(r["recording"]).name for r in rows(output)] == ["a_0", "a_1", "a_2"]
+
+
+def test_other_options_are_no_more_of_the_same_table(tmp_path, run, in_this_process):
+    (bag,) = write_bags(tmp_path, 1)
+    output = tmp_path / "out.parquet"
+    assert run("batch", bag, "-o", output, *COMMAND)[0] == 0
+    code, _, err = run("batch", bag, "-o", output, "--model", "rigid_joint")
+    assert code == 2 and "made with other options" in err and "give another -o" in err
+    assert len(rows(output)) == 1
+
+
+@pytest.mark.parametrize("content", [b"", b"PAR1 half", b"no table at all" * 100])
+def test_a_half_written_table_is_kept_aside(tmp_path, content):
+    (bag,) = write_bags(tmp_path, 1)
+    output = tmp_path / "out.parquet"
+    output.write_bytes(content)
+    Path(f"{output}{ASIDE}").write_bytes(b"an earlier one")
+    done = run_here([bag], output)
+    assert len(done.said) == 1 and f"kept as {output}{ASIDE}-1" in done.said[0]
+    assert Path(f"{output}{ASIDE}-1").read_bytes() == content and len(rows(output)) == 1
+    assert Path(f"{output}{ASIDE}").read_bytes() == b"an earlier one"
+
+
+def test_a_table_cut_short_is_kept_aside_and_made_anew(tmp_path):
+    bags = write_bags(tmp_path, 2)
+    output = tmp_path / "out.parquet"
+    run_here(bags, output)
+    whole, content = rows(output), output.read_bytes()
+    output.write_bytes(content[:-200])
+    assert run_here(bags, output).fitted == 2 and rows(output) == whole
+
+
+def test_a_table_of_something_else_is_left_alone(tmp_path):
+    (bag,) = write_bags(tmp_path, 1)
+    output = tmp_path / "out.parquet"
+    parquet.write_table(pa.table({"a": [1]}), output)
+    with pytest.raises(JointIdError, match="a table that joint-id batch did not write"):
+        run_here([bag], output)
+    assert parquet.read_table(output).to_pydict() == {"a": [1]}
+
+
+def test_a_damaged_part_is_kept_aside_and_its_recording_done_again(tmp_path):
+    bags = write_bags(tmp_path, 2)
+    output = tmp_path / "out.parquet"
+    place, found, jobs = store(str(output)), find([str(b) for b in bags]), work()
+    with place.locked():
+        names = [write_part(place, jobs.rows(one), one) for one in found]
+    part = Path(f"{output}.parts") / names[0]
+    part.write_bytes(part.read_bytes()[:-9])
+    done = run_here(bags, output)
+    assert (done.fitted, done.before) == (1, 1) and "a part of" in done.said[0]
+    assert [p.name for p in Path(f"{output}.parts").iterdir()] == [names[0] + ASIDE]
+    assert len(rows(output)) == 2
+
+
+def test_two_runs_do_not_write_one_table(tmp_path):
+    (bag,) = write_bags(tmp_path, 1)
+    output = str(tmp_path / "out.parquet")
+    with LocalStore(output).locked(), pytest.raises(JointIdError, match="being written by another process"):
+        run_here([bag], output)
+
+
+def test_a_table_is_joined_without_holding_it_in_memory(tmp_path, monkeypatch):
+    """Blocks are written when they are full, also where old rows and new ones alternate."""
+    (bag,) = write_bags(tmp_path, 1)
+    row = work().rows(find([str(bag)])[0])[0]
+    place = store(str(tmp_path / "out.parquet"))
+    monkeypatch.setattr("joint_id_core.batch.table.BLOCK", 10)
+
+    def parts(numbers):
+        made = {}
+        for k in numbers:
+            one = Found(f"/bag_{k:03}", k, "now")
+            made[one.place] = write_part(place, [row | {"recording": one.place, "samples": k}], one)
+        return made
+
+    with place.locked():
+        join(place, parts(range(0, 60, 2)))
+        assert join(place, parts(range(1, 60, 2)) | parts([6])) == {"converged": 60}
+    file = parquet.ParquetFile(tmp_path / "out.parquet")
+    assert file.num_row_groups == 6
+    assert file.read().column("samples").to_pylist() == list(range(60))
+
+
+@pytest.mark.parametrize(
+    ("pattern", "said"),
+    [
+        ("none/*.mcap", "matches no recording"),
+        ("none.mcap", "no such file or folder"),
+        ("{maker}/*.mcap", "{maker} has no meaning: known are {robot} and {joint}"),
+    ],
+)
+def test_a_pattern_without_recordings_is_said(tmp_path, run, pattern, said):
+    code, _, err = run("batch", tmp_path / pattern, "-o", tmp_path / "out.parquet")
+    assert code == 2 and said in err and not list(tmp_path.iterdir())
+
+
+def test_a_place_that_cannot_be_written_is_said_before_any_fit(tmp_path, run):
+    (bag,) = write_bags(tmp_path, 1)
+    code, _, err = run("batch", bag, "-o", tmp_path / "no/out.parquet")
+    assert code == 2 and "check folder, rights and space" in err
+    code, _, err = run("batch", bag, "-o", tmp_path)
+    assert code == 2 and "is a folder" in err
+
+
+def test_progress_tells_the_time_left(tmp_path):
+    said: list[str] = []
+    run_here(write_bags(tmp_path, 2), tmp_path / "out.parquet", progress=said.append)
+    assert said[0] == "2 of 2 recordings to fit"
+    assert said[1].startswith("1 of 2 recordings, about ") and said[1].endswith(" s left")
+
+
+CRASHING = """
+import os
+import signal
+
+from joint_id_core.batch.work import Work
+
+
+class Crashing(Work):
+    def rows(self, found):
+        if found.place.endswith(("a_1", "a_4")):
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().rows(found)
+"""
+
+
+def test_a_process_that_ends_costs_only_its_recording(tmp_path, monkeypatch):
+    bags = write_bags(tmp_path, 6)
+    output = tmp_path / "out.parquet"
+    (tmp_path / "crashing_work.py").write_text(CRASHING)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    crashing = importlib.import_module("crashing_work").Crashing(work().job, "{}")
+    done = run_batch(find([str(b) for b in bags]), crashing, str(output), lambda w, f: cores.on_cores(w, f, 2))
+    assert done.failed == 2
+    told = {Path(r["recording"]).name: (r["status"], r["message"]) for r in rows(output)}
+    assert [told[f"a_{k}"][0] for k in range(6)] == [
+        "converged", "crashed", "converged", "converged", "crashed", "converged",
+    ]  # fmt: skip
+    assert "crash or for lack of memory" in told["a_1"][1]
