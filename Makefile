@@ -1,4 +1,4 @@
-# make setup | test | test-long | test-haswell | lint | demo | paper | paper-quick | bench-rtde | bench-graph | bench-speed | bench-stats | bench-drift | bench-online | bench-robots | clean
+# make setup | test | test-long | test-haswell | lint | demo | paper | paper-quick | bench-rtde | bench-graph | bench-speed | bench-stats | bench-drift | bench-online | bench-robots | bench-batch | clean
 # Every target sets up what it needs. Needs Python 3.11 or 3.12 with venv and headers, gcc, g++, make and a Python package index.
 
 VENV := .venv
@@ -15,7 +15,7 @@ UNIT_TESTS := $(wildcard $(WS)/src/joint_id_core/test)
 NODE_TESTS := $(wildcard $(WS)/src/joint_id_ros/test tests)
 TIMED_TESTS := tests/test_chain.py tests/test_demo.py tests/test_driver.py tests/test_driver_faults.py
 
-.PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-graph bench-speed bench-stats bench-drift bench-online bench-robots clean
+.PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-graph bench-speed bench-stats bench-drift bench-online bench-robots bench-batch clean
 all: setup
 
 setup: $(WS)/install/.built
@@ -113,6 +113,10 @@ $(VENV)/.arm_peers: $(VENV)/.installed benchmarks/requirements-arm.txt benchmark
 # there is skipped (three minutes). With --docs it writes the tables of docs/real_robots.md.
 bench-robots: setup $(VENV)/.arm_peers
 	$(RUN) python benchmarks/robots.py --json out/benchmarks/robots.json
+
+# A thousand simulated bags on two cores (five minutes on a quiet computer): writes its table into docs/benchmarks.md.
+bench-batch: setup
+	$(RUN) python benchmarks/batch.py --json out/benchmarks/batch.json --docs
 
 clean:
 	rm -rf $(VENV) $(WS)/build $(WS)/install $(WS)/log out .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -33,6 +33,7 @@ COMMANDS = (
     "report",
     "arm-fit",
     "diff",
+    "batch",
     "history",
     "export",
     "compare",

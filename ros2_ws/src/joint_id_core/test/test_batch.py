@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import os
 import shutil
 from pathlib import Path
@@ -80,6 +81,8 @@ def test_what_is_wrong_with_a_recording_is_a_row_and_is_done_again_on_demand(tmp
     assert "damaged or truncated" in rows(output)[1]["message"] and "no known time_s" in rows(output)[2]["message"]
     code, out, _ = run("batch", tmp_path, "-o", output, *COMMAND)
     assert code == 0 and "0 recordings fitted, 3 were finished before" in out
+    told = json.loads(run("batch", tmp_path, "-o", output, *COMMAND, "--json")[1])
+    assert (told["fitted"], told["before"], told["rows"]) == (0, 3, {"converged": 1, "error": 2})
     stat = data.stat()
     data.write_bytes(whole)
     os.utime(data, ns=(stat.st_atime_ns, stat.st_mtime_ns))  # the size alone tells

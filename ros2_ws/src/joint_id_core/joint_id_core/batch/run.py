@@ -73,7 +73,7 @@ def run(
         progress(f"writing {output}")
         counts = join(place, known.parts)
         place.clear()
-        return Summary(len(todo), len(found) - len(todo), failed, counts, tuple(known.said))
+        return Summary(len(todo), len(found) - len(todo), failed, dict(counts), tuple(known.said))
 
 
 def _timed(results: Iterator[Done], count: int, progress: Progress) -> Iterator[Done]:
