@@ -108,6 +108,13 @@ def short_ur3e_log(folder: Path) -> None:
     ur3e_log(folder, 8.0)
 
 
+def fleet(folder: Path) -> None:
+    """recordings/ur_1/week1.csv and recordings/ur_2/week1.csv: a joint of two robots."""
+    for robot in ("ur_1", "ur_2"):
+        (folder / "recordings" / robot).mkdir(parents=True)
+        _simulate(folder, "rigid_joint", "--out", f"recordings/{robot}/week1.csv", "--duration", "3")
+
+
 def _simulate(folder: Path, *arguments: str) -> None:
     subprocess.run(["joint-id", "simulate", *arguments], cwd=folder, check=True, stdout=subprocess.DEVNULL)
 
@@ -124,6 +131,7 @@ RECORDINGS: dict[str, tuple[Callable[[Path], None], ...]] = {
     "docs/nodes/player.md": (elbow_bag,),
     "docs/python.md": (motion_csv,),
     "docs/tutorials/bag.md": (elbow_bag,),
+    "docs/tutorials/batch.md": (fleet,),
     "docs/tutorials/compare.md": (emps, short_ur3e_log),
     "docs/tutorials/csv.md": (motion_csv, log_csv),
     "docs/tutorials/ur_robots.md": (joint_states_current, ur3e_log),
