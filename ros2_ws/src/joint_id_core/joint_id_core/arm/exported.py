@@ -19,7 +19,7 @@ def exported(found: ArmEstimate, description: Description, out: Path, source: st
     Args:
         found: the fit.
         description: of the robot, from a file.
-        out: the file that will be written; an MJCF if it ends so, else a URDF, which has a place for the first rotor only.
+        out: the file that will be written; an MJCF if it ends so, else a URDF, which holds the first rotor only.
         source: of the values, for comments.
     """
     known = found.at_link()
