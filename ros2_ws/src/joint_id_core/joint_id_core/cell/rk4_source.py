@@ -235,6 +235,16 @@ _IMPLICIT_STEPS = [
 ]
 
 
+def point_text(model: Model, d: Derivative) -> str:
+    """Return the source of `constants`, `observe`, `inputs`, `slope` and `linearise`: plain lines without loops.
+
+    Their variables may be numbers, or tensors with a value for each element of a batch: see `batched.torch_cell`.
+    """
+    text = _Text(model, d)
+    functions = [text.constants_function(), text.observe(), text.point()]
+    return "\n".join(line for f in functions for line in [*f, "", ""]) + "\n"
+
+
 def cell_text(model: Model, d: Derivative, cell: Cell) -> str:
     """Return the source of the functions of one model that the loops call."""
     text = _Text(model, d)
