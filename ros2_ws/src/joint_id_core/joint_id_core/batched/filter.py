@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from joint_id_core.batched.records import Records, Sample
 from joint_id_core.batched.rollout import index_of, parameters
@@ -54,7 +55,7 @@ class InnovationsFilter:
         return 8 * (8 * n * (k + n + nu) + 3 * k * k + 5 * n * n * L + 3 * L * L + 2 * k * L)
 
     @torch.no_grad()
-    def run(self, p: Array, levels: Array, record: Array | None = None) -> Sums:
+    def run(self, p: Array, levels: Array, record: NDArray[np.int64] | None = None) -> Sums:
         """Run one pass for every element of a batch.
 
         Args:
@@ -68,7 +69,7 @@ class InnovationsFilter:
 class _Pass:
     """The state of all filters of one pass."""
 
-    def __init__(self, of: InnovationsFilter, p: Array, levels: Array, record: Array | None) -> None:
+    def __init__(self, of: InnovationsFilter, p: Array, levels: Array, record: NDArray[np.int64] | None) -> None:
         self.cell, self.records, self.label = of.cell, of.records, of.label
         cell, records, B, device = self.cell, self.records, len(p), self.records.device
         self.index = index_of(records, record, B)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from joint_id_core.batched.record import Record
 from joint_id_core.batched.torch_cell import Number, torch
@@ -48,7 +48,7 @@ class Records:
         self.samples = max(len(r.time) for r in records)
         table = np.zeros((self.samples, self.inputs + self.labels + 4, self.count))
         table[:, self.inputs : self.inputs + self.labels] = np.nan
-        table[:, -2] = 1.0
+        table[:, -2:] = 1.0
         for j, r in enumerate(records):
             T = len(r.time)
             columns = [r.u, r.y, np.diff(r.time, append=r.time[-1])[:, None], r.gap[:, None], r.steps[:, None]]
@@ -57,9 +57,11 @@ class Records:
         steps, y = table[:, -2], table[:, self.inputs : self.inputs + self.labels]
         self.most = [int(n) for n in steps.max(axis=1)]
         self._even = [bool(row.min() == row.max()) for row in steps]
-        self.missing = np.isnan(y).any(axis=2)  # (T, labels): some element has no such label there
-        self.weighted = (table[:, -1] != 1.0).any(axis=1)  # (T,)
-        self.gapped = (table[:, -3] != 0.0).any(axis=1)
+        self.missing: NDArray[np.bool_] = np.asarray(
+            np.isnan(y).any(axis=2)
+        )  # (T, labels): some element has no such label there
+        self.weighted: NDArray[np.bool_] = np.asarray((table[:, -1] != 1.0).any(axis=1))  # (T,)
+        self.gapped: NDArray[np.bool_] = np.asarray((table[:, -3] != 0.0).any(axis=1))
         self._table = torch.from_numpy(table).to(device)
         self.x0, self.Q_x = self._stacked([r.x0 for r in records]), self._stacked([r.Q_x for r in records])
         self.P0 = self._stacked([r.P0 for r in records])
@@ -84,8 +86,3 @@ class Records:
     def most_at(self, t: int) -> int:
         """Return the largest number of steps from sample t; 0 if all elements take the same."""
         return 0 if self._even[t] else self.most[t]
-
-    @cached_property
-    def bytes(self) -> int:
-        """Memory of the records themselves."""
-        return self._table.numel() * 8

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from joint_id_core.batched.records import Records
 from joint_id_core.batched.torch_cell import Number, TorchCell, torch
@@ -21,7 +22,7 @@ def parameters(cell: TorchCell, p: Array, device: torch.device) -> list[Number]:
     ]
 
 
-def index_of(records: Records, record: Array | None, batch: int) -> torch.Tensor | None:
+def index_of(records: Records, record: NDArray[np.int64] | None, batch: int) -> torch.Tensor | None:
     """Return which record each element of a batch takes, for `Records.sample`."""
     if records.count == 1:
         return None
@@ -31,7 +32,7 @@ def index_of(records: Records, record: Array | None, batch: int) -> torch.Tensor
 
 @torch.no_grad()
 def rollout(
-    cell: TorchCell, records: Records, p: Array, x0: Array | None = None, record: Array | None = None
+    cell: TorchCell, records: Records, p: Array, x0: Array | None = None, record: NDArray[np.int64] | None = None
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Simulate every element of a batch, with the derivatives by the parameters `cell.sensitive`.
 

@@ -25,6 +25,7 @@ except ImportError as error:
         "innovations)"
     ) from error
 
+Entries = dict[tuple[int, int], Any]  # of a matrix: numbers, or tensors
 Number = Any  # a number, or a tensor with one for each element of a batch
 STAGES = ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0))  # share of the step and weight of the four stages
 
@@ -132,11 +133,12 @@ class TorchCell:
             u0, u1, c, h, substeps, most: see `step`.
         """
         n, full = self.states, W.shape[1] > self.parameters
-        u, f, A, B, G = [0.0] * self.inputs, [0.0] * n, {}, {}, {}
+        u, f = [0.0] * self.inputs, [0.0] * n
+        A, B, G, states = Entries(), Entries(), Entries(), Entries()
         none = x.new_zeros(x.shape[1])
         places = [(B, k) for k in range(self.parameters)]
         if full:
-            places += [({}, 0)] * n + [(G, k) for k in range(self.inputs)]
+            places += [(states, 0)] * n + [(G, k) for k in range(self.inputs)]
 
         def dense(rows: list[list[Number]]) -> torch.Tensor:
             entries = [
@@ -178,7 +180,7 @@ class TorchCell:
             A list of `states`, and tensors of shape (states, states, *batch) and (states, parameters, *batch).
         """
         n = self.states
-        y, C, D = [0.0] * n, {}, {}
+        y, C, D = [0.0] * n, Entries(), Entries()
         self._observe(x.unbind(0), held, u, c, y, C, D)
         by_x, by_p = x.new_zeros((n, *x.shape)), x.new_zeros((n, self.parameters, *x.shape[1:]))
         for entries, full in ((C, by_x), (D, by_p)):

@@ -15,7 +15,6 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.innovations.recursion import NoiseInformation, Pass, Recursion
 
 DEVICES = ("cpu", "cuda", "torch")
-DEVICE_HELP = "cpu: the compiled kernel; cuda: torch on a GPU; torch: torch on the CPU, slower, the same results"
 # Memory of one call of the batched filter; larger batches are cut. On a CPU small parts stay in its cache.
 CUDA_BYTES, CPU_BYTES = 2**31, 2**24
 NOTHING = np.empty((0, 0))

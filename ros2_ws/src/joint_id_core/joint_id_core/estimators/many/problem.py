@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from joint_id_core.cell.kernel import compile_model, preparing
@@ -35,15 +33,8 @@ def searched(
     return outcome
 
 
-@dataclass(frozen=True)
-class Values:
-    """A point in physical units: values (k,) and standard deviations (k,) of the free parameters."""
-
-    values: Array
-    std_dev: Array
-
-
-def physical(outcome: Outcome, z: Array, covariance: Array) -> Values:
-    """Return coordinates with their covariance in physical units."""
-    at = outcome.stages.coordinates
-    return Values(at.values(z), np.sqrt(np.maximum(np.diag(covariance), 0.0)) * at.slope(z))
+def physical(outcome: Outcome, z: Array, covariance: Array) -> tuple[dict[str, float], dict[str, float]]:
+    """Return coordinates and their standard deviations in physical units, by name."""
+    at, names = outcome.stages.coordinates, outcome.stages.data.free
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * at.slope(z)
+    return dict(zip(names, at.values(z).tolist(), strict=True)), dict(zip(names, deviation.tolist(), strict=True))

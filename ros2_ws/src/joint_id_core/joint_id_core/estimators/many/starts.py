@@ -19,7 +19,7 @@ from joint_id_core.estimators.innovations.annealing import STRONG
 from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.innovations.gauss_newton import Minimum
 from joint_id_core.estimators.innovations.search import APART, SAME_COST, Outcome
-from joint_id_core.estimators.innovations.stages import STALLED, TOLERANCE
+from joint_id_core.estimators.innovations.stages import STALLED, TOLERANCE, Stages
 from joint_id_core.estimators.many.minimising import Start, minimised
 from joint_id_core.estimators.many.passes import passes_on
 from joint_id_core.estimators.many.problem import physical, searched
@@ -139,14 +139,14 @@ def many_starts(
     passes = passes_on(device, [stages.recursion], [engine.last.steps])
     begun = time.perf_counter()
     jobs = [Start(0, stages.cost, stages.scoring, engine.z, engine.levels)]
-    jobs += [Start(0, stages.cost, stages.scoring, z, levels) for z, levels in drawn(outcome, starts, seed)]
+    jobs += [Start(0, stages.cost, stages.scoring, z, levels) for z, levels in drawn(stages, starts, seed)]
     found = minimised(passes, jobs, [engine.substeps], TOLERANCE, estimator.max_iterations, tell)
     return _counted(outcome, found, recording.source, device, time.perf_counter() - begun)
 
 
-def drawn(outcome: Outcome, starts: int, seed: int) -> list[tuple[Array, Array]]:
+def drawn(stages: Stages, starts: int, seed: int) -> list[tuple[Array, Array]]:
     """Return random start coordinates (k,) and start levels (L,)."""
-    stages, rng = outcome.stages, np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     at, rough = stages.coordinates, stages.noise.rough
     inputs = np.arange(len(rough)) >= len(stages.data.labels)
     found = []
@@ -161,7 +161,6 @@ def _counted(outcome: Outcome, found: Sequence[Minimum | None], source: str, dev
     """Group the ends; the first search started at the engine's minimum."""
     engine, ends = found[0] or outcome.minimum, [end for end in found[1:] if end is not None]
     lowest = min([engine.cost, *(end.cost for end in ends)])
-    names = outcome.stages.data.free
     groups: list[tuple[Minimum, int]] = []
     for end in sorted(filter(_at_minimum, ends), key=lambda e: e.cost):
         for j, (first, count) in enumerate(groups):
@@ -173,11 +172,10 @@ def _counted(outcome: Outcome, found: Sequence[Minimum | None], source: str, dev
             groups.append((end, 1))
     shown = []
     for first, count in groups:
-        dz, at = first.z - engine.z, physical(outcome, first.z, first.inverse)
-        shown.append(End(
-            first.cost - lowest, count / (len(found) - 1), float(np.sqrt(dz @ engine.hessian @ dz)),
-            dict(zip(names, at.values.tolist(), strict=True)), dict(zip(names, at.std_dev.tolist(), strict=True)),
-        ))  # fmt: skip
+        dz = first.z - engine.z
+        away = float(np.sqrt(dz @ engine.hessian @ dz))
+        values, std_dev = physical(outcome, first.z, first.inverse)
+        shown.append(End(first.cost - lowest, count / (len(found) - 1), away, values, std_dev))
     return ManyStarts(
         source, len(found) - 1, tuple(shown), len(found) - 1 - len(ends), sum(not _at_minimum(e) for e in ends),
         max(0.0, engine.cost - lowest), device, elapsed,
