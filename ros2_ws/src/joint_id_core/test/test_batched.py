@@ -16,7 +16,6 @@ from joint_id_core.batched.torch_cell import device_of, torch_cell  # noqa: E402
 from joint_id_core.cell.kernel import compile_model  # noqa: E402
 from joint_id_core.cell.rollout import rollout_sensitivities  # noqa: E402
 from joint_id_core.errors import JointIdError  # noqa: E402
-from joint_id_core.estimators import ParameterSettings  # noqa: E402
 from joint_id_core.estimators.innovations.noise import NoiseLevels  # noqa: E402
 from joint_id_core.estimators.innovations.recursion import Recursion  # noqa: E402
 from joint_id_core.estimators.many.passes import TorchPasses, record_of  # noqa: E402
@@ -48,11 +47,10 @@ def assert_close(found, expected):
 def problem(name, options, seed, samples=130):
     """A short record with missing labels and a long gap, after which the state starts again."""
     model, rng = build(name, **options), np.random.default_rng(seed)
-    settings = ParameterSettings()
-    data = prepare(model, simulate_motion(model, samples / 500.0, 500.0, seed=seed), settings)
+    data = prepare(model, simulate_motion(build(name), samples / 500.0, 500.0, seed=seed))
     y, gap = data.y.copy(), data.gap.copy()
     y[rng.random(y.shape) < 0.1] = np.nan
-    gap[30], gap[60] = 2.0, 10.0
+    gap[20], gap[40] = 2.0, 10.0
     data = replace(data, y=y, gap=gap)
     assert len(data.starts) and len(data.settling)
     return Recursion(data, compile_model(model, "tanh", data.freed))
@@ -155,7 +153,7 @@ def test_a_weight_counts_a_sample_as_often():
 
 def test_records_with_other_labels_are_refused():
     one, other = problem("harmonic_drive", {}, 1, samples=60), problem("rigid_joint", {}, 1, samples=60)
-    steps = np.ones(60, dtype=np.int64)
+    steps = np.ones(len(one.data.time), dtype=np.int64)
     with pytest.raises(JointIdError, match="a batch holds one model"):
         TorchPasses([one, other], [steps, steps])
     with pytest.raises(JointIdError, match="at least one record"):
@@ -187,7 +185,7 @@ def test_the_gpu_equals_the_compiled_kernel():
 def test_the_filter_takes_the_labels_of_its_records():
     recursion = problem("dc_motor", {}, 1, samples=60)
     data = recursion.data
-    records = Records([record_of(recursion, np.ones(60, dtype=np.int64))], CPU)
+    records = Records([record_of(recursion, np.ones(len(data.time), dtype=np.int64))], CPU)
     of = InnovationsFilter(torch_cell(data.model, "tanh", data.free), records, data.label_states)
     sums = of.run(data.p[None], NoiseLevels.of(data).rough[None])
     assert sums.cost.shape == (1,) and sums.cross.shape == (1, len(data.free), len(data.noise_names))

@@ -69,7 +69,7 @@ class TorchCell:
         self.model, self.sensitive = model, sensitive
         self.states, self.inputs, self.parameters = len(model.states), len(model.inputs), len(sensitive)
         self.delayed = bool(model.label_delays)
-        names: dict[str, Any] = {"math": _Functions()}
+        names: dict[str, Any] = {"math": _Functions(), "sign": torch.sign}
         text = point_text(model, derive(model, friction, sensitive))
         exec(compile(text, f"<cell of {model.name}>", "exec"), names)
         self._constants, self._observe = names["constants"], names["observe"]
