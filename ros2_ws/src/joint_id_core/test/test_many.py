@@ -9,18 +9,19 @@ import numpy as np
 import pytest
 
 import joint_id_core as jid
-from joint_id_core.estimators.innovations.annealing import annealed
+from joint_id_core.estimators.innovations.gauss_newton import minimise
 from joint_id_core.estimators.many.minimising import Start, minimised
 from joint_id_core.estimators.many.passes import passes_on
 from joint_id_core.estimators.many.problem import searched
 
 MODEL = jid.build("rigid_joint")
 MOTION = jid.simulate_motion(MODEL, 2.0, 250.0, seed=1)
+SHORT = jid.simulate_motion(MODEL, 0.8, 250.0, seed=1)  # for what torch does: its time on a CPU grows with the samples
 
 
 @pytest.fixture(scope="module")
 def outcome():
-    return searched(MODEL, MOTION, None, jid.Innovations(), lambda _: None)
+    return searched(MODEL, SHORT, None, jid.Innovations(), lambda _: None)
 
 
 @pytest.fixture(autouse=True)
@@ -34,18 +35,21 @@ def one_thread():
 
 @pytest.mark.parametrize("device", ["cpu", "torch"])
 def test_a_batch_ends_where_the_engine_ends_from_the_same_start(outcome, device):
-    stages = outcome.stages
+    stages, found = outcome.stages, outcome.minimum
     rng = np.random.default_rng(2)
-    z = [stages.cost.belief.mean + 0.5 * stages.coordinates.spread * rng.uniform(-1, 1, 4) for _ in range(2)]
+    z = [stages.cost.belief.mean + 0.3 * stages.coordinates.spread * rng.uniform(-1, 1, 4) for _ in range(2)]
     levels = stages.noise.clip(stages.noise.rough * np.array([1.0, 1e4, 1.0]))
-    passes = passes_on(device, [stages.recursion], [outcome.minimum.last.steps])
+    passes = passes_on(device, [stages.recursion], [found.last.steps])
     starts = [Start(0, stages.cost, stages.scoring, one, levels) for one in z]
-    ends = minimised(passes, starts, [outcome.minimum.substeps], 1e-4, 50)
+    ends = minimised(passes, starts, [found.substeps], 0.01, 50)
+    sigma = np.sqrt(np.diag(found.inverse))
     for one, end in zip(z, ends, strict=True):
-        engine = annealed(stages, one, tolerance=1e-4)
-        assert end is not None and engine is not None and end.settled
-        assert np.all(np.abs(end.z - outcome.minimum.z) < 0.1 * np.sqrt(np.diag(outcome.minimum.inverse)))
-        assert np.all(np.abs(end.z - engine.z) < 0.1 * np.sqrt(np.diag(engine.inverse)))
+        engine = minimise(
+            stages.cost, stages.cost.at(one, levels, found.last.steps, found.substeps), 0.01, 50, stages.scoring
+        )
+        assert end is not None and engine is not None and end.settled and engine.iterations == end.iterations
+        assert np.all(np.abs(end.z - engine.z) < 1e-3 * sigma)
+        assert np.all(np.abs(end.z - found.z) < 0.2 * sigma)  # the fit ended with a looser tolerance
 
 
 def test_no_start_is_better_than_the_fit():
@@ -73,10 +77,10 @@ def test_a_better_point_than_the_fit_is_said(outcome):
 
 
 def test_the_scatter_of_a_bootstrap_is_that_of_the_noise():
-    found = jid.bootstrap(MODEL, MOTION, draws=60, block_s=0.02)
+    found = jid.bootstrap(MODEL, SHORT, draws=60, block_s=0.02)
     assert found.failed == 0 and found.draws.shape == (60, 4)
     ratios = np.array([i.scatter / i.noise for i in found.intervals])
-    assert np.all((ratios > 0.6) & (ratios < 1.6)), ratios  # 60 draws of 100 blocks tell it to 11 %
+    assert np.all((ratios > 0.6) & (ratios < 1.6)), ratios  # 60 draws of 40 blocks tell it to 15 %
     assert all(i.lower < i.value + 3 * i.std_dev and i.upper > i.value - 3 * i.std_dev for i in found.intervals)
     assert "95 % of the draws" in str(found)
 
