@@ -109,12 +109,12 @@ class HPinnNetwork(torch.nn.Module):
     ) -> None:
         super().__init__()
         self.model, self.trainable, self.substeps = model, tuple(trainable), substeps
-        self.cell = RK4Cell(model, friction, substeps)
+        self.cell = None if compiled else RK4Cell(model, friction, substeps)
         freed = tuple(sorted(name for name in self.trainable if model.parameter(name).fixed))
         self.kernel = compile_model(model, friction, freed) if compiled else None
         start = np.array([values[name] for name in self.trainable])
-        self.scale = np.array([_scale(model, name, values[name]) for name in self.trainable])
-        intervals = [_interval(model, name, values[name], bounds or {}) for name in self.trainable]
+        self.scale = np.array([scale_of(model, name, values[name]) for name in self.trainable])
+        intervals = [interval_of(model, name, values[name], bounds or {}) for name in self.trainable]
         self.lower, self.upper = np.array(intervals).reshape(-1, 2).T
         self.weight = torch.nn.Parameter(torch.tensor(start / self.scale, dtype=torch.float64))
         self._fixed = torch.tensor([values[name] for name in model.parameter_names], dtype=torch.float64)
@@ -148,6 +148,7 @@ class HPinnNetwork(torch.nn.Module):
                     "the compiled cell has no gradient by the start state: build HPinnNetwork with compiled=False"
                 )
             return _CompiledRollout.apply(x0, p, self.kernel, time, u, self.substeps)
+        assert self.cell is not None
         by_name = SimpleNamespace(**dict(zip(self.model.parameter_names, p.unbind(), strict=True)))
         inputs, steps, states = torch.from_numpy(u), np.diff(time), [x0]
         for k, dt in enumerate(steps):
@@ -176,7 +177,8 @@ class HPinnNetwork(torch.nn.Module):
         return tuple(name for name, on in zip(self.trainable, held, strict=True) if on)
 
 
-def _scale(model: Model, name: str, start: float) -> float:
+def scale_of(model: Model, name: str, start: float) -> float:
+    """Return what a weight is multiplied by to get the parameter: see `HPinnNetwork`."""
     p = model.parameter(name)
     if p.positive and not start > 0:
         raise JointIdError(
@@ -186,7 +188,10 @@ def _scale(model: Model, name: str, start: float) -> float:
     return start if p.positive else max(abs(start), p.spread)
 
 
-def _interval(model: Model, name: str, start: float, bounds: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
+def interval_of(
+    model: Model, name: str, start: float, bounds: Mapping[str, tuple[float, float]]
+) -> tuple[float, float]:
+    """Return the interval (lower, upper) that training keeps a parameter in."""
     p = model.parameter(name)
     lower, upper = bounds.get(name, (-np.inf, np.inf))
     lower, upper = max(lower, p.lower, POSITIVE_FLOOR * start if p.positive else -np.inf), min(upper, p.upper)
