@@ -3,19 +3,23 @@
     setup/run python benchmarks/batched.py --docs
 
 Both run passes of the innovations form with derivatives by parameters and noise levels, of Model 2 with all states
-measured, at random parameters. Rounds alternate between them, and the fastest round counts, since other programs may
-use the machine as well. Without a GPU its rows say so.
+measured, at random parameters. Rounds alternate between them, and the fastest round counts. Times on a CPU are
+processor time of all threads, since other programs may use the machine as well; beside it stands the wall time over
+that of the kernel. Without a GPU its rows say so.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import resource
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
+
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # a thread that waits must not take the processor from others
 
 import measured_blocks
 import numpy as np
@@ -40,12 +44,18 @@ MB = 2.0**20
 
 @dataclass(frozen=True)
 class Row:
-    """A measurement: `rate` passes (or searches) a second; `ratio`: time over that of the compiled kernel."""
+    """A measurement.
+
+    `rate`: passes (or searches) a second of processor time, on a GPU of wall time; `ratio`, `wall`: the same time, and
+    wall time, over that of the compiled kernel; `difference`: the largest of a Gauss-Newton matrix, or the share of
+    searches that ended elsewhere.
+    """
 
     where: str
     batch: int
     rate: float
     ratio: float
+    wall: float
     difference: float
     memory_mb: float
 
@@ -58,13 +68,14 @@ def problem() -> tuple[Stages, Array]:
     return search.stages, np.full(len(data.time), SUBSTEPS, dtype=np.int64)
 
 
-def timed(work: Callable[[], object]) -> float:
-    """Return the wall time of one call in s."""
-    begun = time.perf_counter()
+def timed(work: Callable[[], object], on_gpu: bool = False) -> tuple[float, float]:
+    """Return processor time (on a GPU wall time) and wall time of one call in s."""
+    begun, processor = time.perf_counter(), time.process_time()
     work()
-    if torch.cuda.is_available():
+    if on_gpu:
         torch.cuda.synchronize()
-    return time.perf_counter() - begun
+    wall = time.perf_counter() - begun
+    return (wall if on_gpu else time.process_time() - processor), wall
 
 
 def kinds(recursions: list, steps: list) -> list[tuple[str, int, Passes]]:
@@ -99,7 +110,7 @@ def of_passes(batches: tuple[int, ...], rounds: int) -> list[Row]:
         expected = list(kernel.run(record, free, levels))
         before = memory("kernel")
         others = kinds(recursions, [steps])
-        times: dict[str, list[float]] = {"kernel": []} | {where: [] for where, *_ in others}
+        times: dict[str, list[tuple[float, float]]] = {"kernel": []} | {where: [] for where, *_ in others}
         differences: dict[str, float] = {}
         held = {}
         for _ in range(rounds):
@@ -107,18 +118,19 @@ def of_passes(batches: tuple[int, ...], rounds: int) -> list[Row]:
             for where, threads, passes in others:
                 torch.set_num_threads(threads)
                 found: list = []
-                times[where].append(timed(lambda: found.extend(passes.run(record, free, levels))))  # noqa: B023
+                times[where].append(timed(lambda: found.extend(passes.run(record, free, levels)), "CPU" not in where))  # noqa: B023
                 held[where] = memory(where) - (before if "CPU" in where else 0.0)
                 differences[where] = max(
                     float(np.max(np.abs(a.hessian - b.hessian)) / np.max(np.abs(b.hessian)))
                     for a, b in zip(found, expected, strict=True)
                     if np.isfinite(b.cost)
                 )
-        fastest = min(times["kernel"])
-        rows.append(Row("compiled kernel, one core", batch, batch / fastest, 1.0, 0.0, 0.0))
+        fastest, wall = map(min, zip(*times["kernel"], strict=True))
+        rows.append(Row("compiled kernel, one core", batch, batch / fastest, 1.0, 1.0, 0.0, 0.0))
         for where, *_ in others:
-            best = min(times[where])
-            rows.append(Row(where, batch, batch / best, best / fastest, differences[where], held[where]))
+            best, waited = map(min, zip(*times[where], strict=True))
+            ratios = best / fastest, waited / wall
+            rows.append(Row(where, batch, batch / best, *ratios, differences[where], held[where]))
     return rows
 
 
@@ -130,14 +142,18 @@ def of_starts(count: int) -> list[Row]:
     every = [("compiled kernel, one core", 1, KernelPasses([stages.recursion], [steps]))]
     every += [kind for kind in kinds([stages.recursion], [steps]) if "2 threads" not in kind[0]]
     reference: list = []
+    first: tuple[float, float] | None = None
     for where, threads, passes in every:
         torch.set_num_threads(threads)
         found: list = []
-        took = timed(lambda: found.extend(minimised(passes, jobs, [SUBSTEPS], TOLERANCE, 50)))  # noqa: B023  # at once
-        reference = reference or found
-        rows.append(
-            Row(where, count, count / took, took * rows[0].rate / count if rows else 1.0, apart(found, reference), 0.0)
+        took, waited = timed(
+            lambda: found.extend(minimised(passes, jobs, [SUBSTEPS], TOLERANCE, 50)),  # noqa: B023  # called at once
+            "torch" in where and "CPU" not in where,
         )
+        reference = reference or found
+        first = first or (took, waited)
+        ratios = took / first[0], waited / first[1]
+        rows.append(Row(where, count, count / took, *ratios, apart(found, reference), 0.0))
     return rows
 
 
@@ -156,23 +172,27 @@ def apart(found: list, reference: list) -> float:
 def table(passes: list[Row], starts: list[Row]) -> str:
     """Return the tables in Markdown."""
     lines = [
-        "| passes | batch | a second | samples a second | time over the kernel's | largest difference | memory |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
+        "| passes | batch | a second | samples a second | time over the kernel's | wall time | difference | memory |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for r in passes:
         more = f"{r.difference:.0e} | {r.memory_mb:.0f} MB" if r.difference else "- | -"
-        lines.append(f"| {r.where} | {r.batch} | {r.rate:.3g} | {r.rate * SAMPLES:.3g} | {r.ratio:.2g} | {more} |")
+        lines.append(
+            f"| {r.where} | {r.batch} | {r.rate:.3g} | {r.rate * SAMPLES:.3g} | {r.ratio:.2g} | {r.wall:.2g} | {more} |"
+        )
     none = "no GPU here"
     if not torch.cuda.is_available():
-        lines.append(f"| torch, GPU | - | {none} | {none} | {none} | - | - |")
+        lines.append(f"| torch, GPU | - | {none} | {none} | {none} | {none} | - | - |")
     lines += [
         "",
-        "| searches | starts | a second | time over the kernel's | ended elsewhere |",
-        "| --- | --- | --- | --- | --- |",
+        "| searches | starts | a second | time over the kernel's | wall time | ended elsewhere |",
+        "| --- | --- | --- | --- | --- | --- |",
     ]
-    lines += [f"| {r.where} | {r.batch} | {r.rate:.3g} | {r.ratio:.2g} | {r.difference:.1%} |" for r in starts]
+    lines += [
+        f"| {r.where} | {r.batch} | {r.rate:.3g} | {r.ratio:.2g} | {r.wall:.2g} | {r.difference:.1%} |" for r in starts
+    ]
     if not torch.cuda.is_available():
-        lines.append(f"| torch, GPU | - | {none} | {none} | - |")
+        lines.append(f"| torch, GPU | - | {none} | {none} | {none} | - |")
     return "\n".join(lines)
 
 

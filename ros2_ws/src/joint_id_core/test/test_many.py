@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import joint_id_core as jid
+from joint_id_core.cli import app
 from joint_id_core.estimators.innovations.gauss_newton import minimise
 from joint_id_core.estimators.many.minimising import Start, minimised
 from joint_id_core.estimators.many.passes import passes_on
@@ -132,3 +135,24 @@ def test_many_starts_on_the_cpu_do_not_load_torch():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
     assert done.stdout.strip() == "False"
+
+
+def test_the_commands_say_what_they_found(tmp_path):
+    jid.write(tmp_path / "motion.csv", SHORT)
+    file = str(tmp_path / "motion.csv")
+    done = CliRunner().invoke(app, ["many-starts", file, "--model", "rigid_joint", "--starts", "3", "--json"])
+    assert done.exit_code == 0 and json.loads(done.stdout)["starts"] == 3
+    done = CliRunner().invoke(app, ["many-starts", file])
+    assert done.exit_code == 2 and "name the model (--model)" in done.output
+    done = CliRunner().invoke(app, ["bootstrap", file, "--model", "rigid_joint", "--device", "tpu"])
+    assert done.exit_code == 2 and "unknown device 'tpu'" in done.output
+
+
+def test_a_gpu_that_is_not_there_is_said_before_the_fit():
+    import torch
+
+    if torch.cuda.is_available():
+        pytest.skip("there is a GPU here")
+    for call in (jid.many_starts, jid.bootstrap):
+        with pytest.raises(jid.JointIdError, match="device cuda: PyTorch finds no GPU here: choose cpu"):
+            call(MODEL, MOTION, device="cuda")

@@ -23,7 +23,7 @@ from joint_id_core.estimators.innovations.noise import unknown_levels
 from joint_id_core.estimators.innovations.search import Outcome
 from joint_id_core.estimators.innovations.stages import TOLERANCE
 from joint_id_core.estimators.many.minimising import Start, minimised
-from joint_id_core.estimators.many.passes import TorchPasses
+from joint_id_core.estimators.many.passes import TorchPasses, require_device
 from joint_id_core.estimators.many.problem import searched
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
@@ -133,6 +133,8 @@ def bootstrap(
     """
     if draws < FEWEST:
         raise JointIdError(f"draws = {draws}: an interval needs {FEWEST} or more")
+    device = "torch" if device == "cpu" else device
+    require_device(device, estimator.cell)
     tell, begun = progress or (lambda _: None), time.perf_counter()
     outcome = searched(model, recording, settings, estimator, tell)
     estimate = estimate_of(outcome, begun)
@@ -152,7 +154,7 @@ def bootstrap(
         cost = Cost(stages.recursion, stages.coordinates, prior)
         jobs.append(Start(j, cost, stages.scoring, found.z, found.levels))
     recursions, steps = [stages.recursion] * draws, [found.last.steps] * draws
-    passes = TorchPasses(recursions, steps, "torch" if device == "cpu" else device, weights[:, blocks])
+    passes = TorchPasses(recursions, steps, device, weights[:, blocks])
     ends = minimised(passes, jobs, [found.substeps] * draws, TOLERANCE, estimator.max_iterations, tell)
     settled = [end for end in ends if end is not None and end.settled]
     if len(settled) < FEWEST:

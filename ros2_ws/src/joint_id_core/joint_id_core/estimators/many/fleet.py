@@ -18,7 +18,7 @@ from joint_id_core.estimators.innovations.gauss_newton import Minimum
 from joint_id_core.estimators.innovations.search import Search
 from joint_id_core.estimators.innovations.stages import TOLERANCE
 from joint_id_core.estimators.many.minimising import Start, minimised
-from joint_id_core.estimators.many.passes import passes_on
+from joint_id_core.estimators.many.passes import passes_on, require_device
 from joint_id_core.estimators.many.starts import drawn
 from joint_id_core.estimators.regression_starts import started
 from joint_id_core.estimators.shared.fit_data import UnusableError, prepare, unusable
@@ -62,6 +62,7 @@ def fit_fleet(
     """
     if not recordings or starts < 1:
         raise JointIdError(f"{len(recordings)} recordings and {starts} starts: give one of each, or more")
+    require_device(device, estimator.cell)
     tell, begun = progress or (lambda _: None), time.perf_counter()
     estimates: dict[int, Estimate] = {}
     groups: dict[tuple[str, ...], list[tuple[int, Search, Minimum, list[Start]]]] = {}

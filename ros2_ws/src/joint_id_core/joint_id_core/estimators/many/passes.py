@@ -35,14 +35,27 @@ class Passes(Protocol):
         """
 
 
-def passes_on(device: str, recursions: Sequence[Recursion], steps: Sequence[Steps]) -> Passes:
-    """Return what runs passes of `recursions` with these integrator steps, each (T,), on a device.
+def require_device(device: str, cell: str) -> None:
+    """Check, before a long fit, that passes can run there.
 
     Raises:
-        JointIdError: an unknown device, or one that is not there; the implicit cell on torch.
+        JointIdError: an unknown device, or one that is not there; torch is not installed, or has no such cell.
     """
     if device not in DEVICES:
         raise JointIdError(f"unknown device {device!r}: choose one of {', '.join(DEVICES)}")
+    if device != "cpu":
+        from joint_id_core.batched.torch_cell import device_of  # loads torch
+
+        device_of("cpu" if device == "torch" else device)
+        if cell != "rk4":
+            raise JointIdError(f"torch has no {cell} cell: choose the rk4 cell")
+
+
+def passes_on(device: str, recursions: Sequence[Recursion], steps: Sequence[Steps]) -> Passes:
+    """Return what runs passes of `recursions` with these integrator steps, each (T,), on a device.
+
+    Errors: see `require_device` and `TorchPasses`.
+    """
     return KernelPasses(recursions, steps) if device == "cpu" else TorchPasses(recursions, steps, device)
 
 
@@ -71,8 +84,7 @@ class TorchPasses:
         weights: how often each sample of a record counts, above zero, shape (records, T); None: once.
 
     Raises:
-        JointIdError: records that differ in these; the implicit cell, which torch does not have; a device that is not
-            there; torch is not installed.
+        JointIdError: records that differ in these; a device that is not there; torch is not installed.
     """
 
     def __init__(
@@ -87,8 +99,6 @@ class TorchPasses:
         from joint_id_core.batched.torch_cell import device_of, torch_cell
 
         first = recursions[0]
-        if first.kernel.cell != "rk4":
-            raise JointIdError(f"torch has no {first.kernel.cell} cell: choose --cell rk4, or device cpu")
         for other in recursions:
             if (other.data.model, other.data.free, other.data.labels) != (
                 first.data.model, first.data.free, first.data.labels,

@@ -21,7 +21,7 @@ from joint_id_core.estimators.innovations.gauss_newton import Minimum
 from joint_id_core.estimators.innovations.search import APART, SAME_COST, Outcome
 from joint_id_core.estimators.innovations.stages import STALLED, TOLERANCE, Stages
 from joint_id_core.estimators.many.minimising import Start, minimised
-from joint_id_core.estimators.many.passes import passes_on
+from joint_id_core.estimators.many.passes import passes_on, require_device
 from joint_id_core.estimators.many.problem import physical, searched
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
@@ -133,6 +133,7 @@ def many_starts(
     """
     if starts < 1:
         raise JointIdError(f"starts = {starts}: give 1 or more")
+    require_device(device, estimator.cell)
     tell = progress or (lambda _: None)
     outcome = searched(model, recording, settings, estimator, tell)
     engine, stages = outcome.minimum, outcome.stages
