@@ -103,6 +103,7 @@ def of_passes(batches: tuple[int, ...], rounds: int) -> list[Row]:
     recursions, kernel = [stages.recursion], KernelPasses([stages.recursion], [steps])
     rows = []
     for batch in batches:
+        print(f"passes of {batch}", flush=True)
         points = drawn(stages, batch, seed=batch)
         middle = stages.cost.belief.mean
         free = np.array([stages.coordinates.values(middle + 0.1 * (z - middle)) for z, _ in points])
@@ -144,6 +145,7 @@ def of_starts(count: int) -> list[Row]:
     reference: list = []
     first: tuple[float, float] | None = None
     for where, threads, passes in every:
+        print(f"{count} starts, {where}", flush=True)
         torch.set_num_threads(threads)
         found: list = []
         took, waited = timed(
