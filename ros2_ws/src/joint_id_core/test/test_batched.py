@@ -9,10 +9,6 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="the batched network needs torch, which is not installed")
 
-from joint_id_core.batched.filter import InnovationsFilter  # noqa: E402
-from joint_id_core.batched.records import Records  # noqa: E402
-from joint_id_core.batched.rollout import rollout  # noqa: E402
-from joint_id_core.batched.torch_cell import device_of, torch_cell  # noqa: E402
 from joint_id_core.cell.kernel import compile_model  # noqa: E402
 from joint_id_core.cell.rollout import rollout_sensitivities  # noqa: E402
 from joint_id_core.errors import JointIdError  # noqa: E402
@@ -22,6 +18,10 @@ from joint_id_core.estimators.many.passes import TorchPasses, record_of  # noqa:
 from joint_id_core.estimators.shared.fit_data import prepare  # noqa: E402
 from joint_id_core.models import MODELS, build  # noqa: E402
 from joint_id_core.simulation import simulate_motion  # noqa: E402
+from joint_id_core.tensors.filter import InnovationsFilter  # noqa: E402
+from joint_id_core.tensors.records import Records  # noqa: E402
+from joint_id_core.tensors.rollout import rollout  # noqa: E402
+from joint_id_core.tensors.torch_cell import device_of, torch_cell  # noqa: E402
 
 CPU = torch.device("cpu")
 CLOSE = 1e-9  # relative to the largest number of an array

@@ -240,7 +240,7 @@ _IMPLICIT_STEPS = [
 def point_text(model: Model, d: Derivative) -> str:
     """Return the source of `constants`, `observe`, `inputs`, `slope` and `linearise`: plain lines without loops.
 
-    Their variables may be numbers, or tensors with a value for each element of a batch: see `batched.torch_cell`. They
+    Their variables may be numbers, or tensors with a value for each element of a batch: see `tensors.torch_cell`. They
     call functions of `math`, and `sign`.
     """
     text = _Text(model, d)

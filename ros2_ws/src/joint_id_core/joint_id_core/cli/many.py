@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 import typer
 
 from joint_id_core.assignments import texts_by_name
-from joint_id_core.cli.fit_job import FitJob
 from joint_id_core.cli.fit_options import (
     EndOption,
     FileArgument,
@@ -27,6 +26,7 @@ from joint_id_core.cli.options import with_options
 from joint_id_core.cli.output import Progress, print_json
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import Innovations
+from joint_id_core.jobs.fit_job import FitJob
 from joint_id_core.models.options import ModelOptions
 
 if TYPE_CHECKING:

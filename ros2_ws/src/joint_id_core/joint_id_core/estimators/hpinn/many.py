@@ -6,11 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from joint_id_core.batched.record import Record
-from joint_id_core.batched.records import Records
-from joint_id_core.batched.rollout import index_of, parameters
-from joint_id_core.batched.torch_cell import TorchCell, device_of, torch, torch_cell
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.hpinn.estimator import HPinn
@@ -21,6 +18,10 @@ from joint_id_core.estimators.shared.initial_state import start_state
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.options import Progress
+from joint_id_core.tensors.record import Record
+from joint_id_core.tensors.records import Records
+from joint_id_core.tensors.rollout import index_of, parameters
+from joint_id_core.tensors.torch_cell import TorchCell, device_of, torch, torch_cell
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,7 @@ def _record(data: FitData, labels: Labels, substeps: int) -> Record:
 class _Loss:
     """Weighted mean square error (paper Eq 3) of every element, and its slope by the parameters."""
 
-    def __init__(self, cell: TorchCell, records: Records, labels: Sequence[Labels], record: Array) -> None:
+    def __init__(self, cell: TorchCell, records: Records, labels: Sequence[Labels], record: NDArray[np.int64]) -> None:
         self.cell, self.records = cell, records
         self.index = index_of(records, record, len(record))
         # of the squared error of each label: Eq 2, over the number of its samples and over the number of labels

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from joint_id_core.batched.torch_cell import torch, torch_cell
 from joint_id_core.cell.kernel import Kernel, compile_model
 from joint_id_core.cell.rollout import rollout_sensitivities
 from joint_id_core.cell.symbolic import Smoothing
 from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import Model
+from joint_id_core.tensors.torch_cell import torch, torch_cell
 
 POSITIVE_FLOOR = 1e-3  # lower bound of a positive parameter over its start value: models divide by an inertia
 

@@ -8,11 +8,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from joint_id_core.batched.record import Record
 from joint_id_core.cell.rollout import Steps
 from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.innovations.recursion import NoiseInformation, Pass, Recursion
+from joint_id_core.tensors.record import Record
 
 DEVICES = ("cpu", "cuda", "torch")
 # Memory of one call of the batched filter; larger batches are cut. On a CPU small parts stay in its cache.
@@ -44,7 +44,7 @@ def require_device(device: str, cell: str) -> None:
     if device not in DEVICES:
         raise JointIdError(f"unknown device {device!r}: choose one of {', '.join(DEVICES)}")
     if device != "cpu":
-        from joint_id_core.batched.torch_cell import device_of  # loads torch
+        from joint_id_core.tensors.torch_cell import device_of  # loads torch
 
         device_of("cpu" if device == "torch" else device)
         if cell != "rk4":
@@ -94,9 +94,9 @@ class TorchPasses:
         device: str = "torch",
         weights: Array | None = None,
     ) -> None:
-        from joint_id_core.batched.filter import InnovationsFilter  # loads torch, as the next
-        from joint_id_core.batched.records import Records
-        from joint_id_core.batched.torch_cell import device_of, torch_cell
+        from joint_id_core.tensors.filter import InnovationsFilter  # loads torch, as the next
+        from joint_id_core.tensors.records import Records
+        from joint_id_core.tensors.torch_cell import device_of, torch_cell
 
         first = recursions[0]
         for other in recursions:

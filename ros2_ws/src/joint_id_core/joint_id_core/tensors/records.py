@@ -1,4 +1,4 @@
-"""Records of one model as tensors, side by side, for the loops of `batched`."""
+"""Records of one model as tensors, side by side, for the loops of `tensors`."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from joint_id_core.batched.record import Record
-from joint_id_core.batched.torch_cell import Number, torch
 from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError
+from joint_id_core.tensors.record import Record
+from joint_id_core.tensors.torch_cell import Number, torch
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from joint_id_core.batched.records import Records, Sample
-from joint_id_core.batched.rollout import index_of, parameters
-from joint_id_core.batched.torch_cell import Number, TorchCell, torch
 from joint_id_core.data.recording import Array
+from joint_id_core.tensors.records import Records, Sample
+from joint_id_core.tensors.rollout import index_of, parameters
+from joint_id_core.tensors.torch_cell import Number, TorchCell, torch
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from joint_id_core.batched.records import Records
-from joint_id_core.batched.torch_cell import Number, TorchCell, torch
 from joint_id_core.data.recording import Array
+from joint_id_core.tensors.records import Records
+from joint_id_core.tensors.torch_cell import Number, TorchCell, torch
 
 
 def parameters(cell: TorchCell, p: Array, device: torch.device) -> list[Number]:
