@@ -88,6 +88,7 @@ $(VENV)/.peers: $(VENV)/.installed benchmarks/requirements.txt benchmarks/constr
 bench-speed: setup $(VENV)/.peers
 	$(RUN) python benchmarks/speed.py --json out/benchmarks/speed.json
 	$(RUN) python benchmarks/speed_peers.py --json out/benchmarks/speed_peers.json
+	$(RUN) python benchmarks/batched.py --json out/benchmarks/batched.json
 
 # Errors against their predicted sigma, coverage of the intervals, and the paper's methods on the same data.
 bench-stats: setup

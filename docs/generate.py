@@ -35,6 +35,8 @@ COMMANDS = (
     "diff",
     "batch",
     "history",
+    "many-starts",
+    "bootstrap",
     "export",
     "compare",
     "simulate",
