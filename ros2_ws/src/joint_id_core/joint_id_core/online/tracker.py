@@ -134,7 +134,7 @@ class Tracker:
             kept[:, 0] = kept[:, -1] = mean
             kept[:, 1 : 1 + self._n] = np.diag(spread**2)
             self._noise = STATE_NOISE * spread**2
-            self._state = State(kept, float(data.time[begin]), data.u[begin])
+            self._state = State(kept, float(data.time[begin]), np.ascontiguousarray(data.u[begin]))
             first, then = (
                 Samples(*map(np.ascontiguousarray, (data.time[rows], data.u[rows], data.y[rows])))
                 for rows in (slice(begin + 1, settled), slice(settled, end))
