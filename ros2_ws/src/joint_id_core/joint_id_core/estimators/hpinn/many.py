@@ -80,7 +80,7 @@ def train_many(
     records = Records([_record(d, one, max(1, options.substeps)) for d, one in zip(every, labels, strict=True)], place)
     record = np.repeat(np.arange(len(every)), count)
     first = np.tile(starts, (len(every), 1))
-    loss = _Loss(torch_cell(model, options.friction, free), records, labels, record)  # type: ignore[arg-type]  # checked
+    loss = _Loss(torch_cell(model, options.friction, free), records, labels, record)
     scale = np.array([[scale_of(model, n, v) for n, v in zip(free, row, strict=True)] for row in starts.tolist()])
     ends = np.array(
         [[interval_of(model, n, v, options.bounds) for n, v in zip(free, row, strict=True)] for row in starts.tolist()]
