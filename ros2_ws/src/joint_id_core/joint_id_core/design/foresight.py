@@ -88,13 +88,13 @@ class Foresight:
     def _kernel(self) -> Kernel:
         return compile_model(self.model, "tanh", self.settings.freed_in(self.model))
 
-    def joints(self, pairs: int) -> list[dict[str, float]]:
+    def joints(self, pairs: int, seed: int = 0) -> list[dict[str, float]]:
         """Return the values of all parameters, the link's too, of joints that are as likely as the start values.
 
         The first joint has the start values. Each pair is off by the same amount up and down, so that no draw leans to
         one side: the logarithms of positive parameters by `GUESS`, or by the prior where that is less.
         """
-        found, rng = [self.link | self.values], np.random.default_rng(0)
+        found, rng = [self.link | self.values], np.random.default_rng(seed)
         rows = {p.name: p for p in (*self.plant.model.parameters, *self.model.parameters)}
         moved = [p for p in rows.values() if p.positive and not (p.fixed or p.name in self.settings.fixed)]
         spreads = [min(GUESS, self.settings.priors.get(p.name, p.spread)) for p in moved]
@@ -128,40 +128,44 @@ class Foresight:
         The bias from smoothed friction and from noise of the drive's sensor counts as uncertain. It is the Newton step
         at the true values, averaged over sensor noise of both signs, which leaves only what is even in the noise.
         """
-        recording = as_recorded(exact, self.sensors)
-        opposite = {name: 2.0 * exact[name] - recording[name] for name in recording.channels}
-        seen = [self._informed(joint, r) for r in (recording, replace(recording, channels=opposite))]
+        seen = [self.informed(joint, recording) for recording in self.recordings(exact)]
         covariance = sum(c for c, _, _ in seen) / 2.0
         bias = sum(step - known for _, step, known in seen) / 2.0
         bias = np.clip(bias, -self.coordinates.spread, self.coordinates.spread)
         return np.asarray(covariance + np.outer(bias, bias))
 
+    def recordings(self, exact: Recording) -> tuple[Recording, Recording]:
+        """Return what the robot records of a motion, with sensor noise of both signs."""
+        recording = as_recorded(exact, self.sensors)
+        opposite = {name: 2.0 * exact[name] - recording[name] for name in recording.channels}
+        return recording, replace(recording, channels=opposite)
+
     def verdicts(self, covariance: Array, position: Array, velocity: Array) -> dict[str, Shown]:
         """Return the verdict on every parameter by the rules of the estimator, for a covariance (k, k) of a motion."""
         joint = self.joints(0)[0]
-        data = self._prepared(joint, as_recorded(self.move(joint, position, velocity).recording, self.sensors))
+        data, _, _ = self.prepared(joint, self.recordings(self.move(joint, position, velocity).recording)[0])
         z = self.coordinates.z(np.array([self.values[name] for name in self.free]))
         slope = self.coordinates.slope(z)
         together = in_combination(data, data.p, covariance * np.outer(slope, slope))
         return verdicts(self.model, self.free, covariance, self.coordinates, z, together)
 
-    def _prepared(self, joint: Mapping[str, float], recording: Recording) -> FitData:
-        """Return a recording as a fit takes it that starts from the true values."""
+    def prepared(self, joint: Mapping[str, float], recording: Recording) -> tuple[FitData, Array, int]:
+        """Return a recording as a fit takes it that starts from the true values, noise variances and steps a sample."""
         truth = {name: joint[name] for name in self.model.parameter_names}
         settings = ParameterSettings(truth, self.settings.fixed, self.settings.freed, self.settings.priors)
-        return prepare(self.model, recording, settings, leave_out_rests=True)
+        data = prepare(self.model, recording, settings, leave_out_rests=True)
+        substeps = stable_substeps(data, self._kernel, data.p, rough_states(data), sliding=True)
+        return data, levels_of(data, self.sensors), substeps
 
-    def _informed(self, joint: Mapping[str, float], recording: Recording) -> tuple[Array, Array, Array]:
+    def informed(self, joint: Mapping[str, float], recording: Recording) -> tuple[Array, Array, Array]:
         """Return the covariance near the true values, the Newton step from there, and the bias that a fit takes off."""
-        data = self._prepared(joint, recording)
-        coordinates, kernel = self.coordinates, self._kernel
+        data, levels, stable = self.prepared(joint, recording)
+        coordinates, kernel, substeps = self.coordinates, self._kernel, ACCURATE * stable
         loaded = any(joint.get(name, 0.0) != 0.0 for name in ("a_g", "b_g", "tau_0"))
         recursion = Recursion(data, kernel, data.p if loaded else None)
         cost = Cost(recursion, coordinates, Belief.before_data(data, coordinates))
-        states = rough_states(data)
-        substeps = ACCURATE * stable_substeps(data, kernel, data.p, states, sliding=True)
-        levels = levels_of(data, self.sensors)
-        found = cost.at(cost.belief.mean, levels, steps_of(data, kernel, data.p, states, substeps), substeps)
+        steps = steps_of(data, kernel, data.p, rough_states(data), substeps)
+        found = cost.at(cost.belief.mean, levels, steps, substeps)
         if found is None or not found.definite:
             raise JointIdError(f"model {self.model.name}: the filter does not follow this motion with these parameters")
         noise = recursion.noise_information(found.last, with_parameters=True)

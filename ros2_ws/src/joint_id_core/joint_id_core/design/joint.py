@@ -15,6 +15,7 @@ from joint_id_core.design.foresight import GUESS, Foresight
 from joint_id_core.design.limits import JointLimits, violations
 from joint_id_core.design.search import Candidate, Search
 from joint_id_core.design.trajectory import Trajectory
+from joint_id_core.design.trial import Promise, promise
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.innovations.verdicts import Shown
 from joint_id_core.estimators.shared.sentences import listed, sentence
@@ -27,7 +28,7 @@ from joint_id_core.simulation.sensors import Sensors
 REACH = 1.0  # rad from home, as far as a joint goes where nothing else is said
 RATE = 500.0  # Hz, of control and recording: that of e-Series robots
 LEAST_S, MOST_S = 2.0, 120.0  # lengths of a motion
-PAIRS = 3  # pairs of other joints over which a promise is averaged
+PAIRS, OTHERS = 3, 1  # pairs of joints for a promise, and their seed: not those that the motion was chosen with
 TWICE = 2.0  # how much larger a motion is of which is told whether it would show more
 OPEN = (Verdict.NOT_EXCITED, Verdict.PRIOR)  # verdicts on parameters that a motion does not show
 
@@ -104,9 +105,8 @@ def foretell(foresight: Foresight, trajectory: Trajectory, larger: Array | None 
     instants = np.arange(math.floor(trajectory.duration * foresight.rate + 1e-9) + 1) / foresight.rate
     state = trajectory.at(instants)
     position, velocity = (np.ascontiguousarray(part[:, 0]) for part in (state.position, state.velocity))
-    joints = foresight.joints(PAIRS)
-    seen = [foresight.see(values, position, velocity) for values in joints]
-    covariance = np.mean([one.covariance for one in seen], axis=0)
+    told = promise(foresight, foresight.joints(PAIRS, OTHERS), position, velocity)
+    covariance = told.covariance
     rows = foresight.verdicts(covariance, position, velocity)
     more = {} if larger is None else foresight.verdicts(larger, position, velocity)
     slope = foresight.coordinates.slope(
@@ -120,7 +120,7 @@ def foretell(foresight: Foresight, trajectory: Trajectory, larger: Array | None 
         )
         for p in foresight.model.parameters
     )  # fmt: skip
-    return Design(trajectory, expected, _assumed(foresight, max(one.torque for one in seen)))
+    return Design(trajectory, expected, _assumed(foresight, told))
 
 
 def _within(limits: JointLimits, home: float | None, reach: float) -> tuple[JointLimits, tuple[str, ...]]:
@@ -163,15 +163,19 @@ def _held(limits: JointLimits, best: Candidate) -> tuple[str, ...]:
     return (sentence(f"the limit of {best.held} holds this motion ({limits.source})"),)
 
 
-def _assumed(foresight: Foresight, torque: float) -> tuple[str, ...]:
+def _assumed(foresight: Foresight, told: Promise) -> tuple[str, ...]:
     """Say what a promise rests on."""
     measured = [name for name in foresight.measured if name in foresight.sensors.noise]
     noise = listed([f"{name} {foresight.sensors.noise[name]:.2g}" for name in measured])
     notes = [
-        f"the torque at the joint reaches {torque:.3g} Nm, if nothing else moves and the tool does not change",
+        f"the torque at the joint reaches {told.torque:.3g} Nm, if nothing else moves and the tool does not change",
         f"noise of the sensors, in SI units: {noise}; {foresight.rate:g} samples a second",
         f"the standard deviations are those of joints whose values are off by about {GUESS:.0%}, or as --prior says",
     ]
+    if told.failed:
+        notes.append(
+            f"{told.failed} of {told.tried} trial fits of such joints found nothing: the values may be far off"
+        )
     link = {n: v for n, v in foresight.link.items() if n not in foresight.values and v and not n.startswith("w_s")}
     if link:
         values = listed([f"{name} {value:.4g}" for name, value in link.items()])
