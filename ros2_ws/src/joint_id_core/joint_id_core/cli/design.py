@@ -7,6 +7,7 @@ from typing import Annotated, Any, Optional
 
 import typer
 
+from joint_id_core.cli.design_arm import ArmOption, ArmRequest, FitOption, FloorOption, design_of_arm
 from joint_id_core.cli.design_joint import (
     CriterionOption,
     ForOption,
@@ -16,7 +17,15 @@ from joint_id_core.cli.design_joint import (
     PlotOption,
     design_of_joint,
 )
-from joint_id_core.cli.fit_options import FixOption, FreeOption, JsonOption, PriorOption, SetOption, parameter_settings
+from joint_id_core.cli.fit_options import (
+    BaseGravityOption,
+    FixOption,
+    FreeOption,
+    JsonOption,
+    PriorOption,
+    SetOption,
+    parameter_settings,
+)
 from joint_id_core.cli.options import with_options
 from joint_id_core.cli.output import print_json
 from joint_id_core.errors import JointIdError
@@ -30,6 +39,7 @@ ROBOT_HELP = "limits as published of ur3e, ur5e or ur10e; --joint: also set, fix
 def design(
     model_options: dict[str, Any],
     joint: JointOption = None,
+    arm: ArmOption = None,
     robot: Annotated[Optional[str], typer.Option(help=ROBOT_HELP)] = None,
     limits: Annotated[
         Optional[Path], typer.Option(help="limits: YAML as MoveIt's joint_limits.yaml, or a URDF")
@@ -37,7 +47,8 @@ def design(
     time: Annotated[float, typer.Option(help="length of the motion, s")] = 20.0,
     rate: Annotated[float, typer.Option(help="samples a second, of the motion and of its recording")] = 500.0,
     home: Annotated[
-        Optional[str], typer.Option(help="position at start and end, rad (default: the middle of the limits)")
+        Optional[str],
+        typer.Option(help="pose at start and end, rad; --arm: Q1,Q2,... (default: the middle of the limits)"),
     ] = None,
     reach: Annotated[Optional[float], typer.Option(help="how far a joint may go from home, rad (default: 1)")] = None,
     for_: ForOption = None,
@@ -47,6 +58,9 @@ def design(
     free: FreeOption = None,
     prior: PriorOption = None,
     motion: MotionOption = None,
+    floor: FloorOption = None,
+    fit: FitOption = None,
+    base_gravity: BaseGravityOption = None,
     out: Annotated[Optional[list[Path]], typer.Option("--out", "-o", help=OUT_HELP)] = None,
     plot: PlotOption = None,
     json: JsonOption = False,
@@ -55,13 +69,24 @@ def design(
 
     Nothing is sent to a robot. Exit code 0: designed; 2: bad input.
     """
-    if joint is None:
-        raise JointIdError("say what shall move: --joint NAME with --model and --robot or --limits")
-    settings = parameter_settings(set_, fix, free, prior)
-    asked = JointRequest(
-        joint, model_options, settings, limits, robot, time, rate, home, reach, for_, criterion, motion
-    )  # fmt: skip
-    found = design_of_joint(asked, out or (), plot)
+    if (joint is None) == (arm is None):
+        raise JointIdError(
+            "say what shall move: --joint NAME with --model and --robot or --limits, or --arm robot.urdf"
+        )
+    strange = {"--model": model_options, "--set": set_, "--fix": fix, "--free": free, "--prior": prior}
+    if arm is None:
+        strange = {"--floor": floor is not None, "--fit": fit, "--base-gravity": base_gravity}
+    if other := [option for option, given in strange.items() if given]:
+        raise JointIdError(f"{other[0]} says nothing of {'one joint' if arm is None else 'a whole arm'}: leave it out")
+    if arm is not None:
+        whole = ArmRequest(arm, limits, robot, time, rate, home, reach, for_, motion, floor, fit, base_gravity)
+        found = design_of_arm(whole, out or (), plot)
+    else:
+        settings = parameter_settings(set_, fix, free, prior)
+        asked = JointRequest(
+            joint or "", model_options, settings, limits, robot, time, rate, home, reach, for_, criterion, motion
+        )  # fmt: skip
+        found = design_of_joint(asked, out or (), plot)
     if json:
         print_json(found.to_dict())
         return

@@ -1,0 +1,114 @@
+"""What `joint-id arm fit` will tell of a motion of an arm: its own equations of the planned motion, and the noise.
+
+The filter, the instants that are left out around reversals and the law of friction are those of the fit. So is the
+covariance: least squares weighed by the noise of each joint, under a noise that has a memory.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from joint_id_core.arm.equations import KEPT, PAYLOAD, RATE, Equations, unchecked
+from joint_id_core.arm.fit import BENT, SURE
+from joint_id_core.arm.friction import Friction
+from joint_id_core.arm.judged import ACCURACY
+from joint_id_core.arm.regressor import Regressor
+from joint_id_core.arm.stacked import Stacked
+from joint_id_core.data.recording import Array, Recording
+from joint_id_core.design.arm_prior import ArmPrior
+from joint_id_core.design.trajectory import Trajectory
+
+SAMPLES = 500.0  # in a second, of the recording
+FORGETS_S = 1e-3  # least memory of noise
+STILL_S = 0.5  # recorded before and after the motion: derivatives need samples beyond it
+
+
+@dataclass(frozen=True, eq=False)
+class Promise:
+    """What a fit will tell.
+
+    Attributes:
+        values: that are taken: base parameters (rotors first), damping, Coulomb friction, bends, growth, shape (P,).
+        std_dev: of each, shape (P,); NaN where the motion shows nothing.
+        effect: root mean square in Nm of the torque that each makes, over the joint where it makes most of the noise
+            there, shape (P,).
+        condition: condition number of the regressor of the base parameters, what other tools make small.
+    """
+
+    values: Array
+    std_dev: Array
+    effect: Array
+    condition: float
+
+
+def promise(regressor: Regressor, trajectory: Trajectory, prior: ArmPrior) -> Promise:
+    """Return what a fit of a recording of a motion will tell of an arm.
+
+    Raises:
+        JointIdError: the motion is too short for the number of parameters.
+    """
+    part = _equations(regressor, trajectory)
+    base, count = part.base, len(regressor.joints)
+    values = np.concatenate([prior.values(regressor)[:-1], prior.bend, [prior.growth]])
+    table = Stacked.of([part])
+    covariance = _covariance(part, table, prior, np.zeros(0, dtype=np.intp))
+    weak = _weak(values, covariance, base + 2 * count, prior)
+    covariance = _covariance(part, table, prior, weak)
+    sigma = np.sqrt(np.diag(covariance))
+    seen = np.any(table.columns != 0.0, axis=0)
+    seen[weak] = False
+    friction = slice(base, base + 2 * count)
+    sigma[friction] = np.hypot(sigma[friction], ACCURACY * values[friction])
+    weights = 1.0 / prior.noise[table.joint]
+    squares = np.array(
+        [np.bincount(table.joint, (column * weights) ** 2, count) for column in table.columns.T]
+    ) / np.maximum(1, np.bincount(table.joint, minlength=count))
+    inertial = table.columns[:, :base]
+    return Promise(
+        values,
+        np.where(seen, sigma, np.nan),
+        np.sqrt(squares.max(axis=1)) * np.abs(values),
+        float(np.linalg.cond(inertial)),
+    )
+
+
+def _equations(regressor: Regressor, trajectory: Trajectory) -> Equations:
+    """Return the equations of a recording of the motion without noise."""
+    count = round((trajectory.duration + 2.0 * STILL_S) * SAMPLES) + 1
+    time = np.arange(count) / SAMPLES
+    q = trajectory.at(time - STILL_S).position
+    records = {
+        name: Recording(
+            time, {"link_position": q[:, k], "torque": np.zeros(count)}, source="the planned motion", joint=name
+        )
+        for k, name in enumerate(trajectory.names)
+    }
+    part = unchecked(regressor, records, {name: {"torque": 1.0} for name in regressor.joints}, "the planned motion")
+    values = np.concatenate([regressor.reference, np.zeros(PAYLOAD)])
+    return Friction.from_values(regressor, values).added(part)
+
+
+def _weak(values: Array, covariance: Array, first: int, prior: ArmPrior) -> np.ndarray:
+    """Return the places of bends and growth, from `first` on, that a fit will leave out as they may be 0."""
+    more = np.arange(first, len(values))
+    sigma = np.sqrt(np.diag(covariance)[more])
+    least = np.maximum(SURE * sigma, np.append(BENT * prior.coulomb, 0.0))
+    return more[~(np.abs(values[more]) > least)]
+
+
+def _covariance(part: Equations, table: Stacked, prior: ArmPrior, without: np.ndarray) -> Array:
+    """Return the covariance (P, P) of a fit of the equations without some parameters; 0 for those."""
+    columns = table.without(without).columns
+    size = np.linalg.norm(columns, axis=0)
+    scale = np.where(size > 0.0, size, 1.0)
+    whole, middle = np.zeros((2, len(size), len(size)))
+    for j, (noise, memory) in enumerate(zip(prior.noise, prior.memory, strict=True)):
+        own = columns[table.joint == j] / scale / noise
+        instants = np.flatnonzero(part.used[:, j]) * KEPT / RATE
+        alike = np.exp(-np.abs(instants[:, None] - instants) / max(memory, FORGETS_S))
+        whole += own.T @ own
+        middle += own.T @ alike @ own
+    inverse = np.linalg.pinv(whole, hermitian=True, rcond=1e-13)
+    return np.asarray(inverse @ middle @ inverse / np.outer(scale, scale))
