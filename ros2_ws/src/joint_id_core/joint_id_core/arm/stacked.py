@@ -105,7 +105,7 @@ def of_joint(part: Equations, j: int, loaded: bool) -> tuple[Array, Array]:
 
 
 def free(weighted: Array) -> Array:
-    """Return how far each equation is not determined by the others, of weighted columns (T, P): one less its leverage."""
+    """Return one less the leverage of each equation, shape (T,), of weighted columns (T, P)."""
     size = np.linalg.norm(weighted, axis=0)
     scaled = weighted / np.where(size > 0.0, size, 1.0)
     leverage = np.sum(scaled @ np.linalg.pinv(scaled.T @ scaled, hermitian=True) * scaled, axis=1)

@@ -114,8 +114,8 @@ def design_arm(
     if (outside := (at <= full.lower) | (at >= full.upper)).any():
         k = int(np.argmax(outside))
         raise JointIdError(
-            f"home of {full.names[k]} is {at[k]:g} rad, its limits are {full.lower[k]:g} to {full.upper[k]:g} rad: choose "
-            "a home within them (--home)"
+            f"home of {full.names[k]} is {at[k]:g} rad, its limits are {full.lower[k]:g} to {full.upper[k]:g} rad: "
+            "choose a home within them (--home)"
         )
     near = replace(full, lower=np.maximum(full.lower, at - reach), upper=np.minimum(full.upper, at + reach))
     columns = ArmColumns(regressor, prior)

@@ -22,10 +22,10 @@ from joint_id_core.errors import JointIdError
 TONES = 10  # frequencies, and a constant
 SLOWEST, FASTEST = 2.0, 2.0  # turns in the whole motion of the slowest; Hz of the fastest
 RAMP = 0.1  # share of the motion of the soft start, and of the end
-INSTANTS = 12.0  # in a second, at which information is computed
-FINER = 4  # times as many at which limits are held while the motion is looked for
+INSTANTS = 8.0  # in a second, at which information is computed
+FINER = 6  # times as many at which limits are held while the motion is looked for
 STARTS = 8  # random motions, of which the best is improved
-ROUNDS = ((30.0, 12), (1e3, 25), (1e4, 15))  # weight of what is beyond limits, and steps
+ROUNDS = ((30.0, 40), (1e3, 40), (1e4, 20))  # weight of what is beyond limits, and steps
 ROOM = 0.98  # share of the limits that is used
 LEAST, SHRINK = 0.05, 0.99  # least share of the found motion that is worth a design, and steps towards it
 

@@ -6,9 +6,11 @@ covariance: least squares weighed by the noise of each joint, under a noise that
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from joint_id_core.arm.equations import KEPT, PAYLOAD, RATE, Equations, unchecked
 from joint_id_core.arm.fit import BENT, SURE
@@ -20,6 +22,7 @@ from joint_id_core.data.recording import Array, Recording
 from joint_id_core.design.arm_prior import ArmPrior
 from joint_id_core.design.trajectory import Trajectory
 
+Places = NDArray[np.intp]
 SAMPLES = 500.0  # in a second, of the recording
 FORGETS_S = 1e-3  # least memory of noise
 STILL_S = 0.5  # recorded before and after the motion: derivatives need samples beyond it
@@ -53,10 +56,10 @@ def promise(regressor: Regressor, trajectory: Trajectory, prior: ArmPrior) -> Pr
     base, count = part.base, len(regressor.joints)
     values = np.concatenate([prior.values(regressor)[:-1], prior.bend, [prior.growth]])
     table = Stacked.of([part])
-    covariance = _covariance(part, table, prior, np.zeros(0, dtype=np.intp))
-    weak = _weak(values, covariance, base + 2 * count, prior)
-    covariance = _covariance(part, table, prior, weak)
-    sigma = np.sqrt(np.diag(covariance))
+    whole = _covariance(part, table, prior, np.zeros(0, dtype=np.intp))
+    weak, least = _weak(values, whole, base + 2 * count, prior)
+    variance = np.diag(_covariance(part, table, prior, weak)) + _by_chance(whole, weak, least)
+    sigma = np.sqrt(variance)
     seen = np.any(table.columns != 0.0, axis=0)
     seen[weak] = False
     friction = slice(base, base + 2 * count)
@@ -90,15 +93,31 @@ def _equations(regressor: Regressor, trajectory: Trajectory) -> Equations:
     return Friction.from_values(regressor, values).added(part)
 
 
-def _weak(values: Array, covariance: Array, first: int, prior: ArmPrior) -> np.ndarray:
-    """Return the places of bends and growth, from `first` on, that a fit will leave out as they may be 0."""
+def _weak(values: Array, covariance: Array, first: int, prior: ArmPrior) -> tuple[Places, Array]:
+    """Return places of bends and growth, from `first` on, that a fit will leave out, and the sizes that it would keep."""
     more = np.arange(first, len(values))
     sigma = np.sqrt(np.diag(covariance)[more])
     least = np.maximum(SURE * sigma, np.append(BENT * prior.coulomb, 0.0))
-    return more[~(np.abs(values[more]) > least)]
+    out = ~(np.abs(values[more]) > least)
+    return more[out], least[out]
 
 
-def _covariance(part: Equations, table: Stacked, prior: ArmPrior, without: np.ndarray) -> Array:
+def _by_chance(covariance: Array, weak: Places, least: Array) -> Array:
+    """Return the variance that parameters get as a fit takes bends for real that are noise, shape (P,).
+
+    It does so where the noise makes one larger than `least`, and moves the other parameters then as the covariance of
+    all of them says: E[x^2; |x| > t] = 2 (t phi(t) + Q(t)) of the variance that the bend takes from them.
+    """
+    found = np.zeros(len(covariance))
+    for k, size in zip(weak, least, strict=True):
+        if covariance[k, k] > 0.0:
+            t = size / np.sqrt(covariance[k, k])
+            share = t * np.sqrt(2.0 / np.pi) * np.exp(-(t**2) / 2.0) + math.erfc(t / math.sqrt(2.0))
+            found += share * covariance[:, k] ** 2 / covariance[k, k]
+    return found
+
+
+def _covariance(part: Equations, table: Stacked, prior: ArmPrior, without: Places) -> Array:
     """Return the covariance (P, P) of a fit of the equations without some parameters; 0 for those."""
     columns = table.without(without).columns
     size = np.linalg.norm(columns, axis=0)
