@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
@@ -30,6 +30,9 @@ from joint_id_core.cli.options import with_options
 from joint_id_core.cli.output import print_json
 from joint_id_core.errors import JointIdError
 from joint_id_core.models.options import ModelOptions
+
+if TYPE_CHECKING:
+    from joint_id_core.design.design import Design
 
 OUT_HELP = "file to write: .csv, .yaml (JointTrajectory) or .script (URScript); repeatable"
 ROBOT_HELP = "limits as published of ur3e, ur5e or ur10e; --joint: also set, fix and free of its parameter file"
@@ -73,14 +76,20 @@ def design(
         raise JointIdError(
             "say what shall move: --joint NAME with --model and --robot or --limits, or --arm robot.urdf"
         )
-    strange = {"--model": model_options, "--set": set_, "--fix": fix, "--free": free, "--prior": prior}
+    strange: dict[str, object] = {
+        "--model": model_options,
+        "--set": set_,
+        "--fix": fix,
+        "--free": free,
+        "--prior": prior,
+    }
     if arm is None:
         strange = {"--floor": floor is not None, "--fit": fit, "--base-gravity": base_gravity}
     if other := [option for option, given in strange.items() if given]:
         raise JointIdError(f"{other[0]} says nothing of {'one joint' if arm is None else 'a whole arm'}: leave it out")
     if arm is not None:
         whole = ArmRequest(arm, limits, robot, time, rate, home, reach, for_, motion, floor, fit, base_gravity)
-        found = design_of_arm(whole, out or (), plot)
+        found: Design = design_of_arm(whole, out or (), plot)
     else:
         settings = parameter_settings(set_, fix, free, prior)
         asked = JointRequest(

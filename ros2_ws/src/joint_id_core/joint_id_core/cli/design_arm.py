@@ -56,8 +56,11 @@ def design_of_arm(asked: ArmRequest, out: Sequence[Path], plot: Path | None) -> 
     from joint_id_core.cli.fit_options import vector
     from joint_id_core.design import arm_design as designing
     from joint_id_core.design.arm_prior import of_fit, typical
-    from joint_id_core.design.files import read_trajectory, write
+    from joint_id_core.design.files import kind_of, read_trajectory, write
+    from joint_id_core.design.limits import violations
 
+    for path in out:
+        kind_of(path)
     outputs = {**{f"--out {path}": path for path in out}, "--plot": plot}
     require_apart(outputs, [asked.urdf, asked.limits, asked.motion, asked.fit])
     if plot is not None:
@@ -71,7 +74,9 @@ def design_of_arm(asked: ArmRequest, out: Sequence[Path], plot: Path | None) -> 
     prior = typical(regressor, held) if asked.fit is None else of_fit(asked.fit, joints)
     with Progress() as progress:
         if asked.motion is not None:
-            found = designing.foreseen(regressor, read_trajectory(asked.motion), prior, (prior.told,))
+            motion = read_trajectory(asked.motion)
+            broken = [f"It breaks a limit: {text}." for text in violations(motion, held)]
+            found = designing.foreseen(regressor, motion, prior, (prior.told, *broken))
         else:
             progress(f"designing a motion of {len(joints)} joints")
             shown = tuple(part.strip() for part in (asked.show or "").split(",") if part.strip())

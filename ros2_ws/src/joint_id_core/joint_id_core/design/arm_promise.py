@@ -94,7 +94,7 @@ def _equations(regressor: Regressor, trajectory: Trajectory) -> Equations:
 
 
 def _weak(values: Array, covariance: Array, first: int, prior: ArmPrior) -> tuple[Places, Array]:
-    """Return places of bends and growth, from `first` on, that a fit will leave out, and the sizes that it would keep."""
+    """Return places of bends and growth, from `first` on, that a fit leaves out, and the sizes that it would keep."""
     more = np.arange(first, len(values))
     sigma = np.sqrt(np.diag(covariance)[more])
     least = np.maximum(SURE * sigma, np.append(BENT * prior.coulomb, 0.0))
