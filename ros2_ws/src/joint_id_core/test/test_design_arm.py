@@ -178,8 +178,8 @@ def test_what_is_chosen_counts_and_all_else_is_in_the_way(designed: ArmDesign) -
     information, _ = columns.information(columns.at(motion.position, motion.velocity, motion.acceleration))
     mask = np.zeros(columns.count, dtype=bool)
     mask[len(REGRESSOR.reference) : -1] = True
-    covariance = np.linalg.inv(information)[np.ix_(mask, mask)]
-    assert Chosen(mask).log_det(information)[0] == pytest.approx(-np.linalg.slogdet(covariance)[1], abs=1e-2)
+    variances = np.diag(np.linalg.inv(information))[mask]
+    assert Chosen(mask).told(information)[0] == pytest.approx(-np.log(variances).sum(), abs=1e-2)
 
 
 def test_it_says_what_it_cannot_show_and_what_to_check(designed: ArmDesign) -> None:

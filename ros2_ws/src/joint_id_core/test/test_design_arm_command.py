@@ -20,7 +20,7 @@ pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
 
 HOME = "0,-1.2,1.2,-1,-1,0"
 LIMITS = "joint_limits:\n" + "".join(
-    f"  {name}: {{min_position: -2.0, max_position: 2.0, max_velocity: 2.0, max_acceleration: 5.0, max_effort: {effort}}}\n"
+    f"  {name}: {{min_position: -2, max_position: 2, max_velocity: 2, max_acceleration: 5, max_effort: {effort}}}\n"
     for name, effort in zip(JOINTS, (110, 80, 45, 12, 8, 8), strict=True)
 )
 

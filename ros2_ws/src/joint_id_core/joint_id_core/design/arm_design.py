@@ -158,6 +158,12 @@ def foreseen(regressor: Regressor, motion: Trajectory, prior: ArmPrior, notes: S
     for k, one in enumerate(base_parameters(regressor, found.values, found.std_dev, seen)):
         reason = "" if one.verdict is Verdict.ESTIMATED else _hidden(found, k)
         rows.append(Expected("", one.text, "SI", one.described, one.std_dev, one.verdict, reason))
+    if not prior.bend.any():
+        notes = (
+            *notes,
+            "Friction is taken as a straight line. If it bends, a fit takes that into its law, and knows damping "
+            f"{found.bent[0]:.2g} times and Coulomb friction {found.bent[1]:.2g} times worse.",
+        )
     effect = dict(zip(regressor.combinations, found.effect.tolist(), strict=False))
     return ArmDesign(motion, tuple(rows), tuple(notes), found.condition, effect)
 

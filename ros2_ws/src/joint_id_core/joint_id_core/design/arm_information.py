@@ -23,26 +23,21 @@ RIDGE = 1e-9  # of the information of a parameter, which keeps it regular where 
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """Parameters whose standard deviations shall be small together: all others are only in the way."""
+    """Parameters whose standard deviations shall be small, as a geometric mean: all others are only in the way."""
 
     mask: NDArray[np.bool_]
 
-    def log_det(self, information: Array) -> tuple[float, Array]:
-        """Return the logarithm of the determinant of the information on them, and its derivative (P, P).
+    def told(self, information: Array) -> tuple[float, Array]:
+        """Return minus the sum of the logarithms of their variances, and its derivative by the information (P, P).
 
-        It is that of the whole over that of the others (Schur complement): Ds-optimality (Atkinson, Donev & Tobias,
-        Optimum Experimental Designs, 2007, ch. 10).
+        It does not depend on units. D-optimality has the determinant instead, which correlations make small, too.
         """
         scale = 1.0 / np.sqrt(np.diag(information))
-        scaled = information * np.outer(scale, scale) + RIDGE * np.eye(len(scale))
-        value, slope = np.linalg.slogdet(scaled)[1] - 2.0 * np.log(scale).sum(), np.linalg.inv(scaled)
-        others = ~self.mask
-        if others.any():
-            part = scaled[np.ix_(others, others)]
-            value -= np.linalg.slogdet(part)[1] - 2.0 * np.log(scale[others]).sum()
-            slope = slope.copy()
-            slope[np.ix_(others, others)] -= np.linalg.inv(part)
-        return float(value), slope * np.outer(scale, scale)
+        covariance = np.linalg.inv(information * np.outer(scale, scale) + RIDGE * np.eye(len(scale)))
+        variances = np.diag(covariance)
+        value = -float(np.log(variances * scale**2)[self.mask].sum())
+        slope = (covariance * (self.mask / variances)) @ covariance
+        return value, slope * np.outer(scale, scale)
 
 
 class ArmColumns:

@@ -175,7 +175,7 @@ class _Search:
         some = state[:, self._some]
         columns = task.columns.at(some[0], some[1], some[2])
         information, weighed = task.columns.information(columns)
-        told, by_information = task.chosen.log_det(information)
+        told, by_information = task.chosen.told(information)
         weights = -2.0 * weighed @ by_information
         over, by_torque = self._too_strong(columns, weight)
         inner = task.columns.slopes((some[0], some[1], some[2]), columns, weights + by_torque)

@@ -114,13 +114,22 @@ def of_fit(path: str | Path, joints: Sequence[str]) -> ArmPrior:
         raise JointIdError(
             f"{path}: cannot be read as JSON ({error}): save a fit with joint-id arm fit --save"
         ) from None
+    return from_dict(content, joints, str(path))
+
+
+def from_dict(content: Any, joints: Sequence[str], source: str) -> ArmPrior:
+    """Return what a fit has found, from `ArmEstimate.to_dict`.
+
+    Raises:
+        JointIdError: it is no such fit, or of other joints.
+    """
     if not isinstance(content, Mapping) or content.get("format") != FORMAT:
-        raise JointIdError(f"{path}: no fit of an arm: save one with joint-id arm fit --save")
+        raise JointIdError(f"{source}: no fit of an arm: save one with joint-id arm fit --save")
     rows = {row["name"]: row for row in content["joints"]}
     if missing := [name for name in joints if name not in rows]:
-        raise JointIdError(f"{path}: a fit of {', '.join(rows)}, not of {missing[0]}: take a fit of this arm")
+        raise JointIdError(f"{source}: a fit of {', '.join(rows)}, not of {missing[0]}: take a fit of this arm")
     if any((rows[name].get("noise") or {}).get("std_dev") is None for name in joints):
-        raise JointIdError(f"{path}: does not tell the noise of every joint: fit the arm again, from a motion of all")
+        raise JointIdError(f"{source}: does not tell the noise of every joint: fit the arm again, from a motion of all")
 
     def column(*keys: str) -> Array:
         return np.array([_number(rows[name], keys) for name in joints])
@@ -131,10 +140,11 @@ def of_fit(path: str | Path, joints: Sequence[str]) -> ArmPrior:
         column("friction", "value"),
         column("bend"),
         column("armature", "value"),
-        _number(growth, ("value",)) if growth["verdict"] == "estimated" else 0.0,
+        _number(growth, ("value",)) if growth["verdict"] == "estimated" else GROWTH,
         column("noise", "std_dev"),
-        column("noise", "memory"),
-        f"Friction, rotors and noise are those of {path}.",
+        # what is left of a fast motion does not tell how slow the noise is
+        np.maximum(column("noise", "memory"), MEMORY_S),
+        f"Friction, rotors and noise are those of {source}.",
     )
 
 

@@ -37,12 +37,14 @@ class Promise:
         std_dev: of each, shape (P,); NaN where the motion shows nothing.
         effect: root mean square in Nm of the torque that each makes, over the joint where it makes most of the noise
             there, shape (P,).
+        bent: by how much damping and Coulomb friction are known worse with a law of friction that bends, median.
         condition: condition number of the regressor of the base parameters, what other tools make small.
     """
 
     values: Array
     std_dev: Array
     effect: Array
+    bent: tuple[float, float]
     condition: float
 
 
@@ -63,6 +65,7 @@ def promise(regressor: Regressor, trajectory: Trajectory, prior: ArmPrior) -> Pr
     seen = np.any(table.columns != 0.0, axis=0)
     seen[weak] = False
     friction = slice(base, base + 2 * count)
+    worse = np.median((np.sqrt(np.diag(whole)[friction]) / sigma[friction]).reshape(2, -1), axis=1)
     sigma[friction] = np.hypot(sigma[friction], ACCURACY * values[friction])
     weights = 1.0 / prior.noise[table.joint]
     squares = np.array(
@@ -73,6 +76,7 @@ def promise(regressor: Regressor, trajectory: Trajectory, prior: ArmPrior) -> Pr
         values,
         np.where(seen, sigma, np.nan),
         np.sqrt(squares.max(axis=1)) * np.abs(values),
+        (float(worse[0]), float(worse[1])),
         float(np.linalg.cond(inertial)),
     )
 
