@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -206,6 +207,18 @@ def test_a_fit_tells_what_to_expect(designed: ArmDesign, tmp_path: Path) -> None
         of_fit(file, JOINTS)
     with pytest.raises(JointIdError, match="cannot be read"):
         of_fit(tmp_path / "none.json", JOINTS)
+
+
+def test_friction_that_bends_is_known_worse_by_the_factor_that_is_told(designed: ArmDesign) -> None:
+    """An arm whose friction bends clearly in all joints, of which a fit takes the bends into its law."""
+    bent = foreseen(REGRESSOR, designed.trajectory, replace(PRIOR, bend=COULOMB))
+    told = next(note for note in designed.notes if "If it bends" in note)
+    factors = [float(part) for part in re.findall(r"([0-9.]+) times", told)]
+    for name, factor in zip(("damping", "friction"), factors, strict=True):
+        pairs = zip(bent.expected, designed.expected, strict=True)
+        worse = [a.std_dev / b.std_dev for a, b in pairs if a.name == name]
+        assert np.median(worse) == pytest.approx(factor, rel=0.1) and factor > 1.2
+    assert not any("If it bends" in note for note in bent.notes)
 
 
 def test_typical_values_need_limits_of_torque() -> None:
