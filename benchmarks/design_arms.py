@@ -37,7 +37,7 @@ def main() -> None:
     if not args.earlier:
         report: dict[str, list[dict[str, object]]] = {"motions": [], "arms": []}
         args.json.parent.mkdir(parents=True, exist_ok=True)
-        for number, (rows, found) in enumerate(run(args.descriptions, args.arms)):
+        for number, (rows, found) in enumerate(run(range(args.descriptions), args.arms)):
             report["motions"] += [asdict(row) for row in rows]
             report["arms"] += [asdict(one) for one in found]
             args.json.write_text(json.dumps(report))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -63,9 +63,9 @@ class Found:
     friction: int = 12
 
 
-def run(descriptions: int, arms: int) -> Iterator[tuple[list[Foreseen], list[Found]]]:
-    """Yield what becomes of each description, and of its true arms; half of these have friction that bends."""
-    for number in range(descriptions):
+def run(numbers: Iterable[int], arms: int) -> Iterator[tuple[list[Foreseen], list[Found]]]:
+    """Yield what becomes of descriptions, and of their true arms; half of these have friction that bends."""
+    for number in numbers:
         size = tuple(SIZES)[number % len(SIZES)]
         described = Described.drawn(size, number)
         description, limits = described.description(), described.limits()

@@ -61,7 +61,9 @@ def test_a_motion_is_designed_written_and_foretold_again(files: tuple[Path, Path
     table = text[text.index("  joint ") : text.index("  torque: that")]
     assert code == 0 and again[again.index("  joint ") : again.index("  torque: that")] == table
     code, told = run("--arm", urdf, "--limits", limits, "--motion", csv, "--json")
-    rows = json.loads(told)["parameters"]
+    content = json.loads(told)
+    rows = content["parameters"]
+    assert 1.0 < content["condition_number"] < 1e3
     assert code == 0 and len(rows) == 18 + 40 and {row["joint"] for row in rows} == {*JOINTS, ""}
 
 

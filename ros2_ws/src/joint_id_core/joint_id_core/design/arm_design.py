@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,10 @@ class ArmDesign(Design):
 
     condition: float = float("nan")
     effect: Mapping[str, float] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the promise as plain JSON types, without the samples of the motion."""
+        return {**super().to_dict(), "condition_number": self.condition}
 
     def __str__(self) -> str:
         """Return the promise: a row for each joint, then the combinations of masses and inertias."""
@@ -158,11 +163,11 @@ def foreseen(regressor: Regressor, motion: Trajectory, prior: ArmPrior, notes: S
     for k, one in enumerate(base_parameters(regressor, found.values, found.std_dev, seen)):
         reason = "" if one.verdict is Verdict.ESTIMATED else _hidden(found, k)
         rows.append(Expected("", one.text, "SI", one.described, one.std_dev, one.verdict, reason))
-    if not prior.bend.any():
+    if np.isnan(prior.bend).any():
         notes = (
             *notes,
-            "Friction is taken as a straight line. If it bends, a fit takes that into its law, and knows damping "
-            f"{found.bent[0]:.2g} times and Coulomb friction {found.bent[1]:.2g} times worse.",
+            "Nobody knows whether friction bends: that is in the promise. If it does not, a fit knows damping "
+            f"{found.bent[0]:.2g} times and Coulomb friction {found.bent[1]:.2g} times better.",
         )
     effect = dict(zip(regressor.combinations, found.effect.tolist(), strict=False))
     return ArmDesign(motion, tuple(rows), tuple(notes), found.condition, effect)

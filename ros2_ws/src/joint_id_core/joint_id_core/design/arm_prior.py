@@ -35,7 +35,8 @@ class ArmPrior:
     """What is believed of n joints, at the link.
 
     Attributes:
-        damping, coulomb, bend: of the friction of each joint in Nm s/rad and Nm, shape (n,); see `arm.friction`.
+        damping, coulomb, bend: of the friction of each joint in Nm s/rad and Nm, shape (n,); see `arm.friction`. A bend
+            is NaN where nobody knows whether friction bends.
         rotor: inertia in kg m^2, shape (n,).
         growth: of Coulomb friction with the load, Nm/Nm.
         noise: standard deviation of what no law explains below 8 Hz, in Nm, shape (n,).
@@ -93,7 +94,7 @@ def typical(regressor: Regressor, limits: JointLimits) -> ArmPrior:
     return ArmPrior(
         DAMPING * greatest,
         COULOMB * greatest,
-        0.0 * flat,
+        math.nan * flat,
         ROTOR * greatest,
         GROWTH,
         NOISE * greatest,

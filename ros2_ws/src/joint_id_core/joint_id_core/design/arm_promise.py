@@ -37,7 +37,7 @@ class Promise:
         std_dev: of each, shape (P,); NaN where the motion shows nothing.
         effect: root mean square in Nm of the torque that each makes, over the joint where it makes most of the noise
             there, shape (P,).
-        bent: by how much damping and Coulomb friction are known worse with a law of friction that bends, median.
+        bent: by how much damping and Coulomb friction are known worse as nobody knows whether friction bends, median.
         condition: condition number of the regressor of the base parameters, what other tools make small.
     """
 
@@ -57,15 +57,16 @@ def promise(regressor: Regressor, trajectory: Trajectory, prior: ArmPrior) -> Pr
     part = _equations(regressor, trajectory)
     base, count = part.base, len(regressor.joints)
     values = np.concatenate([prior.values(regressor)[:-1], prior.bend, [prior.growth]])
+    first = base + 2 * count
     table = Stacked.of([part])
     whole = _covariance(part, table, prior, np.zeros(0, dtype=np.intp))
-    weak, least = _weak(values, whole, base + 2 * count, prior)
-    variance = np.diag(_covariance(part, table, prior, weak)) + _by_chance(whole, weak, least)
-    sigma = np.sqrt(variance)
+    weak, least = _weak(values, whole, first, prior)
+    sigma = np.sqrt(np.diag(_covariance(part, table, prior, weak)) + _by_chance(whole, weak, least))
+    straight = np.sqrt(np.diag(_covariance(part, table, prior, np.arange(first, first + count))))
     seen = np.any(table.columns != 0.0, axis=0)
     seen[weak] = False
-    friction = slice(base, base + 2 * count)
-    worse = np.median((np.sqrt(np.diag(whole)[friction]) / sigma[friction]).reshape(2, -1), axis=1)
+    friction = slice(base, first)
+    worse = np.median((sigma[friction] / straight[friction]).reshape(2, -1), axis=1)
     sigma[friction] = np.hypot(sigma[friction], ACCURACY * values[friction])
     weights = 1.0 / prior.noise[table.joint]
     squares = np.array(
@@ -75,7 +76,7 @@ def promise(regressor: Regressor, trajectory: Trajectory, prior: ArmPrior) -> Pr
     return Promise(
         values,
         np.where(seen, sigma, np.nan),
-        np.sqrt(squares.max(axis=1)) * np.abs(values),
+        np.sqrt(squares.max(axis=1)) * np.abs(np.nan_to_num(values)),
         (float(worse[0]), float(worse[1])),
         float(np.linalg.cond(inertial)),
     )
@@ -98,11 +99,14 @@ def _equations(regressor: Regressor, trajectory: Trajectory) -> Equations:
 
 
 def _weak(values: Array, covariance: Array, first: int, prior: ArmPrior) -> tuple[Places, Array]:
-    """Return places of bends and growth, from `first` on, that a fit leaves out, and the sizes that it would keep."""
+    """Return places of bends and growth, from `first` on, that a fit leaves out, and the sizes that it would keep.
+
+    A bend that is not known is kept.
+    """
     more = np.arange(first, len(values))
     sigma = np.sqrt(np.diag(covariance)[more])
     least = np.maximum(SURE * sigma, np.append(BENT * prior.coulomb, 0.0))
-    out = ~(np.abs(values[more]) > least)
+    out = np.abs(values[more]) <= least
     return more[out], least[out]
 
 
