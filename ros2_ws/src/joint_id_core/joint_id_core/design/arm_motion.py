@@ -27,7 +27,7 @@ FINER = 6  # times as many at which limits are held while the motion is looked f
 STARTS = 8  # random motions, of which the best is improved
 ROUNDS = ((30.0, 40), (1e3, 40), (1e4, 20))  # weight of what is beyond limits, and steps
 ROOM = 0.98  # share of the limits that is used
-LEAST, SHRINK = 0.05, 0.99  # least share of the found motion that is worth a design, and steps towards it
+LEAST, STEP = 0.05, 0.01  # least share of the found motion that is worth a design; the first step towards it
 
 Depth = Callable[[Array], tuple[Array, Array]]  # of poses (T, n), see `Floor`
 
@@ -96,9 +96,9 @@ def _require_home(task: Task) -> None:
 
 def _within(motion: FourierMotion, task: Task) -> Trajectory:
     """Return the motion, made smaller until it keeps all limits."""
-    share, trajectory = 1.0, motion.sampled(task.rate)
+    share, step, trajectory = 1.0, STEP, motion.sampled(task.rate)
     while broken := _broken(trajectory, task):
-        share *= SHRINK
+        share, step = share - step, 1.5 * step
         if share < LEAST:
             raise JointIdError(f"no motion from this home keeps the limits ({broken}): choose another home or limits")
         smaller = replace(motion, cosines=share * motion.cosines, sines=share * motion.sines)
