@@ -1,6 +1,6 @@
 """A trajectory as a program for UR robots, which a user reads and starts at the robot.
 
-Sources: Universal Robots, script manual of the e-Series (SW 5): movej, servoj, stopj, popup, get_actual_joint_positions;
+Sources: Universal Robots, script manual (e-Series, SW 5): movej, servoj, stopj, popup, get_actual_joint_positions;
 for the speed slider, documentation of joint_trajectory_controller, "On-Robot speed scaling".
 """
 
