@@ -2,7 +2,7 @@
 
     setup/run python benchmarks/design.py --joints 200 --workers 2
 
-For each case a motion is designed for the start values. Joints whose values are off by 30 % make it, simulated with
+For each case a motion is designed for the start values. Joints whose values are off by 10 % make it, simulated with
 exact stick and slip under position control, measured as a UR robot does, and are fitted from the start values. The
 error is that of the estimate, in the logarithm for positive parameters; the promise is what the design said before. The
 multisine has the tones of 1 to 3 Hz, of equal amplitude with Schroeder's phases, as large as the limits allow.

@@ -32,7 +32,7 @@ from joint_id_core.estimators.shared.substeps import stable_substeps, steps_of
 from joint_id_core.models import Model
 from joint_id_core.simulation.sensors import UR_CHANNELS, Sensors
 
-GUESS = 0.3  # by which the start values are off, as a standard deviation of the logarithm; less if the prior says so
+GUESS = 0.1  # by which the start values are off, as a standard deviation of the logarithm; less if the prior says so
 ACCURATE = 2  # times the integrator steps that are stable: estimators refine theirs, too
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,7 @@ PAIRS = 1  # pairs of other joints over which the worth is averaged
 FIRST_STEP, LEAST_STEP, MORE, LESS = 0.4, 0.05, 1.5, 0.9  # of the changes, relative to the amplitudes
 MARGIN = 0.995  # of the limits that is used: between samples a motion may go a little further
 RAMP_S, RAMP_SHARE = 1.0, 0.25  # soft start and end: so long, and at most this share of the motion
+WORSE = 0.1  # logarithm of a standard deviation by which one joint may know less, if others know more
 TORQUE_TRIES = 3  # times that a motion is made smaller because of its torque
 
 
@@ -115,7 +116,7 @@ class Search:
                 f"no motion of {self.duration:g} s within the limits moves the joint enough for a fit: give more time "
                 f"or wider limits ({self.limits.source})"
             )
-        best = replace(best, worth=self._mean(best))
+        best = self._better(best.shape, None, len(self.joints)) or best
         size = FIRST_STEP
         for k in range(STEPS):
             progress(f"motion {SHAPES + k + 1} of {SHAPES + STEPS}")
@@ -136,11 +137,6 @@ class Search:
         """Return a shape within the limits with its worth for the first joint; None if it cannot be fitted."""
         return self._better(shape, None, 1)
 
-    def _mean(self, candidate: Candidate) -> float:
-        """Return the worth averaged over the joints."""
-        moved = candidate.scale * self.moved(candidate.shape)
-        return float(np.mean([self._worth(joint, moved)[0] for joint in self.joints]))
-
     def moved(self, shape: Shape) -> Array:
         """Return position, velocity, acceleration and jerk of a shape, (4, T)."""
         return np.asarray(basis(self.time, shape.frequencies, self.duration, self.ramp) @ shape.waves.ravel())
@@ -151,22 +147,22 @@ class Search:
         scale, held = self._scaled(moved)
         if not math.isfinite(scale):
             return best
+        allowed = float(self.limits.torque[0]) * MARGIN
         for _ in range(TORQUE_TRIES):
-            worth, torque = self._worth(self.joints[0], scale * moved)
-            allowed = float(self.limits.torque[0]) * MARGIN
+            seen = [self._worth(self.joints[0], scale * moved)]
+            if best is not None and seen[0][0] > best.worth + WORSE * len(self._columns):
+                return best  # the other joints are not asked
+            seen += [self._worth(joint, scale * moved) for joint in self.joints[1:joints]]
+            torque = max(one[1] for one in seen)
             if torque <= allowed:
                 break
             scale, held = 0.95 * scale * allowed / torque, "torque"
         else:
             return best
-        if not math.isfinite(worth):
+        worth = float(np.mean([one[0] for one in seen]))
+        if not math.isfinite(worth) or (best is not None and worth >= best.worth):
             return best
-        if joints > 1:
-            # half of the mean is the first joint's: where this alone is much worse, the others are not asked
-            if best is not None and worth > best.worth + 0.5 * len(self._columns):
-                return best
-            worth = (worth + sum(self._worth(joint, scale * moved)[0] for joint in self.joints[1:])) / joints
-        return Candidate(shape, scale, worth, held) if best is None or worth < best.worth else best
+        return Candidate(shape, scale, worth, held)
 
     def _scaled(self, moved: Array) -> tuple[float, str]:
         """Return the largest scale within the limits but the torque's, and which one holds it; infinite without one."""
