@@ -13,8 +13,8 @@ MODEL = jid.build("rigid_joint")
 MOTION = jid.simulate_motion(MODEL, 3.0)
 NAMES = (
     "Description", "Estimate", "HPinn", "Innovations", "JointIdError", "Model", "OnlineIdentifier", "OnlineOptions",
-    "ParameterSettings", "Recording", "Regression", "Status", "Verdict", "build", "compare", "fit", "fit_arm",
-    "fit_several", "held_out", "loaded", "read", "simulate",
+    "ParameterSettings", "Recording", "Regression", "Status", "Verdict", "build", "compare", "design_joint", "fit",
+    "fit_arm", "fit_several", "held_out", "loaded", "read", "read_limits", "simulate",
     "simulate_motion", "write",
 )  # fmt: skip
 

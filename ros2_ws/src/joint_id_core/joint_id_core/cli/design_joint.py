@@ -128,7 +128,7 @@ def _limits(asked: JointRequest) -> tuple[str, JointLimits]:
 
 def _model(asked: JointRequest, joint: str) -> tuple[Model, ParameterSettings]:
     """Return the model and its settings, with those of the robot's file for the joint below the user's."""
-    from joint_id_core.cli.robot_file import robot_settings
+    from joint_id_core.jobs.robot_file import robot_settings
     from joint_id_core.design.plant import plant_of
 
     if "model" not in asked.model_options:

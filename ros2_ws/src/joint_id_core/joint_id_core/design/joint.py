@@ -28,7 +28,7 @@ from joint_id_core.simulation.sensors import Sensors
 REACH = 1.0  # rad from home, as far as a joint goes where nothing else is said
 RATE = 500.0  # Hz, of control and recording: that of e-Series robots
 LEAST_S, MOST_S = 2.0, 120.0  # lengths of a motion
-PAIRS, OTHERS = 2, 1  # pairs of joints for a promise, and their seed: not those that the motion was chosen with
+PAIRS, OTHERS = 3, 1  # pairs of joints for a promise, and their seed: none of those that the motion was chosen for
 TWICE = 2.0  # how much larger a motion is of which is told whether it would show more
 OPEN = (Verdict.NOT_EXCITED, Verdict.PRIOR)  # verdicts on parameters that a motion does not show
 
@@ -105,7 +105,7 @@ def foretell(foresight: Foresight, trajectory: Trajectory, larger: Array | None 
     instants = np.arange(math.floor(trajectory.duration * foresight.rate + 1e-9) + 1) / foresight.rate
     state = trajectory.at(instants)
     position, velocity = (np.ascontiguousarray(part[:, 0]) for part in (state.position, state.velocity))
-    told = promise(foresight, foresight.joints(PAIRS, OTHERS), position, velocity)
+    told = promise(foresight, foresight.joints(PAIRS, OTHERS)[1:], position, velocity)
     covariance = told.covariance
     rows = foresight.verdicts(covariance, position, velocity)
     more = {} if larger is None else foresight.verdicts(larger, position, velocity)
