@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from joint_id_core.data.recording import Array, Recording
-from joint_id_core.design.foresight import Foresight
+from joint_id_core.design.foresight import ACCURATE, Foresight
 from joint_id_core.errors import JointIdError
+from joint_id_core.estimators.innovations.estimator import MAX_SUBSTEPS, Innovations
 from joint_id_core.estimators.innovations.fit import fit_innovations
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status
 from joint_id_core.results.verdict import Verdict
@@ -66,9 +67,10 @@ def promise(
 
 def _error(foresight: Foresight, joint: Mapping[str, float], recording: Recording) -> Array | None:
     """Return the error of a fit in coordinates, (k,), started near the true values; None if it finds nothing."""
-    estimate = fit_innovations(
-        foresight.model, recording, foresight.settings, previous=_near(foresight, joint, recording)
-    )
+    near = _near(foresight, joint, recording)
+    # with a fixed number of steps, a fit that starts near its end iterates to the end
+    options = Innovations(substeps=near.substeps)
+    estimate = fit_innovations(foresight.model, recording, foresight.settings, options, previous=near)
     if estimate.status.unusable or not estimate.free:
         return None
     at = foresight.coordinates
@@ -79,12 +81,13 @@ def _error(foresight: Foresight, joint: Mapping[str, float], recording: Recordin
 
 def _near(foresight: Foresight, joint: Mapping[str, float], recording: Recording) -> Estimate:
     """Return the true values as an estimate that a fit starts from."""
-    data, levels, substeps = foresight.prepared(joint, recording)
+    data, levels, stable = foresight.prepared(joint, recording)
     rows = tuple(
         ParameterEstimate(p.name, p.unit, joint[p.name], math.nan, Verdict.ESTIMATED)
         for p in foresight.model.parameters
     )  # fmt: skip
     noise = dict(zip(data.noise_names, np.sqrt(levels).tolist(), strict=True))
     return Estimate(
-        foresight.model.name, "innovations", Status.CONVERGED, "", rows, data.free, noise=noise, substeps=substeps
+        foresight.model.name, "innovations", Status.CONVERGED, "", rows, data.free, noise=noise,
+        substeps=min(ACCURATE * stable, MAX_SUBSTEPS),
     )  # fmt: skip
