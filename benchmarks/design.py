@@ -179,12 +179,14 @@ def row(case: Case, seeds: Sequence[int], workers: int) -> str:
     ratios = sorted(zip(found.ratio.tolist(), case.names, strict=True))
     promise, gain = geometric(other.promise) / geometric(found.promise), geometric(other.rms) / geometric(found.rms)
     print(case.name, {n: round(r, 2) for r, n in ratios}, "multisine", np.round(other.ratio, 2), flush=True)
-    return (
+    text = (
         f"| {case.name} | {found.converged} of {len(seeds)} | {ratios[0][0]:.2f} (`{ratios[0][1]}`) to "
         f"{ratios[-1][0]:.2f} (`{ratios[-1][1]}`), {geometric(found.ratio):.2f} | {geometric(found.promise):.2%}, "
         f"{geometric(found.rms):.2%} | {geometric(other.promise):.2%}, {geometric(other.rms):.2%} | {promise:.2f}, "
         f"{gain:.2f} | {spent:.1f} s |"
     )
+    print(text, flush=True)
+    return text
 
 
 def main() -> None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from joint_id_core.cell.kernel import Kernel, compile_model
 from joint_id_core.data.recording import Array, Recording
-from joint_id_core.design.plant import Moved, Plant, as_recorded, controller_of, plant_of, sensors_of
+from joint_id_core.design.plant import LOADS, Moved, Plant, as_recorded, controller_of, plant_of, sensors_of
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.innovations.belief import Belief, Coordinates
 from joint_id_core.estimators.innovations.checks import in_combination
@@ -128,9 +128,11 @@ class Foresight:
         The bias from smoothed friction and from noise of the drive's sensor counts as uncertain. It is the Newton step
         at the true values, averaged over sensor noise of both signs, which leaves only what is even in the noise.
         """
-        seen = [self.informed(joint, recording) for recording in self.recordings(exact)]
+        both = self.recordings(exact)
+        # what a fit takes off is even in the noise, too: one sign tells it
+        seen = [self.informed(joint, recording, taken_off=recording is both[0]) for recording in both]
         covariance = sum(c for c, _, _ in seen) / 2.0
-        bias = sum(step - known for _, step, known in seen) / 2.0
+        bias = sum(step for _, step, _ in seen) / 2.0 - seen[0][2]
         bias = np.clip(bias, -self.coordinates.spread, self.coordinates.spread)
         return np.asarray(covariance + np.outer(bias, bias))
 
@@ -157,11 +159,16 @@ class Foresight:
         substeps = stable_substeps(data, self._kernel, data.p, rough_states(data), sliding=True)
         return data, levels_of(data, self.sensors), substeps
 
-    def informed(self, joint: Mapping[str, float], recording: Recording) -> tuple[Array, Array, Array]:
-        """Return the covariance near the true values, the Newton step from there, and the bias that a fit takes off."""
+    def informed(
+        self, joint: Mapping[str, float], recording: Recording, taken_off: bool = False
+    ) -> tuple[Array, Array, Array]:
+        """Return the covariance near the true values, the Newton step from there, and the bias that a fit takes off.
+
+        Without `taken_off` the last one is zero.
+        """
         data, levels, stable = self.prepared(joint, recording)
         coordinates, kernel, substeps = self.coordinates, self._kernel, ACCURATE * stable
-        loaded = any(joint.get(name, 0.0) != 0.0 for name in ("a_g", "b_g", "tau_0"))
+        loaded = any(joint.get(name, 0.0) != 0.0 for name in LOADS)
         recursion = Recursion(data, kernel, data.p if loaded else None)
         cost = Cost(recursion, coordinates, Belief.before_data(data, coordinates))
         steps = steps_of(data, kernel, data.p, rough_states(data), substeps)
@@ -171,7 +178,8 @@ class Foresight:
         noise = recursion.noise_information(found.last, with_parameters=True)
         cross = noise.cross * coordinates.slope(found.z)[:, None]
         covariance = found.inverse + unknown_levels(found.inverse, noise.matrix, cross)
-        return covariance, found.inverse @ found.gradient, sensor_bias(recursion, coordinates, found, found.last)
+        step, none = found.inverse @ found.gradient, np.zeros(len(self.free))
+        return covariance, step, sensor_bias(recursion, coordinates, found, found.last) if taken_off else none
 
 
 def levels_of(data: FitData, sensors: Sensors) -> Array:

@@ -17,7 +17,8 @@ from joint_id_core.models.transmission import GEAR_RATIO
 from joint_id_core.simulation.position_control import PositionController
 from joint_id_core.simulation.sensors import UR_CHANNELS, Sensors, ur_robot_sensors
 
-SETTLE_S = 0.5  # the controller holds the joint this long before the motion, so that it carries its load
+SETTLE_S = 0.5  # the controller holds a loaded joint this long before the motion, so that it carries its load
+LOADS = ("a_g", "b_g", "tau_0")  # parameters that load a joint at rest
 # Estimators smooth the step of Coulomb friction; a joint sticks. The difference biases estimates where a joint often
 # reverses, so it belongs to what a motion will tell. With a tenth of the smoothing velocities estimates have the same
 # bias as with exact stick and slip.
@@ -107,7 +108,7 @@ class Plant:
             JointIdError: the simulation does not stay finite.
         """
         model, names = self.model, self.model.state_names
-        before = round(SETTLE_S / period)
+        before = round(SETTLE_S / period) if any(values.get(name, 0.0) != 0.0 for name in LOADS) else 0
         q, dq = np.concatenate([np.full(before, position[0]), position]), np.pad(velocity, (before, 0))
         N, k_t = model.gear_ratio(values), model.torque_constant(values)
         side = "motor_velocity" if "motor_velocity" in names else "link_velocity"
