@@ -27,6 +27,7 @@ FINER = 6  # times as many at which limits are held while the motion is looked f
 STARTS = 8  # random motions, of which the best is improved
 ROUNDS = ((30.0, 40), (1e3, 40), (1e4, 20))  # weight of what is beyond limits, and steps
 ROOM = 0.98  # share of the limits that is used
+FLOOR_HZ = 100.0  # instants in a second at which heights are checked: a lowest point between them is 0.1 mm lower
 LEAST, STEP = 0.05, 0.01  # least share of the found motion that is worth a design; the first step towards it
 
 Depth = Callable[[Array], tuple[Array, Array]]  # of poses (T, n), see `Floor`
@@ -110,8 +111,10 @@ def _broken(trajectory: Trajectory, task: Task) -> str:
     """Return the first limit that a trajectory breaks, "" if it keeps them."""
     if found := violations(trajectory, task.limits):
         return found[0]
-    if task.floor is not None and (low := task.floor(trajectory.between(2).position)[0]).max() > 0.0:
-        return f"a joint is {low.max():.3g} m below the floor"
+    if task.floor is not None:
+        time = np.linspace(0.0, task.duration, round(FLOOR_HZ * task.duration) + 1)
+        if (low := task.floor(trajectory.at(time).position)[0]).max() > 0.0:
+            return f"a joint is {low.max():.3g} m below the floor"
     found = violations(trajectory, task.limits, task.torque)
     return found[0] if found else ""
 
