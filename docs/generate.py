@@ -32,6 +32,7 @@ COMMANDS = (
     "fit",
     "report",
     "arm-fit",
+    "design",
     "diff",
     "batch",
     "history",

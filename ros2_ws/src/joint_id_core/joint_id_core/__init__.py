@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from joint_id_core.arm.loaded import loaded as loaded
     from joint_id_core.comparison.comparing import compare as compare
     from joint_id_core.data.recording import Recording as Recording
+    from joint_id_core.design.joint import design_joint as design_joint
+    from joint_id_core.design.limit_files import read_limits as read_limits
     from joint_id_core.errors import JointIdError as JointIdError
     from joint_id_core.estimators import HPinn as HPinn
     from joint_id_core.estimators import Innovations as Innovations
@@ -61,6 +63,7 @@ _ROOMS = {
     "bootstrap": "estimators.many.bootstrap",
     "build": "models",
     "compare": "comparison.comparing",
+    "design_joint": "design.joint",
     "fit": "estimators",
     "fit_arm": "arm.fit",
     "fit_fleet": "estimators.many.fleet",
@@ -68,6 +71,7 @@ _ROOMS = {
     "loaded": "arm.loaded",
     "many_starts": "estimators.many.starts",
     "read": "formats",
+    "read_limits": "design.limit_files",
     "simulate": "simulation",
     "simulate_motion": "simulation",
     "write": "formats",

@@ -56,6 +56,17 @@ def test_an_arm_of_one_joint_is_an_arm():
     assert len(regressor.reference) == 1 and not regressor.alone[0]
 
 
+def test_a_column_that_only_rounding_makes_is_no_parameter():
+    """The axes of two joints that meet at a right angle, which pi/2 is not to the last bit."""
+    links = moving_arm.link("column", 3.0, (0.0, 0.0, 0.0), 0.02) + moving_arm.link("upper", 2.0, (0.2, 0.0, 0.1), 0.02)
+    turned = f'xyz="0 0 0" rpy="{np.pi / 2:.17g} 0 0"'
+    links += moving_arm.joint("turn", "base", "column", 'xyz="0 0 0.15"', "0 0 1", "continuous")
+    links += moving_arm.joint("lift", "column", "upper", turned, "0 0 1", "continuous")
+    regressor = Regressor(Description(f'<robot name="two"><link name="base"/>{links}</robot>', "two.urdf"))
+    rows, _ = regressor.rows(*np.random.default_rng(0).uniform(-2.0, 2.0, (3, 50, 2)))
+    assert np.linalg.norm(rows, axis=(0, 1)).min() > 1e-3
+
+
 def test_friction_and_rotors_are_found_with_honest_intervals():
     z = np.array([off(fitted(seed)) for seed in range(6)])
     assert np.abs(z).max() < 4.5

@@ -19,11 +19,11 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.rtde.fields import JOINT_NAMES
 
 
-def arm_motion(names: tuple[str, ...] = JOINT_NAMES, duration: float = 2.0) -> Trajectory:
+def arm_motion(names: tuple[str, ...] = JOINT_NAMES, duration: float = 2.0, rate: float = 125.0) -> Trajectory:
     rng = np.random.default_rng(5)
     cosines, sines = rng.normal(0.0, 0.1, (2, len(names), 2))
     home = rng.uniform(-1.0, 1.0, len(names))
-    return FourierMotion(names, home, cosines, sines, np.array([0.5, 1.5]), duration, 0.5).sampled(125.0)
+    return FourierMotion(names, home, cosines, sines, np.array([0.5, 1.5]), duration, 0.5).sampled(rate)
 
 
 class Robot:
@@ -125,9 +125,17 @@ def test_urscript_says_what_it_does_and_asks_no_network() -> None:
     head = [line for line in text.splitlines() if line.startswith("#")]
     assert text.splitlines()[: len(head)] == head
     said = " ".join(head)
-    for words in ("for 2 s", "No collisions were checked", "Limits: those of a test.", "emergency stop", "rad/s^2"):
+    for words in (
+        "for 2 s",
+        "No collisions were checked",
+        "Limits: those of a test.",
+        "emergency stop",
+        "rad/s^2",
+        "slider is at 100 %",
+    ):
         assert words in said
     assert not re.search(r"socket|rpc|modbus|http", text)
+    assert "CB3" not in text and "CB3" in urscript(arm_motion(rate=500.0))
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from joint_id_core.arm.links import Links
+from joint_id_core.arm.noise import Noise
 from joint_id_core.arm.payload import Factor, Payload
 from joint_id_core.arm.rests import LEAST_S
 from joint_id_core.results.at_link import AtLink
@@ -81,6 +82,7 @@ class JointValues:
         load: torque through the gear in Nm at which `friction` is told.
         bend: of friction beside the straight line, in Nm: see `friction.bend`; 0 where none was found.
         rest: what is known at rest.
+        noise: of its torque, which no law explains.
     """
 
     name: str
@@ -92,6 +94,7 @@ class JointValues:
     load: float
     bend: float
     rest: Rest
+    noise: Noise
 
     def at_link(self) -> list[AtLink]:
         """Return what is estimated, for a robot's description."""

@@ -20,10 +20,11 @@ from joint_id_core.arm.friction import Friction
 from joint_id_core.arm.gains import Gains
 from joint_id_core.arm.judged import base_parameters, friction, rotor
 from joint_id_core.arm.links import consistent_links
+from joint_id_core.arm.noise import noise_of
 from joint_id_core.arm.payload import Factor, Payload, gains_from_mass, payload_of
 from joint_id_core.arm.regressor import Regressor
 from joint_id_core.arm.rests import Band, HeldOut, Left, explained
-from joint_id_core.arm.stacked import Stacked
+from joint_id_core.arm.stacked import Stacked, free
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.results.status import Status
@@ -99,7 +100,11 @@ class _Fitted:
         self._friction_at = self._base + PAYLOAD * self._loaded
         table = self._with_what_data_ask_for(Stacked.of(self._parts))
         places = (self._friction_at + np.arange(2 * self._count)).reshape(2, -1)
-        changes = drift(table, table.y - table.columns @ self.values, places, self.values[places], self._lag)
+        left = table.y - table.columns @ self.values
+        # a fit takes some of the noise for motion
+        whole = left / np.sqrt(free(table.columns / table.scatter(left)[table.joint][:, None]))
+        self._noise = [noise_of(whole[table.joint == j], self._lag) for j in range(self._count)]
+        changes = drift(table, left, places, self.values[places], self._lag)
         self.covariance[places, places] += (changes[:, None] * self.values[places]) ** 2 / len(parts)
         self._lefts = [self._left(part) for part in self._parts]
         self._band = Band.of(self._lefts)
@@ -162,7 +167,7 @@ class _Fitted:
             rest = Rest(*(float(a[j]) for a in (bands, self._band.rest_s, other.in_band, other.resting)))
             bent = float(self.values[self._friction_at + 2 * n + j])
             told = float(r_squared[j]), float(other.r_squared[j]), float(usual[j]), bent
-            joints.append(JointValues(name, armature, damping, coulomb, *told, rest))
+            joints.append(JointValues(name, armature, damping, coulomb, *told, rest, self._noise[j]))
         parameters = base_parameters(self._regressor, self.values, sigma, self._seen)
         rotors = [j.armature.value if j.armature.verdict is Verdict.ESTIMATED else 0.0 for j in joints]
         base, seen = self._base, self._seen[: self._base]

@@ -17,6 +17,7 @@ from joint_id_core.errors import JointIdError
 OF_LINK = ("mass", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 STATES = 60  # random ones
 DEPENDENT = 1e-7  # what is left of a column of unit length that others explain
+ROUNDED = 1e-12  # size of a column over that of the largest one which is rounding
 SHOWN = 1e-6  # coefficient of a combination that is no rounding
 
 
@@ -55,6 +56,7 @@ class Regressor:
         rng = np.random.default_rng(0)
         everything = self._everything(*rng.uniform(-2.0, 2.0, (3, STATES, count))).reshape(-1, 11 * count)
         size = np.linalg.norm(everything, axis=0)
+        size[size < ROUNDED * size.max()] = 0.0  # else the rounding of a column that is zero would be a parameter
         scale = np.where(size > 0.0, size, 1.0)
         self._kept = _independent(everything / scale)
         others = np.setdiff1d(np.flatnonzero(size > 0.0), self._kept)

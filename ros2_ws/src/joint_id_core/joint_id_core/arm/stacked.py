@@ -84,10 +84,7 @@ class Stacked:
         """
         weights = 1.0 / sigma[self.joint]
         weighted = columns * weights[:, None]
-        size = np.linalg.norm(weighted, axis=0)
-        scaled = weighted / np.where(size > 0.0, size, 1.0)
-        leverage = np.sum(scaled @ np.linalg.pinv(scaled.T @ scaled, hermitian=True) * scaled, axis=1)
-        residuals = left * weights / np.maximum(1.0 - leverage, LEAST_FREE)
+        residuals = left * weights / free(weighted)
         scores, lag = weighted * residuals[:, None], 1.0
         for k in np.unique(self.pieces):
             some = scores[self.pieces == k]
@@ -105,6 +102,14 @@ def of_joint(part: Equations, j: int, loaded: bool) -> tuple[Array, Array]:
         columns = columns.copy()
         columns[:, first : first + PAYLOAD] = 0.0
     return part.y[used, j], columns
+
+
+def free(weighted: Array) -> Array:
+    """Return one less the leverage of each equation, shape (T,), of weighted columns (T, P)."""
+    size = np.linalg.norm(weighted, axis=0)
+    scaled = weighted / np.where(size > 0.0, size, 1.0)
+    leverage = np.sum(scaled @ np.linalg.pinv(scaled.T @ scaled, hermitian=True) * scaled, axis=1)
+    return np.asarray(np.maximum(1.0 - leverage, LEAST_FREE))
 
 
 def centred(values: Array) -> Array:

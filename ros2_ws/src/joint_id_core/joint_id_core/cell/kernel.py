@@ -20,6 +20,7 @@ from joint_id_core import models
 from joint_id_core.cell import CELLS
 from joint_id_core.cell.loops import (
     arrays,
+    control,
     hop,
     information,
     innovations,
@@ -38,6 +39,7 @@ _SIMULATION: Functions = (simulate.rollout, simulate.jacobians, simulate.spectra
 _FILTER: Functions = (innovations.innovations, innovations.observations)
 _TRACKING: Functions = (tracking.track,)
 _SENSITIVITIES: Functions = (simulate.rollout_sensitivities,)
+_CONTROL: Functions = (control.follow,)
 _GAINS: Functions = (
     noise.noise_information, noise.bounded_step, noise.disturbances, newton.with_prior, newton.damped_step,
 )  # fmt: skip
@@ -71,6 +73,11 @@ class Kernel:
     def tracking(self) -> ModuleType:
         """Module with `track`. Only online identification needs it, so it is compiled at first use."""
         return _cell(self.model, self.friction, self.sensitive, self.cell, "tracking", _TRACKING)
+
+    @cached_property
+    def control(self) -> ModuleType:
+        """Module with `follow`. Only the design of motions needs it, so it is compiled at first use."""
+        return _cell(self.model, self.friction, self.sensitive, self.cell, "control", _CONTROL)
 
     @cached_property
     def gains(self) -> ModuleType:

@@ -17,6 +17,7 @@ import typer
 from joint_id_core.cli.arm import arm
 from joint_id_core.cli.batch import batch
 from joint_id_core.cli.compare import compare
+from joint_id_core.cli.design import design
 from joint_id_core.cli.diff import diff
 from joint_id_core.cli.doctor import doctor
 from joint_id_core.cli.export import export
@@ -59,6 +60,7 @@ app.command()(info)
 app.command()(fit)
 app.command()(batch)
 app.command()(compare)
+app.command()(design)
 app.command()(report)
 app.command()(diff)
 app.command()(history)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 import typer
 
 from joint_id_core.assignments import texts_by_name
+from joint_id_core.cli.design_hint import design_hint
 from joint_id_core.cli.fit_options import (
     BaseGravityOption,
     EndOption,
@@ -154,6 +155,9 @@ def fit(
         if explained is not None:
             result["validation"].append({"signal": explained[0], "r_squared": explained[1]})
             text += f", {explained[0]} R^2 {explained[1]:.4f}"
+    if command := design_hint(estimate, found.job):
+        result["design"] = command
+        text += f"\na motion that shows more: {command}"
     if json:
         print_json(result)
     else:

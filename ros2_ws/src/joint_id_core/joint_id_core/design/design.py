@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from joint_id_core.design.trajectory import Trajectory
 from joint_id_core.results.verdict import MAGNITUDE, Verdict
@@ -50,12 +51,21 @@ class Design:
         """The parameters that the motion will show."""
         return tuple(row for row in self.expected if row.verdict is Verdict.ESTIMATED)
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the promise as plain JSON types, without the samples of the motion."""
+        motion = self.trajectory
+        return {
+            "joints": list(motion.names), "duration_s": motion.duration, "rate_hz": motion.rate,
+            "parameters": [{**asdict(row), "verdict": row.verdict.value} for row in self.expected],
+            "notes": list(self.notes),
+        }  # fmt: skip
+
     def __str__(self) -> str:
         """Return the promise as lines of text."""
-        motion = self.trajectory
+        motion, asked = self.trajectory, sum(row.verdict is not Verdict.FIXED for row in self.expected)
         lines = [
             f"motion of {', '.join(motion.names)}: {motion.duration:g} s, {motion.rate:g} samples a second",
-            f"  {len(self.shown)} of {len(self.expected)} parameters will be estimated",
+            f"  {len(self.shown)} of {asked} parameters will be estimated",
             "",
         ]
         width = max([11, *(len(row.unit) + 1 for row in self.expected)])

@@ -33,12 +33,21 @@ def write(trajectory: Trajectory, path: str | Path, notes: Sequence[str] = ()) -
         JointIdError: another ending, the file cannot be written, joints or a rate that no UR robot has (.script).
     """
     path = Path(path)
-    kind = ENDINGS.get(path.suffix.lower())
-    if kind is None:
-        raise JointIdError(f"{path}: a trajectory is written as {', '.join(ENDINGS)}: choose such an ending")
+    kind = kind_of(path)
     makers = {"CSV": _csv, "JointTrajectory": _joint_trajectory}
     text = urscript(trajectory, notes) if kind == "URScript" else makers[kind](trajectory)
     write_text(path, text, "the trajectory")
+
+
+def kind_of(path: Path) -> str:
+    """Return what a trajectory is written as, by the ending of a path.
+
+    Raises:
+        JointIdError: another ending.
+    """
+    if (kind := ENDINGS.get(path.suffix.lower())) is None:
+        raise JointIdError(f"{path}: a trajectory is written as {', '.join(ENDINGS)}: choose such an ending")
+    return kind
 
 
 def read_trajectory(path: str | Path) -> Trajectory:

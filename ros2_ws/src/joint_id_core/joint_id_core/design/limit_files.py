@@ -61,7 +61,7 @@ def read_limits(path: str | Path, names: Sequence[str], known: JointLimits | Non
     Args:
         path: file; one that ends in .yaml or .yml is read as YAML.
         names: of the joints whose limits are wanted; what the file says of others is left out.
-        known: limits of these joints which the file adds to and replaces.
+        known: limits of these joints which the file adds to and replaces. A URDF may hold none.
 
     Raises:
         JointIdError: the file cannot be read or holds no limits of these joints, a key that is not known, a limit that
@@ -92,10 +92,11 @@ def _of_urdf(text: str, path: Path) -> dict[str, dict[str, float]]:
         raise JointIdError(f"{path}: neither YAML (.yaml) nor XML ({error}): give a URDF or a file of limits") from None
     found = {}
     for joint in root.findall("joint"):
-        limit, name = joint.find("limit"), joint.get("name", "")
-        if limit is None or joint.get("type") not in ("revolute", "prismatic", "continuous"):
+        limit, name, own = joint.find("limit"), joint.get("name", ""), {}
+        if joint.get("type") not in ("revolute", "prismatic", "continuous"):
             continue
-        own = {}
+        if limit is None:
+            limit = ET.Element("limit")
         for key, kind in (("lower", "lower"), ("upper", "upper"), ("velocity", "velocity"), ("effort", "torque")):
             if (value := limit.get(key)) is not None and not (kind in ("lower", "upper") and _endless(joint)):
                 own[kind] = _number(value, f"{path}: {key} of joint {name}")

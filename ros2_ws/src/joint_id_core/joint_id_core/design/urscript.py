@@ -1,6 +1,7 @@
 """A trajectory as a program for UR robots, which a user reads and starts at the robot.
 
-Source: Universal Robots, script manual of the e-Series (SW 5): movej, servoj, stopj, popup, get_actual_joint_positions.
+Sources: Universal Robots, script manual (e-Series, SW 5): movej, servoj, stopj, popup, get_actual_joint_positions;
+for the speed slider, documentation of joint_trajectory_controller, "On-Robot speed scaling".
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from joint_id_core.design.trajectory import Trajectory
 from joint_id_core.errors import JointIdError
 from joint_id_core.rtde.fields import JOINT_NAMES
 
-CYCLE_S = 0.002  # of the controllers of the e-Series; of the CB3 series 0.008
+CYCLE_S, CB3_CYCLE_S = 0.002, 0.008  # of the controllers of the e-Series, and of the CB3 series
 LOOKAHEAD_S, GAIN = 0.1, 300  # the manual's defaults; ranges 0.03 to 0.2 s and 100 to 2000
 SLOW_SPEED, SLOW_ACCELERATION = 0.2, 0.3  # rad/s, rad/s^2, of the move to the start
 STOP = 0.5  # rad/s^2, of the stop at the end
@@ -39,7 +40,7 @@ def urscript(trajectory: Trajectory, notes: Sequence[str] = ()) -> str:
             f"URScript: {strange[0]} is no joint of a UR robot ({', '.join(JOINT_NAMES)}): write .csv or .yaml instead"
         )
     cycles = trajectory.period / CYCLE_S
-    if round(cycles) < 1 or abs(cycles - round(cycles)) > 1e-6 * cycles:
+    if not _whole(cycles):
         raise JointIdError(
             f"URScript: {trajectory.rate:g} samples a second: the period must be a multiple of {1e3 * CYCLE_S:g} ms, "
             "such as at 125, 250 or 500 Hz"
@@ -72,6 +73,10 @@ def urscript(trajectory: Trajectory, notes: Sequence[str] = ()) -> str:
 _POPUP = 'title="joint_id", blocking=True'
 
 
+def _whole(cycles: float) -> bool:
+    return round(cycles) >= 1 and abs(cycles - round(cycles)) <= 1e-6 * cycles
+
+
 def _column(names: Sequence[str], joint: str) -> int | None:
     """Return the column of a joint of the robot, None if it does not move."""
     found = [k for k, name in enumerate(names) if name.endswith(joint)]
@@ -99,7 +104,14 @@ def _comments(trajectory: Trajectory, period: float, notes: Sequence[str]) -> li
         "  - No collisions were checked: neither of the arm with itself, nor with table, cables, tool or walls.",
         "    Play the motion in a simulator first.",
         "  - Payload and centre of gravity are set as they are.",
-        "  - Nobody is near. Begin with the speed slider low, and with a hand at the emergency stop.",
+        "  - Nobody is near, and a hand is at the emergency stop.",
+        "  - The speed slider is at 100 %. With less the robot is late for its targets and leaves the path. For a slow "
+        "first try, design a motion with lower limits.",
+        *(
+            []
+            if _whole(period / CB3_CYCLE_S)
+            else ["  - The robot is of the e-Series: a CB3 takes targets every 8 ms."]
+        ),
         "  - The recording is on when the motion begins.",
         "It ends by itself, and stops softly. It uses no network.",
         *(["", *notes] if notes else []),

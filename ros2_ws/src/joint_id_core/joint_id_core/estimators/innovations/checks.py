@@ -39,12 +39,12 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
     of_levels = unknown_levels(found.inverse, noise.matrix, noise.cross * coordinates.slope_at(last.free)[:, None])
     excess = missing.excess + coloured.excess + outcome.scatter
     covariance = found.covariance + of_levels + excess + np.outer(bias, bias)
-    together = _combinations(data, p, covariance * np.outer(slope, slope))
+    together = in_combination(data, p, covariance * np.outer(slope, slope))
     predictions = free_runs(stages.kernel, data, last.states, p, last.steps, stages.options.horizon_s)
     return Checks(texts, excess, nrmse(data, predictions), together), covariance, bias, predictions
 
 
-def _combinations(data: FitData, p: Array, covariance: Array) -> dict[str, str]:
+def in_combination(data: FitData, p: Array, covariance: Array) -> dict[str, str]:
     """Return, by parameter that enters only in combination with others, what is known instead and what to do."""
     model, values = data.model, dict(zip(data.model.parameter_names, p.tolist(), strict=True))
     zero = {name for name, u in zip(model.input_names, data.u.T, strict=True) if not (u[0] or u.any())}

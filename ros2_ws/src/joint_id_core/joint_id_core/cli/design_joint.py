@@ -1,0 +1,152 @@
+"""`joint-id design --joint NAME`: a motion for one joint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Optional
+
+import typer
+
+from joint_id_core.cli.output import Progress
+from joint_id_core.cli.outputs import require_apart
+from joint_id_core.errors import JointIdError, close_to
+from joint_id_core.estimators import ParameterSettings
+from joint_id_core.models.options import ModelOptions
+
+if TYPE_CHECKING:
+    from joint_id_core.design.design import Design
+    from joint_id_core.design.limits import JointLimits
+    from joint_id_core.models import Model
+
+SUFFIX = "_joint"  # of the joints of a UR robot, which may be left out
+JointOption = Annotated[Optional[str], typer.Option(help="a motion for this joint alone, e.g. elbow_joint")]
+ForOption = Annotated[
+    Optional[str],
+    typer.Option("--for", metavar="A,B,...", help="--joint: parameters to show (default: all that are estimated)"),
+]
+CRITERION_HELP = (
+    "--joint: what is least: sigma (the standard deviations, geometric mean), D (the volume of their ellipsoid), "
+    "A (the sum of the variances)"
+)
+CriterionOption = Annotated[str, typer.Option(help=CRITERION_HELP)]
+MotionOption = Annotated[
+    Optional[Path],
+    typer.Option(help="--joint: search nothing, tell what this motion shows (.csv or .yaml as --out writes it)"),
+]
+PlotOption = Annotated[Optional[Path], typer.Option(help="--joint: save a picture of the motion")]
+
+
+@dataclass(frozen=True)
+class JointRequest:
+    """What is asked of the motion of one joint; fields as the options of the command."""
+
+    joint: str
+    model_options: Mapping[str, Any]
+    settings: ParameterSettings
+    limits: Path | None
+    robot: str | None
+    time: float
+    rate: float
+    home: str | None
+    reach: float | None
+    show: str | None
+    criterion: str
+    motion: Path | None
+
+
+def design_of_joint(asked: JointRequest, out: Sequence[Path], plot: Path | None) -> Design:
+    """Design the motion, write and plot it.
+
+    Raises:
+        JointIdError: bad input, see `joint_id_core.design.joint.design_joint`.
+    """
+    from joint_id_core.design import joint as designing
+    from joint_id_core.design.files import read_trajectory, write
+
+    outputs = {**{f"--out {path}": path for path in out}, "--plot": plot}
+    require_apart(outputs, [asked.limits, asked.motion, Path(asked.robot) if asked.robot else None])
+    if plot is not None:
+        from joint_id_core.results.plot import require_writable
+
+        require_writable(plot)
+    joint, held = _limits(asked)
+    model, settings = _model(asked, joint)
+    reach = designing.REACH if asked.reach is None else asked.reach
+    with Progress() as progress:
+        if asked.motion is not None:
+            trajectory = read_trajectory(asked.motion)
+            if joint in trajectory.names and len(trajectory.names) > 1:
+                trajectory = trajectory.of(joint)
+            found = designing.foretell(designing.Foresight(model, settings, asked.rate), trajectory)
+        else:
+            shown = [name.strip() for name in (asked.show or "").split(",") if name.strip()]
+            home = None if asked.home is None else _number(asked.home)
+            found = designing.design_joint(
+                model, held, settings, asked.time, shown, asked.criterion, home, reach, asked.rate, progress=progress
+            )
+    for path in out:
+        write(found.trajectory, path, found.notes)
+    if plot is not None:
+        from joint_id_core.design.plot import save
+
+        save(plot, found.trajectory)
+    return found
+
+
+def _limits(asked: JointRequest) -> tuple[str, JointLimits]:
+    """Return the whole name of the joint and its limits: those published of a robot, and over them those of a file."""
+    from joint_id_core.design.limit_files import published, read_limits
+    from joint_id_core.rtde.fields import JOINT_NAMES
+
+    known = None
+    if asked.robot is not None:
+        robot = Path(asked.robot).stem
+        try:
+            known = published(robot)
+        except JointIdError:
+            if asked.limits is None:
+                raise
+    names = JOINT_NAMES if known is None else known.names
+    joint = asked.joint + SUFFIX if asked.joint + SUFFIX in names else asked.joint
+    if known is not None and joint not in known.names:
+        raise JointIdError(
+            f"--joint {joint}: {asked.robot} has no such joint{close_to(joint, known.names)}: it has "
+            f"{', '.join(known.names)}"
+        )
+    if asked.limits is None and known is None:
+        raise JointIdError(
+            "no limits are known: name a robot (--robot ur3e), or give a URDF or a file of limits (--limits FILE)"
+        )
+    own = None if known is None else known.of((joint,))
+    if asked.limits is not None:
+        own = read_limits(asked.limits, (joint,), own)
+    assert own is not None
+    return joint, own
+
+
+def _model(asked: JointRequest, joint: str) -> tuple[Model, ParameterSettings]:
+    """Return the model and its settings, with those of the robot's file for the joint below the user's."""
+    from joint_id_core.design.plant import plant_of
+    from joint_id_core.jobs.robot_file import robot_settings
+
+    if "model" not in asked.model_options:
+        raise JointIdError(
+            "--joint needs --model: motor_side, harmonic_drive or rigid_joint, that which will be fitted"
+        )
+    options = ModelOptions(**asked.model_options)
+    # robots report currents; a torque is the default of models alone
+    model = options.build(options.actuation or ("current" if asked.robot else "torque"))
+    settings = asked.settings
+    if asked.robot is not None:
+        names = {*model.parameter_names, *plant_of(model).parameter_names}
+        settings = settings.over(robot_settings(asked.robot, joint, names))
+    return model, settings
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise JointIdError(f"--home {text}: give one number in rad, for --joint") from None

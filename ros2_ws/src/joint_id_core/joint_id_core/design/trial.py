@@ -1,0 +1,93 @@
+"""Trial fits of a planned motion: the bias that a fit will have, by the estimator itself.
+
+One Newton step from the true values tells the bias roughly, enough to compare motions (`Foresight.see`). For a promise
+simulated joints make the motion and are fitted. Each is fitted twice, to sensor noise of both signs: the mean of both
+errors is the bias, as what is odd in the noise cancels (antithetic variates, Hammersley & Morton, 1956).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from joint_id_core.data.recording import Array, Recording
+from joint_id_core.design.foresight import ACCURATE, Foresight
+from joint_id_core.errors import JointIdError
+from joint_id_core.estimators.innovations.estimator import MAX_SUBSTEPS, Innovations
+from joint_id_core.estimators.innovations.fit import fit_innovations
+from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status
+from joint_id_core.results.verdict import Verdict
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What fits of a motion will know.
+
+    Attributes:
+        covariance: mean square error of the coordinates, shape (k, k): of noise, and of the biases.
+        torque: largest torque of the drive of any joint, at the link, in Nm.
+        failed: trial fits that found nothing, of how many `tried`.
+    """
+
+    covariance: Array
+    torque: float
+    failed: int
+    tried: int
+
+
+def promise(
+    foresight: Foresight, joints: Sequence[Mapping[str, float]], position: Array, velocity: Array
+) -> Promise:  # fmt: skip
+    """Let joints with these values make a motion (T,) of the link, in rad and rad/s, and fit them.
+
+    Raises:
+        JointIdError: the motion is too small or too short for a fit, or no fit found anything.
+    """
+    total, torque, biases, failed = [], 0.0, list[Array](), 0
+    for joint in joints:
+        moved = foresight.move(joint, position, velocity)
+        torque = max(torque, moved.torque)
+        both = foresight.recordings(moved.recording)
+        total.append(foresight.informed(joint, both[0])[0])
+        errors = [_error(foresight, joint, recording) for recording in both]
+        known = [error for error in errors if error is not None]
+        failed += len(errors) - len(known)
+        if len(known) == len(errors):
+            biases.append(np.mean(known, axis=0))
+    if not biases:
+        raise JointIdError(
+            "no trial fit of this motion found the parameters: give the joint's values (--set), or more time"
+        )
+    covariance = np.mean(total, axis=0) + np.mean([np.outer(bias, bias) for bias in biases], axis=0)
+    return Promise(np.asarray(covariance), torque, failed, 2 * len(joints))
+
+
+def _error(foresight: Foresight, joint: Mapping[str, float], recording: Recording) -> Array | None:
+    """Return the error of a fit in coordinates, (k,), started near the true values; None if it finds nothing."""
+    near = _near(foresight, joint, recording)
+    # with a fixed number of steps, a fit that starts near its end iterates to the end
+    options = Innovations(substeps=near.substeps)
+    estimate = fit_innovations(foresight.model, recording, foresight.settings, options, previous=near)
+    if estimate.status.unusable or not estimate.free:
+        return None
+    at = foresight.coordinates
+    found, true = (at.z(np.array([one[name] for name in foresight.free])) for one in (estimate.values, joint))
+    error = found - true
+    return error if np.isfinite(error).all() else None
+
+
+def _near(foresight: Foresight, joint: Mapping[str, float], recording: Recording) -> Estimate:
+    """Return the true values as an estimate that a fit starts from."""
+    data, levels, stable = foresight.prepared(joint, recording)
+    rows = tuple(
+        ParameterEstimate(p.name, p.unit, joint[p.name], math.nan, Verdict.ESTIMATED)
+        for p in foresight.model.parameters
+    )  # fmt: skip
+    noise = dict(zip(data.noise_names, np.sqrt(levels).tolist(), strict=True))
+    return Estimate(
+        foresight.model.name, "innovations", Status.CONVERGED, "", rows, data.free, noise=noise,
+        substeps=min(ACCURATE * stable, MAX_SUBSTEPS),
+    )  # fmt: skip

@@ -1,0 +1,88 @@
+"""`joint-id design --arm`: files to start, what it prints, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from joint_id_core.cli import app
+from joint_id_core.design.files import read_trajectory
+from joint_id_core.design.limit_files import read_limits
+from joint_id_core.design.limits import violations
+
+from .moving_arm import JOINTS, URDF
+
+pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
+
+HOME = "0,-1.2,1.2,-1,-1,0"
+LIMITS = "joint_limits:\n" + "".join(
+    f"  {name}: {{min_position: -2, max_position: 2, max_velocity: 2, max_acceleration: 5, max_effort: {effort}}}\n"
+    for name, effort in zip(JOINTS, (110, 80, 45, 12, 8, 8), strict=True)
+)
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> tuple[Path, Path]:
+    urdf, limits = tmp_path / "arm.urdf", tmp_path / "limits.yaml"
+    urdf.write_text(URDF)
+    limits.write_text(LIMITS)
+    return urdf, limits
+
+
+def run(*arguments: object) -> tuple[int, str]:
+    found = CliRunner().invoke(app, ["design", *map(str, arguments)])
+    return found.exit_code, found.output
+
+
+def test_a_motion_is_designed_written_and_foretold_again(files: tuple[Path, Path], tmp_path: Path) -> None:
+    urdf, limits = files
+    csv, yaml, plot = (tmp_path / f"motion.{ending}" for ending in ("csv", "yaml", "png"))
+    asked = ("--arm", urdf, "--limits", limits, "--home", HOME, "--time", 8, "--rate", 125)
+    code, text = run(*asked, "-o", csv, "-o", yaml, "--plot", plot)
+    assert code == 0 and plot.exists()
+    for words in (
+        "damping",
+        "combination",
+        "Collisions were NOT checked",
+        "as of a UR10e",
+        "jerk is given",
+        "csv: look",
+    ):
+        assert words in text, words
+    motion = read_trajectory(csv)
+    assert np.allclose(read_trajectory(yaml).position, motion.position, atol=1e-9)
+    assert motion.names == JOINTS and motion.duration == 8.0 and motion.rate == pytest.approx(125.0)
+    assert not violations(motion, read_limits(limits, JOINTS))
+    code, again = run("--arm", urdf, "--limits", limits, "--motion", csv)
+    table = text[text.index("  joint ") : text.index("  torque: that")]
+    assert code == 0 and again[again.index("  joint ") : again.index("  torque: that")] == table
+    code, told = run("--arm", urdf, "--limits", limits, "--motion", csv, "--json")
+    content = json.loads(told)
+    rows = content["parameters"]
+    assert 1.0 < content["condition_number"] < 1e3
+    assert code == 0 and len(rows) == 18 + 40 and {row["joint"] for row in rows} == {*JOINTS, ""}
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"--home": "0,1"}, "give one number for each of turn, lift"),
+        ({"--home": HOME, "--joint": "turn"}, "say what shall move"),
+        ({"--home": HOME, "--model": "rigid_joint"}, "--model says nothing of a whole arm"),
+        ({"--home": HOME, "--for": "mass"}, "known are friction, rotors, links"),
+        ({"--home": HOME, "--fit": "none.json"}, "cannot be read"),
+        ({"--home": HOME, "--robot": "ur3e"}, "no limits of the joint turn"),
+        ({"--home": HOME, "--floor": "2"}, "m too low"),
+        ({"--home": HOME, "-o": "motion.txt"}, "choose such an ending"),
+        ({"--limits": None}, "joint turn has no limit of torque"),
+        ({"--home": HOME, "--motion": "none.csv"}, "none.csv: cannot be read"),
+    ],
+)
+def test_bad_input(files: tuple[Path, Path], changes: dict[str, str | None], text: str) -> None:
+    asked = {"--arm": str(files[0]), "--limits": str(files[1]), "--time": "6", "--rate": "50", **changes}
+    code, told = run(*(part for option, value in asked.items() if value is not None for part in (option, value)))
+    assert code == 2 and text in " ".join(told.split())
