@@ -6,7 +6,7 @@ RUN := setup/run
 WS := ros2_ws
 
 # Files whose change needs a rebuild. Python modules are not among them: they are linked, not copied.
-BUILD_INPUTS := $(shell find $(WS)/src -type f \( -name '*.msg' -o -name CMakeLists.txt -o -name package.xml \
+BUILD_INPUTS := $(shell find $(WS)/src -type f \( -name '*.msg' -o -name '*.action' -o -name CMakeLists.txt -o -name package.xml \
 	-o -name setup.py -o -name setup.cfg -o -path '*/launch/*.py' -o -path '*/joint_id_ros/config/*' -o -path '*/resource/*' \) 2>/dev/null)
 BUILD_TOOLS := setup/build.sh setup/launchers.py setup/drop_missing_includes.cmake
 

@@ -83,7 +83,9 @@ def test_the_joints_go_to_the_start_slowly_and_then_follow_exactly():
 def test_the_quintic_joins_the_samples():
     """At 25 samples a second the targets are as those of the exact motion, which a straight line would miss by far."""
     trajectory = motion(rate=25.0)
-    exact = FourierMotion(JOINT_NAMES[2:4], (1.2, -1.0), np.full((2, 2), PEAK), np.full((2, 2), PEAK), [0.5, 1.0], 4.0, 1.0)
+    exact = FourierMotion(
+        JOINT_NAMES[2:4], (1.2, -1.0), np.full((2, 2), PEAK), np.full((2, 2), PEAK), [0.5, 1.0], 4.0, 1.0
+    )
     time = np.arange(0.0, 4.0, TICK_S)
     np.testing.assert_allclose(trajectory.at(time).position, exact.at(time).position, atol=1e-6)
     straight = np.interp(time, trajectory.time, trajectory.position[:, 0])
@@ -142,14 +144,21 @@ def test_power_off_ends_a_trajectory_and_a_protective_stop_holds_it():
 def changed(trajectory, factor):
     """The same motion, larger."""
     home = trajectory.position[0]
-    parts = (factor * (trajectory.position - home) + home, factor * trajectory.velocity, factor * trajectory.acceleration)
+    parts = (
+        factor * (trajectory.position - home) + home,
+        factor * trajectory.velocity,
+        factor * trajectory.acceleration,
+    )
     return Trajectory(trajectory.names, trajectory.time, *parts)
 
 
 @pytest.mark.parametrize(
     ("trajectory", "says"),
     [
-        (motion(names=("elbow_jiont", "wrist_1_joint")), r"elbow_jiont', which this robot does not have \(did you mean elb"),
+        (
+            motion(names=("elbow_jiont", "wrist_1_joint")),
+            r"elbow_jiont', which this robot does not have \(did you mean elb",
+        ),
         (motion(home=(3.1, -1.0)), "elbow_joint: position 3.* limits -3.14159 to 3.14159 rad"),
         (changed(motion(), 12.0), "elbow_joint: velocity .* limit 3.14159 rad/s"),
         (motion(peak=0.03, tones=(5.0, 6.0), rate=500.0), "wrist_1_joint would need .* its drive gives at most"),

@@ -133,8 +133,12 @@ class Arm:
 
     def _too_weak(self, trajectory: Trajectory, columns: list[int]) -> list[str]:
         """Return where a drive does not give the torque of a trajectory, a sentence each."""
-        states = [np.tile(row, (len(trajectory.time), 1)) for row in (self.reference.q, *np.zeros((2, len(self._names))))]
-        for values, own in zip(states, (trajectory.position, trajectory.velocity, trajectory.acceleration), strict=True):
+        states = [
+            np.tile(row, (len(trajectory.time), 1)) for row in (self.reference.q, *np.zeros((2, len(self._names))))
+        ]
+        for values, own in zip(
+            states, (trajectory.position, trajectory.velocity, trajectory.acceleration), strict=True
+        ):
             values[:, columns] = own
         q, qd, qdd = states
         needed = self._inertia * qdd + self._coulomb * np.sign(qd) + self._viscous * qd

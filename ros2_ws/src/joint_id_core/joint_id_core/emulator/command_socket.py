@@ -95,7 +95,9 @@ def give(path: Path, command: str) -> str:
                 answer += more
         except OSError as error:
             reason = error.strerror or str(error) or type(error).__name__
-            raise JointIdError(f"no answer of an emulator at {path} ({reason}): start it with --socket {path}") from None
+            raise JointIdError(
+                f"no answer of an emulator at {path} ({reason}): start it with --socket {path}"
+            ) from None
     text = answer.decode(errors="replace").strip()
     if not text:
         raise JointIdError(f"the emulator at {path} ended before it answered to {command!r}")

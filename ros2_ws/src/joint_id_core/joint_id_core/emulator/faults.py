@@ -35,7 +35,11 @@ COMMANDS: dict[str, Command] = {
         Command("unlock", "end of the protective stop: the joints go on"),
         Command("pick-up", "with --urdf: the last link carries KG kg from now on", "KG"),
         Command("put-down", "with --urdf: the last link carries nothing from now on"),
-        Command("follow", "the joints come to rest, go to the start of a trajectory (CSV or YAML), follow it and stay", "FILE"),
+        Command(
+            "follow",
+            "the joints come to rest, go to the start of a trajectory (CSV or YAML), follow it and stay",
+            "FILE",
+        ),
         Command("stop", "the joints come to rest and stay there, until follow or power-cycle"),
         Command("zero", "every value of the next N samples is zero", "N", 1),
         Command("nan", "actual_q of the next N samples is NaN", "N", 1),

@@ -1,0 +1,128 @@
+"""The action `identify` on an emulated robot: plan, go, record, fit, report; and what happens when something is wrong."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+
+from joint_id_core import formats
+from joint_id_core.design.files import write
+from joint_id_core.design.fourier import FourierMotion
+from joint_id_core.emulator.robots import HOME
+from joint_id_core.rtde.fields import JOINT_NAMES
+from joint_id_msgs.action import Identify
+from joint_id_msgs.msg import JointEstimate, ParameterEstimate
+from joint_id_ros.trajectories import QOS
+
+ELBOW = "elbow_joint"
+SECONDS = 6.0
+
+
+def motion(joint=ELBOW, tones=(0.5, 1.1, 2.3, 3.7), peak=0.03):
+    """A motion of one joint of the emulated robot, from its home and back."""
+    waves = np.full((1, len(tones)), peak) / np.array(tones) ** 0.5
+    home = HOME[JOINT_NAMES.index(ELBOW)]
+    return FourierMotion((joint,), (home,), waves, waves, tones, SECONDS, 1.0).sampled(125.0)
+
+
+class Bench:
+    """An emulated robot, the nodes around it, and a client of the action."""
+
+    def __init__(self, start, probe, robot, folder):
+        self.start, self.probe, self.folder = start, probe, folder
+        self.truth, self.file = folder / "truth.yaml", folder / "motion.csv"
+        write(motion(), self.file)
+        self.results = folder / "results"
+        self.results.mkdir()
+        self.machine = robot("--moving", "none", "--socket", str(folder / "socket"), "--truth", str(self.truth))
+        self.links = probe.collect(JointState, "link_states")
+        self.orders = probe.collect(JointTrajectory, "joint_trajectory", QOS)
+        self.driver = start("driver", robot_ip="127.0.0.1", port=self.machine.port, stall_s=20.0)
+        self.mover = start("emulated_motion", socket=folder / "socket")
+        self.identify = start("identify", directory=self.results, wait_s=120.0)
+        self.client = ActionClient(probe, Identify, "identify")
+        self.feedback = []
+        probe.until(lambda: len(self.links) > 100, "samples")
+        probe.until(self.client.server_is_ready, "the action")
+        probe.until(lambda: probe.count_subscribers("joint_trajectory") >= 2, "the node that moves the robot")
+        probe.until(lambda: probe.told("identify", "waiting for a goal"), "the node")
+
+    def send(self, **goal):
+        """Send a goal; its handle, accepted or not."""
+        self.feedback.clear()
+        gains = [f"{n}={self.known[n]}" for n in ("k_t", "N")]
+        goal = Identify.Goal(**{"trajectory": str(self.file), "model": "harmonic_drive", "set": gains} | goal)
+        sent = self.client.send_goal_async(goal, feedback_callback=lambda m: self.feedback.append(m.feedback))
+        self.probe.until(sent.done, "an answer to the goal")
+        return sent.result()
+
+    @property
+    def known(self):
+        return yaml.safe_load(self.truth.read_text())[ELBOW]
+
+    def phase(self, phase):
+        self.probe.until(lambda: any(f.phase == phase for f in self.feedback), f"phase {phase}")
+
+    def go(self):
+        self.phase(Identify.Feedback.WAITING_FOR_GO)
+        answer = self.probe.call(Trigger, "identify/go", Trigger.Request())
+        assert answer.success, answer.message
+
+    def moves(self):
+        """Wait until the joint is well on its way along the trajectory."""
+        self.phase(Identify.Feedback.MOVING)
+        begin = self.links[-1].position[2]
+        self.probe.until(lambda: abs(self.links[-1].position[2] - begin) > 0.02, "a motion")
+
+    def result(self, handle):
+        waited = handle.get_result_async()
+        self.probe.until(waited.done, "the result")
+        return waited.result().status, waited.result().result
+
+
+@pytest.fixture
+def bench(start, probe, robot, tmp_path):
+    return Bench(start, probe, robot, tmp_path)
+
+
+def seconds(stamp):
+    return stamp.sec + stamp.nanosec * 1e-9
+
+
+def test_a_joint_is_identified_by_a_motion_made_for_it_and_another_goal_is_rejected(bench):
+    handle = bench.send()
+    assert handle.accepted
+    bench.phase(Identify.Feedback.WAITING_FOR_GO)
+    assert not bench.send().accepted  # one at a time
+    bench.probe.until(lambda: bench.probe.told("identify", "one identification at a time"), "the reason")
+    begin = bench.links[-1].position[2]
+    bench.probe.spin(2.0)
+    assert not bench.orders
+    assert abs(bench.links[-1].position[2] - begin) < 1e-3  # nothing moves before the go
+    bench.go()
+    status, result = bench.result(handle)
+    assert status == GoalStatus.STATUS_SUCCEEDED, result.message
+    (joint,) = result.joints
+    assert (joint.joint, joint.model, joint.status) == (ELBOW, "harmonic_drive", JointEstimate.CONVERGED), joint.message
+    rows = {p.name: p for p in joint.parameters}
+    shown = [p for p in rows.values() if p.verdict == ParameterEstimate.ESTIMATED]
+    assert {"k_1", "J_q", "J_m", "c_m", "tau_fm"} <= {p.name for p in shown}
+    for p in shown:
+        assert abs(p.value - bench.known[p.name]) < 4.5 * p.std_dev, f"{p.name} {p.value} +- {p.std_dev}"
+    recording = formats.read(Path(result.bag), ELBOW)
+    assert np.ptp(recording["link_position"]) > 0.05
+    # The part that was fitted is the trajectory.
+    assert seconds(joint.window_end) - seconds(joint.window_start) == pytest.approx(SECONDS, abs=0.05)
+    page = Path(result.page).read_text()
+    assert "harmonic_drive" in page and "joint-id report" in page
+    assert {f.phase for f in bench.feedback} >= {1, 2, 3, 4} or len({f.phase for f in bench.feedback}) >= 3
+    assert not bench.probe.call(Trigger, "identify/go", Trigger.Request()).success
