@@ -18,7 +18,7 @@ from joint_id_msgs.action import Identify
 from joint_id_ros.background_recorder import BackgroundRecorder
 from joint_id_ros.child_process import ChildProcess
 from joint_id_ros.identify_work import Fitted, Request, fit, plan
-from joint_id_ros.robot_link import SILENT_S, RobotLink
+from joint_id_ros.robot_link import RobotLink
 
 START_S = 10.0  # in which joints must move after the trajectory was sent, and samples must come
 PAUSED_S = 5.0  # rest within a motion that was sent, after which it counts as ended
@@ -240,5 +240,5 @@ class Identification:
             raise CancelledError
         if samples and not self.robot.names():
             raise JointIdError(
-                f"no samples on link_states for {SILENT_S:g} s: is the driver running, and connected to the robot?"
+                f"no samples on link_states for {self.robot.silent_s:g} s: is the driver running, and connected to the robot?"
             )

@@ -24,14 +24,18 @@ from joint_id_ros.trajectories import QOS, STOP, TOPIC, to_message
 LINK_STATES = RAW[0].name
 RECORDED = (*(topic.name for topic in RAW), CONDITIONS.name)
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)  # every publisher is read
-SILENT_S = 1.0  # without samples, after which they are missed
 
 
 class RobotLink:
-    """Reads the newest sample when `look` is called; the others are only recorded."""
+    """Reads the newest sample when `look` is called; the others are only recorded.
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
+    Args:
+        node: with the topics.
+        silent_s: time in s without samples after which they are missed.
+    """
+
+    def __init__(self, node: Node, silent_s: float) -> None:
+        self._node, self.silent_s = node, silent_s
         self._trajectory = node.create_publisher(JointTrajectory, TOPIC, QOS)
         self._subscription = node.create_subscription(JointState, LINK_STATES, self._on_sample, NEWEST, raw=True)
         self._newest = b""
@@ -62,7 +66,7 @@ class RobotLink:
 
     def names(self) -> list[str]:
         """Return the joints of the newest sample; none if there was none lately."""
-        return self._names if time.monotonic() - self._came_s < SILENT_S else []
+        return self._names if time.monotonic() - self._came_s < self.silent_s else []
 
     def watch(self, joints: Sequence[str]) -> MotionWatch:
         """Return a watch that gets the positions of these joints from now on."""

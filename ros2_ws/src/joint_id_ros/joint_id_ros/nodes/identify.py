@@ -26,6 +26,7 @@ from joint_id_ros.lifecycle import ManagedNode
 from joint_id_ros.options.identify import IdentifyOptions
 from joint_id_ros.parameters import read
 from joint_id_ros.robot_link import RobotLink
+from joint_id_ros.running import SIGNALS
 
 TICK_S = 0.02  # between two steps of a goal
 TELL_S = 0.5  # between two feedbacks of the same phase
@@ -80,7 +81,7 @@ class IdentifyNode(ManagedNode):
 
     def begin(self) -> None:
         """Read the samples."""
-        self._robot = RobotLink(self)
+        self._robot = RobotLink(self, self._options.silent_s)
 
     def close(self) -> None:
         """Stop what moves, close the recording, and give the goal its result."""
@@ -166,6 +167,9 @@ class IdentifyNode(ManagedNode):
         self._work, self._told = None, (None, 0.0)
         if how == "abort":
             self._diagnostics.problem("identification", text)
+        if SIGNALS:  # the process ends: nobody would carry out what follows
+            goal.abort()
+            return
         found = result(work, text)
 
         def conclude(handle: ServerGoalHandle) -> Any:

@@ -19,6 +19,9 @@ class IdentifyOptions:
     wait_s: float = option(
         600.0, "longest wait for the go, and for a motion that the user starts at the robot", "s", 0.1, 1e5
     )
+    silent_s: float = option(
+        2.0, "time without samples after which a motion is stopped and the goal ends", "s", 0.1, 100.0
+    )
     autostart: bool = option(True, "configure and activate at start, without a lifecycle manager")
 
     def __post_init__(self) -> None:
