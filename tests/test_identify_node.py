@@ -1,4 +1,4 @@
-"""The action `identify` on an emulated robot: plan, go, record, fit, report; and what happens when something is wrong."""
+"""The action `identify` on an emulated robot: go, record, fit, report; and what happens when something is wrong."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def test_a_joint_is_identified_by_a_motion_made_for_it_and_another_goal_is_rejec
 
 
 def test_a_cancel_stops_the_motion_and_leaves_a_readable_bag(bench):
-    for round_ in range(2):  # the node lives on
+    for _ in range(2):  # the node lives on
         bench.orders.clear()
         handle = bench.send()
         bench.go()

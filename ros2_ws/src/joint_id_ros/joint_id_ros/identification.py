@@ -17,7 +17,7 @@ from joint_id_core.results.estimate import Estimate
 from joint_id_msgs.action import Identify
 from joint_id_ros.background_recorder import BackgroundRecorder
 from joint_id_ros.child_process import ChildProcess
-from joint_id_ros.identify_work import Fitted, Request, fit, plan
+from joint_id_ros.identify_work import Fitted, Plan, Request, fit, plan
 from joint_id_ros.robot_link import RobotLink
 
 START_S = 10.0  # in which joints must move after the trajectory was sent, and samples must come
@@ -86,8 +86,8 @@ class Identification:
             CancelledError: it was cancelled; the recording is closed.
             JointIdError: it cannot go on; what was recorded is kept.
         """
-        design = yield from self._computed(ChildProcess(plan, self.request, self.base.with_suffix(".csv")))
-        self.design = design
+        planned = yield from self._computed(ChildProcess(plan, self.request, self.base.with_suffix(".csv")))
+        self.design = design = planned.design
         joints = design.trajectory.names
         yield from self._until(self.robot.names, START_S, "no samples on link_states: is the driver running?")
         if unknown := [joint for joint in joints if joint not in self.robot.names()]:
@@ -97,7 +97,7 @@ class Identification:
         yield from self._wait_for_go(watch)
         self._recorder = recorder = self.robot.record(self.base)
         try:
-            watch = yield from self._motion(recorder, watch, design)
+            watch = yield from self._motion(recorder, watch, planned)
         finally:
             recorder.stop()
             while not recorder.ended:
@@ -134,32 +134,33 @@ class Identification:
         late = f"no go within {self.wait_s:g} s (parameter wait_s): nothing was moved. Send the goal again"
         yield from self._until(begun, self.wait_s, late, samples=True)
 
-    def _motion(self, recorder: BackgroundRecorder, watch: MotionWatch, design: Design) -> Steps[MotionWatch]:
+    def _motion(self, recorder: BackgroundRecorder, watch: MotionWatch, planned: Plan) -> Steps[MotionWatch]:
         """Record the motion until it has ended, and return what was seen of it; stop it if anything is wrong."""
         self.phase, self.text = Phase.MOVING, "the recording begins"
         try:
             yield from self._until(lambda: recorder.count or recorder.ended, START_S, "nothing could be recorded")
             self._require(recorder)
-            patience = self.wait_s
+            patience, trajectory = self.wait_s, planned.design.trajectory
             if self.go:
-                watch = self.robot.watch(design.trajectory.names)
-                patience = yield from self._begin(watch, design)
+                watch = self.robot.watch(trajectory.names)
+                patience = yield from self._begin(watch, planned)
             self.text = "moving, and recording"
-            while not self._over(watch, design.trajectory, patience):
+            while not self._over(watch, trajectory, patience):
                 self._require(recorder)
-                self.progress = min(1.0, watch.motion_s / design.trajectory.duration)
+                self.progress = min(1.0, watch.motion_s / trajectory.duration)
                 yield from self._pause(samples=True)
-        except (CancelledError, JointIdError):
-            self.robot.halt()
+        except (CancelledError, JointIdError) as error:
+            if isinstance(error, JointIdError):  # a cancel was passed on when it came
+                self.robot.halt()
             end = time.monotonic() + BRAKING_S  # what the joints do until they rest belongs to the recording
             while watch.moving and time.monotonic() < end and self.robot.names():
                 yield
             raise
         return watch
 
-    def _begin(self, watch: MotionWatch, design: Design) -> Steps[float]:
+    def _begin(self, watch: MotionWatch, planned: Plan) -> Steps[float]:
         """Send the trajectory, wait until the joints move, and return how long they may rest before they go on."""
-        readers = self.robot.send(design.trajectory)
+        readers = self.robot.send(planned.message)
         if readers:
             late, patience = "the joints do not move: the diagnostics of the node that reads it say why", PAUSED_S
         else:
@@ -240,5 +241,6 @@ class Identification:
             raise CancelledError
         if samples and not self.robot.names():
             raise JointIdError(
-                f"no samples on link_states for {self.robot.silent_s:g} s: is the driver running, and connected to the robot?"
+                f"no samples on link_states for {self.robot.silent_s:g} s: is the driver running, and connected to the "
+                "robot?"
             )

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from rclpy.serialization import serialize_message
+
 from joint_id_core import formats
 from joint_id_core.cli.fit_job import FitJob
 from joint_id_core.cli.fit_options import parameter_settings
@@ -22,6 +24,7 @@ from joint_id_core.pages.report import report
 from joint_id_core.results.estimate import Estimate
 from joint_id_core.text_file import write_text
 from joint_id_ros.child_process import Tell
+from joint_id_ros.trajectories import to_message
 
 Fitted = Mapping[str, Estimate | str]  # by joint the estimate, or why there is none
 
@@ -60,8 +63,16 @@ class Request:
         return shlex.join(["joint-id", "report", str(job.files[0]), *words])
 
 
-def plan(tell: Tell, request: Request, file: Path) -> Design:
-    """Return the motion of a request with what it is to show, and write the trajectory.
+@dataclass(frozen=True)
+class Plan:
+    """A motion with what it is to show, and the bytes of its JointTrajectory, so that sending it takes no time."""
+
+    design: Design
+    message: bytes
+
+
+def plan(tell: Tell, request: Request, file: Path) -> Plan:
+    """Return the motion of a request, and write its trajectory to a file.
 
     Raises:
         JointIdError: it cannot be read or planned, or it does not move a joint that is to be identified.
@@ -76,7 +87,7 @@ def plan(tell: Tell, request: Request, file: Path) -> Design:
             f"{request.trajectory} does not move {', '.join(missing)}: it moves {', '.join(trajectory.names)}"
         )
     write(trajectory, file)
-    return Design(trajectory, ())
+    return Plan(Design(trajectory, ()), serialize_message(to_message(trajectory)))
 
 
 def fit(

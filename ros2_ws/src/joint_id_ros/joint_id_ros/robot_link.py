@@ -15,11 +15,10 @@ from trajectory_msgs.msg import JointTrajectory
 
 from joint_id_core.data.instants import NANO
 from joint_id_core.design.motion_watch import MotionWatch
-from joint_id_core.design.trajectory import Trajectory
 from joint_id_core.formats.topics import CONDITIONS, RAW
 from joint_id_ros.background_recorder import BackgroundRecorder
 from joint_id_ros.conversions import nanoseconds
-from joint_id_ros.trajectories import QOS, STOP, TOPIC, to_message
+from joint_id_ros.trajectories import QOS, STOP, TOPIC
 
 LINK_STATES = RAW[0].name
 RECORDED = (*(topic.name for topic in RAW), CONDITIONS.name)
@@ -73,9 +72,9 @@ class RobotLink:
         self._watch, self._watched = MotionWatch(), joints
         return self._watch
 
-    def send(self, trajectory: Trajectory) -> int:
-        """Publish a trajectory; return how many subscribers there are."""
-        self._trajectory.publish(to_message(trajectory))
+    def send(self, trajectory: bytes) -> int:
+        """Publish the bytes of a JointTrajectory; return how many subscribers there are."""
+        self._trajectory.publish(trajectory)
         return int(self._trajectory.get_subscription_count())
 
     def halt(self) -> None:
