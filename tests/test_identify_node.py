@@ -37,18 +37,18 @@ def motion(joint=ELBOW, tones=(0.5, 1.1, 2.3, 3.7), peak=0.03):
 class Bench:
     """An emulated robot, the nodes around it, and a client of the action."""
 
-    def __init__(self, start, probe, robot, folder):
+    def __init__(self, start, probe, robot_of, folder, **parameters):
         self.start, self.probe, self.folder = start, probe, folder
         self.truth, self.file = folder / "truth.yaml", folder / "motion.csv"
         write(motion(), self.file)
         self.results = folder / "results"
         self.results.mkdir()
-        self.machine = robot("--moving", "none", "--socket", str(folder / "socket"), "--truth", str(self.truth))
+        self.machine = robot_of("--moving", "none", "--socket", str(folder / "socket"), "--truth", str(self.truth))
         self.links = probe.collect(JointState, "link_states")
         self.orders = probe.collect(JointTrajectory, "joint_trajectory", QOS)
         self.driver = start("driver", robot_ip="127.0.0.1", port=self.machine.port, stall_s=20.0)
         self.mover = start("emulated_motion", socket=folder / "socket")
-        self.identify = start("identify", directory=self.results, wait_s=120.0, silent_s=20.0)
+        self.identify = start("identify", directory=self.results, wait_s=120.0, silent_s=20.0, **parameters)
         self.client = ActionClient(probe, Identify, "identify")
         self.feedback = []
         probe.until(lambda: len(self.links) > 100, "samples")
@@ -94,6 +94,12 @@ def bench(start, probe, robot, tmp_path):
     return Bench(start, probe, robot, tmp_path)
 
 
+@pytest.fixture
+def known_bench(start, probe, robot, tmp_path):
+    """With the limits, gear ratios and torque constants of a UR3e, over which those of the goal go."""
+    return Bench(start, probe, robot, tmp_path, robot="ur3e")
+
+
 def positions_in(bag):
     """Measured positions of the elbow in a bag."""
     q = formats.read(Path(bag), ELBOW)["link_position"]
@@ -137,6 +143,27 @@ def test_a_joint_is_identified_by_a_motion_made_for_it_and_another_goal_is_rejec
     phases = [f.phase for f in bench.feedback]
     assert phases == sorted(phases) and {2, 3, 4} <= set(phases)
     assert not bench.probe.call(Trigger, "identify/go", Trigger.Request()).success
+
+
+def test_a_motion_is_planned_from_where_the_joint_is_and_its_promise_holds(known_bench):
+    bench = known_bench
+    handle = bench.send(trajectory="", joints=[ELBOW], model="motor_side", duration=6.0)
+    bench.go()
+    told = next(f for f in bench.feedback if f.expected)
+    assert told.phase == Identify.Feedback.WAITING_FOR_GO and "what the arm could hit" in told.message
+    (promise,) = told.expected
+    promised = {p.name: p for p in promise.parameters if p.verdict == ParameterEstimate.ESTIMATED}
+    assert promise.joint == ELBOW and {"J_m", "tau_fm"} <= set(promised)
+    status, result = bench.result(handle)
+    assert status == GoalStatus.STATUS_SUCCEEDED, result.message
+    (joint,) = result.joints
+    assert joint.status == JointEstimate.CONVERGED, joint.message
+    rows = {p.name: p for p in joint.parameters}
+    for name, p in promised.items():
+        assert abs(rows[name].value - bench.known[name]) < 5.0 * rows[name].std_dev, name
+        assert 0.3 < rows[name].std_dev / p.std_dev < 3.0, f"{name}: {rows[name].std_dev} of {p.std_dev}"
+    sent = bench.orders[0]
+    assert sent.points[0].positions[0] == pytest.approx(HOME[2], abs=1e-3)
 
 
 def test_a_cancel_stops_the_motion_and_leaves_a_readable_bag(bench):
@@ -212,7 +239,7 @@ def test_a_robot_that_is_killed_in_motion_ends_the_goal_and_loses_nothing(bench)
     assert "no samples on link_states for 1 s: is the driver running" in result.message
     assert not bench.orders[-1].points  # a stop was sent, whoever hears it
     assert travel(result.bag) > 0.015
-    aborted(bench, "no samples on link_states: is the driver running?")
+    aborted(bench, "no positions on link_states: is the driver running?")
     assert bench.identify.running and bench.mover.running
     bench.mover.signal(signal.SIGTERM)
     assert bench.mover.wait() == 0

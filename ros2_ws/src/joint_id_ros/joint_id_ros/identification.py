@@ -17,7 +17,9 @@ from joint_id_core.results.estimate import Estimate
 from joint_id_msgs.action import Identify
 from joint_id_ros.background_recorder import BackgroundRecorder
 from joint_id_ros.child_process import ChildProcess
-from joint_id_ros.identify_work import Fitted, Plan, Request, fit, plan
+from joint_id_ros.identify_fit import Fitted, fit
+from joint_id_ros.identify_plan import Plan, plan
+from joint_id_ros.identify_request import Request
 from joint_id_ros.robot_link import RobotLink
 
 START_S = 10.0  # in which joints must move after the trajectory was sent, and samples must come
@@ -86,15 +88,14 @@ class Identification:
             CancelledError: it was cancelled; the recording is closed.
             JointIdError: it cannot go on; what was recorded is kept.
         """
-        planned = yield from self._computed(ChildProcess(plan, self.request, self.base.with_suffix(".csv")))
+        self.text = "waiting for samples"
+        yield from self._until(self.robot.positions, START_S, "no positions on link_states: is the driver running?")
+        file, places = self.base.with_suffix(".csv"), dict(self.robot.positions())
+        planned = yield from self._computed(ChildProcess(plan, self.request, places, file))
         self.design = design = planned.design
         joints = design.trajectory.names
-        yield from self._until(self.robot.names, START_S, "no samples on link_states: is the driver running?")
-        if unknown := [joint for joint in joints if joint not in self.robot.names()]:
-            there = ", ".join(self.robot.names())
-            raise JointIdError(f"the motion is for {', '.join(unknown)}, but link_states has {there}")
         watch = self.robot.watch(joints)
-        yield from self._wait_for_go(watch)
+        yield from self._wait_for_go(watch, design.notes)
         self._recorder = recorder = self.robot.record(self.base)
         try:
             watch = yield from self._motion(recorder, watch, planned)
@@ -120,10 +121,10 @@ class Identification:
             self._recorder.stop()
             self._recorder.wait()
 
-    def _wait_for_go(self, watch: MotionWatch) -> Steps[None]:
+    def _wait_for_go(self, watch: MotionWatch, notes: tuple[str, ...]) -> Steps[None]:
         """Wait for the go, or for a motion after rest, which the user has started at the robot."""
         self.phase, self.progress = Phase.WAITING_FOR_GO, 0.0
-        self.text = "call the service go, or start the motion at the robot"
+        self.text = " ".join(["call the service go, or start the motion at the robot.", *notes])
         rested = False
 
         def begun() -> bool:
@@ -153,7 +154,7 @@ class Identification:
             if isinstance(error, JointIdError):  # a cancel was passed on when it came
                 self.robot.halt()
             end = time.monotonic() + BRAKING_S  # what the joints do until they rest belongs to the recording
-            while watch.moving and time.monotonic() < end and self.robot.names():
+            while watch.moving and time.monotonic() < end and self.robot.positions():
                 yield
             raise
         return watch
@@ -239,7 +240,7 @@ class Identification:
         yield
         if self.cancelled:
             raise CancelledError
-        if samples and not self.robot.names():
+        if samples and not self.robot.positions():
             raise JointIdError(
                 f"no samples on link_states for {self.robot.silent_s:g} s: is the driver running, and connected to the "
                 "robot?"

@@ -39,7 +39,7 @@ class RobotLink:
         self._subscription = node.create_subscription(JointState, LINK_STATES, self._on_sample, NEWEST, raw=True)
         self._newest = b""
         self._came_s = float("-inf")
-        self._names: list[str] = []
+        self._positions: dict[str, float] = {}
         self._watch: MotionWatch | None = None
         self._watched: Sequence[str] = ()
 
@@ -56,16 +56,14 @@ class RobotLink:
         if not self._newest:
             return
         message: Any = deserialize_message(self._newest, JointState)
-        self._newest, self._names = b"", list(message.name)
-        if self._watch is None or len(message.position) != len(message.name):
-            return
-        if all(joint in self._names for joint in self._watched):
-            places = (self._names.index(joint) for joint in self._watched)
-            self._watch.add(nanoseconds(message.header.stamp) / NANO, [message.position[k] for k in places])
+        self._newest, self._positions = b"", dict(zip(message.name, message.position, strict=False))
+        if self._watch is not None and all(joint in self._positions for joint in self._watched):
+            stamp = nanoseconds(message.header.stamp) / NANO
+            self._watch.add(stamp, [self._positions[joint] for joint in self._watched])
 
-    def names(self) -> list[str]:
-        """Return the joints of the newest sample; none if there was none lately."""
-        return self._names if time.monotonic() - self._came_s < self.silent_s else []
+    def positions(self) -> dict[str, float]:
+        """Return where the joints are, in rad, as of the newest sample; none if there was none lately."""
+        return self._positions if time.monotonic() - self._came_s < self.silent_s else {}
 
     def watch(self, joints: Sequence[str]) -> MotionWatch:
         """Return a watch that gets the positions of these joints from now on."""

@@ -21,7 +21,7 @@ from joint_id_msgs.action import Identify
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.identification import CancelledError, Identification, Phase
 from joint_id_ros.identify_messages import expected, result
-from joint_id_ros.identify_work import Request
+from joint_id_ros.identify_request import Request
 from joint_id_ros.lifecycle import ManagedNode
 from joint_id_ros.options.identify import IdentifyOptions
 from joint_id_ros.parameters import read
@@ -106,7 +106,14 @@ class IdentifyNode(ManagedNode):
         goal, options = handle.request, self._options
         assert self._robot is not None
         request = Request(
-            tuple(goal.joints), goal.model, tuple(goal.set), goal.trajectory, goal.duration, options.robot, options.urdf
+            tuple(goal.joints),
+            goal.model,
+            tuple(goal.set),
+            goal.trajectory,
+            goal.duration,
+            options.robot,
+            options.limits,
+            options.urdf,
         )
         name = f"identify_{datetime.now(UTC):%Y%m%d_%H%M%S_%f}"
         self._work = Identification(self._robot, request, Path(options.directory).absolute() / name, options.wait_s)

@@ -14,6 +14,9 @@ class IdentifyOptions:
     robot: str = option(
         "", "parameter file of the identifier, or its name such as ur3e: gear ratios and torque constants; empty: none"
     )
+    limits: str = option(
+        "", "file of limits for planned motions, as joint-id design --limits; empty: those published of the robot"
+    )
     urdf: str = option("", "description of the arm, where several joints move: the load on each; empty: none")
     directory: str = option(".", "folder for recordings, trajectories and reports")
     wait_s: float = option(
