@@ -82,3 +82,17 @@ def test_slow_drift_is_no_motion_and_times_that_do_not_rise_are_left_out():
     before = watch.rest_s
     watch.add(1e9, [5.0, 5.0])
     assert watch.rest_s == before
+
+
+def test_a_long_wait_is_forgotten_and_counts_as_rest():
+    watch, _ = watched([(90.0, rest), (8.0, follow), (2.0, rest)])
+    assert len(watch._time) < 1500  # of 5000
+    begin, off = watch.matched(MOTION)
+    assert begin - 1e9 == pytest.approx(90.0, abs=0.02) and off < 2e-3
+    watch, _ = watched([(90.0, rest)])
+    assert len(watch._time) < 1100 and watch.rest_s == pytest.approx(90.0, abs=0.1)
+
+
+def test_a_missing_position_is_left_out():
+    watch, _ = watched([(2.0, rest), (4.0, lambda t: (np.nan, -1.0)), (8.0, follow), (2.0, rest)])
+    assert watch.paused(MOTION) and watch.matched(MOTION)[1] < 2e-3

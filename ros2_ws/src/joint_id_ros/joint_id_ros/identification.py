@@ -161,6 +161,8 @@ class Identification:
 
     def _begin(self, watch: MotionWatch, planned: Plan) -> Steps[float]:
         """Send the trajectory, wait until the joints move, and return how long they may rest before they go on."""
+        if self.cancelled:
+            raise CancelledError
         readers = self.robot.send(planned.message)
         if readers:
             late, patience = "the joints do not move: the diagnostics of the node that reads it say why", PAUSED_S

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections.abc import Sequence
 
@@ -14,6 +15,7 @@ MOVED = 2e-3  # rad; by which a joint must move within `SPAN_S` to count as movi
 SPAN_S = 0.25
 REST_S = 1.0  # of rest end a motion; a pause before it, and turns on the way, are shorter
 WHOLE = 0.7  # share of a trajectory's duration from which a motion may be all of it: its soft ends look like rest
+_MOST_OLD = 1000  # samples before the newest motion
 _BEFORE_S, _AFTER_S, _STEP_S = 0.5, 2.0, 0.02  # where the end of a trajectory is looked for, around that of a motion
 
 
@@ -23,13 +25,19 @@ class MotionWatch:
     def __init__(self) -> None:
         self._time: list[float] = []
         self._position: list[Sequence[float]] = []
+        self._first = 0.0  # time of the first sample; those before the newest motion are forgotten
         self._before = 0  # sample with which the newest is compared
         self._began = self._moved = -math.inf  # begin of the newest motion, newest instant at which joints moved
 
     def add(self, time: float, position: Sequence[float]) -> None:
-        """Take the positions in rad, shape (joints,), at a time in s; times that do not rise are left out."""
-        if self._time and time <= self._time[-1]:
+        """Take the positions in rad, shape (joints,), at a time in s.
+
+        Times that do not rise and positions that are not finite are left out.
+        """
+        if (self._time and time <= self._time[-1]) or not all(map(math.isfinite, position)):
             return
+        if not self._time:
+            self._first = time
         self._time.append(time)
         self._position.append(position)
         while self._time[self._before] < time - SPAN_S:
@@ -39,6 +47,17 @@ class MotionWatch:
             if time - self._moved > REST_S:
                 self._began = time
             self._moved = time
+        self._forget()
+
+    def _forget(self) -> None:
+        """Forget what was before the newest motion, from time to time."""
+        needed = self._time[self._before]
+        if self._moved > -math.inf:
+            needed = min(needed, self._began - REST_S)
+        old = bisect.bisect_left(self._time, needed)
+        if old > _MOST_OLD:
+            del self._time[:old], self._position[:old]
+            self._before -= old
 
     @property
     def moving(self) -> bool:
@@ -48,7 +67,7 @@ class MotionWatch:
     @property
     def rest_s(self) -> float:
         """How long the joints have been at rest, in s; 0 while they move."""
-        return 0.0 if self.moving or not self._time else self._time[-1] - max(self._moved, self._time[0])
+        return 0.0 if self.moving or not self._time else self._time[-1] - max(self._moved, self._first)
 
     @property
     def motion_s(self) -> float:

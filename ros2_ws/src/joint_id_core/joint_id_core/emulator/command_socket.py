@@ -52,7 +52,10 @@ class CommandSocket:
         self._path.unlink(missing_ok=True)
 
     def _accept(self, now: float) -> None:
-        client, _ = self._listener.accept()
+        try:
+            client, _ = self._listener.accept()
+        except OSError:  # the client disconnected before it was accepted
+            return
         if len(self._clients) >= _MOST_CLIENTS:
             client.close()
             return

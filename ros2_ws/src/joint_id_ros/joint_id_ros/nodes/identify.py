@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 import time
+import traceback
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -18,6 +19,7 @@ from std_srvs.srv import Trigger
 from joint_id_core.cli.robot_file import robot_settings
 from joint_id_core.errors import JointIdError
 from joint_id_msgs.action import Identify
+from joint_id_ros.deferred_server import DeferredServer
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.identification import CancelledError, Identification, Phase
 from joint_id_ros.identify_messages import expected, result
@@ -34,15 +36,6 @@ START_S = 0.01  # after which the node starts, if no lifecycle manager is to do 
 ALONE = "one identification at a time: wait for its result, or cancel it"
 
 
-class _Server(ActionServer):
-    """An action server whose goals are carried out by a timer: a waiting callback would make the executor spin."""
-
-    def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: Any) -> None:
-        """Run the callback at the end of a goal only, when there is a result."""
-        if execute_callback is not None:
-            super().notify_execute(goal_handle, execute_callback)
-
-
 class IdentifyNode(ManagedNode):
     """Serves the action `identify` and the service `~/go`."""
 
@@ -53,7 +46,7 @@ class IdentifyNode(ManagedNode):
         self._goal: ServerGoalHandle | None = None
         self._work: Identification | None = None
         self._told: tuple[Phase | None, float] = None, 0.0
-        self._server = _Server(
+        self._server = DeferredServer(
             self, Identify, "identify", lambda goal: Identify.Result(), goal_callback=self._on_goal,
             handle_accepted_callback=self._on_accepted, cancel_callback=self._on_cancel,
         )  # fmt: skip
@@ -141,8 +134,8 @@ class IdentifyNode(ManagedNode):
     def _tick(self) -> None:
         if self._robot is None or self._work is None:
             return
-        self._robot.look()
         try:
+            self._robot.look()
             next(self._steps)
             self._feed_back()
         except StopIteration:
@@ -153,6 +146,11 @@ class IdentifyNode(ManagedNode):
             self._finish("canceled", "cancelled")
         except JointIdError as error:
             self._finish("abort", str(error))
+        except Exception:  # a fault of this program: rclpy would end the node
+            self.get_logger().error(traceback.format_exc())
+            self._robot.halt()
+            self._work.close()
+            self._finish("abort", "an internal error: see the log of the node")
 
     def _feed_back(self) -> None:
         work, goal = self._work, self._goal
