@@ -50,7 +50,7 @@ class Canceller(Node):
         self.go = self.create_client(Trigger, "identify/go")
         self.phase = 0
         self.stops: list[tuple[float, float]] = []  # published, arrived, s since the epoch
-        self.speeds: list[tuple[float, float]] = []  # stamp in s, largest speed of a target
+        self.speeds: list[tuple[float, float]] = []  # arrived, s since the epoch; largest speed of a target, rad/s
         self.create_subscription(JointTrajectory, "joint_trajectory", self._on_order, QOS)
         self.create_subscription(RobotSignals, "robot_signals", self._on_signals, STREAM_IN)
 
@@ -60,8 +60,7 @@ class Canceller(Node):
 
     def _on_signals(self, message: Any) -> None:
         if message.target_qd:
-            stamp = message.header.stamp
-            self.speeds.append((stamp.sec + stamp.nanosec * 1e-9, float(np.abs(message.target_qd).max())))
+            self.speeds.append((time.time(), float(np.abs(message.target_qd).max())))
 
     def until(self, condition: Callable[[], object], what: str) -> None:
         """Spin until a condition holds."""
@@ -91,7 +90,7 @@ class Canceller(Node):
         self.until(lambda: self.speeds[-1][1] == 0.0, "rest")
         waited = sent.result().get_result_async()
         self.until(waited.done, "the result")
-        rest = next(stamp for stamp, speed in self.speeds if stamp > begun and speed == 0.0)
+        rest = next(at for at, speed in self.speeds if at > begun and speed == 0.0)
         formats.read(Path(waited.result().result.bag), JOINT_NAMES[0])
         self.speeds = self.speeds[-1:]
         published, arrived = self.stops[0]

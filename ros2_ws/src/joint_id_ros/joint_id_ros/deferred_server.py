@@ -11,7 +11,8 @@ from rclpy.action.server import ServerGoalHandle
 class DeferredServer(ActionServer):
     """`goal_handle.execute()` says that a goal is being carried out; `notify_execute` with a callback gives its result.
 
-    A callback that waits in between would keep the executor of rclpy busy: it runs coroutines that wait again and again.
+    A callback that waits in between would keep the executor of rclpy busy: it runs coroutines that wait again and
+    again.
     """
 
     def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: Any) -> None:
