@@ -1,4 +1,5 @@
 # make setup | test | test-long | test-haswell | lint | demo | paper | paper-quick | bench-rtde | bench-graph | bench-speed | bench-stats | bench-drift | bench-online | bench-robots | bench-batch | clean
+# make setup | test | test-long | test-haswell | lint | demo | paper | paper-quick | bench-rtde | bench-graph | bench-cancel | bench-speed | bench-stats | bench-drift | bench-online | bench-robots | clean
 # Every target sets up what it needs. Needs Python 3.11 or 3.12 with venv and headers, gcc, g++, make and a Python package index.
 
 VENV := .venv
@@ -16,6 +17,7 @@ NODE_TESTS := $(wildcard $(WS)/src/joint_id_ros/test tests)
 TIMED_TESTS := tests/test_chain.py tests/test_demo.py tests/test_driver.py tests/test_driver_faults.py
 
 .PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-graph bench-speed bench-stats bench-drift bench-online bench-robots bench-batch clean
+.PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-graph bench-cancel bench-speed bench-stats bench-drift bench-online bench-robots clean
 all: setup
 
 setup: $(WS)/install/.built
@@ -78,6 +80,10 @@ bench-rtde: setup
 # What emulator, driver, filter and identifier cost, and how late an estimate is (eight minutes).
 bench-graph: setup
 	$(RUN) python benchmarks/graph.py --runs 3
+
+# How soon a cancelled identification stops the emulated robot (ten minutes).
+bench-cancel: setup
+	$(RUN) python benchmarks/cancel.py
 
 # Libraries that only the benchmarks need. A missing library is shown as missing, so a failure here is not an error.
 $(VENV)/.peers: $(VENV)/.installed benchmarks/requirements.txt benchmarks/constraints.txt constraints.txt

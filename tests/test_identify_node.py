@@ -148,6 +148,9 @@ def test_a_joint_is_identified_by_a_motion_made_for_it_and_another_goal_is_rejec
 
 def test_a_motion_is_planned_from_where_the_joint_is_and_its_promise_holds(known_bench):
     bench = known_bench
+    wrong = bench.folder / "wrong.csv"
+    write(motion(peak=1.5), wrong)
+    aborted(bench, "wrong.csv breaks a limit: elbow_joint: position", trajectory=str(wrong))
     handle = bench.send(trajectory="", joints=[ELBOW], model="motor_side", duration=6.0)
     bench.go()
     told = next(f for f in bench.feedback if f.expected)

@@ -12,6 +12,9 @@ from joint_id_core.cli.design_joint import JointRequest, design_of_joint
 from joint_id_core.cli.fit_options import parameter_settings
 from joint_id_core.design.design import Design
 from joint_id_core.design.files import read_trajectory, write
+from joint_id_core.design.limit_files import published, read_limits
+from joint_id_core.design.limits import violations
+from joint_id_core.design.trajectory import Trajectory
 from joint_id_core.errors import JointIdError
 from joint_id_ros.child_process import Tell
 from joint_id_ros.identify_request import Request
@@ -57,6 +60,7 @@ def _given(tell: Tell, request: Request) -> Design:
         raise JointIdError(
             f"{request.trajectory} does not move {', '.join(missing)}: it moves {', '.join(trajectory.names)}"
         )
+    _require_within(request, trajectory)
     if not (request.model and (request.robot or request.limits)) or request.urdf:
         return Design(trajectory, ())
     joints = request.joints or trajectory.names
@@ -66,6 +70,18 @@ def _given(tell: Tell, request: Request) -> Design:
     except JointIdError as error:
         return Design(trajectory, (), (f"what the motion will show is not known: {error}",))
     return Design(trajectory, tuple(rows))
+
+
+def _require_within(request: Request, trajectory: Trajectory) -> None:
+    """Raise JointIdError if a trajectory breaks the limits that are published of the robot or given in a file."""
+    try:
+        known = published(Path(request.robot).stem).of(trajectory.names)
+    except JointIdError:  # another robot
+        known = None
+    if request.limits:
+        known = read_limits(request.limits, trajectory.names, known)
+    if known is not None and (broken := violations(trajectory, known)):
+        raise JointIdError(f"{request.trajectory} breaks a limit: {'; '.join(broken)}")
 
 
 def _planned(tell: Tell, request: Request, positions: Mapping[str, float]) -> Design:
@@ -87,6 +103,6 @@ def _design(request: Request, joint: str, home: float | None) -> Design:
     asked = JointRequest(
         joint, {"model": request.model} if request.model else {}, parameter_settings(list(request.set), None, None),
         Path(request.limits) if request.limits else None, request.robot or None, request.duration or DURATION_S,
-        RATE_HZ, None if home is None else repr(home), None, None, "sigma", motion,
+        RATE_HZ, None if home is None else repr(home), request.reach, None, "sigma", motion,
     )  # fmt: skip
     return design_of_joint(asked, (), None)

@@ -23,6 +23,7 @@ class Request:
     duration: float
     robot: str
     limits: str
+    reach: float
     urdf: str
 
     def job(self, bag: Path, joint: str, start: float | None, end: float | None) -> FitJob:

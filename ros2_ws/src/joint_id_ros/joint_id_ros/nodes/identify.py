@@ -106,6 +106,7 @@ class IdentifyNode(ManagedNode):
             goal.duration,
             options.robot,
             options.limits,
+            options.reach,
             options.urdf,
         )
         name = f"identify_{datetime.now(UTC):%Y%m%d_%H%M%S_%f}"

@@ -17,6 +17,7 @@ class IdentifyOptions:
     limits: str = option(
         "", "file of limits for planned motions, as joint-id design --limits; empty: those published of the robot"
     )
+    reach: float = option(1.0, "how far a planned motion may go from where the joint is", "rad", 0.01, 10.0)
     urdf: str = option("", "description of the arm, where several joints move: the load on each; empty: none")
     directory: str = option(".", "folder for recordings, trajectories and reports")
     wait_s: float = option(
