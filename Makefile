@@ -1,5 +1,4 @@
-# make setup | test | test-long | test-haswell | lint | demo | paper | paper-quick | bench-rtde | bench-graph | bench-speed | bench-stats | bench-drift | bench-online | bench-robots | bench-batch | clean
-# make setup | test | test-long | test-haswell | lint | demo | paper | paper-quick | bench-rtde | bench-graph | bench-cancel | bench-speed | bench-stats | bench-drift | bench-online | bench-robots | clean
+# make setup | test | test-long | test-haswell | lint | demo | paper | paper-quick | bench-rtde | bench-graph | bench-cancel | bench-speed | bench-stats | bench-drift | bench-online | bench-robots | bench-batch | clean
 # Every target sets up what it needs. Needs Python 3.11 or 3.12 with venv and headers, gcc, g++, make and a Python package index.
 
 VENV := .venv
@@ -16,8 +15,7 @@ UNIT_TESTS := $(wildcard $(WS)/src/joint_id_core/test)
 NODE_TESTS := $(wildcard $(WS)/src/joint_id_ros/test tests)
 TIMED_TESTS := tests/test_chain.py tests/test_demo.py tests/test_driver.py tests/test_driver_faults.py
 
-.PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-graph bench-speed bench-stats bench-drift bench-online bench-robots bench-batch clean
-.PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-graph bench-cancel bench-speed bench-stats bench-drift bench-online bench-robots clean
+.PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-graph bench-cancel bench-speed bench-stats bench-drift bench-online bench-robots bench-batch clean
 all: setup
 
 setup: $(WS)/install/.built

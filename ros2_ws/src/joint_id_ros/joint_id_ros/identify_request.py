@@ -6,9 +6,9 @@ import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
-from joint_id_core.cli.fit_job import FitJob
 from joint_id_core.cli.fit_options import parameter_settings
 from joint_id_core.estimators import Innovations
+from joint_id_core.jobs.fit_job import FitJob
 from joint_id_core.models.options import ModelOptions
 
 

@@ -16,8 +16,8 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from std_srvs.srv import Trigger
 
-from joint_id_core.cli.robot_file import robot_settings
 from joint_id_core.errors import JointIdError
+from joint_id_core.jobs.robot_file import robot_settings
 from joint_id_msgs.action import Identify
 from joint_id_ros.deferred_server import DeferredServer
 from joint_id_ros.diagnostics import Diagnostics, Health
