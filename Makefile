@@ -1,4 +1,4 @@
-# make setup | test | test-long | test-haswell | lint | demo | paper | paper-quick | bench-rtde | bench-graph | bench-speed | bench-stats | bench-drift | bench-online | bench-robots | bench-batch | clean
+# make setup | test | test-long | test-haswell | lint | demo | paper | paper-quick | bench-rtde | bench-graph | bench-cancel | bench-speed | bench-stats | bench-drift | bench-online | bench-robots | bench-batch | clean
 # Every target sets up what it needs. Needs Python 3.11 or 3.12 with venv and headers, gcc, g++, make and a Python package index.
 
 VENV := .venv
@@ -6,7 +6,7 @@ RUN := setup/run
 WS := ros2_ws
 
 # Files whose change needs a rebuild. Python modules are not among them: they are linked, not copied.
-BUILD_INPUTS := $(shell find $(WS)/src -type f \( -name '*.msg' -o -name CMakeLists.txt -o -name package.xml \
+BUILD_INPUTS := $(shell find $(WS)/src -type f \( -name '*.msg' -o -name '*.action' -o -name CMakeLists.txt -o -name package.xml \
 	-o -name setup.py -o -name setup.cfg -o -path '*/launch/*.py' -o -path '*/joint_id_ros/config/*' -o -path '*/resource/*' \) 2>/dev/null)
 BUILD_TOOLS := setup/build.sh setup/launchers.py setup/drop_missing_includes.cmake
 
@@ -15,7 +15,7 @@ UNIT_TESTS := $(wildcard $(WS)/src/joint_id_core/test)
 NODE_TESTS := $(wildcard $(WS)/src/joint_id_ros/test tests)
 TIMED_TESTS := tests/test_chain.py tests/test_demo.py tests/test_driver.py tests/test_driver_faults.py
 
-.PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-graph bench-speed bench-stats bench-drift bench-online bench-robots bench-batch clean
+.PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-graph bench-cancel bench-speed bench-stats bench-drift bench-online bench-robots bench-batch clean
 all: setup
 
 setup: $(WS)/install/.built
@@ -79,6 +79,10 @@ bench-rtde: setup
 # What emulator, driver, filter and identifier cost, and how late an estimate is (eight minutes).
 bench-graph: setup
 	$(RUN) python benchmarks/graph.py --runs 3
+
+# How soon a cancelled identification stops the emulated robot (ten minutes).
+bench-cancel: setup
+	$(RUN) python benchmarks/cancel.py
 
 # Libraries that only the benchmarks need. A missing library is shown as missing, so a failure here is not an error.
 $(VENV)/.peers: $(VENV)/.installed benchmarks/requirements.txt benchmarks/constraints.txt constraints.txt

@@ -27,7 +27,7 @@ from joint_id_ros.record import record
 from joint_id_ros.watch import watch
 
 ROOT = Path(__file__).resolve().parent.parent
-MESSAGES = ROOT / "ros2_ws/src/joint_id_msgs/msg"
+INTERFACES = ROOT / "ros2_ws/src/joint_id_msgs"
 COMMANDS = (
     "fit",
     "report",
@@ -69,7 +69,10 @@ def tables() -> dict[str, str]:
     made |= {f"model-{name}": parameter_table(build(name).parameters) for name in MODELS}
     made |= {f"options-{name}": added_table(name) for name in MODELS}
     made |= {f"command-{name}": command_table(name) for name in COMMANDS}
-    made |= {f"message-{p.stem}": f"```\n{p.read_text().rstrip()}\n```" for p in MESSAGES.glob("*.msg")}
+    made |= {
+        f"message-{p.stem}": f"```\n{p.read_text().rstrip()}\n```"
+        for p in (*INTERFACES.glob("msg/*.msg"), *INTERFACES.glob("action/*.action"))
+    }
     return made | {"models": model_table(), "channels": channel_table(), "statuses": status_table()}
 
 

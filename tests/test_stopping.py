@@ -9,7 +9,7 @@ import pytest
 from joint_id_core.data.recording import Recording
 from joint_id_core.formats import write_bag
 
-NODES = ("sim", "filter", "identifier", "player", "driver")
+NODES = ("sim", "filter", "identifier", "player", "driver", "identify", "emulated_motion")
 
 
 @pytest.fixture
@@ -17,7 +17,7 @@ def parameters(tmp_path, request, robot):
     """What each node needs to start."""
     t = 1.0 + np.arange(5000) * 0.002
     write_bag(tmp_path / "bag", {"joint": Recording(t, {"link_position": np.sin(t)})})
-    given = {"player": {"bag": tmp_path / "bag", "wait_s": 0.0}}
+    given = {"player": {"bag": tmp_path / "bag", "wait_s": 0.0}, "emulated_motion": {"socket": tmp_path / "robot"}}
     if request.node.callspec.params["name"] == "driver":
         given["driver"] = {"robot_ip": "127.0.0.1", "port": robot("--moving", "none").port}
     return given

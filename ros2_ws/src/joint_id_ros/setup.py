@@ -29,6 +29,8 @@ setup(
             "arm_identifier = joint_id_ros.running:arm_identifier",
             "driver = joint_id_ros.running:driver",
             "watch = joint_id_ros.running:watch",
+            "identify = joint_id_ros.running:identify",
+            "emulated_motion = joint_id_ros.running:emulated_motion",
         ],
         "joint_id.commands": ["record = joint_id_ros.record:record", "watch = joint_id_ros.watch:watch"],
         "joint_id.checks": ["ros = joint_id_ros.doctor:checks"],

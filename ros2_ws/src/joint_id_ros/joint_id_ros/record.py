@@ -16,8 +16,6 @@ import typer
 
 from joint_id_core.errors import JointIdError
 
-DRAIN_S = 5.0  # longest time after the stop to write messages that have already arrived
-
 
 def record(
     output: Annotated[Path, typer.Argument(help="bag directory to create")],
@@ -42,7 +40,7 @@ def record(
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.signals import SignalHandlerOptions
 
-    from joint_id_ros.recorder import Recorder
+    from joint_id_ros.recorder import Recorder, drain
 
     # Own signal handlers: those of rclpy would shut the context down before all messages are written.
     stopped: list[int] = []
@@ -59,11 +57,7 @@ def record(
             if sys.stderr.isatty() and time.monotonic() - shown > 1.0:
                 shown = time.monotonic()
                 print(f"\r\x1b[K{recorder.summary}", end="", file=sys.stderr, flush=True)
-        end, count = time.monotonic() + DRAIN_S, -1
-        while recorder.count > count and time.monotonic() < end:
-            count = recorder.count
-            for _ in range(100):
-                executor.spin_once(timeout_sec=0.0)
+        drain(recorder, executor)
     finally:
         if recorder is not None:
             recorder.close()

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from rclpy.clock import Clock, ClockType
+from rclpy.context import Context
 from rclpy.exceptions import InvalidTopicNameException
+from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -19,6 +22,7 @@ from joint_id_core.formats.live_bag import LiveBag
 from joint_id_ros.message_types import message_class
 
 DISCOVERY_S = 0.1
+DRAIN_S = 5.0  # longest time after the stop to write messages that have already arrived
 SAVE_S = 0.5  # at most this much, and what waits to be received, is lost if the process is killed
 
 
@@ -29,8 +33,12 @@ class Recorder(Node):
         count: number of messages written.
     """
 
-    def __init__(self, output: Path, topics: list[str]) -> None:
-        super().__init__("record", start_parameter_services=False, enable_rosout=False)
+    def __init__(self, output: Path, topics: list[str], context: Context | None = None) -> None:
+        """Begin to record; in a `context` of another node, whose names and remappings are not taken for this one."""
+        alone = context is None
+        super().__init__(
+            "record", context=context, use_global_arguments=alone, start_parameter_services=False, enable_rosout=False
+        )
         self.count = 0
         try:
             self._wanted = {self.resolve_topic_name(topic) for topic in topics}
@@ -114,6 +122,15 @@ class Recorder(Node):
             self.count += 1
 
         self.create_subscription(message, topic, write, qos, raw=True)
+
+
+def drain(recorder: Recorder, executor: Executor) -> None:
+    """Write the messages that have already arrived."""
+    end, count = time.monotonic() + DRAIN_S, -1
+    while recorder.count > count and time.monotonic() < end:
+        count = recorder.count
+        for _ in range(100):
+            executor.spin_once(timeout_sec=0.0)
 
 
 def register(store: Typestore, type_name: str) -> None:

@@ -120,8 +120,10 @@ def spare_the_collector() -> None:
 # Entry points of the nodes: console scripts of setup.py.
 arm_identifier = partial(run, "arm_identifier", "ArmIdentifierNode")
 driver = partial(run, "driver", "DriverNode")
+emulated_motion = partial(run, "emulated_motion", "EmulatedMotionNode")
 filter = partial(run, "filter", "FilterNode")
 identifier = partial(run, "identifier", "IdentifierNode")
+identify = partial(run, "identify", "IdentifyNode")
 player = partial(run, "player", "PlayerNode")
 sim = partial(run, "sim", "SimNode")
 watch = partial(run, "watch", "WatchNode")

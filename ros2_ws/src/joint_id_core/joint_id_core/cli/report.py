@@ -93,7 +93,7 @@ def report(
             _of_all(job, out)
             return
         with Progress() as progress:
-            contents = replace(_fitted(job, progress), command=command, earlier=earlier)
+            contents = replace(fitted(job, progress), command=command, earlier=earlier)
     text = page(contents)
     write_text(out, text, "the report")
     estimate = contents.estimate
@@ -103,7 +103,7 @@ def report(
         raise typer.Exit(1)
 
 
-def _fitted(job: FitJob, progress: Callable[[str], None]) -> Contents:
+def fitted(job: FitJob, progress: Callable[[str], None]) -> Contents:
     """Fit a recording, and find what a report shows beside the estimate."""
     from joint_id_core.pages.contents import Contents, held_out, windows
 
@@ -145,7 +145,7 @@ def _one(job: FitJob) -> tuple[str, Contents | str]:
     """Return a joint and what its report is made of, or what was wrong with it."""
     assert job.joint is not None
     try:
-        return job.joint, _fitted(job, lambda _: None)
+        return job.joint, fitted(job, lambda _: None)
     except JointIdError as error:
         return job.joint, str(error)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
 
@@ -37,6 +38,9 @@ def robot_emulator(
         typer.Option(help="description of an arm of six joints: gravity, and links that act on each other"),
     ] = None,
     base_gravity: BaseGravityOption = None,
+    socket: Annotated[
+        Optional[Path], typer.Option(help="file to make for commands of other programs of this computer")
+    ] = None,
     truth: Annotated[Optional[Path], typer.Option(help="YAML file to write the true parameters to")] = None,
 ) -> None:
     """Emulate a robot controller on the network: RTDE at 500 Hz, six simulated joints, faults on demand.
@@ -57,6 +61,7 @@ def robot_emulator(
     if not 0.0 <= amplitude <= 3.0:
         raise JointIdError(f"--amplitude {amplitude:g}: give rad from 0 to 3")
 
+    from joint_id_core.design.limit_files import published
     from joint_id_core.emulator.emulator import Emulator
     from joint_id_core.emulator.robots import build_joints, with_links
 
@@ -66,7 +71,10 @@ def robot_emulator(
         joints = with_links(joints, description.joints)
     elif base_gravity is not None:
         raise JointIdError("--base-gravity needs the description of the robot: give --urdf, too")
-    emulator = Emulator(joints, which, amplitude, numbers, without or (), seed, host, port, slow_start, description)
+    limits = replace(published(robot), names=tuple(joint.name for joint in joints))
+    emulator = Emulator(
+        joints, which, amplitude, numbers, without or (), seed, host, port, slow_start, description, limits, socket
+    )
     if truth is not None:
         import yaml
 

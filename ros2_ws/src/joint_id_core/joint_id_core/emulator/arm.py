@@ -1,4 +1,4 @@
-"""Six simulated joints under position control, each following its own multisine."""
+"""Six simulated joints under position control, on a path of their own or on a trajectory."""
 
 from __future__ import annotations
 
@@ -8,11 +8,14 @@ from typing import Protocol
 import numpy as np
 
 from joint_id_core.data.recording import Array
+from joint_id_core.design.limits import JointLimits, violations
+from joint_id_core.design.trajectory import Trajectory
 from joint_id_core.emulator.links import RigidLinks
+from joint_id_core.emulator.paths import Followed, Multisines
 from joint_id_core.emulator.reference import TICK_S, Reference, Six
 from joint_id_core.emulator.robots import Joint
 from joint_id_core.emulator.separate_joints import SeparateJoints
-from joint_id_core.errors import JointIdError
+from joint_id_core.errors import JointIdError, close_to
 from joint_id_core.simulation.coupled_joints import CoupledJoints
 from joint_id_core.simulation.position_control import PositionController
 
@@ -53,13 +56,18 @@ class Arm:
     ) -> None:
         self._links = links
         self._names = [j.name for j in joints]
-        self.reference = Reference([j.home for j in joints], moving, amplitude, slow=links is not None)
+        self.reference = Reference(Multisines([j.home for j in joints], moving, amplitude, slow=links is not None))
         self.braked = False
         c = PositionController()
         self._control = [PositionController(j.size * c.k_p, j.size * c.k_d, j.size * c.limit) for j in joints]
         values = [j.values for j in joints]
         self._ratio, self._k_t, rotor = (np.array([v[name] for v in values]) for name in ("N", "k_t", "J_m"))
         self._inertia = self._ratio**2 * rotor
+        coulomb, viscous = (
+            self._ratio**power * np.array([v[m] for v in values]) + np.array([v[q] for v in values])
+            for power, m, q in ((1, "tau_fm", "tau_fq"), (2, "c_m", "c_q"))
+        )
+        self._coulomb, self._viscous = coulomb, viscous
         start = self.reference.q
         self._start = np.array(start)
         self.joints: Joints
@@ -95,6 +103,57 @@ class Arm:
         except JointIdError:
             self._links.carry(before)
             raise
+
+    def follow(self, trajectory: Trajectory, limits: JointLimits) -> float:
+        """Come to rest, go to the start of a trajectory slowly, follow it, and stay at its end.
+
+        Args:
+            trajectory: of some of the joints or all.
+            limits: of all joints; those of torque are the drives' own.
+
+        Returns:
+            Time in s from rest to the begin of the trajectory, from where the joints are now.
+
+        Raises:
+            JointIdError: a joint that this robot does not have, a limit that the trajectory breaks, a torque that a
+                drive does not give; then nothing changes.
+        """
+        for name in trajectory.names:
+            if name not in self._names:
+                raise JointIdError(
+                    f"the trajectory moves a joint {name!r}, which this robot does not have"
+                    f"{close_to(name, self._names)}: it has {', '.join(self._names)}"
+                )
+        columns = [self._names.index(name) for name in trajectory.names]
+        broken = violations(trajectory, limits) or self._too_weak(trajectory, columns)
+        if broken:
+            raise JointIdError(f"the robot cannot follow the trajectory: {'; '.join(broken)}")
+        self.reference.take(lambda q: Followed(trajectory, columns, q))
+        return Followed(trajectory, columns, np.array(self.reference.q)).approach_s
+
+    def _too_weak(self, trajectory: Trajectory, columns: list[int]) -> list[str]:
+        """Return where a drive does not give the torque of a trajectory, a sentence each."""
+        states = [
+            np.tile(row, (len(trajectory.time), 1)) for row in (self.reference.q, *np.zeros((2, len(self._names))))
+        ]
+        for values, own in zip(
+            states, (trajectory.position, trajectory.velocity, trajectory.acceleration), strict=True
+        ):
+            values[:, columns] = own
+        q, qd, qdd = states
+        needed = self._inertia * qdd + self._coulomb * np.sign(qd) + self._viscous * qd
+        if self._links is not None:
+            needed = needed + [self._links.needed(*rows) for rows in zip(q, qd, qdd, strict=True)]
+        most = np.array([control.limit for control in self._control]) * self._ratio
+        sentences = []
+        for j, name in enumerate(self._names):
+            k = int(np.argmax(np.abs(needed[:, j])))
+            if abs(needed[k, j]) > most[j]:
+                sentences.append(
+                    f"{name} would need {abs(needed[k, j]):.3g} Nm at {trajectory.time[k]:.3f} s, its drive gives at "
+                    f"most {most[j]:.3g} Nm"
+                )
+        return sentences
 
     def _require_held(self, links: RigidLinks) -> None:
         """Raise JointIdError if the drives cannot hold the links where the motion starts."""

@@ -7,10 +7,13 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from joint_id_core.arm.description import Description
+from joint_id_core.design.limits import JointLimits
+from joint_id_core.design.trajectory import Trajectory
 from joint_id_core.emulator.arm import Arm
 from joint_id_core.emulator.links import RigidLinks
 from joint_id_core.emulator.reference import TICK_S
 from joint_id_core.emulator.robots import Joint
+from joint_id_core.errors import JointIdError
 from joint_id_core.rtde.fields import FIELDS, JOINTS, TYPES, register_type
 from joint_id_core.rtde.modes import JointMode, RobotMode, SafetyMode
 from joint_id_core.rtde.packets import Value
@@ -43,6 +46,7 @@ class Controller:
         without: fields that it does not have although its version has them.
         seed: seed of the noise.
         description: of the links; without, joints have no gravity and do not act on each other.
+        limits: of the joints, for trajectories; without, their drives alone limit these.
 
     Raises:
         JointIdError: links that the robot cannot have or hold.
@@ -57,7 +61,9 @@ class Controller:
         without: Collection[str] = (),
         seed: int = 0,
         description: Description | None = None,
+        limits: JointLimits | None = None,
     ) -> None:
+        self._limits = limits or JointLimits.none([j.name for j in joints])
         links = None if description is None else RigidLinks(description)
         self.arm = Arm(joints, moving, amplitude, links)
         self.version = version
@@ -112,6 +118,17 @@ class Controller:
         """Stop the joints, or let them continue; return False if they were in this state before."""
         changed, self.stopped = self.stopped is not stop, stop
         return changed
+
+    def follow(self, trajectory: Trajectory) -> float:
+        """Let the joints follow a trajectory, from where they are: see `Arm.follow`.
+
+        Raises:
+            JointIdError: they cannot, or the robot is off or stopped; then nothing changes.
+        """
+        if self.arm.braked or self.stopped:
+            way = "power-on" if self.arm.braked else "unlock"
+            raise JointIdError(f"the robot is {'off' if self.arm.braked else 'stopped'}: give {way} first")
+        return self.arm.follow(trajectory, self._limits)
 
     def tick(self) -> None:
         """Set the currents of this tick; `values` is updated only by `report`."""

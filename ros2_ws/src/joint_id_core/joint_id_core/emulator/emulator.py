@@ -1,4 +1,4 @@
-"""The emulator as a process: its clock, and the commands on standard input."""
+"""The emulator as a process: its clock, and the commands on standard input and from other processes."""
 
 from __future__ import annotations
 
@@ -8,10 +8,14 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Collection, Sequence
+from pathlib import Path
 from selectors import EVENT_READ, SelectSelector
 from types import FrameType
 
 from joint_id_core.arm.description import Description
+from joint_id_core.design.files import read_trajectory
+from joint_id_core.design.limits import JointLimits
+from joint_id_core.emulator.command_socket import REFUSED, CommandSocket
 from joint_id_core.emulator.controller import Controller
 from joint_id_core.emulator.faults import parse
 from joint_id_core.emulator.reference import TICK_S
@@ -41,9 +45,11 @@ class Emulator:
         port: TCP port; 0 takes any free port.
         slow_start: time in s after each start in which connections are accepted, but requests are not answered.
         description: of the links; without, joints have no gravity and do not act on each other.
+        limits: of the joints, for trajectories; without, their drives alone limit these.
+        socket: file for commands of other processes; None: there is none.
 
     Raises:
-        JointIdError: bad values, or cannot listen at this address and port.
+        JointIdError: bad values, or cannot listen at this address and port or with this file.
     """
 
     def __init__(
@@ -58,14 +64,17 @@ class Emulator:
         port: int,
         slow_start: float,
         description: Description | None = None,
+        limits: JointLimits | None = None,
+        socket: Path | None = None,
     ) -> None:
         self._new_controller: Callable[[], Controller] = lambda: Controller(
-            joints, moving, amplitude, version, without, seed, description
+            joints, moving, amplitude, version, without, seed, description, limits
         )
         self._slow_start = slow_start
         self._selector = SelectSelector()  # it waits with a resolution below 1 ms, and it accepts any input file
         self._controller = self._new_controller()
         self._server = Server(host, port, self._controller, self._selector, seed)
+        self._socket = None if socket is None else CommandSocket(socket, self._selector, self._carry_out)
         self._random = random.Random(seed)
         self._commands = b""
         self._start = self._silent_until = 0.0
@@ -96,6 +105,8 @@ class Emulator:
                     self._power_up(time.monotonic())
         finally:
             self._server.close()
+            if self._socket is not None:
+                self._socket.close()
             self._selector.close()
 
     def _end(self, _signal: int, _frame: FrameType | None) -> None:
@@ -143,24 +154,28 @@ class Emulator:
         *lines, self._commands = (self._commands + data).split(b"\n")
         for line in lines:
             if line.strip() and not self._ended:
-                try:
-                    name, value = parse(line.decode("utf-8", "replace"))
-                except JointIdError as error:
-                    _complain(str(error))
-                else:
-                    self._carry_out(name, value, now)
+                self._carry_out(line.decode(errors="replace"), now)
 
-    def _carry_out(self, name: str, value: float, now: float) -> None:
-        """Run a command, and report the result in one line that begins with the command."""
+    def _carry_out(self, line: str, now: float) -> str:
+        """Run a command; report and return the result in one line that begins with the command, or why it is none."""
+        try:
+            name, value = parse(line)
+        except JointIdError as error:
+            return self._refuse(str(error))
         if self._off_until is not None and name != "quit":
-            _complain(f"command {name}: the controller is off, for another {self._off_until - now:.1f} s")
-            return
+            return self._refuse(f"command {name}: the controller is off, for another {self._off_until - now:.1f} s")
         try:
             done = getattr(self, f"_{name.replace('-', '_')}")(value, now)
         except JointIdError as error:
-            _complain(f"command {name}: {error}")
-            return
-        _say(f"{name}: {done} (controller time {self._controller.ticks * TICK_S:.3f} s)")
+            return self._refuse(f"command {name}: {error}")
+        text = f"{name}: {done} (controller time {self._controller.ticks * TICK_S:.3f} s)"
+        _say(text)
+        return text
+
+    @staticmethod
+    def _refuse(why: str) -> str:
+        _complain(why)
+        return REFUSED + why
 
     def _drop(self, value: float, now: float) -> str:
         return self._spoil("drop", int(value), "not sent")
@@ -209,6 +224,15 @@ class Emulator:
     def _put_down(self, value: float, now: float) -> str:
         self._controller.arm.carry(0.0)
         return "the last link carries nothing"
+
+    def _follow(self, value: str, now: float) -> str:
+        trajectory = read_trajectory(Path(value))
+        begin_s = self._controller.follow(trajectory)
+        return f"to the start within {begin_s:.1f} s, then {trajectory.duration:g} s of {', '.join(trajectory.names)}"
+
+    def _stop(self, value: float, now: float) -> str:
+        self._controller.arm.reference.stop()
+        return "the joints come to rest"
 
     def _clock_jump(self, value: float, now: float) -> str:
         self._controller.clock_offset += value

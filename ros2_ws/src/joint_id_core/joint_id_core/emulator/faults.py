@@ -1,4 +1,4 @@
-"""Commands that the emulator takes while it runs: faults, and what the robot carries."""
+"""Commands that the emulator takes while it runs: faults, what the robot carries, and how it moves."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from joint_id_core.errors import JointIdError
 class Command:
     """A command: name, meaning, kind of argument, default of the argument.
 
-    `argument` is "" (none), "N" (a count), "S" (seconds, not negative), "+-S" (seconds), "KG" (a mass above 0) or
-    "on|off". With the default NaN the argument must be given.
+    `argument` is "" (none), "N" (a count), "S" (seconds, not negative), "+-S" (seconds), "KG" (a mass above 0), "FILE"
+    (all that follows) or "on|off". With the default NaN the argument must be given.
     """
 
     name: str
@@ -35,6 +35,12 @@ COMMANDS: dict[str, Command] = {
         Command("unlock", "end of the protective stop: the joints go on"),
         Command("pick-up", "with --urdf: the last link carries KG kg from now on", "KG"),
         Command("put-down", "with --urdf: the last link carries nothing from now on"),
+        Command(
+            "follow",
+            "the joints come to rest, go to the start of a trajectory (CSV or YAML), follow it and stay",
+            "FILE",
+        ),
+        Command("stop", "the joints come to rest and stay there, until follow or power-cycle"),
         Command("zero", "every value of the next N samples is zero", "N", 1),
         Command("nan", "actual_q of the next N samples is NaN", "N", 1),
         Command("clock-jump", "the controller's clock jumps by S s", "+-S"),
@@ -46,7 +52,7 @@ COMMANDS: dict[str, Command] = {
 _LARGEST_COUNT, _LARGEST = 1_000_000, 1e6
 
 
-def parse(line: str) -> tuple[str, float]:
+def parse(line: str) -> tuple[str, float | str]:
     """Return name and argument of a command line; the argument is NaN if the command has none, 1 for on, 0 for off.
 
     Raises:
@@ -56,6 +62,8 @@ def parse(line: str) -> tuple[str, float]:
     if name not in COMMANDS:
         raise JointIdError(f"unknown command {name!r}: the commands are {', '.join(COMMANDS)}")
     command = COMMANDS[name]
+    if command.argument == "FILE" and arguments:
+        return name, line.split(maxsplit=1)[1].strip()
     if len(arguments) > (1 if command.argument else 0):
         raise JointIdError(f"command {line.strip()!r}: write {usage(command)}")
     if not arguments:

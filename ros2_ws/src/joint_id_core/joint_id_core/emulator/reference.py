@@ -1,48 +1,31 @@
-"""Reference motion of the emulated joints: a multisine each, whose speed can change."""
+"""Reference motion of the emulated joints: along a path, with a speed that can change."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from joint_id_core.simulation.excitation import position_reference
+from joint_id_core.data.recording import Array
+from joint_id_core.emulator.paths import Path, Rest
 
 TICK_S = 0.002  # of the control loop
 START_S, STOP_S = 0.5, 0.2  # s, from rest to the full speed of the reference, and back to rest
-_DETOUR_S = 0.1  # s, time constant with which joints return to the reference path after they were held elsewhere
-# Of an arm, as in recordings made to identify one: its gears then yield little beside what they are accelerated.
-# After a period it repeats, and tells nothing new.
-_LOW_HZ, _HIGH_HZ, _PERIOD_S = 0.1, 1.0, 60.0
 
 Six = list[float]
 
 
 class Reference:
-    """Reference positions of the joints along a fixed path with variable speed.
+    """Reference positions of the joints along a path with variable speed.
 
     `pace` is the speed along the path, 1 in normal motion. It changes smoothly, so the joints start from rest and stop
-    without a jump. The attributes `q`, `qd`, `qdd` hold the present reference of six joints (rad, rad/s, rad/s^2).
-
-    Args:
-        home: centre of the motion in rad, by joint.
-        moving: indices of the joints that move.
-        amplitude: peak of the motion in rad.
-        slow: whether the tones are those for an arm whose links act on each other.
+    without a jump. The attributes `q`, `qd`, `qdd` hold the present reference of the joints (rad, rad/s, rad/s^2).
     """
 
-    def __init__(self, home: Sequence[float], moving: Collection[int], amplitude: float, slow: bool = False) -> None:
-        peaks = [amplitude if j in moving else 0.0 for j in range(len(home))]
-        band = {"low": _LOW_HZ, "high": _HIGH_HZ, "period": _PERIOD_S} if slow else {}
-        waves = [position_reference(peak, **band, seed=1 + j) for j, peak in enumerate(peaks)]
-        omega = 2.0 * math.pi * np.array(waves[0].frequencies)  # the same tones for every joint
-        self._turn = 1j * omega
-        self._phasors = np.array([w.amplitudes for w in waves]) * np.exp(1j * np.array([w.phases for w in waves]))
-        self._derivatives = np.stack([np.ones_like(omega), 1j * omega, -(omega**2)], axis=1)
-        self._home = np.array(home)
-        self._detour = np.zeros((3, len(home)))  # decaying offset from the path, and its derivatives along the path
-        self._path = 0.0  # s along the path
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._next: Callable[[Array], Path] | None = None  # path to take from where the joints come to rest
+        self._along = 0.0  # s along the path
         self._ramp = 0.0  # 0: at rest, 1: full speed
         self.q: Six
         self.qd: Six
@@ -54,27 +37,34 @@ class Reference:
         """Speed along the path: 0 at rest, 1 at full speed."""
         return self._ramp * self._ramp * (3.0 - 2.0 * self._ramp)
 
+    def take(self, path: Callable[[Array], Path]) -> None:
+        """Come to rest, then take the path that is made for the positions there, in rad, shape (joints,)."""
+        self._next = path
+
+    def stop(self) -> None:
+        """Come to rest, and stay there."""
+        self.take(Rest)
+
     def tick(self, go: bool) -> None:
         """Advance by one tick: with `go` towards full speed, else towards rest."""
         before = self.pace
+        go = go and self._next is None
         self._ramp = min(1.0, self._ramp + TICK_S / START_S) if go else max(0.0, self._ramp - TICK_S / STOP_S)
-        forward = 0.5 * (before + self.pace) * TICK_S
-        self._path += forward
-        self._detour *= math.exp(-forward / _DETOUR_S)
+        self._along += 0.5 * (before + self.pace) * TICK_S
         self._evaluate((self.pace - before) / TICK_S)
+        if self._next is not None and self._ramp == 0.0:
+            self._path, self._along, self._next = self._next(np.array(self.q)), 0.0, None
 
     def begin_at(self, q: Sequence[float]) -> None:
-        """Rest at positions `q` in rad; from there the joints later return to the path."""
+        """Rest at positions `q` in rad; from there the joints later return to a path of their own."""
         self._ramp = 0.0
-        course = (self._phasors @ np.exp(self._turn * self._path)).real + self._home
-        away = np.array(q) - course
-        self._detour = np.stack([away, -away / _DETOUR_S, away / _DETOUR_S**2])
+        if self._next is not None:
+            self._path, self._along, self._next = Rest(np.array(q)), 0.0, None
+        self._path = self._path.resumed(self._along, np.array(q))
         self._evaluate(0.0)
 
     def _evaluate(self, change_of_pace: float) -> None:
-        phasors = self._phasors * np.exp(self._turn * self._path)
-        value, rate, curvature = (phasors @ self._derivatives).real.T + self._detour
-        pace = self.pace
-        self.q = (self._home + value).tolist()
-        self.qd = (rate * pace).tolist()
-        self.qdd = (curvature * pace**2 + rate * change_of_pace).tolist()
+        point, pace = self._path.at(self._along), self.pace
+        self.q = point.value.tolist()
+        self.qd = (point.rate * pace).tolist()
+        self.qdd = (point.curvature * pace**2 + point.rate * change_of_pace).tolist()

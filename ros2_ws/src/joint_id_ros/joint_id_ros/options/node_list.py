@@ -10,7 +10,9 @@ from joint_id_core.simulation.plants import MotionOptions
 from joint_id_ros.options.arm_identifier import ArmIdentifierOptions
 from joint_id_ros.options.baselines import BaselineOptions
 from joint_id_ros.options.driver import DriverOptions
+from joint_id_ros.options.emulated_motion import EmulatedMotionOptions
 from joint_id_ros.options.identifier import IdentifierOptions
+from joint_id_ros.options.identify import IdentifyOptions
 from joint_id_ros.options.load import LoadOptions
 from joint_id_ros.options.player import PlayerOptions
 from joint_id_ros.options.reading import FilterReadingOptions, ReadingOptions
@@ -25,4 +27,6 @@ NODES: dict[str, tuple[type, ...]] = {
     "player": (PlayerOptions,),
     "driver": (DriverOptions, StreamOptions),
     "watch": (WatchOptions,),
+    "identify": (IdentifyOptions,),
+    "emulated_motion": (EmulatedMotionOptions,),
 }
