@@ -53,7 +53,7 @@ def design_of_arm(asked: ArmRequest, out: Sequence[Path], plot: Path | None) -> 
     """
     from joint_id_core.arm.description import GRAVITY, Description
     from joint_id_core.arm.regressor import Regressor
-    from joint_id_core.cli.fit_options import vector
+    from joint_id_core.assignments import vector
     from joint_id_core.design import arm_design as designing
     from joint_id_core.design.arm_prior import of_fit, typical
     from joint_id_core.design.files import kind_of, read_trajectory, write
