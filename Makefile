@@ -45,7 +45,8 @@ test-long: setup $(VENV)/.paper
 	$(RUN) python -m pytest -n 2 --dist loadfile --durations=10 -m long $(UNIT_TESTS) $(NODE_TESTS)
 
 # The numeric unit tests as on a processor without AVX-512, as most laptops are: LAPACK, sums and kernels round differently there.
-NUMERIC_TESTS := changes combinations drift esdirk fit_data follower gauss_newton held_out information innovations instruments levels memory messages \
+NUMERIC_TESTS := batch changes combinations drift esdirk fit_data fleet follower gauss_newton held_out hop information innovations instruments \
+	levels memory messages motion_watch \
 	misfit noise one_encoder online online_checks presliding processor ranking recursion regression resume rounding second_look starts stillness translate whiteness
 test-haswell: setup
 	$(RUN) setup/haswell python -m pytest -n 2 --dist worksteal $(NUMERIC_TESTS:%=$(UNIT_TESTS)/test_%.py)
@@ -88,6 +89,7 @@ $(VENV)/.peers: $(VENV)/.installed benchmarks/requirements.txt benchmarks/constr
 bench-speed: setup $(VENV)/.peers
 	$(RUN) python benchmarks/speed.py --json out/benchmarks/speed.json
 	$(RUN) python benchmarks/speed_peers.py --json out/benchmarks/speed_peers.json
+	$(RUN) python benchmarks/batched.py --json out/benchmarks/batched.json
 
 # Errors against their predicted sigma, coverage of the intervals, and the paper's methods on the same data.
 bench-stats: setup

@@ -36,6 +36,8 @@ COMMANDS = (
     "diff",
     "batch",
     "history",
+    "many-starts",
+    "bootstrap",
     "export",
     "compare",
     "simulate",

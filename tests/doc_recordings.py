@@ -135,4 +135,5 @@ RECORDINGS: dict[str, tuple[Callable[[Path], None], ...]] = {
     "docs/tutorials/compare.md": (emps, short_ur3e_log),
     "docs/tutorials/csv.md": (motion_csv, log_csv),
     "docs/tutorials/ur_robots.md": (joint_states_current, ur3e_log),
+    "docs/tutorials/verdicts.md": (motion_csv,),
 }

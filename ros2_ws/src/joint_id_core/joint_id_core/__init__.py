@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from joint_id_core.estimators import Regression as Regression
     from joint_id_core.estimators import fit as fit
     from joint_id_core.estimators import fit_several as fit_several
+    from joint_id_core.estimators.many.bootstrap import bootstrap as bootstrap
+    from joint_id_core.estimators.many.fleet import fit_fleet as fit_fleet
+    from joint_id_core.estimators.many.starts import many_starts as many_starts
     from joint_id_core.formats import read as read
     from joint_id_core.formats import write as write
     from joint_id_core.models import Model as Model
@@ -57,13 +60,16 @@ _ROOMS = {
     "Recording": "data.recording",
     "Status": "results",
     "Verdict": "results",
+    "bootstrap": "estimators.many.bootstrap",
     "build": "models",
     "compare": "comparison.comparing",
     "design_joint": "design.joint",
     "fit": "estimators",
     "fit_arm": "arm.fit",
+    "fit_fleet": "estimators.many.fleet",
     "held_out": "validation",
     "loaded": "arm.loaded",
+    "many_starts": "estimators.many.starts",
     "read": "formats",
     "read_limits": "design.limit_files",
     "simulate": "simulation",

@@ -141,6 +141,30 @@ def test_other_options_are_no_more_of_the_same_table(tmp_path, run, in_this_proc
     assert len(rows(output)) == 1
 
 
+def test_the_file_of_a_robot_goes_with_the_work_and_its_content_is_among_the_options(tmp_path, run, in_this_process):
+    (bag,) = write_bags(tmp_path, 1)
+    output, robot = tmp_path / "out.parquet", tmp_path / "cell.yaml"
+    robot.write_text("identifier: {ros__parameters: {fix: ['J=1.0']}}")
+    assert run("batch", bag, "-o", output, *COMMAND, "--robot", robot)[0] == 0
+    inertia = next(p for p in rows(output)[0]["parameters"] if p["name"] == "J")
+    assert (inertia["verdict"], inertia["value"], inertia["std_dev"]) == ("fixed", 1.0, None)
+    assert "cell.yaml" in rows(output)[0]["options"]
+    robot.write_text("identifier: {ros__parameters: {fix: ['J=1.5']}}")
+    code, _, err = run("batch", bag, "-o", output, *COMMAND, "--robot", robot)
+    assert code == 2 and "made with other options" in err
+
+
+def test_only_a_part_and_one_joint_of_each_recording(tmp_path, run, in_this_process):
+    (bag,) = write_bags(tmp_path, 1, 2)
+    output = tmp_path / "out.parquet"
+    words = ("batch", bag, "-o", output, *COMMAND, "--joint", "joint_1", "--start", "0.0", "--end", "2.0")
+    assert run(*words)[0] == 0
+    (row,) = rows(output)
+    assert row["joint"] == "joint_1" and row["end_s"] < 2.0 and '"start": 0.0' in row["options"]
+    code, _, err = run("batch", bag, "-o", tmp_path / "none.parquet", *COMMAND, "--joint", "elbow")
+    assert code == 1 and "has no joint 'elbow'" in rows(tmp_path / "none.parquet")[0]["message"] and err
+
+
 @pytest.mark.parametrize("content", [b"", b"PAR1 half", b"no table at all" * 100])
 def test_a_half_written_table_is_kept_aside(tmp_path, content):
     (bag,) = write_bags(tmp_path, 1)

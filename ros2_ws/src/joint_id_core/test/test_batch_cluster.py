@@ -75,10 +75,9 @@ def test_a_recording_that_kills_its_workers_is_a_row(tmp_path, open_cluster, mon
     assert done.failed >= 1 and told["a_1"] == "crashed" and len(told) == 3
 
 
-def test_a_scheduler_that_ends_keeps_what_is_finished(tmp_path, open_cluster, monkeypatch):
+def test_a_scheduler_that_ends_keeps_what_is_finished(tmp_path, open_cluster):
     bags = write_bags(tmp_path, 6)
     cluster = open_cluster(1)
-    monkeypatch.setattr(batch_cluster, "PATIENCE_S", 3.0)
 
     def pool(work, found):
         for count, done in enumerate(on_cluster(work, found, cluster.scheduler_address)):
@@ -102,7 +101,7 @@ def test_a_cluster_that_is_not_there_is_said(tmp_path, run, address, monkeypatch
 
 
 def test_a_cluster_without_workers_and_one_of_another_version_are_said(tmp_path, open_cluster, monkeypatch):
-    monkeypatch.setattr(batch_cluster, "PATIENCE_S", 2.0)
+    monkeypatch.setattr(batch_cluster, "PATIENCE_S", 5.0)
     cluster = open_cluster(0)
     with pytest.raises(JointIdError, match="the scheduler has no worker"):
         next(on_cluster(work(), [], cluster.scheduler_address))

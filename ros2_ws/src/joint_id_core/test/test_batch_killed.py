@@ -13,7 +13,7 @@ import pytest
 
 from .many_recordings import rows, run_here, write_bags
 
-PATIENCE_S = 120.0  # a limit for what hangs
+PATIENCE_S = 300.0  # a limit for what hangs
 COMMAND = (sys.executable, "-c", "from joint_id_core.cli import main; main()", "batch", "--model", "rigid_joint",
            "--estimator", "regression", "--jobs", "2")  # fmt: skip
 # Ends its process at the `number`-th part, or table, of which only a piece is on the disk.

@@ -127,7 +127,8 @@ def test_nothing_is_said_of_a_joint_that_does_not_change():
 def test_an_estimate_comes_at_every_hop_of_20_ms():
     found = watched(changing((), 1.0, 12.0, 2.0).slice(0, 2000), batch=10, hop_s=0.02)
     ends = np.diff([e.end for e in found])
-    assert len(found) > 95 and ends.max() < 0.05
+    # The second one has the samples that waited until it was known which speeds are those of a rest.
+    assert len(found) > 95 and ends[2:].max() < 0.05 and ends[:2].max() < 0.1
     assert all(e.converged and worst(e, TRUTH) < 5.0 for e in found)
 
 

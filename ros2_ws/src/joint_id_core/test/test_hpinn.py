@@ -13,10 +13,14 @@ torch = pytest.importorskip("torch")
 
 from joint_id_core.data.recording import Recording  # noqa: E402
 from joint_id_core.errors import JointIdError  # noqa: E402
+from joint_id_core.estimators import HPinn  # noqa: E402
+from joint_id_core.estimators.hpinn.many import train_many  # noqa: E402
 from joint_id_core.estimators.hpinn.network import HPinnNetwork, RK4Cell, label_weights, wmse  # noqa: E402
-from joint_id_core.estimators.hpinn.training import make_labels  # noqa: E402
+from joint_id_core.estimators.hpinn.training import LearningRate, make_labels, train  # noqa: E402
 from joint_id_core.estimators.shared.fit_data import prepare  # noqa: E402
+from joint_id_core.estimators.shared.initial_state import start_state  # noqa: E402
 from joint_id_core.models import MODELS, build  # noqa: E402
+from joint_id_core.simulation import simulate_motion  # noqa: E402
 
 
 def random_record(model, samples=30):
@@ -153,3 +157,27 @@ def test_torsion_label():
     x = np.array([101.0, 0.4, 7.0, 8.0])
     assert (labels.mix @ x[labels.states])[-1] == pytest.approx(0.6)
     assert make_labels(data, torsion=False).names == model.state_names
+
+
+def test_many_networks_train_as_each_by_itself():
+    """Two starts on each of two records, and one start that diverges: losses and values of the training one by one."""
+    model = build("rigid_joint")
+    motions = [simulate_motion(model, 0.24, 250.0, seed=seed) for seed in (1, 2)]
+    free = prepare(model, motions[0]).free
+    table = np.array([model.parameter(name).nominal for name in free])
+    starts = np.stack([table * 1.2 + 0.01, table * 0.8 + 0.02, np.where(np.array(free) == "J", 1e-300, table + 0.01)])
+    options = HPinn(epochs=6, substeps=1)
+    found = train_many(model, motions, starts, estimator=options)
+    rates = LearningRate(options.learning_rate, options.decay_at, options.decay_factor)
+    for r, motion in enumerate(motions):
+        assert np.isnan(found.losses[r, 2])
+        for s in range(2):
+            data = prepare(model, motion)
+            values = dict(zip(model.parameter_names, data.p.tolist(), strict=True))
+            values |= dict(zip(free, starts[s].tolist(), strict=True))
+            net = HPinnNetwork(model, values, free)
+            history, _ = train(net, data, make_labels(data, True), start_state(data)[0], options.epochs, rates)
+            assert abs(found.losses[r, s] / min(history) - 1.0) < 1e-9
+            assert np.allclose(found.values[r, s], [net.values[name] for name in free], rtol=1e-9, atol=1e-12)
+    with pytest.raises(JointIdError, match="give a row a start, a column for each of J"):
+        train_many(model, motions, starts[:, :2])

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from joint_id_core.cell.kernel import compile_shared
-from joint_id_core.online.score_test import score_of
+from joint_id_core.online.score_test import changed_parameters, chi2, score_of, stretches
 from joint_id_core.online.symmetric import inverse_of, solve
 
 
@@ -50,15 +50,21 @@ def test_the_newest_estimate_is_that_of_the_formula(seed, k):
     units = 1.0 / np.sqrt(np.diag(matrix + more))
     vector, more_vector = matrix @ (units * rng.standard_normal(k)), more @ (units * rng.standard_normal(k))
     wider, widened = rng.uniform(1.0, 3.0, k), np.eye(k) + 0.1 * units[:, None] * rng.standard_normal((k, k)) / units
-    bias = units * rng.standard_normal(k)
+    bias, unit, z = units * rng.standard_normal(k), rng.uniform(0.5, 2.0, k), units * rng.standard_normal(k)
+    doubt = np.diag(0.1 * units**2)
     mean, covariance = np.empty(k), np.empty((k, k))
-    compile_shared().newest(matrix, vector, noise, more, more_vector, wider, widened, bias, mean, covariance)
+    away = compile_shared().newest(
+        matrix, vector, noise, more, more_vector, wider, widened, bias, doubt, z, unit, mean, covariance
+    )
     inverse = units[:, None] * np.linalg.inv((matrix + more) * np.outer(units, units)) * units
     spread = inverse @ (noise + more) @ inverse * np.outer(wider, wider)
-    expected = widened @ spread @ widened.T + np.outer(bias, bias)
+    alone = widened @ spread @ widened.T + doubt
+    expected = alone + np.outer(bias, bias)
     sigma = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(covariance / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=1e-8)
     np.testing.assert_allclose(mean / sigma, (inverse @ (vector + more_vector) - bias) / sigma, atol=1e-6)
+    distance = np.abs(mean + bias - z)
+    assert away == pytest.approx(np.max((distance / unit)[distance > np.sqrt(np.diag(alone))], initial=0.0))
 
 
 @given(seed=st.integers(0, 10**6), k=st.integers(1, 12))
@@ -79,6 +85,40 @@ def test_the_score_of_a_change_is_that_of_the_formula(seed, k):
     np.testing.assert_array_equal(found, found.T)
 
 
+@given(seed=st.integers(0, 10**6), k=st.integers(1, 9), n=st.integers(1, 12))
+def test_stretches_of_blocks_have_the_scores_of_their_sums(seed, k, n):
+    rng = np.random.default_rng(seed)
+    precision, matrices = ([information(rng, k, decades=1.0) for _ in range(n)] for _ in range(2))
+    weighted, vectors = ([a @ rng.standard_normal(k) for a in some] for some in (precision, matrices))
+    lengths, excess = sorted(set(rng.integers(1, n + 1, 3).tolist())), rng.uniform(1.0, 2.0, k + 1)
+    found = stretches(precision, weighted, matrices, vectors, lengths, excess)
+    assert [stretch.count for stretch in found] == lengths
+    for stretch in found:
+        first = n - stretch.count
+        sums = np.sum(matrices[first:], axis=0), np.sum(vectors[first:], axis=0)
+        score, M, mean = score_of(precision[first], weighted[first], *sums)
+        sigma = np.sqrt(np.diag(M))
+        np.testing.assert_allclose(stretch.score / sigma, score / sigma, atol=1e-6)
+        np.testing.assert_allclose(stretch.information / np.outer(sigma, sigma), M / np.outer(sigma, sigma), atol=1e-9)
+        np.testing.assert_allclose(stretch.mean * sigma, mean * sigma, atol=1e-6)
+        assert stretch.largest == pytest.approx(np.max((score / sigma) ** 2 / excess[:-1]), rel=1e-6)
+        total, rank = chi2(score, M)
+        assert rank == k
+        np.testing.assert_allclose(stretch.chi2, (total, rank), rtol=1e-6)
+        for rare in (1e-7, 0.5):
+            whole = changed_parameters(score, M, excess, rare)
+            assert (whole is None) or not stretch.surely_none(excess, rare)
+            assert (whole is None) == (changed_parameters(score, M, excess, rare, stretch.total) is None)
+
+
+def test_a_stretch_that_does_not_tell_parameters_apart_has_no_full_rank():
+    row = np.array([1.0, 1.0])
+    (found,) = stretches([np.eye(2)], [np.zeros(2)], [1e3 * np.outer(row, row)], [1e3 * row], [1], np.ones(3))
+    assert np.isnan(found.total)
+    assert not found.surely_none(np.ones(3), 1e-7)
+    assert found.chi2[1] == 1
+
+
 def test_what_a_stretch_says_of_the_free_parameters():
     rng = np.random.default_rng(0)
     H, g, columns = information(rng, 6), rng.standard_normal(6), np.array([4, 0, 3])
@@ -86,11 +126,12 @@ def test_what_a_stretch_says_of_the_free_parameters():
     e, S, y = rng.standard_normal((8, 2)), rng.uniform(1.0, 4.0, (8, 2)), rng.standard_normal((8, 2))
     y[3, 1] = np.nan
     matrix, vector, white = np.empty((3, 3)), np.empty(3), np.empty((7, 2))
-    compile_shared().of_free(H, g, columns, slope, z, e, S, y, matrix, vector, white)
+    largest = compile_shared().of_free(H, g, columns, slope, z, e, S, y, matrix, vector, white)
     expected = H[np.ix_(columns, columns)] * np.outer(slope, slope)
     np.testing.assert_allclose(matrix, expected)
     np.testing.assert_allclose(vector, g[columns] * slope + expected @ z)
     np.testing.assert_allclose(white, np.where(np.isnan(y[1:]), np.nan, (e / np.sqrt(S))[1:]))
+    assert largest == pytest.approx(np.nanmax(np.abs(white)))
 
 
 def test_information_is_not_changed_by_an_estimate():

@@ -18,7 +18,7 @@ FLOORS = (
     ("formats",),
     ("checking",),
     ("cell", "simulation", "results", "alignment"),
-    ("estimators.shared",),
+    ("tensors", "estimators.shared"),
     ("estimators.innovations", "estimators.hpinn"),
     ("estimators",),
     ("validation", "online", "arm"),

@@ -10,7 +10,7 @@ from joint_id_core.data.instants import NANO, instant, seconds
 from joint_id_core.formats.cdr_writer import BEGIN, Fields, PartWriter
 from joint_id_core.online.drift import Drift
 from joint_id_core.results.estimate import Estimate, Status
-from joint_id_msgs.msg import JointEstimate
+from joint_id_msgs.msg import JointEstimate, ParameterDrift, ParameterEstimate
 from joint_id_ros.conversions import STATUS_CODES, VERDICT_CODES
 from joint_id_ros.message_types import message_class
 
@@ -18,6 +18,8 @@ Values = tuple[Any, ...]  # of the fields of a message, in their order; those of
 
 FIELDS: Fields = JointEstimate.get_fields_and_field_types()
 WINDOW_END = list(FIELDS).index("window_end")
+VERDICT = list(ParameterEstimate.get_fields_and_field_types()).index("verdict")
+DRIFT_TEXT = list(ParameterDrift.get_fields_and_field_types()).index("text")
 
 
 def to_values(
@@ -65,6 +67,11 @@ def to_values(
             for d in drifts
         ],
     )  # fmt: skip
+
+
+def by_field(values: Values) -> dict[str, Any]:
+    """Return the values of a JointEstimate by field; those of nested messages are tuples."""
+    return dict(zip(FIELDS, values, strict=True))
 
 
 class ParamsWriter:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
+from typing import Any
 
-from rclpy.serialization import deserialize_message
-
-from joint_id_msgs.msg import JointEstimate, JointParams
-from joint_id_ros.estimate_bytes import ParamsWriter, Values
+from joint_id_msgs.msg import JointParams
+from joint_id_ros.estimate_bytes import ParamsWriter, Values, by_field
 from joint_id_ros.lifecycle import ManagedNode
 from joint_id_ros.qos import FLUSH, LATEST
 
@@ -23,7 +22,7 @@ class LatestEstimates:
         self._publisher = node.create_lifecycle_publisher(JointParams, "joint_params", LATEST)
         self._estimates: dict[str, Values] = {}
         self._writer = ParamsWriter()
-        self._published = self._writer.write({})
+        self._published: dict[str, Values] = {}
         self._new = False
         self._lock = threading.Lock()  # of two messages, the newer one is published last
 
@@ -44,14 +43,14 @@ class LatestEstimates:
         with self._lock:
             if self._new:
                 self._new = False
-                self._published = self._writer.write(self._estimates.copy())
-                self._publisher.publish(self._published)
+                self._published = self._estimates.copy()
+                self._publisher.publish(self._writer.write(self._published))
 
     def wait(self) -> None:
         """Wait until the readers have what was published."""
         self._publisher.wait_for_all_acked(FLUSH)
 
     @property
-    def messages(self) -> dict[str, JointEstimate]:
-        """What was published last, by joint."""
-        return {one.joint: one for one in deserialize_message(self._published, JointParams).joints}
+    def newest(self) -> dict[str, dict[str, Any]]:
+        """What was published last, by joint and by field of JointEstimate."""
+        return {joint: by_field(values) for joint, values in self._published.items()}

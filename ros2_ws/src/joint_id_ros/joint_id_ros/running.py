@@ -28,7 +28,7 @@ ENDED_EARLY = 3  # exit code
 # taken in the handler, and the handler of a second signal, which interrupts the first, would wait for it for ever.
 SIGNALS: list[int] = []
 POLL_S = 0.1  # longest time until a signal is noticed in an idle node
-TURN_S = 0.035  # time between two turns of the executor in a node that reads streams
+TURN_S = 0.05  # time between two turns of the executor in a node that reads streams
 
 
 class EndedEarlyError(JointIdError):
@@ -83,10 +83,11 @@ def run(name: str, kind: str, arguments: Sequence[str] | None = None) -> int:
             if streams is None:
                 executor.spin_once(timeout_sec=POLL_S)
                 continue
-            streams.read()
+            # Before the reading: what is read wakes threads that compute, which the executor would keep waiting.
             if time.monotonic() >= next_turn:
                 executor.spin_once(timeout_sec=0.0)
                 next_turn = time.monotonic() + TURN_S
+            streams.read()
             now = time.monotonic()
             next_reading = max(next_reading + streams.read_s, now)
             time.sleep(next_reading - now)

@@ -12,7 +12,7 @@ from joint_id_core.results.estimate import Estimate, ParameterChange, ParameterE
 from joint_id_msgs.msg import JointEstimate, JointParams
 from joint_id_msgs.msg import ParameterEstimate as ParameterMessage
 from joint_id_ros.conversions import nanoseconds
-from joint_id_ros.estimate_bytes import ParamsWriter, to_values
+from joint_id_ros.estimate_bytes import DRIFT_TEXT, VERDICT, ParamsWriter, by_field, to_values
 from joint_id_ros.message_types import message_class
 
 FUZZ = settings(deadline=None, max_examples=60, derandomize=True, suppress_health_check=list(HealthCheck))
@@ -179,3 +179,14 @@ def test_the_stamp_is_the_newest_end_of_a_window_and_joints_are_sorted():
     assert [m.joint for m in message.joints] == ["elbow", "wrist"]
     assert nanoseconds(message.header.stamp) == 4_500_000_000
     assert not read({}).joints
+
+
+def test_values_by_field_are_those_of_the_message():
+    values = to_values("elbow", estimate(), estimate(), 0)
+    (message,) = read({"elbow": values}).joints
+    fields = by_field(values)
+    assert (fields["joint"], fields["message"], fields["status"]) == ("elbow", message.message, message.status)
+    assert [row[VERDICT] for row in fields["parameters"]] == [row.verdict for row in message.parameters]
+    drift = Drift("J", "kg m^2", 1.0, 1.5, 0.1, 0.99, 0.0, 1.0, math.nan)
+    (row,) = by_field(to_values("elbow", estimate(), None, 0, [drift]))["drifts"]
+    assert row[DRIFT_TEXT] == drift.text

@@ -21,12 +21,14 @@ from joint_id_core.cell import CELLS
 from joint_id_core.cell.loops import (
     arrays,
     control,
+    hop,
     information,
     innovations,
     newton,
     noise,
     simulate,
     streams,
+    stretches,
     tracking,
 )
 from joint_id_core.cell.module_cache import Functions, cache_directory, loaded
@@ -42,8 +44,8 @@ _GAINS: Functions = (
     noise.noise_information, noise.bounded_step, noise.disturbances, newton.with_prior, newton.damped_step,
 )  # fmt: skip
 _SHARED: Functions = (
-    information.inverse, information.newest, information.change, information.of_free,
-    streams.steps, streams.always_moves,
+    information.inverse, information.newest, information.change, information.of_free, stretches.scan,
+    streams.steps, streams.always_moves, streams.moving, hop.arrange, hop.lead, hop.physical, hop.apart,
 )  # fmt: skip
 
 
@@ -227,7 +229,7 @@ def _gains(states: int, inputs: int, delayed: bool) -> ModuleType:
 
 @lru_cache(maxsize=1)
 def compile_shared() -> ModuleType:
-    """Return the compiled `loops.information` and `loops.streams`, which all models share; see `compile_model`."""
+    """Return what all models share: compiled `loops.information`, `stretches`, `streams` and `hop`."""
     path = cache_directory() / f"shared-{_hash()}" / "shared.py"
     what = "functions that all models share"
     return loaded(path, what, lambda: _module_source(what, "", _SHARED), _SHARED)

@@ -59,6 +59,8 @@ class _Printer(PythonCodePrinter):
 class _Text:
     """Source text for one model: the expressions of f, A, B, G and their common subexpressions."""
 
+    sign = "1.0 * ({0} > 0.0) - 1.0 * ({0} < 0.0)"
+
     def __init__(self, model: Model, d: Derivative) -> None:
         self.model, self.d = model, d
         self.nx, self.nu, self.n_par = len(d.x), len(d.u), d.B.shape[1]
@@ -97,7 +99,7 @@ class _Text:
 
     def _signs(self) -> list[str]:
         show = self.show
-        return [f"{s} = 1.0 * ({show(w)} > 0.0) - 1.0 * ({show(w)} < 0.0)" for s, w in self.d.signs.items()]
+        return [f"{s} = {self.sign.format(show(w))}" for s, w in self.d.signs.items()]
 
     def step(self, name: str, columns: str | None, full: bool) -> list[str]:
         """Return the lines of `name(x, V, u0, u1, c, h, substeps)`, which advances one sample in RK4 steps.
@@ -233,6 +235,18 @@ _IMPLICIT_STEPS = [
     "def step_full(x, V, u0, u1, c, h, substeps):",
     "    step_columns(CF, x, V, u0, u1, c, h, substeps)",
 ]
+
+
+def point_text(model: Model, d: Derivative) -> str:
+    """Return the source of `constants`, `observe`, `inputs`, `slope` and `linearise`: plain lines without loops.
+
+    Their variables may be numbers, or tensors with a value for each element of a batch: see `tensors.torch_cell`. They
+    call functions of `math`, and `sign`.
+    """
+    text = _Text(model, d)
+    text.sign = "sign({0})"  # of a tensor, a truth value times 1.0 has single precision
+    functions = [text.constants_function(), text.observe(), text.point()]
+    return "\n".join(line for f in functions for line in [*f, "", ""]) + "\n"
 
 
 def cell_text(model: Model, d: Derivative, cell: Cell) -> str:

@@ -25,6 +25,7 @@ from joint_id_core.cli.fit import fit
 from joint_id_core.cli.group import BAD_INPUT, OneLineErrors, end_on_interrupt, not_written
 from joint_id_core.cli.history import history
 from joint_id_core.cli.info import info
+from joint_id_core.cli.many import bootstrap, many_starts
 from joint_id_core.cli.report import report
 from joint_id_core.cli.robot_emulator import EPILOG, robot_emulator
 from joint_id_core.cli.simulate import simulate
@@ -64,6 +65,8 @@ app.command()(report)
 app.command()(diff)
 app.command()(history)
 app.command()(export)
+app.command()(many_starts)
+app.command()(bootstrap)
 app.command()(doctor)
 app.command(epilog=EPILOG)(robot_emulator)
 

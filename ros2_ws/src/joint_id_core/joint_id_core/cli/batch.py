@@ -91,7 +91,8 @@ def batch(
         "joint": joint, "set": set_, "fix": fix, "free": free, "map": mapping, "estimator": estimator, "prior": prior,
         "robot": f"{file[0]} {hashlib.sha256(file[1]).hexdigest()[:16]}" if file else None, "start": start, "end": end,
     }  # fmt: skip
-    chosen = {name: value for name, value in (given | model_options | estimator_options).items() if value}
+    given |= model_options | estimator_options
+    chosen = {name: value for name, value in given.items() if value not in (None, [], {})}
     options = json_text.dumps(chosen, sort_keys=True)
     job = FitJob((), joint, mapping, start, end, model_options, settings, solver, robot)
     with Progress() as progress:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +46,6 @@ class Recording:
     source: str = "recording"
     joint: str = ""
     origin: int = 0
-    _steps: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         time = np.asarray(self.time, dtype=float)
@@ -75,7 +75,6 @@ class Recording:
             channels[name] = values
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "channels", channels)
-        object.__setattr__(self, "_steps", steps)
 
     def __len__(self) -> int:
         return len(self.time)
@@ -92,6 +91,11 @@ class Recording:
         if name not in self.channels:
             raise JointIdError(f"{self.source} has no {name}: it has {', '.join(self.channels) or 'no channel'}")
         return self.channels[name]
+
+    @cached_property
+    def _steps(self) -> Array:
+        """Steps between the instants in s, shape (T - 1,)."""
+        return self.time[1:] - self.time[:-1]
 
     @property
     def duration(self) -> float:
@@ -134,10 +138,10 @@ class Recording:
         It is of the same joint, unless another one is given.
         """
         made = object.__new__(Recording)
-        new = {"time": time, "channels": channels, "derived": derived, "_steps": time[1:] - time[:-1]}
-        made.__dict__.update(self.__dict__, **new)
-        if joint is not None:
-            made.__dict__["joint"] = joint
+        made.__dict__.update(
+            time=time, channels=channels, derived=derived, source=self.source,
+            joint=self.joint if joint is None else joint, origin=self.origin,
+        )  # fmt: skip
         return made
 
     def with_channels(self, changes: Mapping[str, Array], derived: bool = False) -> Recording:

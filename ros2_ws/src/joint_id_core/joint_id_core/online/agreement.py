@@ -7,12 +7,12 @@ Each may look well by itself, with a memory of its own: on a joint that other jo
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from joint_id_core.cell.kernel import compile_shared
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.shared.intervals import between
 from joint_id_core.estimators.shared.sentences import message, sentence
@@ -25,7 +25,8 @@ KEPT = 8  # estimates, each of another window, that must agree
 # the joint changed.
 TRIED = 3
 FAR = 4.0  # standard deviations of their difference from which two disagree; each may be 1.2 times too small
-MATTERS = 0.1  # least difference of a positive parameter over its value
+MATTERS = 0.1  # least difference of a positive parameter over its value,
+LEAST = -math.log(1.0 - MATTERS)  # and of its logarithm
 
 
 @dataclass(frozen=True)
@@ -35,8 +36,8 @@ class _Told:
     Attributes:
         time: the instant.
         estimate: what was published.
-        z, sigma: value and standard deviation of each parameter, of its logarithm where it is positive; NaN for one
-            that is not called estimated. Shapes (p,).
+        z, sigma: value and standard deviation of each parameter, of its logarithm where it is positive; sigma is NaN
+            for one that is not called estimated. Shapes (p,).
     """
 
     time: float
@@ -56,9 +57,9 @@ class Agreement:
 
     def __init__(self, model: Model, window_s: float, wanted: bool = True) -> None:
         self._model, self._window_s, self._wanted = model, window_s, wanted
-        self._positive = np.array([p.positive for p in model.parameters])
-        self._least = np.where(self._positive, -math.log(1.0 - MATTERS), 0.0)  # difference that matters
-        self._told: deque[_Told] = deque(maxlen=KEPT)
+        self._positive = np.array([float(p.positive) for p in model.parameters])
+        self._told: list[_Told] = []
+        self._stacked = self._stack()
         self._since, self._changed = KEPT, -np.inf  # windows since what is known changed; instant of the newest change
         self._tried: set[tuple[float, ...]] = set()  # values while nothing described the motion
 
@@ -70,6 +71,7 @@ class Agreement:
         """
         if self._since >= KEPT and len(self._tried) <= TRIED:
             self._told.clear()
+            self._stacked = self._stack()
         self._since = 0
 
     def on(self, estimate: Estimate) -> Estimate:
@@ -86,31 +88,32 @@ class Agreement:
         if newest > self._changed:
             self._changed = newest
             self.replaced()
-        told = self._as_told(estimate)
-        apart = self._apart(told) if self._told else {}
+        rows = estimate.parameters
+        z = np.array([p.value for p in rows])
+        sigma = np.array([p.std_dev if p.verdict is Verdict.ESTIMATED else math.nan for p in rows])
+        far = compile_shared().apart(z, sigma, self._positive, *self._stacked, FAR, LEAST)
+        told = _Told(estimate.end, estimate, z, sigma)
+        apart = self._apart(told) if far else {}  # hardly ever
         if not self._told or estimate.end >= self._told[-1].time + self._window_s:
-            self._told.append(told)
+            self._told = [*self._told[1 - KEPT :], told]
+            self._stacked = self._stack()
             self._since += 1
             self._tried.clear()
         return self._widened(estimate, apart) if apart else estimate
 
-    def _as_told(self, estimate: Estimate) -> _Told:
-        rows, nan = estimate.parameters, math.nan
-        shown = [(p.value, p.std_dev) if p.verdict is Verdict.ESTIMATED else (nan, nan) for p in rows]
-        z, sigma = np.array(shown).T
-        positive = self._positive
-        sigma[positive] /= z[positive]
-        z[positive] = np.log(z[positive])
-        return _Told(estimate.end, estimate, z, sigma)
+    def _stack(self) -> tuple[Array, Array]:
+        """Return values and standard deviations of what was told, shapes (n, p); call it when that has changed."""
+        shape = (len(self._told), len(self._positive))
+        z, sigma = ([getattr(told, name) for told in self._told] for name in ("z", "sigma"))
+        return np.array(z).reshape(shape), np.array(sigma).reshape(shape)
 
     def _apart(self, newest: _Told) -> dict[str, ParameterEstimate]:
         """Return, by name, the earlier estimates that are farthest from the newest one, where that is too far."""
-        z, sigma = (np.array([getattr(told, name) for told in self._told]) for name in ("z", "sigma"))
+        z, sigma = self._stacked
         away = np.abs(newest.z - z)
-        distance = np.where(away >= self._least, away, 0.0) / np.sqrt(newest.sigma * newest.sigma + sigma * sigma)
+        matters = (self._positive == 0.0) | (away >= LEAST)
+        distance = np.where(matters, away, 0.0) / np.sqrt(newest.sigma * newest.sigma + sigma * sigma)
         far = distance > FAR  # never where one is not called estimated
-        if not far.any():  # nearly always
-            return {}
         changed = {change.name: change.since for change in newest.estimate.changes}
         since = np.array([changed.get(p.name, -np.inf) for p in newest.estimate.parameters])
         far &= np.array([told.time for told in self._told])[:, None] >= since

@@ -117,7 +117,7 @@ class Follower:
             return
         read = self.tracker.read(samples)
         piece = None if read is None else self.tracker.run(read)
-        if piece is None or np.any(np.abs(piece.white) > JUMP):
+        if piece is None or piece.largest > JUMP:
             self._stop()
             return
         self._block.add(piece)
@@ -145,12 +145,14 @@ class Follower:
         """Return estimate (k,) and covariance (k, k) with the samples of the present block."""
         memory, block, bias = self.memory, self._block, self._input_noise.bias(self.memory.inverse)
         if block.pieces and self.found is Found.AGREES:
-            mean, covariance = memory.with_block(block.matrix, block.vector, self._wider, bias)
-            away, sigma = np.abs(mean + bias - block.pieces[0].z), np.sqrt(covariance.diagonal() - bias**2)
-            if not ((away > LINEAR * self._coordinates.unit) & (away > sigma)).any():
+            mean, covariance, away = memory.with_block(
+                block.matrix, block.vector, self._wider, bias, block.pieces[0].z, self._coordinates.unit
+            )
+            if away <= LINEAR:
                 return mean, covariance
             # too far for one linear step: wait for the end of the block
-        return memory.with_block(self._nothing.matrix, self._nothing.vector, self._wider, bias)
+        nothing, unit = self._nothing, self._coordinates.unit
+        return memory.with_block(nothing.matrix, nothing.vector, self._wider, bias, memory.mean, unit)[:2]
 
     def _learn_noise(self, tracker: Tracker, new: Sequence[Piece], anew: bool) -> None:
         """Learn the noise levels, and the bias from noise of inputs, from new blocks that the memory describes.

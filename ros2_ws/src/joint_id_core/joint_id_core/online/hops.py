@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from joint_id_core.online.window import SlidingWindow
@@ -34,6 +36,6 @@ class Hops:
         if recent.end < self._next - slack:
             return False
         self._first = False
-        passed = np.floor((recent.end + slack - self._next) / self._hop_s)
-        self._next += self._hop_s * (1.0 + max(0.0, passed))
+        passed = math.floor((recent.end + slack - self._next) / self._hop_s)
+        self._next += self._hop_s * (1 + max(0, passed))
         return True

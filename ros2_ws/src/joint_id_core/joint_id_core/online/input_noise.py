@@ -47,7 +47,9 @@ class InputNoise:
 
         `inverse` (k, k) is that of the information matrix. Why it is uncertain: see `sensor_bias` of a fit.
         """
-        return np.clip(inverse @ self._score, -self._spread, self._spread)
+        if not self._seen:
+            return np.zeros_like(self._spread)
+        return np.minimum(np.maximum(inverse @ self._score, -self._spread), self._spread)
 
     def change(self, changed: Sequence[int], inverse: Array, precision: Array) -> None:
         """Keep the effect on what is still known when parameters changed.

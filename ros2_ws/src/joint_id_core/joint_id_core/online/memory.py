@@ -17,9 +17,9 @@ from scipy.special import chdtri
 from joint_id_core.cell.kernel import compile_shared
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Belief, Coordinates
-from joint_id_core.online.doubt import Doubt
+from joint_id_core.online.doubt import LEAST, Doubt
 from joint_id_core.online.piece import Piece
-from joint_id_core.online.score_test import changed_parameters, chi2, score_of
+from joint_id_core.online.score_test import Stretch, changed_parameters, stretches
 from joint_id_core.online.symmetric import inverse_of, solve
 from joint_id_core.results.estimate import Estimate
 
@@ -27,6 +27,7 @@ BLOCK_S = 0.5  # length of a block
 LENGTHS = (1, 2, 4, 8, 16, 32)  # blocks of the stretches that are tested
 # Blocks of those that only give doubt, one second apart; what shorter ones say of many parameters is little.
 DOUBTING = range(6, LENGTHS[-1] + 1, 2)
+SCANNED = sorted({*LENGTHS, *DOUBTING})
 HISTORY = 128  # blocks that can be passed through the filter again, where little is known yet
 RARE = 1e-7  # probability of one test to find a change where there is none
 AGAIN = 1e-4  # the same for all stretches since a change: where one parameter changed, others often did
@@ -82,6 +83,7 @@ class Memory:
     """Information on the free parameters of one joint.
 
     Attributes:
+        wider: factor on the standard deviation of each parameter that its scatter asks for, at least 1, shape (k,).
         doubt: what changes that the test does not show yet may add to the covariance of the estimate, shape (k, k).
     """
 
@@ -102,6 +104,7 @@ class Memory:
         self._scatter = np.zeros(len(z) + 1)  # sums of squares of normal numbers: of each parameter, and of all
         self._stretches = 0.0
         self._since = 0
+        self.wider = np.ones(len(z))
         self._solved: tuple[Array, Array] | None = None  # mean and inverse of `matrix`
         self.doubt = np.zeros_like(self.matrix)
 
@@ -124,29 +127,30 @@ class Memory:
         wider = self.wider
         return np.asarray(inverse @ noise @ inverse * wider[:, None] * wider)
 
-    def with_block(self, matrix: Array, vector: Array, widened: Array, bias: Array) -> tuple[Array, Array]:
-        """Return estimate (k,) and covariance (k, k) with samples that are not added yet.
+    def with_block(
+        self, matrix: Array, vector: Array, widened: Array, bias: Array, z: Array, unit: Array
+    ) -> tuple[Array, Array, float]:
+        """Return estimate (k,) and covariance (k, k) with samples that are not added yet, and how far away it is.
+
+        That is the largest distance from `z`, in units of a coordinate, that is longer than a standard deviation.
 
         Args:
             matrix, vector: what these samples say, shapes (k, k) and (k,).
             widened: from `Levels.wider`, shape (k, k).
             bias: that is taken off, and counts as uncertain, shape (k,).
+            z, unit: parameters at which these samples passed the filter, and units of the coordinates, shapes (k,).
         """
         mean, covariance = np.empty_like(self.vector), np.empty_like(self.matrix)
-        compile_shared().newest(
-            self.matrix, self.vector, self._noise, matrix, vector, self.wider, widened, bias, mean, covariance
-        )
-        return mean, covariance + self.doubt
+        away = compile_shared().newest(
+            self.matrix, self.vector, self._noise, matrix, vector, self.wider, widened, bias, self.doubt, z, unit,
+            mean, covariance,
+        )  # fmt: skip
+        return mean, covariance, away
 
     @property
     def inverse(self) -> Array:
         """Inverse of the information matrix, shape (k, k)."""
         return self._solve()[1]
-
-    @property
-    def wider(self) -> Array:
-        """Factor on the standard deviation of each parameter that its scatter asks for, at least 1, shape (k,)."""
-        return np.sqrt(self._excess()[:-1])
 
     def _excess(self) -> Array:
         return np.maximum(1.0, (FIRM + self._scatter) / (FIRM + self._stretches))
@@ -174,46 +178,55 @@ class Memory:
         excess = self._excess()
         best: tuple[float, Change] | None = None
         doubt = Doubt(len(self.matrix))
-        window: tuple[Array, Array] | None = None
-        matrix, vector = np.zeros_like(self.matrix), np.zeros_like(self.vector)
-        for count, step in enumerate(reversed(self._blocks), start=1):
-            if count > LENGTHS[-1]:
-                break
-            matrix, vector = matrix + step.block.matrix, vector + step.block.vector
-            if count not in LENGTHS and count not in DOUBTING:
-                continue
-            score, information, mean = score_of(step.precision, step.weighted, matrix, vector)
-            if count in DOUBTING:
-                doubt.consider(step.precision, matrix, score, information, excess[:-1])
+        window: Stretch | None = None
+        steps = list(self._blocks)[-LENGTHS[-1] :]
+        for stretch in self._stretches_of(steps, excess):
+            count = stretch.count
+            if count in DOUBTING and stretch.largest >= LEAST:  # hardly ever
+                matrix = np.sum([step.block.matrix for step in steps[-count:]], axis=0)
+                doubt.consider(steps[-count].precision, matrix, stretch.score, stretch.information, excess[:-1])
             if count not in LENGTHS:
                 continue
             if count == WINDOW_BLOCKS:
-                window = score, information
-            since_change = self._changed and count == len(self._blocks)
-            found = changed_parameters(score, information, excess, AGAIN if since_change else RARE)
+                window = stretch
+            rare = AGAIN if self._changed and count == len(self._blocks) else RARE
+            if stretch.surely_none(excess, rare):  # nearly always
+                continue
+            found = changed_parameters(stretch.score, stretch.information, excess, rare, stretch.total)
             if found is not None and (best is None or found[2] > best[0]):
                 names, likely, likelihood, size = found
-                newest = tuple(s.block for s in list(self._blocks)[-count:])
-                covariance = inverse_of(step.precision) * np.outer(np.sqrt(excess[:-1]), np.sqrt(excess[:-1]))
-                best = likelihood, Change(names, likely, newest, mean, covariance, size)
+                newest = tuple(step.block for step in steps[-count:])
+                wider = np.sqrt(excess[:-1])
+                covariance = inverse_of(steps[-count].precision) * np.outer(wider, wider)
+                best = likelihood, Change(names, likely, newest, stretch.mean, covariance, size)
         if best is not None:
             return best[1]
         self.doubt = doubt.covariance
         if window is not None:
-            self._scatter_of(*window)
+            self._scatter_of(window)
         return None
 
-    def _scatter_of(self, score: Array, information: Array) -> None:
+    @staticmethod
+    def _stretches_of(steps: Sequence[_Step], excess: Array) -> list[Stretch]:
+        """Return what the newest blocks say of a change at the begin of each length of a stretch."""
+        return stretches(
+            [step.precision for step in steps], [step.weighted for step in steps],
+            [step.block.matrix for step in steps], [step.block.vector for step in steps],
+            [count for count in SCANNED if count <= len(steps)], excess,
+        )  # fmt: skip
+
+    def _scatter_of(self, stretch: Stretch) -> None:
         """Take the scatter of one stretch of `WINDOW_BLOCKS` blocks in `WINDOW_BLOCKS`."""
         self._since += 1
         if self._since < WINDOW_BLOCKS:
             return
         self._since = 0
-        single = score**2 / np.maximum(np.diag(information), 1e-300)
-        total, rank = chi2(score, information)
+        single = stretch.score**2 / np.maximum(np.diag(stretch.information), 1e-300)
+        total, rank = stretch.chi2
         kept = np.exp(-1.0 / REMEMBERED)
         self._scatter = kept * self._scatter + np.append(single, total / max(rank, 1))
         self._stretches = kept * self._stretches + 1.0
+        self.wider = np.sqrt(self._excess()[:-1])
 
     @property
     def blocks(self) -> list[Piece]:

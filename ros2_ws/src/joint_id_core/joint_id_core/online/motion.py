@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from joint_id_core.cell.kernel import compile_shared
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.shared.computed_load import where_known
-from joint_id_core.estimators.shared.stillness import STILL_S, still, still_link, surely_moves, wound_up
+from joint_id_core.estimators.shared.stillness import STILL_S, still, still_link, sure_speed, surely_moves, wound_up
 from joint_id_core.models import Model
 from joint_id_core.online.window import SlidingWindow, extremes, pauses
 
@@ -22,7 +24,8 @@ BATCH_S = 0.1  # of samples that are handed on together: the work on a batch har
 class MotionWatch:
     """Takes samples and hands them on as stretches of motion and of rest.
 
-    The newest `STILL_S` wait: whether they belong to a rest shows a little later.
+    Samples whose speed already tells that they belong to no rest are handed on at once. Where none is measured, or near
+    a reversal, samples wait for `STILL_S`: whether they belong to a rest shows a little later.
 
     Attributes:
         recent: the newest samples, whether the joint moves or not.
@@ -36,6 +39,7 @@ class MotionWatch:
         self._positions, self._loaded = model.state_names, model.load is not None
         self._done = -np.inf  # newest sample that was handed on
         self._wound: int | None = None  # samples since the joint rested, if the link has not moved since
+        self._fast = False  # whether the newest sample that was handed on is faster than any of a rest
 
     @property
     def moving(self) -> bool:
@@ -54,25 +58,56 @@ class MotionWatch:
 
     def _stretches(self, now: bool) -> Iterator[tuple[Recording, bool]]:
         """Yield all stretches, whether their load is known or not."""
+        if not now and self.recent.end < self._done + BATCH_S:
+            return
+        sure = self._sure()
+        if sure is not None:
+            self._done, self._rested_s = float(sure.time[-1]), 0.0  # its last sample is fast, too
+            yield sure, True
         until = self.recent.end - STILL_S
-        if not now and until < self._done + BATCH_S:
+        if until <= self._done or (not now and until < self._done + BATCH_S):
             return
         recent = self.recent.recording(self._done - 2.0 * STILL_S)
         first, last = np.searchsorted(recent.time, [self._done, until], "right").tolist()
         if first == last:
             return
-        self._done = float(recent.time[last - 1])
         period, even = _period(recent.time)
-        if even and self._surely_moves(recent, period):  # nearly always
-            yield recent.slice(first, last), True
-            self._rested_s = 0.0
+        if even and self._surely_moves(recent, period):
+            part = recent.slice(first, last)
+            self._hand_on(part)
+            yield part, True
             return
         at_rest = self._at_rest(recent, slice(first, last), period)
         edges = [0, *self._turns(at_rest, recent.time[first:last]), last - first]
         for begin, end in pairwise(edges):
             part = recent.slice(first + begin, first + end)
+            self._hand_on(part, self._rested_s + part.duration + period if at_rest[begin] else 0.0)
             yield part, not at_rest[begin]
-            self._rested_s = self._rested_s + part.duration + period if at_rest[begin] else 0.0
+
+    def _hand_on(self, samples: Recording, rested_s: float = 0.0) -> None:
+        """Note that samples are handed on, and how long the joint has rested since its newest motion."""
+        self._done, self._rested_s = float(samples.time[-1]), rested_s
+        self._fast = any(abs(samples.channels[name][-1]) > least for name, least in self._speeds(samples))
+
+    def _speeds(self, samples: Recording) -> list[tuple[str, float]]:
+        """Return the labels that show speed, each with the speed above which a sample belongs to no rest."""
+        known = (self.noise or {}).items()
+        return [(n, sure_speed(n, noise)) for n, noise in known if n in samples and n not in samples.derived]
+
+    def _sure(self) -> Recording | None:
+        """Return the samples after those that were handed on that belong to no rest, whatever follows."""
+        if not self._fast or self._wound is not None:
+            return None
+        waiting, sure = self.recent.recording(math.nextafter(self._done, math.inf)), 0
+        if not len(waiting):
+            return None
+        time = np.ascontiguousarray(waiting.time)
+        for name, least in self._speeds(waiting):
+            speed = np.ascontiguousarray(waiting.channels[name])
+            sure = max(sure, int(compile_shared().moving(time, speed, self._done, least, STILL_S, EVEN)))
+        if sure == len(waiting):  # nearly always
+            return waiting
+        return waiting.slice(0, sure) if sure else None
 
     def _surely_moves(self, recent: Recording, period: float) -> bool:
         """Return whether one label already tells that the joint moves at all samples."""

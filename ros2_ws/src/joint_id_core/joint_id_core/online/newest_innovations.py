@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from joint_id_core.data.recording import Array
@@ -21,27 +23,31 @@ class NewestInnovations:
 
     def __init__(self, window_s: float) -> None:
         self._count = max(1, round(window_s / BLOCK_S))
-        self._blocks: list[Array] = []
+        self._sums: list[Array] = []  # of each block: sums of squares, and numbers of values, shape (2, labels)
 
     def add(self, white: Array) -> None:
         """Add those of a block, shape (T, labels), NaN where a label is missing."""
-        self._blocks.append(white)
-        del self._blocks[: -self._count]
+        known = np.isfinite(white)
+        row = np.where(known, white, 0.0)
+        self._sums.append(np.array([(row * row).sum(axis=0), known.sum(axis=0)]))
+        del self._sums[: -self._count]
 
     def clear(self) -> None:
         """Forget all."""
-        self._blocks.clear()
+        self._sums.clear()
 
     @property
     def chi2(self) -> float | None:
-        """Their mean square; None before the first block."""
-        return float(np.nanmean(np.concatenate(self._blocks) ** 2)) if self._blocks else None
+        """Their mean square; None before the first block, NaN if every label is missing."""
+        if not self._sums:
+            return None
+        squares, count = np.sum(self._sums, axis=(0, 2)).tolist()
+        return squares / count if count else math.nan
 
     @property
     def noise_changed(self) -> bool:
         """Whether those of a label are far from what the noise levels allow."""
-        for row in np.concatenate(self._blocks).T:
-            known = row[np.isfinite(row)]
-            if len(known) > ENOUGH and not QUIETER < float(known @ known) / len(known) < NOISIER:
-                return True
-        return False
+        squares, count = np.sum(self._sums, axis=0)
+        known = count > ENOUGH
+        size = squares[known] / count[known]
+        return bool(((size <= QUIETER) | (size >= NOISIER)).any())

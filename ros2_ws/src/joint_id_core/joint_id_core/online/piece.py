@@ -81,6 +81,7 @@ class Piece:
         samples: the samples.
         z: parameters at which the filter ran, shape (k,).
         smoothing: of its friction, relative to that of a fit.
+        largest: innovation, in standard deviations.
         passed: what the filter stored for `noise_information`; only the newest block needs it.
     """
 
@@ -91,6 +92,7 @@ class Piece:
     samples: Samples
     z: Array
     smoothing: float
+    largest: float = 0.0
     passed: Passed | None = None
 
     @property
@@ -137,5 +139,6 @@ def merged(pieces: Sequence[Piece]) -> Piece:
         joined([piece.samples for piece in pieces]),
         pieces[0].z,
         max(piece.smoothing for piece in pieces),
+        max(piece.largest for piece in pieces),
         Passed.joined(passed) if len(passed) == len(pieces) else None,
     )

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from joint_id_core.cell.kernel import compile_shared
 from joint_id_core.data.recording import Array, any_finite
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.verdicts import findings, informative, table, verdicts
-from joint_id_core.estimators.shared.computed_load import LOAD, computed, with_doubt
+from joint_id_core.estimators.shared.computed_load import LOAD, with_doubt
 from joint_id_core.estimators.shared.fit_data import UnusableError, unusable
 from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.models import Model
@@ -27,12 +28,19 @@ FORGOTTEN = "The joint has changed: what was known is forgotten."
 
 @dataclass(frozen=True)
 class Said:
-    """What is said in words of what is known: notes, and the rows of the parameters, with values of that time."""
+    """What is said in words of what is known.
+
+    Attributes:
+        status, notes, message: as in `Estimate`.
+        rows: of all parameters, with values of that time.
+        places: of the free parameters among these.
+    """
 
     status: Status
     notes: tuple[str, ...]
     message: str
     rows: tuple[ParameterEstimate, ...]
+    places: tuple[int, ...]
 
 
 def said(
@@ -58,7 +66,9 @@ def said(
     notes = (*told, *findings(found, last.checks.texts, 0))
     p = np.array(list(last.values.values()))
     initial = np.array([q.initial for q in last.parameters])
-    return Said(status, notes, message(notes), table(model, last.free, p, covariance, found, initial))
+    names = [q.name for q in last.parameters]
+    places = tuple(names.index(name) for name in last.free)
+    return Said(status, notes, message(notes), table(model, last.free, p, covariance, found, initial), places)
 
 
 def published(
@@ -68,18 +78,16 @@ def published(
 
     For `now` see `said`; `words` may be some samples older.
     """
-    values = coordinates.values(coordinates.clip(now[0]))
-    slope = coordinates.slope_at(values)
-    physical = _with_excess(last, now[1]) * (slope[:, None] * slope)
-    known = dict(zip(last.free, zip(values.tolist(), np.sqrt(physical.diagonal()).tolist(), strict=True), strict=True))
-    rows = tuple(
-        ParameterEstimate(row.name, row.unit, *known[row.name], row.verdict, row.initial, row.reason)
-        if row.name in known
-        else row
-        for row in words.rows
+    z, covariance = now[0], _with_excess(last, now[1])
+    values, sigma, physical = np.empty_like(z), np.empty_like(z), np.empty_like(covariance)
+    compile_shared().physical(
+        z, covariance, coordinates.lower, coordinates.upper, coordinates.logarithm, values, sigma, physical
     )
+    rows = list(words.rows)
+    for k, value, std_dev in zip(words.places, values.tolist(), sigma.tolist(), strict=True):
+        rows[k] = rows[k].at(value, std_dev)
     return last.updated(
-        status=words.status, message=words.message, notes=words.notes, parameters=rows, covariance=physical,
+        status=words.status, message=words.message, notes=words.notes, parameters=tuple(rows), covariance=physical,
         deviance=float("nan"), iterations=0, predictions=None, **fields,
     )  # fmt: skip
 
@@ -114,10 +122,10 @@ def forgotten(estimate: Estimate, agreement: Agreement) -> Estimate:
 
 def with_computed_load(estimate: Estimate, recent: SlidingWindow, model: Model) -> Estimate:
     """Return an estimate at the end of `recent` samples, with what it owes to a load that was computed, if any was."""
-    samples = recent.recording(recent.end - UNKNOWN_S)
-    if model.load is None or not computed(samples):
+    if model.load is None or LOAD not in recent.derived:
         return estimate
-    if estimate.status is not Status.NO_MOTION and not any_finite(samples[LOAD]):
+    newest = recent.recording(recent.end - UNKNOWN_S)
+    if estimate.status is not Status.NO_MOTION and not any_finite(newest[LOAD]):
         notes = (sentence(UNKNOWN_LOAD),)
         estimate = replace(estimate, status=Status.MISSING_SIGNAL, message=message(notes), notes=notes)
     return with_doubt(estimate, model)

@@ -12,6 +12,10 @@ Changes, 1993, ch. 7).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
 import numpy as np
 from scipy.special import chdtri
 
@@ -35,6 +39,66 @@ def score_of(precision: Array, weighted: Array, matrix: Array, vector: Array) ->
     return score, information, mean
 
 
+@lru_cache(maxsize=256)
+def limit(freedom: int, rare: float) -> float:
+    """Return what a chi-squared number exceeds with this probability."""
+    return float(chdtri(freedom, rare))
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """The newest `count` blocks, and what they say of a change at their begin.
+
+    Attributes:
+        count: number of blocks.
+        score, information, mean: as from `score_of`.
+        total: v' M^-1 v; NaN where M may not have full rank.
+        largest: squared score of one parameter over its variance and excess.
+    """
+
+    count: int
+    score: Array
+    information: Array
+    mean: Array
+    total: float
+    largest: float
+
+    @property
+    def chi2(self) -> tuple[float, int]:
+        """v' M^-1 v and the rank of M."""
+        return chi2(self.score, self.information) if np.isnan(self.total) else (self.total, len(self.score))
+
+    def surely_none(self, excess: Array, rare: float) -> bool:
+        """Return whether `changed_parameters` finds no change, without doubt."""
+        k = len(self.score)
+        return self.total / excess[-1] < limit(k, rare) and self.largest < limit(1, rare / k)
+
+
+def stretches(
+    precision: Sequence[Array],
+    weighted: Sequence[Array],
+    matrices: Sequence[Array],
+    vectors: Sequence[Array],
+    lengths: Sequence[int],
+    excess: Array,
+) -> list[Stretch]:
+    """Return stretches of the newest blocks, of rising `lengths`.
+
+    For each block, `precision` (k, k) and `weighted` (k,) are the memory before it, `matrices` (k, k) and `vectors`
+    (k,) what it says. The last element of `excess` is that of all parameters together.
+    """
+    n, k, count = len(matrices), len(excess) - 1, len(lengths)
+    score, mean, information = np.empty((count, k)), np.empty((count, k)), np.empty((count, k, k))
+    total, largest = np.empty(count), np.empty(count)
+    compile_shared().scan(
+        np.concatenate(precision).reshape(n, k, k), np.concatenate(weighted).reshape(n, k),
+        np.concatenate(matrices).reshape(n, k, k), np.concatenate(vectors).reshape(n, k),
+        np.array(lengths), excess[:-1], score, information, mean, total, largest,
+    )  # fmt: skip
+    rows = zip(lengths, score, information, mean, total.tolist(), largest.tolist(), strict=True)
+    return [Stretch(*row) for row in rows]
+
+
 def chi2(score: Array, information: Array) -> tuple[float, int]:
     """Return v' M^-1 v and the rank of M."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
@@ -44,18 +108,21 @@ def chi2(score: Array, information: Array) -> tuple[float, int]:
 
 
 def changed_parameters(
-    score: Array, information: Array, excess: Array, rare: float
+    score: Array, information: Array, excess: Array, rare: float, total: float = np.nan
 ) -> tuple[tuple[int, ...], tuple[int, ...], float, float] | None:
     """Return the parameters that changed, those that may have, the likelihood ratio and the size; None if none changed.
 
-    Parameters are added until what is left looks like noise (forward selection).
+    Parameters are added until what is left looks like noise (forward selection). `total` is v' M^-1 v where M is known
+    to have full rank.
     """
-    total, rank = chi2(score, information)
+    rank = len(score)
+    if np.isnan(total):
+        total, rank = chi2(score, information)
     if not rank:
         return None
     total /= excess[-1]
     single = score**2 / np.maximum(np.diag(information), 1e-300) / excess[:-1]
-    if total < chdtri(rank, rare) and float(single.max()) < chdtri(1, rare / len(score)):
+    if total < limit(rank, rare) and float(single.max()) < limit(1, rare / len(score)):
         return None
     names: list[int] = []
     explained = 0.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,16 @@ from joint_id_core.online.sharpness import Friction, Sharpness
 
 LEAST = 10  # samples of the shortest motion that is used
 UNSURE = 1e4  # factor on the covariance of the state where parameters changed
+
+
+class _Led(NamedTuple):
+    """Samples as `loops.tracking.track` takes them, the first row the sample before, and the longest step in s."""
+
+    time: Array
+    u: Array
+    y: Array
+    gap: Array
+    longest: float
 
 
 class Tracker:
@@ -57,7 +68,8 @@ class Tracker:
         self.columns = np.array([kernel.sensitive.index(name) for name in data.free])
         self._p = data.p.copy()
         self._sharpness = Sharpness(data, kernel, substeps, held)
-        self._n, self._k = len(model.states), len(kernel.sensitive)
+        self._n, self._m, self._k = len(model.states), len(data.labels), len(kernel.sensitive)
+        self._unseen = [name for name in model.state_names if name not in data.labels]
         self._state = State(np.zeros((self._n, 2 + self._n + self._k)), -np.inf, np.zeros(len(model.inputs)))
         self._unstored = self._room(1)
         self._take(z)
@@ -122,9 +134,9 @@ class Tracker:
             kept[:, 0] = kept[:, -1] = mean
             kept[:, 1 : 1 + self._n] = np.diag(spread**2)
             self._noise = STATE_NOISE * spread**2
-            self._state = State(kept, float(data.time[begin]), data.u[begin])
+            self._state = State(kept, float(data.time[begin]), np.ascontiguousarray(data.u[begin]))
             first, then = (
-                Samples(data.time[rows], data.u[rows], data.y[rows])
+                Samples(*map(np.ascontiguousarray, (data.time[rows], data.u[rows], data.y[rows])))
                 for rows in (slice(begin + 1, settled), slice(settled, end))
             )
             start = self._settled((self._state, first))
@@ -139,31 +151,33 @@ class Tracker:
 
     def read(self, samples: Recording) -> Samples | None:
         """Return the signals of a recording that the filter needs; None if it holds others than before."""
-        model, labels = self.data.model, self.data.labels
-        count, columns = len(samples), []
+        signals = self._signals(samples)
+        if signals is None:
+            return None
+        rows, count, inputs = np.array(signals), len(samples), len(self.data.model.inputs)
+        time, u, y = np.ascontiguousarray(samples.time), np.empty((count, inputs)), np.empty((count, self._m))
+        if compile_shared().arrange(rows, u, y):  # nearly always
+            return Samples(time, u, y)
+        y, usable = without_frozen(rows[inputs:]).T, np.isfinite(u).all(axis=1)
+        return Samples(time[usable], u[usable], y[usable].copy())
+
+    def _signals(self, samples: Recording) -> list[Array] | None:
+        """Return the inputs, then the labels, each of shape (T,); None if there are others than before."""
+        model, channels, derived, found = self.data.model, samples.channels, samples.derived, list[Array]()
         for name in model.input_names:
-            if name in samples:
-                columns.append(samples.channels[name])
+            if name in channels:
+                found.append(channels[name])
             elif name in model.optional_inputs:
-                columns.append(np.zeros(count))
+                found.append(np.zeros(len(samples)))
             else:
                 return None
-        seen = [name for name in model.state_names if name in samples and name not in samples.derived]
-        if any(name not in labels for name in seen):
-            return None
-        u = np.empty((count, len(columns)))
-        for k, values in enumerate(columns):
-            u[:, k] = values
-        y = np.full((len(labels), count), np.nan)
-        for k, name in enumerate(labels):
-            if name in seen:
-                y[k] = samples.channels[name]
-        y, time = without_frozen(y).T.copy(), samples.time
-        usable = np.isfinite(u)
-        if usable.all():
-            return Samples(time, u, y)
-        rows = usable.all(axis=1)
-        return Samples(time[rows], u[rows], y[rows])
+        for name in self._unseen:
+            if name in channels and name not in derived:
+                return None
+        for name in self.data.labels:
+            seen = name in channels and name not in derived
+            found.append(channels[name] if seen else np.full(len(samples), np.nan))
+        return found
 
     def run(self, samples: Samples) -> Piece | None:
         """Run over new samples; None if the path diverges or a gap is too long: then start a new tracker."""
@@ -218,7 +232,7 @@ class Tracker:
         here = self.levels, self.z
         self.levels = levels
         self._take(piece.z)
-        found = self._passed(piece.begin, piece.samples, stored)
+        found = self._passed(piece.begin, self._led(piece.begin, piece.samples), stored)
         self.levels, z = here
         self._take(z)
         return found
@@ -230,51 +244,45 @@ class Tracker:
 
         `stored` as in `passed_again`.
         """
-        if longest < np.inf and _longest_step(begin.time, samples.time) > longest:
+        led = self._led(begin, samples)
+        if led.longest > longest:
             return None
-        found = self._passed(begin, samples, stored)
+        found = self._passed(begin, led, stored)
         if not np.isfinite(found.cost):
             return None
         k = len(self.z)
         matrix, vector, white = np.empty((k, k)), np.empty(k), np.empty_like(samples.y)
-        compile_shared().of_free(
+        largest = compile_shared().of_free(
             found.matrix, found.score, self.columns, self._slope, self.z, found.errors, found.variances, found.y,
             matrix, vector, white,
         )  # fmt: skip
-        last = len(samples.time) > 0
-        state = State(found.kept, float(samples.time[-1]) if last else begin.time, samples.u[-1] if last else begin.u)
-        passed = found if stored else None
-        return state, found.cost, Piece(matrix, vector, white, begin, samples, self.z, self.smoothing, passed)
+        state, passed = State(found.kept, float(led.time[-1]), led.u[-1]), found if stored else None
+        return state, found.cost, Piece(matrix, vector, white, begin, samples, self.z, self.smoothing, largest, passed)
+
+    def _led(self, begin: State, samples: Samples) -> _Led:
+        """Return samples with the one before them."""
+        rows, (inputs, labels) = len(samples.time) + 1, (samples.u.shape[1], samples.y.shape[1])
+        time, u, y, gap = np.empty(rows), np.empty((rows, inputs)), np.empty((rows, labels)), np.empty(rows)
+        longest = compile_shared().lead(
+            begin.time, begin.u, samples.time, samples.u, samples.y, self.data.period, time, u, y, gap
+        )
+        return _Led(time, u, y, gap, longest)
 
     def _room(self, rows: int) -> tuple[Array, Array, Array, Array]:
         """Return gains, slopes, derivatives of the readings and sensitivities for `track` to fill."""
-        m, k, n = len(self.data.labels), self._k, self._n
+        m, k, n = self._m, self._k, self._n
         shown = (rows, m, n) if self.data.model.label_delays else (1, 1, 1)
         slopes = (rows, n, n + len(self.data.model.inputs))
         return np.zeros((rows, m, n)), np.zeros(slopes), np.empty(shown), np.zeros((rows, m, k))
 
-    def _passed(self, begin: State, samples: Samples, stored: bool = False) -> Passed:
+    def _passed(self, begin: State, led: _Led, stored: bool = False) -> Passed:
         """Run over samples; `stored` as in `passed_again`."""
-        m, k, inputs = len(self.data.labels), self._k, len(self.data.model.inputs)
-        T = len(samples.time) + 1
-        time, u, y, gap = np.empty(T), np.empty((T, inputs)), np.empty((T, m)), np.zeros(T)
-        time[0], u[0], y[0] = begin.time, begin.u, np.nan
-        time[1:], u[1:], y[1:] = samples.time, samples.u, samples.y
-        steps = time[1:] - time[:-1]
-        if len(steps) and steps.max() > 1.25 * self.data.period:
-            gap[:-1] = np.maximum(np.rint(steps / self.data.period) - 1.0, 0.0)
-        e, S = np.zeros((T, m)), np.ones((T, m))
-        K, F, C, J = self._room(T) if stored else self._unstored
+        m, k, rows = self._m, self._k, len(led.time)
+        e, S = np.zeros((rows, m)), np.ones((rows, m))
+        K, F, C, J = self._room(rows) if stored else self._unstored
         kept, H, g = begin.kept.copy(), np.empty((k, k)), np.empty(k)
         cost = self.kernel.tracking.track(
-            kept, time, u, y, self.data.label_states, gap, self.levels[:m], self.levels[m:], self._noise,
-            self._p, self.substeps, self._now.stiff, self._now.many, e, S, K, F, C, J, H, g,
+            kept, led.time, led.u, led.y, self.data.label_states, led.gap, self.levels[:m], self.levels[m:],
+            self._noise, self._p, self.substeps, self._now.stiff, self._now.many, e, S, K, F, C, J, H, g,
         )  # fmt: skip
-        return Passed(float(cost), kept, y, e, S, K, F, C, J, H, g)
-
-
-def _longest_step(begin: float, time: Array) -> float:
-    """Return the longest step between `begin` and instants (T,) in s."""
-    if not len(time):
-        return 0.0
-    return max(float(time[0]) - begin, float((time[1:] - time[:-1]).max(initial=0.0)))
+        return Passed(float(cost), kept, led.y, e, S, K, F, C, J, H, g)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -15,7 +16,7 @@ from joint_id_core.errors import JointIdError
 
 REST = 50.0  # periods of the longest step between two samples that counts as time of the window
 ROUNDING = 1e-9  # part of the surplus of the first part by which instants may be off
-ROOM = 256  # rows of the smallest buffer
+TEMPERATURE = "temperature"
 
 
 def extremes(time: Array) -> tuple[float, float]:
@@ -47,21 +48,19 @@ def parts_of(samples: Recording, longest_s: float) -> list[Recording]:
     return [samples.slice(first, last) for first, last in pairwise([0, *at.tolist(), len(samples)])]
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Part:
-    """Samples that were added at once: how many, and the time that they count for, in s."""
+    """Samples that were added at once.
 
-    rows: int
+    Attributes:
+        samples: the samples.
+        duration: time that they count for in s.
+        warmth: sum of their temperatures, and number of samples whose temperature is known.
+    """
+
+    samples: Recording
     duration: float
-
-
-@dataclass
-class _Kind:
-    """Channels of the rows up to number `end`, and which of them are derived."""
-
-    channels: tuple[str, ...]
-    derived: frozenset[str]
-    end: int
+    warmth: tuple[float, int]
 
 
 class SlidingWindow:
@@ -69,29 +68,24 @@ class SlidingWindow:
 
     Time between two parts that are added, a rest or a pause, does not count; there is none within a part.
 
-    The samples lie in one array per channel. Recordings of the window are views of these: rows that were written are
-    never written again. When the arrays are full, the rows that are kept are copied to new ones.
+    The parts are kept as they came, so their arrays must not be changed later. They are joined when a recording of the
+    window is asked for, which is seldom: samples that arrive pass through the filter as they are.
     """
 
     def __init__(self, length_s: float) -> None:
         self._length = length_s
         self._parts: deque[_Part] = deque()
-        self._kinds: deque[_Kind] = deque()
-        self._newest: Recording | None = None
-        self._time = np.empty(0)
-        self._channels: dict[str, Array] = {}
-        self._first = self._last = 0  # rows of the buffer that are kept
+        self._rows = 0  # samples of the parts
+        self._warm, self._known = 0.0, 0  # sum of the temperatures of the parts, and number of those that are known
         self._period = self._duration = 0.0
-
-    @property
-    def end(self) -> float:
-        """Instant of the latest sample in s, -inf before the first."""
-        return float(self._time[self._last - 1]) if self._parts else -np.inf
+        self.end = -np.inf  # instant of the latest sample in s, -inf before the first
 
     @property
     def start(self) -> float:
         """Instant of the oldest sample that is kept, in s; inf before the first."""
-        return float(self._time[self._first]) + max(0.0, self._duration - self._length) if self._parts else np.inf
+        if not self._parts:
+            return np.inf
+        return float(self._parts[0].samples.time[0]) + max(0.0, self._duration - self._length)
 
     def append(self, samples: Recording) -> None:
         """Add later samples.
@@ -99,75 +93,47 @@ class SlidingWindow:
         Raises:
             JointIdError: the samples are not later than those in the window.
         """
-        count, end = len(samples), self.end
+        count = len(samples)
         if not count:
             return
-        if samples.time[0] <= end:
+        begin, end = float(samples.time[0]), float(samples.time[-1])
+        step, length = begin - self.end, end - begin
+        if step <= 0.0:
             raise JointIdError(
-                f"{samples.source}: time goes backwards from {end:.6f} s to {samples.time[0]:.6f} s: "
+                f"{samples.source}: time goes backwards from {self.end:.6f} s to {begin:.6f} s: "
                 "these samples were left out"
             )
-        step = float(samples.time[0]) - end
         if count > 1:
-            self._period = samples.duration / (count - 1)
+            self._period = length / (count - 1)
         elif step < (self._period or np.inf):  # samples that come one by one
             self._period = step
-        part = _Part(count, samples.duration + (step if step < REST * self._period else self._period))
-        self._write(samples)
+        part = _Part(samples, length + (step if step < REST * self._period else self._period), _warmth(samples))
         self._parts.append(part)
-        self._duration += part.duration
+        self._take(part, 1)
+        self.end = end
         while self._duration - self._parts[0].duration > self._length:
-            old = self._parts.popleft()
-            self._first += old.rows
-            self._duration -= old.duration
-        while self._kinds[0].end <= self._first:
-            self._kinds.popleft()
+            self._take(self._parts.popleft(), -1)
 
-    def _write(self, samples: Recording) -> None:
-        """Copy samples behind those in the buffer."""
-        count, newest = len(samples), self._newest
-        if self._last + count > len(self._time):
-            self._move(count)
-        begin, self._last = self._last, self._last + count
-        self._time[begin : self._last] = samples.time
-        if newest is None or samples.channels.keys() != newest.channels.keys() or samples.derived != newest.derived:
-            self._kinds.append(_Kind(tuple(samples.channels), samples.derived, self._last))
-            for name in samples.channels:
-                if name not in self._channels:
-                    self._channels[name] = np.full(len(self._time), np.nan)
-        self._kinds[-1].end, self._newest = self._last, samples
-        for name, values in samples.channels.items():
-            self._channels[name][begin : self._last] = values
-
-    def _move(self, more: int) -> None:
-        """Move the rows that are kept to new arrays with room for `more` rows, and for as many again."""
-        kept = slice(self._first, self._last)
-        count = self._last - self._first
-        size = max(ROOM, 2 * (count + more))
-        names = {name for kind in self._kinds for name in kind.channels}
-        old = {"": self._time, **{name: self._channels[name] for name in self._channels if name in names}}
-        new = {name: np.full(size, np.nan) for name in old}
-        for name, values in old.items():
-            new[name][:count] = values[kept]
-        self._time = new.pop("")
-        self._channels = new
-        for kind in self._kinds:
-            kind.end -= self._first
-        self._first, self._last = 0, count
+    def _take(self, part: _Part, sign: int) -> None:
+        """Count a part with sign 1, or no more with sign -1."""
+        self._rows += sign * len(part.samples)
+        self._duration += sign * part.duration
+        self._warm += sign * part.warmth[0]
+        self._known += sign * part.warmth[1]
 
     def __len__(self) -> int:
         """Number of samples that are kept."""
-        return self._last - self._begin() if self._parts else 0
+        return self._rows - self._begin()
 
     def _begin(self) -> int:
-        """Return the row of the first sample in the window, which begins within the first part."""
+        """Return the number of samples of the first part that are too old: the window begins within it."""
         surplus = self._duration - self._length
         if surplus <= 0.0:
-            return self._first
-        part = self._time[self._first : self._first + self._parts[0].rows]
-        begin = self._first + int(part.searchsorted(part[0] + surplus - ROUNDING * surplus))
+            return 0
+        time = self._parts[0].samples.time
+        begin = int(time.searchsorted(time[0] + surplus - ROUNDING * surplus))
         return min(
-            begin, self._last - 1
+            begin, self._rows - 1
         )  # the time before the first sample of the only part may be all that is too much
 
     @property
@@ -176,25 +142,59 @@ class SlidingWindow:
         return self._duration
 
     @property
+    def derived(self) -> frozenset[str]:
+        """Channels of the newest samples that are derived; none before the first."""
+        return self._parts[-1].samples.derived if self._parts else frozenset()
+
+    @property
     def temperature(self) -> float:
         """Mean temperature of the joint in the window; NaN if it is not known."""
-        warm = self._channels.get("temperature")
-        if warm is None:
+        if not self._known:
             return np.nan
-        warm = warm[self._begin() : self._last]
-        known = warm[np.isfinite(warm)]
-        return float(known.sum()) / len(known) if len(known) else np.nan
+        first = self._parts[0].samples
+        old, count = _warmth(first.slice(0, self._begin()))
+        return (self._warm - old) / (self._known - count) if self._known > count else np.nan
 
     def recording(self, since: float = -np.inf) -> Recording:
         """Return the samples of the window from `since` (s) on as one recording, NaN where a part lacks a channel."""
-        assert self._newest is not None
-        first = self._begin()
-        if first < self._last and since > self._time[first]:
-            first += int(self._time[first : self._last].searchsorted(since))
-        kinds = [kind for kind in self._kinds if kind.end > first] or [self._kinds[-1]]
-        names, derived = kinds[0].channels, kinds[0].derived
-        for kind in kinds[1:]:
-            names, derived = tuple(dict.fromkeys((*names, *kind.channels))), derived | kind.derived
-        rows = slice(first, self._last)
-        # the parts and their order were already checked
-        return self._newest.trusted(self._time[rows], {name: self._channels[name][rows] for name in names}, derived)
+        found: list[Recording] = []
+        for part in reversed(self._parts):
+            found.append(part.samples)
+            if part.samples.time[0] <= since:
+                break
+        found.reverse()
+        begin = self._begin() if len(found) == len(self._parts) else 0
+        begin = max(begin, int(found[0].time.searchsorted(since)))
+        if begin == len(found[0]) and len(found) > 1:
+            found, begin = found[1:], 0
+        found[0] = found[0].slice(begin, len(found[0])) if begin else found[0]
+        return _joined(found)
+
+
+def _warmth(samples: Recording) -> tuple[float, int]:
+    """Return the sum of the temperatures of samples, and how many of them are known."""
+    warm = samples.channels.get(TEMPERATURE)
+    if warm is None:
+        return 0.0, 0
+    total = float(warm.sum())
+    if total == total:
+        return total, len(warm)
+    known = warm[np.isfinite(warm)]
+    return float(known.sum()), len(known)
+
+
+def _joined(parts: Sequence[Recording]) -> Recording:
+    """Return later and later samples of a joint as one recording, NaN where a part lacks a channel."""
+    last = parts[-1]
+    if len(parts) == 1:
+        return last
+    names = dict.fromkeys(name for part in parts for name in part.channels)
+    derived = frozenset[str]().union(*{part.derived for part in parts})
+    channels = {}
+    for name in names:
+        rows = [part.channels.get(name) for part in parts]
+        channels[name] = np.concatenate(
+            [np.full(len(part), np.nan) if row is None else row for part, row in zip(parts, rows, strict=True)]
+        )
+    # the parts and their order were already checked
+    return last.trusted(np.concatenate([part.time for part in parts]), channels, derived)

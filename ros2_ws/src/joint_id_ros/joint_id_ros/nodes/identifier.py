@@ -196,4 +196,4 @@ class IdentifierNode(ManagedNode):
         if self.not_ready or worker is None or sources is None:
             level = DiagnosticStatus.ERROR if self._preparation is None else DiagnosticStatus.WARN
             return Health(level, self.not_ready or "stopped")
-        return self._report.report(self._latest.messages, self._fits, worker, sources, self._knowledge, self._baselines)
+        return self._report.report(self._latest.newest, self._fits, worker, sources, self._knowledge, self._baselines)

@@ -77,10 +77,16 @@ def newest(
     wider: Vector,
     widened: Matrix,
     bias: Vector,
+    doubt: Matrix,
+    reference: Vector,
+    unit: Vector,
     mean: Vector,
     covariance: Matrix,
-) -> None:
+) -> float:
     """Estimate from a memory and samples that are not in it yet.
+
+    Return how far the estimate is, at most, from the parameters at which the samples passed the filter: in units of a
+    coordinate, of those that are farther away than their standard deviation.
 
     Inputs:
         matrix (k, k), vector (k), noise (k, k): of the memory: sums of information, of vectors, and the covariance of
@@ -89,6 +95,8 @@ def newest(
         wider (k): factors on the standard deviations, as in `Memory.wider`.
         widened (k, k): as from `Levels.wider`.
         bias (k): that is taken off, and counts as uncertain.
+        doubt (k, k): what else is added to the covariance.
+        reference (k), unit (k): parameters at which the samples passed the filter, and units of the coordinates.
 
     Outputs:
         mean (k), covariance (k, k).
@@ -113,9 +121,14 @@ def newest(
             N[i, j] *= wider[i] * wider[j]
     product(widened, N, M)
     product_transposed(M, widened, covariance)
+    farthest = 0.0
     for i in range(k):
+        away = abs(mean[i] + bias[i] - reference[i])
+        if away > math.sqrt(covariance[i, i] + doubt[i, i]):
+            farthest = max(farthest, away / unit[i])
         for j in range(k):
-            covariance[i, j] += bias[i] * bias[j]
+            covariance[i, j] += bias[i] * bias[j] + doubt[i, j]
+    return farthest
 
 
 def change(
@@ -190,8 +203,10 @@ def of_free(
     matrix: Matrix,
     vector: Vector,
     white: Matrix,
-) -> None:
+) -> float:
     """Compute what a stretch says of the free parameters from what `loops.tracking.track` wrote.
+
+    Return the largest innovation over its standard deviation.
 
     Inputs:
         H (NP, NP), g (NP), e, S, y (1 + T, NY): outputs of `track`, and its labels; row 0 is the sample before.
@@ -208,8 +223,12 @@ def of_free(
         for j in range(k):
             matrix[i, j] = H[columns[i], columns[j]] * slope[i] * slope[j]
             vector[i] += matrix[i, j] * z[j]
+    largest = 0.0
     for t in range(len(white)):
         for j in range(white.shape[1]):
-            white[t, j] = e[t + 1, j] / math.sqrt(S[t + 1, j])
             if math.isnan(y[t + 1, j]):
                 white[t, j] = math.nan
+            else:
+                white[t, j] = e[t + 1, j] / math.sqrt(S[t + 1, j])
+                largest = max(largest, abs(white[t, j]))
+    return largest

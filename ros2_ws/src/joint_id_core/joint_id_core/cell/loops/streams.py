@@ -20,6 +20,29 @@ def steps(time: Vector, found: Vector) -> None:
         found[1] = max(found[1], step)
 
 
+def moving(time: Vector, speed: Vector, before: float, least: float, rest: float, even: float) -> float:
+    """Return how many of the first samples at instants (T,) surely belong to no rest of `rest` seconds or longer.
+
+    A sample that is faster than `least` does not, nor do slower ones between two of these that are near to each other.
+    So did the sample before, at the instant `before`. A missing speed is no evidence of motion. 0 if the longest step
+    is not shorter than `even` times the shortest one.
+    """
+    count = len(time)
+    period = (time[count - 1] - before) / count
+    shortest, longest = time[0] - before, time[0] - before
+    for t in range(1, count):
+        shortest, longest = min(shortest, time[t] - time[t - 1]), max(longest, time[t] - time[t - 1])
+    if not longest < even * shortest:
+        return 0.0
+    sure = 0
+    for t in range(count):
+        if (t + 1 - sure) * period > rest:
+            break
+        if abs(speed[t]) > least:
+            sure = t + 1
+    return 1.0 * sure
+
+
 def always_moves(values: Vector, count: int, least: float) -> float:
     """Return 1 if the first and the last of any `count` consecutive values (T,) differ by more than `least`, else 0.
 

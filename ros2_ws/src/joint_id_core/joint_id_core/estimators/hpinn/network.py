@@ -20,32 +20,9 @@ from joint_id_core.cell.symbolic import Smoothing
 from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import Model
-
-try:
-    import torch
-except ImportError as error:
-    raise JointIdError(
-        "the hpinn estimator needs PyTorch, which is not installed: pip install torch, "
-        "or choose the innovations estimator"
-    ) from error
+from joint_id_core.tensors.torch_cell import torch, torch_cell
 
 POSITIVE_FLOOR = 1e-3  # lower bound of a positive parameter over its start value: models divide by an inertia
-
-
-class _TorchOps:
-    """The functions that a model's derivative may call (`models.Ops`), on torch tensors."""
-
-    sin = staticmethod(torch.sin)
-    cos = staticmethod(torch.cos)
-    exp = staticmethod(torch.exp)
-    asinh = staticmethod(torch.asinh)
-
-    def __init__(self, friction: Smoothing) -> None:
-        self.smooth = friction == "tanh"
-
-    def direction(self, velocity: str, w: torch.Tensor, w_s: torch.Tensor) -> torch.Tensor:
-        """Return tanh(w / w_s), or the paper's sign(w), whose derivative is zero."""
-        return torch.tanh(w / w_s) if self.smooth else torch.sign(w)
 
 
 class RK4Cell(torch.nn.Module):
@@ -60,14 +37,7 @@ class RK4Cell(torch.nn.Module):
     def __init__(self, model: Model, friction: Smoothing = "sign", substeps: int = 1) -> None:
         super().__init__()
         self.model, self.substeps = model, substeps
-        self.ops = _TorchOps(friction)
-        first = [float(s.hold == "first") for s in model.inputs]
-        self.register_buffer("ramp", torch.tensor(first, dtype=torch.float64))
-        bend = np.zeros((len(first), len(first)))
-        for i, rate in enumerate(model.rates):
-            if rate is not None:
-                bend[i, rate] = 0.5
-        self.register_buffer("bend", torch.from_numpy(bend))
+        self.cell = torch_cell(model, friction)
 
     def forward(
         self, x: torch.Tensor, u: torch.Tensor, u_next: torch.Tensor, dt: float, p: SimpleNamespace
@@ -81,21 +51,8 @@ class RK4Cell(torch.nn.Module):
             dt: time to the next sample in s.
             p: parameters by attribute.
         """
-        h = dt / self.substeps
-        slope = self.get_buffer("ramp") * (u_next - u)
-        bend = dt * self.get_buffer("bend") @ (u_next - u)
-        for k in range(self.substeps):
-            shares = ((k + c) / self.substeps for c in (0.0, 0.5, 1.0))
-            u_0, u_mid, u_1 = (u + slope * a - bend * (a * (1.0 - a)) for a in shares)
-            k_1 = self._derivative(x, u_0, p)
-            k_2 = self._derivative(x + 0.5 * h * k_1, u_mid, p)
-            k_3 = self._derivative(x + 0.5 * h * k_2, u_mid, p)
-            k_4 = self._derivative(x + h * k_3, u_1, p)
-            x = x + (h / 6.0) * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)
-        return x
-
-    def _derivative(self, x: torch.Tensor, u: torch.Tensor, p: SimpleNamespace) -> torch.Tensor:
-        return torch.stack(self.model.derivative(x.unbind(), u.unbind(), p, self.ops))
+        c = self.cell.constants([getattr(p, name) for name in self.model.parameter_names])
+        return torch.stack(self.cell.step(x.unbind(), u.unbind(), u_next.unbind(), c, dt, self.substeps))
 
 
 class _CompiledRollout(torch.autograd.Function):
@@ -152,12 +109,12 @@ class HPinnNetwork(torch.nn.Module):
     ) -> None:
         super().__init__()
         self.model, self.trainable, self.substeps = model, tuple(trainable), substeps
-        self.cell = RK4Cell(model, friction, substeps)
+        self.cell = None if compiled else RK4Cell(model, friction, substeps)
         freed = tuple(sorted(name for name in self.trainable if model.parameter(name).fixed))
         self.kernel = compile_model(model, friction, freed) if compiled else None
         start = np.array([values[name] for name in self.trainable])
-        self.scale = np.array([_scale(model, name, values[name]) for name in self.trainable])
-        intervals = [_interval(model, name, values[name], bounds or {}) for name in self.trainable]
+        self.scale = np.array([scale_of(model, name, values[name]) for name in self.trainable])
+        intervals = [interval_of(model, name, values[name], bounds or {}) for name in self.trainable]
         self.lower, self.upper = np.array(intervals).reshape(-1, 2).T
         self.weight = torch.nn.Parameter(torch.tensor(start / self.scale, dtype=torch.float64))
         self._fixed = torch.tensor([values[name] for name in model.parameter_names], dtype=torch.float64)
@@ -191,6 +148,7 @@ class HPinnNetwork(torch.nn.Module):
                     "the compiled cell has no gradient by the start state: build HPinnNetwork with compiled=False"
                 )
             return _CompiledRollout.apply(x0, p, self.kernel, time, u, self.substeps)
+        assert self.cell is not None
         by_name = SimpleNamespace(**dict(zip(self.model.parameter_names, p.unbind(), strict=True)))
         inputs, steps, states = torch.from_numpy(u), np.diff(time), [x0]
         for k, dt in enumerate(steps):
@@ -219,7 +177,8 @@ class HPinnNetwork(torch.nn.Module):
         return tuple(name for name, on in zip(self.trainable, held, strict=True) if on)
 
 
-def _scale(model: Model, name: str, start: float) -> float:
+def scale_of(model: Model, name: str, start: float) -> float:
+    """Return what a weight is multiplied by to get the parameter: see `HPinnNetwork`."""
     p = model.parameter(name)
     if p.positive and not start > 0:
         raise JointIdError(
@@ -229,7 +188,10 @@ def _scale(model: Model, name: str, start: float) -> float:
     return start if p.positive else max(abs(start), p.spread)
 
 
-def _interval(model: Model, name: str, start: float, bounds: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
+def interval_of(
+    model: Model, name: str, start: float, bounds: Mapping[str, tuple[float, float]]
+) -> tuple[float, float]:
+    """Return the interval (lower, upper) that training keeps a parameter in."""
     p = model.parameter(name)
     lower, upper = bounds.get(name, (-np.inf, np.inf))
     lower, upper = max(lower, p.lower, POSITIVE_FLOOR * start if p.positive else -np.inf), min(upper, p.upper)

@@ -24,6 +24,15 @@ class LearningRate:
     decay_at: tuple[float, ...]
     decay_factor: float
 
+    def rmsprop(
+        self, weight: torch.nn.Parameter, epochs: int
+    ) -> tuple[torch.optim.Optimizer, torch.optim.lr_scheduler.LRScheduler]:
+        """Return the optimizer of a training with its schedule."""
+        # The paper used the Keras defaults of RMSprop: forgetting factor and epsilon differ from torch's.
+        optimizer = torch.optim.RMSprop([weight], lr=self.start, alpha=0.9, eps=1e-7)
+        milestones = [round(share * epochs) for share in self.decay_at]
+        return optimizer, torch.optim.lr_scheduler.MultiStepLR(optimizer, milestones, self.decay_factor)
+
 
 @dataclass(frozen=True)
 class Labels:
@@ -74,10 +83,7 @@ def train(
 
     Leaves the weights of the best epoch in `net`. Returns the loss of each epoch and whether all were finite.
     """
-    # The paper used the Keras defaults of RMSprop: forgetting factor and epsilon differ from torch's.
-    optimizer = torch.optim.RMSprop([net.weight], lr=rates.start, alpha=0.9, eps=1e-7)
-    milestones = [round(share * epochs) for share in rates.decay_at]
-    schedule = torch.optim.lr_scheduler.MultiStepLR(optimizer, milestones, rates.decay_factor)
+    optimizer, schedule = rates.rmsprop(net.weight, epochs)
     weights, y = torch.from_numpy(label_weights(labels.y)), torch.from_numpy(labels.y)
     mix, start, history = torch.from_numpy(labels.mix), torch.from_numpy(x0), list[float]()
     best, finite = net.weight.detach().clone(), True

@@ -38,6 +38,7 @@ class Coordinates:
         self.groups = tuple(rows[name].group for name in free)
         positive, self.lower, self.upper, self.spread = np.array(table).T.copy()
         self.positive = positive > 0.0
+        self.logarithm = self.positive.astype(float)  # the same for compiled functions
         self._all_positive = bool(self.positive.all())
         self.unit = np.where(self.positive, 1.0, self.spread)  # unit of a step: a factor e, or one spread
 

@@ -63,10 +63,10 @@ def fit_innovations(
     if outcome is None or not outcome.minimum.definite:
         diverged = UnusableError(Status.DIVERGED, f"{recording.source}: {Status.DIVERGED.advice}")
         return unusable(model, "innovations", diverged, recording)
-    return _estimate(outcome, begun)
+    return estimate_of(outcome, begun)
 
 
-def _estimate(outcome: Outcome, begun: float) -> Estimate:
+def estimate_of(outcome: Outcome, begun: float) -> Estimate:
     """Convert the minimum that was found to an `Estimate`."""
     stages, found = outcome.stages, outcome.minimum
     coordinates, data = stages.coordinates, stages.data

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Generator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -97,16 +98,18 @@ class Cost:
 
     def at(self, z: Array, levels: Array, steps: Steps, substeps: int) -> Minimum | None:
         """Run one pass at z with `steps` (T,) and `substeps` as in `Minimum`; return None if its cost is not finite."""
-        values = self.coordinates.values(z)
-        last = self.recursion.run(values, levels, steps)
-        slope, belief = self.coordinates.slope_at(values), self.belief
+        return self.after(z, self.recursion.run(self.coordinates.values(z), levels, steps), substeps)
+
+    def after(self, z: Array, last: Pass, substeps: int) -> Minimum | None:
+        """Return the point z of which `last` is the pass, with the prior; None if its cost is not finite."""
+        slope, belief = self.coordinates.slope_at(last.free), self.belief
         hessian, gradient, none = np.empty_like(last.hessian), np.empty(len(z)), np.zeros(len(z))
         cost = last.cost + self.recursion.kernel.gains.with_prior(
             last.hessian, last.gradient, slope, z, belief.mean, belief.precision, hessian, gradient
         )
         if not math.isfinite(cost):
             return None
-        return Minimum(z, levels, last, hessian, gradient, cost, substeps, False, 0, none, none)
+        return Minimum(z, last.levels, last, hessian, gradient, cost, substeps, False, 0, none, none)
 
     def step(self, here: Minimum, damping: float) -> tuple[Array, Array, float]:
         """Return the damped Newton step (k,), the point that it leads to (k,), and its squared length.
@@ -118,6 +121,10 @@ class Cost:
             here.hessian, here.gradient, here.z, at.lower, at.upper, at.unit, damping, MAX_STEP, step, there
         )
         return step, there, float(decrement)
+
+
+# Yields z and noise levels of a pass, takes the point there, returns the minimum.
+Iteration = Generator[tuple[Array, Array], Minimum | None, Minimum]
 
 
 def minimise(
@@ -138,11 +145,29 @@ def minimise(
     """
     if start is None:
         return None
+    search = iterations(cost, start, tolerance, max_iterations, noise)
+    try:
+        z, levels = next(search)
+        while True:
+            z, levels = search.send(cost.at(z, levels, start.last.steps, start.substeps))
+    except StopIteration as end:
+        found: Minimum = end.value
+        return found
+
+
+def iterations(
+    cost: Cost, start: Minimum, tolerance: float, max_iterations: int, noise: NoiseScoring | None = None
+) -> Iteration:
+    """Iterate as `minimise` does, and let the caller run the passes, so that many searches can share one.
+
+    It yields the point z (k,) and the levels (L,) of the next pass, takes what `Cost.at` returns there, and returns the
+    minimum.
+    """
     here, coordinates = start, cost.coordinates
-    damping, share, settled, iterations = 1e-3, 1.0, False, 0
+    damping, share, settled, taken = 1e-3, 1.0, False, 0
     push, noise_decrement = np.zeros_like(here.levels), np.inf if noise else 0.0
     moved = True
-    while iterations < max_iterations:
+    while taken < max_iterations:
         if noise is not None and moved and noise_decrement >= 0.1 * tolerance:  # else the noise levels have settled
             before = push
             push, noise_decrement = noise.step(here.last)
@@ -157,8 +182,8 @@ def minimise(
             if free_step and noise is not None:  # with rough noise levels this step would go back to the prior
                 here = replace(here, z=coordinates.clip(here.z + dz), levels=levels)
             break
-        iterations += 1
-        there = cost.at(z, levels, start.last.steps, start.substeps)
+        taken += 1
+        there = yield z, levels
         small = decrement + noise_decrement < 1.0
         moved = there is not None and (there.cost < here.cost or (small and there.cost < here.cost + 1.0))
         if moved:
@@ -171,7 +196,7 @@ def minimise(
     left = np.zeros_like(here.z)
     if damping > STRONG_DAMPING:  # the steps became short because the cost rose along them
         left = way_left(here, coordinates)
-    return replace(here, settled=settled, iterations=iterations, left=left)
+    return replace(here, settled=settled, iterations=taken, left=left)
 
 
 def newton_step(matrix: Array, gradient: Array, held: NDArray[np.bool_]) -> Array:

@@ -21,36 +21,6 @@ from joint_id_core.estimators.shared.initial_state import start_state
 STATE_NOISE = 1e-18
 
 
-@dataclass(frozen=True)
-class Pass:
-    """Result of one pass. Gradient and matrix refer to the physical values of the free parameters.
-
-    Attributes:
-        cost: sum of e^2/S + log S over all labels.
-        errors, variances: innovations e and their variances S, shape (T, labels); 0 and 1 where a label is missing. S
-            is infinite where labels tell the state only (`FitData.settling`).
-        hessian: Gauss-Newton matrix, shape (free, free): sum s s', s the derivative of a predicted label over sqrt(S).
-        gradient: sum s e/sqrt(S), minus half the slope of the cost, shape (free,).
-        states: filtered states, shape (T, n).
-        free, levels, steps: the arguments of the pass: free parameters, noise variances, integrator steps.
-    """
-
-    cost: float
-    errors: Array
-    variances: Array
-    hessian: Array
-    gradient: Array
-    states: Array
-    free: Array
-    levels: Array
-    steps: Steps
-
-    @cached_property
-    def residuals(self) -> Array:
-        """Normalised innovations e/sqrt(S), shape (T, labels), 0 where a label is missing."""
-        return np.asarray(self.errors / np.sqrt(self.variances))
-
-
 class NoiseInformation(NamedTuple):
     """What a record says of the logarithms of the noise levels.
 
@@ -64,6 +34,38 @@ class NoiseInformation(NamedTuple):
     score: Array
     matrix: Array
     cross: Array
+
+
+@dataclass(frozen=True)
+class Pass:
+    """Result of one pass. Gradient and matrix refer to the physical values of the free parameters.
+
+    Attributes:
+        cost: sum of e^2/S + log S over all labels.
+        errors, variances: innovations e and their variances S, shape (T, labels); 0 and 1 where a label is missing. S
+            is infinite where labels tell the state only (`FitData.settling`).
+        hessian: Gauss-Newton matrix, shape (free, free): sum s s', s the derivative of a predicted label over sqrt(S).
+        gradient: sum s e/sqrt(S), minus half the slope of the cost, shape (free,).
+        states: filtered states, shape (T, n).
+        free, levels, steps: the arguments of the pass: free parameters, noise variances, integrator steps.
+        noise: what the record says of the noise levels, if the pass has computed it on its way.
+    """
+
+    cost: float
+    errors: Array
+    variances: Array
+    hessian: Array
+    gradient: Array
+    states: Array
+    free: Array
+    levels: Array
+    steps: Steps
+    noise: NoiseInformation | None = None
+
+    @cached_property
+    def residuals(self) -> Array:
+        """Normalised innovations e/sqrt(S), shape (T, labels), 0 where a label is missing."""
+        return np.asarray(self.errors / np.sqrt(self.variances))
 
 
 class Recursion:
@@ -101,6 +103,11 @@ class Recursion:
         self._J, self._no_parameters = np.empty((T, m, len(kernel.sensitive))), np.empty((T, m, 0))
         self._F[-1] = 0.0
         self._latest: Pass | None = None
+
+    @property
+    def restarts(self) -> dict[int, tuple[Array, Array]]:
+        """Samples at which the state starts again, with its mean (n,) and variances (n,) there."""
+        return {int(t): (self._X0[self._begin[t]], self._V0[self._begin[t]]) for t in np.flatnonzero(self._begin >= 0)}
 
     def started_near(self, near: Array | None) -> Recursion:
         """Return the same recursion with other values `near`."""
@@ -205,6 +212,8 @@ class Recursion:
         Raises:
             JointIdError: `result` is not the latest pass, the only one whose gains are kept.
         """
+        if result.noise is not None and not with_parameters:
+            return result.noise
         self._require_latest(result)
         a, levels = self.data, result.levels
         score, matrix = np.empty_like(levels), np.empty((len(levels), len(levels)))

@@ -83,14 +83,14 @@ class Search:
         coordinates = Coordinates(data.model, data.free, data.priors)
         self._belief = belief or Belief.before_data(data, coordinates)
         cost = Cost(Recursion(data, kernel), coordinates, self._belief)
-        self._stages = Stages(cost, options, NoiseLevels.of(data), rough_states(data), tell)
+        self.stages = Stages(cost, options, NoiseLevels.of(data), rough_states(data), tell)
 
     def warm(self, previous: Estimate) -> Outcome | None:
         """Start from a previous estimate (warm start); return None if it does not fit the data or no pass is finite.
 
         The previous estimate must have the same free parameters and the same noise levels.
         """
-        stages, names = self._stages, self._stages.data.noise_names
+        stages, names = self.stages, self.stages.data.noise_names
         if previous.free != stages.data.free or set(previous.noise) != set(names):
             return None
         coordinates, values = stages.coordinates, previous.values
@@ -117,7 +117,7 @@ class Search:
         If all states are measured, it ends with the first fit that describes the data. With unmeasured states the best
         minimum must also have been reached from two starts, and the data must tell all parameters.
         """
-        stages, data = self._stages, self._stages.data
+        stages, data = self.stages, self.stages.data
         measured = len(data.labels) == len(data.model.states)  # usually one minimum
         tolerance = None if measured else TOLERANCE  # the costs of several minima are compared
         ends: list[Minimum] = []
@@ -132,8 +132,19 @@ class Search:
             sure = agreed and not explained(data, best.last.residuals).reasons and not _others(ends, best)
             if sure and (measured or np.max(np.sqrt(np.diag(best.covariance)) / stages.coordinates.unit) < UNSURE):
                 break
+        return self.concluded(ends, 1 + EXTRA_STARTS)
+
+    def concluded(self, ends: list[Minimum], tried: int) -> Outcome | None:
+        """Return what the ends of the starts tell together, with enough integrator steps; None if there are none.
+
+        `tried` is the number of starts.
+        """
         if not ends:
             return None
+        stages, data = self.stages, self.stages.data
+        measured = len(data.labels) == len(data.model.states)
+        tolerance = None if measured else TOLERANCE
+        agreed = measured or _lowest(ends)[1]
         ends.sort(key=lambda end: end.cost)
         for k, end in enumerate(ends):
             ends[k] = stages.most_likely(end)
@@ -142,7 +153,7 @@ class Search:
                 break
         best = min(ends, key=lambda end: end.cost)
         doubt = alone = ""
-        starts, others = f"of {1 + EXTRA_STARTS} starts", _others(ends, best)
+        starts, others = f"of {tried} starts", _others(ends, best)
         if len(ends) == 1 and not agreed:
             doubt = f"only one {starts} led to a minimum, the others nowhere, so a better one may exist"
         elif not agreed:
@@ -156,7 +167,7 @@ class Search:
 
     def _end(self, k: int, best: Array | None, measured: bool, tolerance: float | None) -> Minimum | None:
         """Return where start k ends, `best` (k,) being where the best one ended; None if it gives no finite cost."""
-        stages, z, after = self._stages, self._belief.mean, k - 1 - len(FROM_PRIOR)
+        stages, z, after = self.stages, self._belief.mean, k - 1 - len(FROM_PRIOR)
         if k:
             stages.tell(f"start {k + 1} of {1 + EXTRA_STARTS}")
         if 0 < k <= len(FROM_PRIOR):
@@ -175,7 +186,7 @@ class Search:
         measured. A window that begins in motion starts loaded, one that begins with a jump of the drive starts relaxed.
         The likelihood of the first samples decides.
         """
-        stages, data = self._stages, self._stages.data
+        stages, data = self.stages, self.stages.data
         if "motor_position" not in set(data.model.state_names) - set(data.labels):
             return False
         p, count = stages.cost.values(z), len(data.time)

@@ -16,7 +16,7 @@ CONSTANT = "k_t"  # of the torque: with a current as drive it scales every torqu
 def with_held_values(estimate: Estimate, model: Model, settings: ParameterSettings | None) -> Estimate:
     """Return an estimate whose held parameters have the standard deviations that the user has given for them."""
     known = {} if settings is None else settings.deviations
-    held = {p.name for p in estimate.parameters if p.verdict is Verdict.FIXED and p.name in known}
+    held = {p.name for p in estimate.parameters if p.verdict is Verdict.FIXED and p.name in known} if known else ()
     if not held:
         return estimate
     rows = tuple(replace(p, std_dev=known[p.name]) if p.name in held else p for p in estimate.parameters)

@@ -7,6 +7,7 @@ filter starts again where motion begins.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -82,6 +83,18 @@ def surely_moves(name: str, values: Array, period: float, noise: float) -> bool:
     if not name.endswith(MOTION) or slack > CREDIBLE * scale or len(values) < count:
         return False
     return bool(compile_shared().always_moves(values, count, slack + SLOW * scale))
+
+
+def sure_speed(name: str, noise: float) -> float:
+    """Return the speed above which a single sample of a label with this standard deviation belongs to no rest.
+
+    In a rest, as `still` finds it, neither the mean speed nor the range of speeds is larger than half of that. inf if
+    the label does not show speed.
+    """
+    slack, scale = NOISY * noise, CHANNELS[name].scale
+    if not name.endswith("_velocity") or slack > CREDIBLE * scale:
+        return math.inf
+    return 2.0 * (slack + SLOW * scale)
 
 
 def still_in_record(labels: tuple[str, ...], y: Array, period: float) -> NDArray[np.bool_]:
