@@ -128,8 +128,8 @@ def _limits(asked: JointRequest) -> tuple[str, JointLimits]:
 
 def _model(asked: JointRequest, joint: str) -> tuple[Model, ParameterSettings]:
     """Return the model and its settings, with those of the robot's file for the joint below the user's."""
-    from joint_id_core.jobs.robot_file import robot_settings
     from joint_id_core.design.plant import plant_of
+    from joint_id_core.jobs.robot_file import robot_settings
 
     if "model" not in asked.model_options:
         raise JointIdError(
