@@ -56,6 +56,11 @@ class Process:
         return self._output.read_text(errors="replace")
 
     @property
+    def pid(self) -> int:
+        """Number of the process."""
+        return self._popen.pid
+
+    @property
     def running(self) -> bool:
         """Whether the process is there."""
         return self._popen.poll() is None

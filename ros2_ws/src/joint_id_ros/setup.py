@@ -29,8 +29,14 @@ setup(
             "arm_identifier = joint_id_ros.running:arm_identifier",
             "driver = joint_id_ros.running:driver",
             "watch = joint_id_ros.running:watch",
+            "fleet = joint_id_ros.running:fleet",
+            "watch_fleet = joint_id_ros.running:watch_fleet",
         ],
-        "joint_id.commands": ["record = joint_id_ros.record:record", "watch = joint_id_ros.watch:watch"],
+        "joint_id.commands": [
+            "record = joint_id_ros.record:record",
+            "watch = joint_id_ros.watch:watch",
+            "fleet = joint_id_ros.fleet_command:fleet",
+        ],
         "joint_id.checks": ["ros = joint_id_ros.doctor:checks"],
     },
 )

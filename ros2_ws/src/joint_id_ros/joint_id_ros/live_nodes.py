@@ -11,15 +11,29 @@ GONE_S = 60.0  # from which it is left out
 
 
 class LiveNodes:
-    """Keeps the newest status of every node."""
+    """Keeps the newest status of every node of a namespace."""
 
-    def __init__(self) -> None:
+    def __init__(self, namespace: str = "/") -> None:
+        """Begin without nodes; those of other namespaces, robots of their own, are left out."""
+        self._below = f"{namespace.rstrip('/')}/"
         self._heard: dict[str, tuple[float, DiagnosticStatus]] = {}
 
     def put(self, message: DiagnosticArray) -> None:
         """Take diagnostics."""
         now = time.monotonic()
-        self._heard |= {status.name: (now, status) for status in message.status}
+        self._heard |= {s.name: (now, s) for s in message.status if s.name.startswith(self._below)}
+
+    def silent(self, name: str) -> bool:
+        """Whether a node that reported once does not report any more."""
+        heard = self._heard.get(name)
+        return heard is not None and time.monotonic() - heard[0] > SILENT_S
+
+    def worst(self, below: str) -> tuple[int, str]:
+        """Return the worst level of the nodes whose names begin with `below`, and what these say."""
+        rows = [row for row in self.rows() if str(row["name"]).startswith(below)]
+        level = max((int(str(row["level"])) for row in rows), default=0)
+        said = [f"{str(row['name']).removeprefix(below)}: {row['message']}" for row in rows if row["level"] == level]
+        return level, "; ".join(said) if level else ""
 
     def rows(self) -> list[dict[str, object]]:
         """Return the rows of the page."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from functools import partial
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock
@@ -44,8 +45,8 @@ END_S = 0.5  # period of the checks whether the node to end with has gone
 class IdentifierNode(ManagedNode):
     """Identifies every joint from its samples in a thread, and publishes the latest estimates."""
 
-    def __init__(self) -> None:
-        super().__init__("identifier", IdentifierOptions, OnlineOptions, BaselineOptions, ReadingOptions)
+    def __init__(self, **how: Any) -> None:
+        super().__init__("identifier", IdentifierOptions, OnlineOptions, BaselineOptions, ReadingOptions, **how)
         self._setup = IdentifierSetup(IdentifierOptions(), OnlineOptions())
         self._preparation: Preparation | None = None
         self._worker: Worker | None = None
