@@ -8,7 +8,7 @@ from typing import Any
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import InvalidTopicNameException
+from rclpy.exceptions import InvalidNamespaceException, InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -29,9 +29,17 @@ class Recorder(Node):
         count: number of messages written.
     """
 
-    def __init__(self, output: Path, topics: list[str]) -> None:
-        super().__init__("record", start_parameter_services=False, enable_rosout=False)
-        self.count = 0
+    def __init__(self, output: Path, topics: list[str], namespace: str = "") -> None:
+        """Begin to look for topics: those named, relative to the namespace, or else all that are in it.
+
+        Raises:
+            JointIdError: a name that is none.
+        """
+        try:
+            super().__init__("record", namespace=namespace, start_parameter_services=False, enable_rosout=False)
+        except InvalidNamespaceException as error:
+            raise JointIdError(f"namespace: {' '.join(str(error).split())}") from None
+        self.count, self._below = 0, f"{self.get_namespace().rstrip('/')}/"
         try:
             self._wanted = {self.resolve_topic_name(topic) for topic in topics}
         except (InvalidTopicNameException, ValueError) as error:
@@ -73,7 +81,8 @@ class Recorder(Node):
     def _discover(self) -> None:
         """Subscribe to new topics that are wanted and published."""
         for topic, types in self.get_topic_names_and_types():
-            if topic in self._counts or topic in self._refused or (self._wanted and topic not in self._wanted):
+            wanted = topic in self._wanted if self._wanted else topic.startswith(self._below)
+            if topic in self._counts or topic in self._refused or not wanted:
                 continue
             publishers = self.get_publishers_info_by_topic(topic)
             if not publishers:
