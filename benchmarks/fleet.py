@@ -79,7 +79,7 @@ def _robots(args: argparse.Namespace) -> Iterator[dict[str, Any]]:
 def _measured(watcher: Watcher, processes: dict[str, list[int]], source: int, duration: float) -> dict[str, Any]:
     pids = [(kind, pid) for kind, some in processes.items() for pid in some]
     before, counts = {pid: cpu_s(pid) for _, pid in [*pids, ("", source)]}, watcher.counts()
-    begun = time.monotonic()
+    begun, watcher.lag_s = time.monotonic(), 0.0
     watcher.spin_for(duration)
     took, after = time.monotonic() - begun, watcher.counts()
     robots = len(watcher.identifiers)

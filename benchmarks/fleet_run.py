@@ -105,7 +105,6 @@ class Watcher(Node):
 
     def counts(self) -> dict[str, int]:
         """Samples that identifiers received, their fits, and samples that anything on their way has lost."""
-        self.lag_s = 0.0
         total = {"samples": 0, "fits": 0, "lost": 0}
         for name, values in self._newest.items():
             for key, text in values.items():

@@ -125,6 +125,12 @@ class Members:
             member.node.destroy_node()
 
 
+def load(robots: Iterable[Robot]) -> None:
+    """Import what the nodes of robots need."""
+    for name in {start.name for robot in robots for start in robot.starts}:
+        node_class(name)
+
+
 def _made(robot: str, start: NodeStart) -> Runnable:
     """Make a node of a robot, with its own arguments and none of those of this process."""
     arguments = ["--ros-args", "-r", f"__ns:=/{robot}"]

@@ -49,6 +49,18 @@ def test_a_robot_has_the_arguments_of_all_and_its_own(tmp_path):
     assert [start.name for start in welder.starts] == ["driver", "filter", "arm_identifier"]
 
 
+def test_the_file_on_the_page_of_the_node_is_right(tmp_path):
+    page = Path(__file__).resolve().parents[4] / "docs/nodes/fleet.md"
+    if not page.exists():
+        pytest.skip("the docs are not beside the package")
+    found = robots(tmp_path, page.read_text().split("```text\n")[1].split("```")[0])
+    assert [(one.name, one.problem) for one in found] == [
+        ("cell_1/ur_a", ""),
+        ("cell_1/ur_b", ""),
+        ("cell_2/welder", ""),
+    ]
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

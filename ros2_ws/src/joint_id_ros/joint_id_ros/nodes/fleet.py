@@ -10,7 +10,7 @@ from rclpy.task import Future
 
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.fleet_processes import FleetProcesses
-from joint_id_ros.members import Members
+from joint_id_ros.members import Members, load
 from joint_id_ros.options.fleet import FleetOptions
 from joint_id_ros.parameters import declare, read
 from joint_id_ros.robots_file import Robot, read_robots
@@ -27,6 +27,7 @@ class FleetNode(Node):
         declare(self, FleetOptions)
         self._options = read(self, FleetOptions)
         self._robots = read_robots(self._options.robots)
+        load(self._robots)  # takes seconds, in which no diagnostics are due yet
         self._diagnostics = Diagnostics(self, self._health)
         self._processes: FleetProcesses | None = None
         self.streams: Members | None = None
