@@ -51,8 +51,7 @@ class IdentifierNode(ManagedNode):
         self._preparation: Preparation | None = None
         self._worker: Worker | None = None
         self._sources: Sources | None = None
-        self._order = StampOrder()
-        self._latest = LatestEstimates(self)
+        self._order, self._latest = StampOrder(), LatestEstimates(self)
         self._fits: Counter[str] = Counter()
         self._report = IdentifierHealth()
         self._heard_s: float | None = None  # when the last sample came
