@@ -114,6 +114,15 @@ def test_processes_share_the_robots_and_one_that_is_killed_is_started_again(star
     assert fleet.wait() == 0 and not children(fleet, "part:=")
 
 
+def test_processes_end_with_the_one_that_started_them_even_if_it_is_killed(start, probe, tmp_path):
+    fleet = start("fleet", robots=written(tmp_path, [entry("a", 1), entry("b", 2)]), processes=2)
+    probe.until(lambda: probe.told("fleet_1", "a") and probe.told("fleet_2", "b"), "both parts")
+    begun = children(fleet, "part:=")
+    assert len(begun) == 2
+    fleet.signal(signal.SIGKILL)
+    probe.until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in begun), "their end")
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

@@ -10,7 +10,16 @@ from collections.abc import Callable, Sequence
 
 AGAIN_S = 2.0  # after which a process that ended is started again
 STOP_S = 15.0  # time to end after a signal
-PROGRAM = "import sys; from joint_id_ros.running import fleet; sys.exit(fleet())"
+# Where the process that started it is killed, its standard input ends, and so does the fleet.
+PROGRAM = """
+import os, signal, sys, threading
+def follow():
+    os.read(0, 1)
+    os.kill(os.getpid(), signal.SIGTERM)
+threading.Thread(target=follow, daemon=True).start()
+from joint_id_ros.running import fleet
+sys.exit(fleet())
+"""
 
 
 class FleetProcesses:
@@ -64,4 +73,6 @@ class FleetProcesses:
     @staticmethod
     def _start(arguments: Sequence[str]) -> subprocess.Popen[bytes]:
         # In a session of its own: Ctrl-C in a terminal reaches this process alone, which ends the others.
-        return subprocess.Popen([sys.executable, "-c", PROGRAM, *arguments], start_new_session=True)
+        return subprocess.Popen(
+            [sys.executable, "-c", PROGRAM, *arguments], stdin=subprocess.PIPE, start_new_session=True
+        )

@@ -30,10 +30,12 @@ class LiveNodes:
 
     def worst(self, below: str) -> tuple[int, str]:
         """Return the worst level of the nodes whose names begin with `below`, and what these say."""
-        rows = [row for row in self.rows() if str(row["name"]).startswith(below)]
-        level = max((int(str(row["level"])) for row in rows), default=0)
-        said = [f"{str(row['name']).removeprefix(below)}: {row['message']}" for row in rows if row["level"] == level]
-        return level, "; ".join(said) if level else ""
+        now, found = time.monotonic(), []
+        for name, (at, status) in self._heard.items():
+            if name.startswith(below) and now - at < GONE_S:
+                found.append((_level(now - at, status), f"{name.removeprefix(below)}: {_says(now - at, status)}"))
+        level = max((level for level, _ in found), default=0)
+        return level, "; ".join(sorted(text for own, text in found if own == level)) if level else ""
 
     def rows(self) -> list[dict[str, object]]:
         """Return the rows of the page."""
@@ -43,10 +45,17 @@ class LiveNodes:
 
 
 def _row(name: str, age_s: float, status: DiagnosticStatus) -> dict[str, object]:
-    silent = age_s > SILENT_S
     return {
         "name": name,
-        "level": int.from_bytes(DiagnosticStatus.STALE if silent else status.level, "little"),
-        "message": f"silent for {age_s:.0f} s" if silent else status.message,
+        "level": _level(age_s, status),
+        "message": _says(age_s, status),
         "values": [[v.key, v.value] for v in status.values],
     }
+
+
+def _level(age_s: float, status: DiagnosticStatus) -> int:
+    return int.from_bytes(DiagnosticStatus.STALE if age_s > SILENT_S else status.level, "little")
+
+
+def _says(age_s: float, status: DiagnosticStatus) -> str:
+    return f"silent for {age_s:.0f} s" if age_s > SILENT_S else str(status.message)
