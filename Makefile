@@ -1,4 +1,4 @@
-# make setup | test | test-long | test-haswell | lint | demo | paper | paper-quick | bench-rtde | bench-graph | bench-cancel | bench-speed | bench-stats | bench-drift | bench-online | bench-robots | bench-batch | clean
+# make setup | test | test-long | test-haswell | lint | demo | paper | paper-quick | bench-rtde | bench-graph | bench-speed | bench-stats | bench-drift | bench-online | bench-robots | bench-batch | bench-fleet | clean
 # Every target sets up what it needs. Needs Python 3.11 or 3.12 with venv and headers, gcc, g++, make and a Python package index.
 
 VENV := .venv
@@ -15,7 +15,7 @@ UNIT_TESTS := $(wildcard $(WS)/src/joint_id_core/test)
 NODE_TESTS := $(wildcard $(WS)/src/joint_id_ros/test tests)
 TIMED_TESTS := tests/test_chain.py tests/test_demo.py tests/test_driver.py tests/test_driver_faults.py
 
-.PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-graph bench-cancel bench-speed bench-stats bench-drift bench-online bench-robots bench-batch clean
+.PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-graph bench-cancel bench-speed bench-stats bench-drift bench-online bench-robots bench-batch bench-fleet clean
 all: setup
 
 setup: $(WS)/install/.built
@@ -123,6 +123,10 @@ bench-robots: setup $(VENV)/.arm_peers
 # A thousand simulated bags on two cores (five minutes on a quiet computer): writes its table into docs/benchmarks.md.
 bench-batch: setup
 	$(RUN) python benchmarks/batch.py --json out/benchmarks/batch.json --docs
+
+# Many live robots in one process, in two, and in one a node; the page of all; discovery (twenty minutes). Writes the tables of docs/fleet.md.
+bench-fleet: setup
+	$(RUN) python benchmarks/fleet.py --docs
 
 clean:
 	rm -rf $(VENV) $(WS)/build $(WS)/install $(WS)/log out .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -21,6 +21,7 @@ from joint_id_core.estimators import ESTIMATORS
 from joint_id_core.formats.topics import RAW, SIGNALS
 from joint_id_core.models import LAWS, MODELS, Model, build
 from joint_id_core.results.estimate import Status
+from joint_id_ros.fleet_command import fleet
 from joint_id_ros.launch_files import LAUNCH_FILES, LaunchFile
 from joint_id_ros.options.node_list import NODES
 from joint_id_ros.record import record
@@ -44,6 +45,7 @@ COMMANDS = (
     "info",
     "record",
     "watch",
+    "fleet",
     "robot-emulator",
     "doctor",
 )
@@ -174,9 +176,10 @@ def status_table() -> str:
 
 def commands() -> dict[str, Any]:
     """The commands of `joint-id` by name, as click objects; one of a group is called GROUP-NAME."""
-    app.registered_commands = [c for c in app.registered_commands if c.callback not in (record, watch)]
+    app.registered_commands = [c for c in app.registered_commands if c.callback not in (record, watch, fleet)]
     app.command("record")(record)  # as the entry points of joint_id_ros do
     app.command("watch")(watch)
+    app.command("fleet")(fleet)
     found: dict[str, Any] = dict(typer.main.get_command(app).commands)  # type: ignore[attr-defined]  # a group
     for name, group in [(n, c) for n, c in found.items() if hasattr(c, "commands")]:
         found |= {f"{name}-{inner}": command for inner, command in group.commands.items()}

@@ -57,7 +57,7 @@ class Process:
 
     @property
     def pid(self) -> int:
-        """Its number."""
+        """Number of the process."""
         return self._popen.pid
 
     @property

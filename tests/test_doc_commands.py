@@ -36,7 +36,17 @@ SUBSTITUTIONS = (
 # Commands that run until they are stopped: nodes with their name in /diagnostics, and what another prints when ready.
 NODES = {
     f"joint-id-{name.replace('_', '-')}": name
-    for name in ("arm_identifier", "filter", "identifier", "driver", "sim", "watch", "identify", "emulated_motion")
+    for name in (
+        "arm_identifier",
+        "filter",
+        "identifier",
+        "driver",
+        "sim",
+        "watch",
+        "watch_fleet",
+        "identify",
+        "emulated_motion",
+    )
 }
 PRINTS = {"joint-id robot-emulator": "ready on ", "joint-id watch": "the page is at"}
 # What has to run beside the commands of a page, since the page says so in words.

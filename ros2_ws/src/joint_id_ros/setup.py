@@ -31,8 +31,14 @@ setup(
             "watch = joint_id_ros.running:watch",
             "identify = joint_id_ros.running:identify",
             "emulated_motion = joint_id_ros.running:emulated_motion",
+            "fleet = joint_id_ros.running:fleet",
+            "watch_fleet = joint_id_ros.running:watch_fleet",
         ],
-        "joint_id.commands": ["record = joint_id_ros.record:record", "watch = joint_id_ros.watch:watch"],
+        "joint_id.commands": [
+            "record = joint_id_ros.record:record",
+            "watch = joint_id_ros.watch:watch",
+            "fleet = joint_id_ros.fleet_command:fleet",
+        ],
         "joint_id.checks": ["ros = joint_id_ros.doctor:checks"],
     },
 )

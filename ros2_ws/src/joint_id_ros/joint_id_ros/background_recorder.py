@@ -30,7 +30,7 @@ class BackgroundRecorder:
 
     def __init__(self, node: Node, output: Path, topics: Sequence[str]) -> None:
         self.output, self.problem = output, ""
-        self._recorder = Recorder(output, [node.resolve_topic_name(topic) for topic in topics], node.context)
+        self._recorder = Recorder(output, [node.resolve_topic_name(topic) for topic in topics], context=node.context)
         self._executor = SingleThreadedExecutor(context=node.context)
         self._executor.add_node(self._recorder)
         self._stop = threading.Event()

@@ -101,7 +101,7 @@ class Diagnostics:
         if self._unknown:
             level, message = max(level, DiagnosticStatus.WARN), "; ".join((*self._unknown, message))
         status = DiagnosticStatus(level=level, name=self._node.get_fully_qualified_name(), message=message)
-        status.hardware_id = "joint_id"
+        status.hardware_id = self._node.get_namespace().strip("/") or "joint_id"  # a robot has a namespace of its own
         status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
         array = DiagnosticArray(status=[status])
         array.header.stamp = clock.to_msg()

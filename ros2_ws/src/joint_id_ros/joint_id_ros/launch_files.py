@@ -206,6 +206,13 @@ REPLAY: dict[str, dict[str, object]] = {
     "identifier": {"use_sim_time": True, "end_with": "filter"},
 }
 
+
+def _replayed(values: Values) -> dict[str, list[tuple[str, str]]]:
+    """Return other topics of a replay; two bags that are replayed side by side have a time each."""
+    clock = [("/clock", "clock")] if values[NAMESPACE.name] else []
+    return {"player": clock, "filter": [(LINK_STATES, values[LINK_STATES]), *clock], "identifier": clock}
+
+
 LAUNCH_FILES = {
     "demo": LaunchFile(
         "a simulated joint, the filter and the identifier",
@@ -227,7 +234,7 @@ LAUNCH_FILES = {
         leader="player",
         more=(Argument(LINK_STATES, "topic of the link states, e.g. joint_states", LINK_STATES),),
         own=lambda values: REPLAY,
-        remaps=lambda values: {"filter": [(LINK_STATES, values[LINK_STATES])]},
+        remaps=_replayed,
     ),
     "robot": LaunchFile(
         "driver, filter and identifier of one robot",
@@ -246,5 +253,10 @@ LAUNCH_FILES = {
             "arm_identifier": _all("arm_identifier", "reliability", "end_with"),
         },
         required=("robot_ip", "params_file"),
+    ),
+    "fleet": LaunchFile(
+        "the nodes of many robots, in one process or in some",
+        offers={"fleet": ("robots", "processes")},
+        required=("robots",),
     ),
 }

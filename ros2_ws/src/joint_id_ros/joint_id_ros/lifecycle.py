@@ -29,8 +29,9 @@ class ManagedNode(LifecycleNode):
     when it is set. While the node is configured, its parameters cannot be changed.
     """
 
-    def __init__(self, name: str, *options: type) -> None:
-        super().__init__(name)
+    def __init__(self, name: str, *options: type, **how: Any) -> None:
+        """Declare the parameters of the options; `how` is passed on to rclpy's node."""
+        super().__init__(name, **how)
         self.finished = Future()
         self.streams: Streams | None = None
         self.not_ready = "not configured yet"  # why the node does nothing; "" while it works

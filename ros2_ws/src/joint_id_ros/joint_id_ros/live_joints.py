@@ -61,7 +61,7 @@ class LiveJoints:
         data, self._params = self._params, b""
         with self._lock:
             if data:
-                self._view.take({one.joint: _seen(one) for one in deserialize_message(data, JointParams).joints})
+                self._view.take({one.joint: to_seen(one) for one in deserialize_message(data, JointParams).joints})
             return self._view.joints()
 
     def plots(self, query: Query) -> dict[str, object]:
@@ -105,7 +105,8 @@ class LiveJoints:
         return to_recordings(samples, 0, "joint_samples").get(joint) if samples else None
 
 
-def _seen(message: JointEstimate) -> Seen:
+def to_seen(message: JointEstimate) -> Seen:
+    """Return what a page shows of a published estimate."""
     changes = tuple(
         f"{c.name} changed from {c.before:.4g} ± {c.before_std_dev:.2g} to {c.after:.4g} ± {c.after_std_dev:.2g}"
         for c in message.changes

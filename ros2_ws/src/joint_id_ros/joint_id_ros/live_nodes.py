@@ -11,15 +11,31 @@ GONE_S = 60.0  # from which it is left out
 
 
 class LiveNodes:
-    """Keeps the newest status of every node."""
+    """Keeps the newest status of every node of a namespace."""
 
-    def __init__(self) -> None:
+    def __init__(self, namespace: str = "/") -> None:
+        """Begin without nodes; those of other namespaces, robots of their own, are left out."""
+        self._below = f"{namespace.rstrip('/')}/"
         self._heard: dict[str, tuple[float, DiagnosticStatus]] = {}
 
     def put(self, message: DiagnosticArray) -> None:
         """Take diagnostics."""
         now = time.monotonic()
-        self._heard |= {status.name: (now, status) for status in message.status}
+        self._heard |= {s.name: (now, s) for s in message.status if s.name.startswith(self._below)}
+
+    def silent(self, name: str) -> bool:
+        """Whether a node that reported once does not report any more."""
+        heard = self._heard.get(name)
+        return heard is not None and time.monotonic() - heard[0] > SILENT_S
+
+    def worst(self, below: str) -> tuple[int, str]:
+        """Return the worst level of the nodes whose names begin with `below`, and what these say."""
+        now, found = time.monotonic(), []
+        for name, (at, status) in self._heard.items():
+            if name.startswith(below) and now - at < GONE_S:
+                found.append((_level(now - at, status), f"{name.removeprefix(below)}: {_says(now - at, status)}"))
+        level = max((level for level, _ in found), default=0)
+        return level, "; ".join(sorted(text for own, text in found if own == level)) if level else ""
 
     def rows(self) -> list[dict[str, object]]:
         """Return the rows of the page."""
@@ -29,10 +45,17 @@ class LiveNodes:
 
 
 def _row(name: str, age_s: float, status: DiagnosticStatus) -> dict[str, object]:
-    silent = age_s > SILENT_S
     return {
         "name": name,
-        "level": int.from_bytes(DiagnosticStatus.STALE if silent else status.level, "little"),
-        "message": f"silent for {age_s:.0f} s" if silent else status.message,
+        "level": _level(age_s, status),
+        "message": _says(age_s, status),
         "values": [[v.key, v.value] for v in status.values],
     }
+
+
+def _level(age_s: float, status: DiagnosticStatus) -> int:
+    return int.from_bytes(DiagnosticStatus.STALE if age_s > SILENT_S else status.level, "little")
+
+
+def _says(age_s: float, status: DiagnosticStatus) -> str:
+    return f"silent for {age_s:.0f} s" if age_s > SILENT_S else str(status.message)

@@ -21,6 +21,7 @@ def record(
     output: Annotated[Path, typer.Argument(help="bag directory to create")],
     topics: Annotated[Optional[list[str]], typer.Argument(help="topics (default: all)")] = None,
     duration: Annotated[Optional[float], typer.Option(help="stop after this many s (default: at Ctrl-C)")] = None,
+    namespace: Annotated[str, typer.Option(help="of the robot whose topics are recorded, such as /left")] = "",
 ) -> None:
     """Record live topics to an mcap bag until Ctrl-C, SIGTERM or the end of --duration.
 
@@ -48,7 +49,7 @@ def record(
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     recorder = None
     try:
-        recorder = Recorder(output, topics or [])
+        recorder = Recorder(output, topics or [], namespace)
         executor = SingleThreadedExecutor()
         executor.add_node(recorder)
         begin = shown = time.monotonic()
@@ -68,7 +69,7 @@ def record(
     if sys.stderr.isatty():
         print("\r\x1b[K", end="", file=sys.stderr, flush=True)
     if recorder.count == 0:
-        wanted = ", ".join(topics) if topics else "any topic"
+        wanted = ", ".join(topics) if topics else f"any topic in {namespace}" if namespace else "any topic"
         raise JointIdError(f"no message arrived on {wanted}, nothing was written: check the names and ROS_DOMAIN_ID")
     print(f"{output}: {recorder.summary}")
     if recorder.silent:

@@ -10,7 +10,7 @@ from typing import Any
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
-from rclpy.exceptions import InvalidTopicNameException
+from rclpy.exceptions import InvalidNamespaceException, InvalidTopicNameException
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -33,13 +33,23 @@ class Recorder(Node):
         count: number of messages written.
     """
 
-    def __init__(self, output: Path, topics: list[str], context: Context | None = None) -> None:
-        """Begin to record; in a `context` of another node, whose names and remappings are not taken for this one."""
+    def __init__(self, output: Path, topics: list[str], namespace: str = "", context: Context | None = None) -> None:
+        """Begin to look for topics: those named, relative to the namespace, or else all that are in it.
+
+        In a `context` of another node, whose names and remappings are not taken for this one.
+
+        Raises:
+            JointIdError: a name that is none.
+        """
         alone = context is None
-        super().__init__(
-            "record", context=context, use_global_arguments=alone, start_parameter_services=False, enable_rosout=False
-        )
-        self.count = 0
+        try:
+            super().__init__(
+                "record", namespace=namespace, context=context, use_global_arguments=alone,
+                start_parameter_services=False, enable_rosout=False,
+            )  # fmt: skip
+        except InvalidNamespaceException as error:
+            raise JointIdError(f"namespace: {' '.join(str(error).split())}") from None
+        self.count, self._below = 0, f"{self.get_namespace().rstrip('/')}/"
         try:
             self._wanted = {self.resolve_topic_name(topic) for topic in topics}
         except (InvalidTopicNameException, ValueError) as error:
@@ -81,7 +91,8 @@ class Recorder(Node):
     def _discover(self) -> None:
         """Subscribe to new topics that are wanted and published."""
         for topic, types in self.get_topic_names_and_types():
-            if topic in self._counts or topic in self._refused or (self._wanted and topic not in self._wanted):
+            wanted = topic in self._wanted if self._wanted else topic.startswith(self._below)
+            if topic in self._counts or topic in self._refused or not wanted:
                 continue
             publishers = self.get_publishers_info_by_topic(topic)
             if not publishers:

@@ -15,12 +15,9 @@ import time
 from collections.abc import Sequence
 from functools import partial
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from joint_id_core.errors import JointIdError
-
-if TYPE_CHECKING:
-    from joint_id_ros.streams import Streams
 
 BAD_INPUT = 2  # exit code
 ENDED_EARLY = 3  # exit code
@@ -35,18 +32,32 @@ class EndedEarlyError(JointIdError):
     """The input ended before its end, after a part of it was used."""
 
 
+class Read(Protocol):
+    """Interface of what the main loop reads."""
+
+    read_s: float  # time until the next reading is due
+
+    def read(self) -> None:
+        """Read and pass on what has arrived."""
+
+
 class Runnable(Protocol):
     """Interface that `run` needs of a node, in addition to rclpy's Node."""
 
     finished: Any  # rclpy Future, set when there is nothing more to do; its result is None or a JointIdError
-    streams: Streams | None  # read here, and not by the executor
+    streams: Read | None  # read here, and not by the executor
 
     def close(self) -> None:
         """Stop threads and close files; called once, however the node ended."""
 
 
-def run(name: str, kind: str, arguments: Sequence[str] | None = None) -> int:
-    """Run the node class `kind` of `nodes/<name>.py` until SIGINT, SIGTERM or its own end; return the exit code.
+def node_class(name: str) -> Any:
+    """Return the class of the node `name`, such as `ArmIdentifierNode` of `nodes/arm_identifier.py`."""
+    return getattr(import_module(f"joint_id_ros.nodes.{name}"), f"{name.title().replace('_', '')}Node")
+
+
+def run(name: str, arguments: Sequence[str] | None = None) -> int:
+    """Run the node of `nodes/<name>.py` until SIGINT, SIGTERM or its own end; return the exit code.
 
     The arguments are those of ROS; None takes those of the command line.
 
@@ -70,7 +81,7 @@ def run(name: str, kind: str, arguments: Sequence[str] | None = None) -> int:
 
     from joint_id_ros.parameters import PARAMETER_ERRORS
 
-    make = getattr(import_module(f"joint_id_ros.nodes.{name}"), kind)
+    make = node_class(name)
     node = executor = None
     try:
         rclpy.init(args=None if arguments is None else list(arguments), signal_handler_options=SignalHandlerOptions.NO)
@@ -118,12 +129,14 @@ def spare_the_collector() -> None:
 
 
 # Entry points of the nodes: console scripts of setup.py.
-arm_identifier = partial(run, "arm_identifier", "ArmIdentifierNode")
-driver = partial(run, "driver", "DriverNode")
-emulated_motion = partial(run, "emulated_motion", "EmulatedMotionNode")
-filter = partial(run, "filter", "FilterNode")
-identifier = partial(run, "identifier", "IdentifierNode")
-identify = partial(run, "identify", "IdentifyNode")
-player = partial(run, "player", "PlayerNode")
-sim = partial(run, "sim", "SimNode")
-watch = partial(run, "watch", "WatchNode")
+arm_identifier = partial(run, "arm_identifier")
+driver = partial(run, "driver")
+emulated_motion = partial(run, "emulated_motion")
+filter = partial(run, "filter")
+fleet = partial(run, "fleet")
+identifier = partial(run, "identifier")
+identify = partial(run, "identify")
+player = partial(run, "player")
+sim = partial(run, "sim")
+watch = partial(run, "watch")
+watch_fleet = partial(run, "watch_fleet")

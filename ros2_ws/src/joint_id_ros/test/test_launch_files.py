@@ -81,13 +81,19 @@ def test_in_a_replay_every_node_ends_with_the_one_before_it():
     assert LAUNCH_FILES["replay"].leader == "player"
 
 
-@pytest.mark.parametrize("name", LAUNCH_FILES)
+@pytest.mark.parametrize("name", sorted(LAUNCH_FILES.keys() - {"fleet"}))  # there they stand in the robots' file
 def test_every_option_of_the_identifier_is_an_argument(name):
     names = {a.name for a in LAUNCH_FILES[name].arguments}
     (identifier,) = {"identifier", "arm_identifier"} & LAUNCH_FILES[name].offers.keys()
     mine = {f.name for options in NODES[identifier] for f in fields(options)}
     assert mine - names <= {"reliability", "end_with"}  # its samples come from our own filter
     assert "log_level" in names and ("respawn" in names) == (name != "replay")
+
+
+def test_bags_that_are_replayed_side_by_side_have_a_time_each():
+    side = starts("replay", bag="b", namespace="left")
+    assert all(("/clock", "clock") in side[node].remappings for node in ("player", "filter", "identifier"))
+    assert not any(start.remappings[1:] for start in starts("replay", bag="b").values())
 
 
 def test_the_link_states_may_come_from_another_topic():

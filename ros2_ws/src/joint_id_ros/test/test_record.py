@@ -124,3 +124,17 @@ def test_bad_input_leaves_nothing_behind(node, tmp_path, arguments, says):
     assert says in err
     assert [p.name for p in tmp_path.iterdir()] == ["present"]
     assert not list((tmp_path / "present").iterdir())
+
+
+def test_a_namespace_keeps_one_robot_a_bag(node, tmp_path):
+    names = ("/left/link_states", "/left/joint_params", "/left_over/link_states", "/link_states")
+    publishers = [node.create_publisher(JointState, name, 10) for name in names]
+    process = start(tmp_path / "bag", "--namespace", "/left")
+    wait_for_subscriptions(*publishers[:2])
+    for publisher in publishers:
+        publisher.publish(JointState(name=["a"]))
+    assert all(p.wait_for_all_acked(PATIENCE) for p in publishers[:2])
+    assert not any(p.get_subscription_count() for p in publishers[2:])
+    process.send_signal(signal.SIGINT)
+    assert process.wait(PATIENCE_S) == 0
+    assert set(messages(tmp_path / "bag")) == {"/left/link_states", "/left/joint_params"}

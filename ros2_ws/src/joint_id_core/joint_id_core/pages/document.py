@@ -23,8 +23,8 @@ class Page:
         points: of a curve, about.
     """
 
-    def __init__(self, title: str, live: str = "", points: int = MOST) -> None:
-        """Begin a page; `live` names the script of one that goes on."""
+    def __init__(self, title: str, live: Sequence[str] = (), points: int = MOST) -> None:
+        """Begin a page; `live` names the scripts of one that goes on."""
         self._title, self._live, self.points = title, live, points
         self._body: list[str] = []
         self._plots: list[dict[str, Any]] = []
@@ -47,7 +47,8 @@ class Page:
     def html(self) -> str:
         """Return the page."""
         data = json.dumps(self._plots, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
-        policy, more = (LIVE_POLICY, f"\n<script>{_asset(self._live)}</script>") if self._live else (POLICY, "")
+        policy = LIVE_POLICY if self._live else POLICY
+        more = "".join(f"\n<script>{_asset(name)}</script>" for name in self._live)
         return (
             '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
             '<meta name="viewport" content="width=device-width, initial-scale=1">'

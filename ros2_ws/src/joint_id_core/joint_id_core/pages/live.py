@@ -128,19 +128,24 @@ class LiveView:
             "good": estimate.converged, "message": estimate.message, "age": _number(seen.age_s),
             "temperature": _number(estimate.temperature), "alarms": [*seen.changes, *seen.drifts],
             "nrmse": {n: _number(v) for n, v in estimate.nrmse.items()},
-            "parameters": [
-                [
-                    p.name, f"{p.value:.5g}", f"± {WIDE * p.std_dev:.2g}" if math.isfinite(p.std_dev) else "", p.unit,
-                    p.verdict.value, p.reason,
-                ]
-                for p in estimate.parameters
-            ],
+            "parameters": parameter_rows(estimate),
         }  # fmt: skip
+
+
+def parameter_rows(estimate: Estimate) -> list[list[str]]:
+    """Return name, value, half of the 95 % interval, unit, verdict and reason of each parameter."""
+    return [
+        [
+            p.name, f"{p.value:.5g}", f"± {WIDE * p.std_dev:.2g}" if math.isfinite(p.std_dev) else "", p.unit,
+            p.verdict.value, p.reason,
+        ]
+        for p in estimate.parameters
+    ]  # fmt: skip
 
 
 def live_page(title: str, actions: Sequence[str] = tuple(ACTIONS)) -> str:
     """Return the page that shows a `LiveView`, which it asks a `server.PageServer` for."""
-    page = Page(title, "live.js")
+    page = Page(title, ("parts.js", "live.js"))
     buttons = "".join(f'<button data-action="{name}">{ACTIONS[name]}</button>' for name in actions)
     page.head(
         f'<h1>{escape(title)} <span class="status" id="link">not connected</span></h1>',
@@ -148,6 +153,7 @@ def live_page(title: str, actions: Sequence[str] = tuple(ACTIONS)) -> str:
         f'<p id="actions">{buttons} <span id="answer"></span></p>',
     )
     page.section("Changes and alarms", '<ul id="alarms"></ul>')
+    page.section("Payload", '<p id="payload"></p>')
     page.section("Joints", '<div class="wide" id="joints"></div>')
     page.section(
         "Parameters",

@@ -41,8 +41,8 @@ CHECK_S = 0.5  # period of the checks whether there are samples, or the node to 
 class ArmIdentifierNode(ManagedNode):
     """Follows an arm: publishes joint_params for every joint, and payload."""
 
-    def __init__(self) -> None:
-        super().__init__("arm_identifier", ArmIdentifierOptions, ReadingOptions)
+    def __init__(self, **how: Any) -> None:
+        super().__init__("arm_identifier", ArmIdentifierOptions, ReadingOptions, **how)
         self._options = ArmIdentifierOptions()
         self._arm: ArmKnowledge | None = None
         self._text = self._refused = ""

@@ -32,8 +32,8 @@ POLL_S = 0.1  # period of the checks, at a start without a lifecycle manager, wh
 class DriverNode(ManagedNode):
     """Publishes every valid sample of a robot, from the thread that reads them from the network."""
 
-    def __init__(self) -> None:
-        super().__init__("driver", DriverOptions, StreamOptions)
+    def __init__(self, **how: Any) -> None:
+        super().__init__("driver", DriverOptions, StreamOptions, **how)
         self._options, self._stream_options = DriverOptions(), StreamOptions()
         self._messages = JointMessages(self._options)
         self._outputs: dict[str, Any] = {}  # publishers by topic

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -36,8 +38,8 @@ KINDS = {topic.name: TYPES[topic.type.rsplit("/", 1)[-1]] for topic in (*RAW, CO
 class FilterNode(Node):
     """Joins the raw topics by stamp, passes them through the Butterworth differentiator, publishes joint_samples."""
 
-    def __init__(self) -> None:
-        super().__init__("filter")
+    def __init__(self, **how: Any) -> None:
+        super().__init__("filter", **how)
         self.finished = Future()
         declare(self, InputOptions)
         declare(self, FilterOptions)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from functools import partial
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock
@@ -44,14 +45,13 @@ END_S = 0.5  # period of the checks whether the node to end with has gone
 class IdentifierNode(ManagedNode):
     """Identifies every joint from its samples in a thread, and publishes the latest estimates."""
 
-    def __init__(self) -> None:
-        super().__init__("identifier", IdentifierOptions, OnlineOptions, BaselineOptions, ReadingOptions)
+    def __init__(self, **how: Any) -> None:
+        super().__init__("identifier", IdentifierOptions, OnlineOptions, BaselineOptions, ReadingOptions, **how)
         self._setup = IdentifierSetup(IdentifierOptions(), OnlineOptions())
         self._preparation: Preparation | None = None
         self._worker: Worker | None = None
         self._sources: Sources | None = None
-        self._order = StampOrder()
-        self._latest = LatestEstimates(self)
+        self._order, self._latest = StampOrder(), LatestEstimates(self)
         self._fits: Counter[str] = Counter()
         self._report = IdentifierHealth()
         self._heard_s: float | None = None  # when the last sample came

@@ -15,7 +15,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.formats.topics import SAMPLES
 from joint_id_core.pages.live import ACTIONS, live_page
 from joint_id_core.pages.server import Feed, PageServer, Query
-from joint_id_msgs.msg import JointParams, JointSamples
+from joint_id_msgs.msg import ArmPayload, JointParams, JointSamples
 from joint_id_ros.diagnostics import Diagnostics
 from joint_id_ros.identifier_client import IdentifierClient
 from joint_id_ros.live_joints import LiveJoints
@@ -39,7 +39,8 @@ class WatchNode(Node):
         self.finished = Future()
         declare(self, WatchOptions)
         options = read(self, WatchOptions)
-        self._joints, self._nodes, self._feed = LiveJoints(options.window_s), LiveNodes(), Feed()
+        self._joints, self._feed = LiveJoints(options.window_s), Feed()
+        self._nodes, self._payload = LiveNodes(self.get_namespace()), ""
         self._client = IdentifierClient(self, options.identifier, tuple(ACTIONS))
         self._diagnostics = Diagnostics(self)
         page = live_page(f"joint_id {self.get_namespace()}".rstrip(" /"))
@@ -51,6 +52,7 @@ class WatchNode(Node):
             self._feed,
         )
         self.create_subscription(JointParams, "joint_params", self._joints.put_params, LATEST, raw=True)
+        self.create_subscription(ArmPayload, "payload", self._on_payload, LATEST)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._nodes.put, QoSProfile(depth=50))
         topics = {SAMPLES.name: JointSamples}
         self._sources = Sources(self, (), options.reliability, self._diagnostics, lambda *_: None)
@@ -71,6 +73,9 @@ class WatchNode(Node):
         if message.error is None:
             self._joints.put_samples(message)
 
+    def _on_payload(self, message: ArmPayload) -> None:
+        self._payload = message.message
+
     def _act(self, action: str, _: Query) -> str:
         answer = self._client.call(action)
         self.get_logger().info(f"{action}: {answer}")
@@ -81,4 +86,4 @@ class WatchNode(Node):
             self._joints.options = self._joints.options or self._client.options()
         except JointIdError as error:
             self._diagnostics.problem("options of the identifier", str(error))
-        self._feed.publish({"joints": self._joints.update(), "nodes": self._nodes.rows()})
+        self._feed.publish({"joints": self._joints.update(), "nodes": self._nodes.rows(), "payload": self._payload})

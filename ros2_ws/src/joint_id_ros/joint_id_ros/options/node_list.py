@@ -11,13 +11,14 @@ from joint_id_ros.options.arm_identifier import ArmIdentifierOptions
 from joint_id_ros.options.baselines import BaselineOptions
 from joint_id_ros.options.driver import DriverOptions
 from joint_id_ros.options.emulated_motion import EmulatedMotionOptions
+from joint_id_ros.options.fleet import FleetOptions
 from joint_id_ros.options.identifier import IdentifierOptions
 from joint_id_ros.options.identify import IdentifyOptions
 from joint_id_ros.options.load import LoadOptions
 from joint_id_ros.options.player import PlayerOptions
 from joint_id_ros.options.reading import FilterReadingOptions, ReadingOptions
 from joint_id_ros.options.sim import SimOptions
-from joint_id_ros.options.watch import WatchOptions
+from joint_id_ros.options.watch import WatchFleetOptions, WatchOptions
 
 NODES: dict[str, tuple[type, ...]] = {
     "sim": (SimOptions, MotionOptions),
@@ -29,4 +30,6 @@ NODES: dict[str, tuple[type, ...]] = {
     "watch": (WatchOptions,),
     "identify": (IdentifyOptions,),
     "emulated_motion": (EmulatedMotionOptions,),
+    "fleet": (FleetOptions,),
+    "watch_fleet": (WatchFleetOptions,),
 }

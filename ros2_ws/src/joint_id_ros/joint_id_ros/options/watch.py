@@ -21,3 +21,13 @@ class WatchOptions:
 
     def __post_init__(self) -> None:
         check(self)
+
+
+@dataclass(frozen=True)
+class WatchFleetOptions:
+    """Where the page of a fleet is."""
+
+    port: int = same_option(WatchOptions, "port")
+
+    def __post_init__(self) -> None:
+        check(self)

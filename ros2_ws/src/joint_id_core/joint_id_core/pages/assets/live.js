@@ -6,40 +6,7 @@
   let busy = false;
   let drawn = "";
 
-  const text = (tag, content, look = "") => {
-    const element = document.createElement(tag);
-    element.textContent = content == null ? "-" : String(content);
-    if (look) element.className = look;
-    return element;
-  };
-
-  function table(place, head, rows) {
-    const all = document.createElement("table");
-    const top = all.createTHead().insertRow();
-    head.forEach((cell) => top.append(text("th", cell)));
-    const body = all.createTBody();
-    for (const [cells, choose] of rows) {
-      const row = body.insertRow();
-      cells.forEach((cell) => row.append(cell instanceof Element ? cell : text("td", cell)));
-      if (choose) {
-        row.tabIndex = 0;
-        row.className = choose === chosen ? "chosen" : "choice";
-        row.onclick = () => select(choose);
-        row.onkeydown = (event) => { if (event.key === "Enter") select(choose); };
-      }
-    }
-    place.replaceChildren(all);
-  }
-
-  function list(place, texts, none) {
-    place.replaceChildren(...(texts.length ? texts : [none]).map((t) => text("li", t)));
-  }
-
-  function badge(word, look) {
-    const cell = document.createElement("td");
-    cell.append(text("span", word, `status ${look}`));
-    return cell;
-  }
+  const { text, table, list, badge, PARAMETERS } = jointId;
 
   function select(joint) {
     chosen = joint;
@@ -60,12 +27,13 @@
     table($("joints"), ["joint", "status", "model", "age [s]", "temperature [°C]", "nrmse"], joints.map((j) => [[
       j.joint, badge(j.status, j.good ? "good" : j.status === "disagree" ? "fair" : ""), j.model, j.age, j.temperature,
       Object.entries(j.nrmse).map(([n, v]) => `${n} ${v == null ? "-" : v}`).join(", "),
-    ], j.joint]));
+    ], j.joint]), chosen, select);
     const joint = joints.find((j) => j.joint === chosen);
     $("report").href = `report?joint=${encodeURIComponent(chosen)}`;
     $("says").textContent = joint ? `${joint.joint}: ${joint.message}` : "";
-    if (joint) table($("parameters"), ["parameter", "value", "± (95 %)", "unit", "verdict", "reason"],
-      joint.parameters.map((row) => [row]));
+    if (joint) table($("parameters"), PARAMETERS, joint.parameters.map((row) => [row]));
+    $("payload").textContent = state.payload || "";
+    $("payload").parentElement.hidden = !state.payload;
     table($("nodes"), ["node", "state", "what it says", "values"], state.nodes.map((n) => [[
       n.name, badge(["ok", "warning", "error", "silent"][n.level] || "?", ["good", "fair"][n.level] || ""), n.message,
       n.values.map(([k, v]) => `${k}: ${v}`).join("; "),
