@@ -21,7 +21,7 @@ SAYS = {
     "04": r"m_gl: (9|9\.0\d*|8\.99\d*) ± ",
     "05": r"best: rigid_joint:stribeck\n",
     "06": r"k_t known to 5 %: J = \S+ ± 0\.0(4|5|6)",
-    "07": r"5\.95 s  k_1 = (59|60)\d\d\.\d ± .* converged",
+    "07": r"6\.00 s  k_1 = (59|60)\d\d\.\d ± .* converged",
     "08": r"innovations: converged",
     "09": r"(?s)link_position: predicted 0\.1 s ahead to 0\.00",
     "10": r"see fit\.png",

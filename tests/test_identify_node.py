@@ -146,6 +146,7 @@ def test_a_joint_is_identified_by_a_motion_made_for_it_and_another_goal_is_rejec
     assert not bench.probe.call(Trigger, "identify/go", Trigger.Request()).success
 
 
+@pytest.mark.long
 def test_a_motion_is_planned_from_where_the_joint_is_and_its_promise_holds(known_bench):
     bench = known_bench
     wrong = bench.folder / "wrong.csv"
@@ -259,6 +260,7 @@ def test_a_full_disk_and_a_robot_that_is_killed_end_the_goal_and_lose_nothing(be
     assert bench.mover.wait() == 0
 
 
+@pytest.mark.long
 def test_a_motion_that_the_user_starts_at_the_robot_is_recognised(bench):
     """Without the node that moves the robot, as on a real one."""
     bench.mover.signal(signal.SIGINT)

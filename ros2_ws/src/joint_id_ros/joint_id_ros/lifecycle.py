@@ -8,6 +8,8 @@ from dataclasses import fields
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
@@ -19,6 +21,7 @@ from joint_id_ros.parameters import declare, from_ros
 from joint_id_ros.running import spare_the_collector
 from joint_id_ros.streams import Streams
 
+START_S = 0.01  # after which a node starts by itself
 SUCCESS, FAILURE, ERROR = (getattr(TransitionCallbackReturn, name) for name in ("SUCCESS", "FAILURE", "ERROR"))
 
 
@@ -66,6 +69,16 @@ class ManagedNode(LifecycleNode):
     def start(self) -> bool:
         """Configure and activate without a lifecycle manager; return whether both succeeded."""
         return self.trigger_configure() == SUCCESS and self.trigger_activate() == SUCCESS
+
+    def start_soon(self) -> None:
+        """Start as soon as the node spins, unless a lifecycle manager is to do it (parameter `autostart`)."""
+
+        def start() -> None:
+            timer.cancel()
+            if self.get_parameter("autostart").value and not self._configured:
+                self.start()
+
+        timer = self.create_timer(START_S, start, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Check every parameter and lock the parameters."""

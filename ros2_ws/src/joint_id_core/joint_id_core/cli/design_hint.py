@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import build
-from joint_id_core.results.verdict import Verdict
 
 if TYPE_CHECKING:
     from joint_id_core.jobs.fit_job import FitJob
@@ -22,6 +21,8 @@ def design_hint(estimate: Estimate, job: FitJob) -> str:
 
     It holds what the fit found and what it was told, so that the motion is designed for this joint.
     """
+    from joint_id_core.results.verdict import Verdict  # loads NumPy
+
     model = build(estimate.model, **estimate.model_options)
     unseen = [
         p.name

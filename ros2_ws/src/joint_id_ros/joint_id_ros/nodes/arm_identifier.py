@@ -34,7 +34,6 @@ from joint_id_ros.sources import Sources
 from joint_id_ros.streams import Streams
 
 PACE_S = 0.1  # time between two readings of the samples
-START_S = 0.01  # after which the node starts, if no lifecycle manager is to do it
 CHECK_S = 0.5  # period of the checks whether there are samples, or the node to end with has gone
 
 
@@ -57,12 +56,7 @@ class ArmIdentifierNode(ManagedNode):
         self._silent = 0
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(CHECK_S, self._on_timer, clock=steady)
-        self._starter = self.create_timer(START_S, self._start_by_itself, clock=steady)
-
-    def _start_by_itself(self) -> None:
-        self._starter.cancel()
-        if self.get_parameter("autostart").value and not self._configured:
-            self.start()
+        self.start_soon()
 
     def prepare(self) -> None:
         """Check the parameters, and read the description if it is in a file."""

@@ -32,7 +32,6 @@ from joint_id_ros.running import SIGNALS
 
 TICK_S = 0.02  # between two steps of a goal
 TELL_S = 0.5  # between two feedbacks of the same phase
-START_S = 0.01  # after which the node starts, if no lifecycle manager is to do it
 ALONE = "one identification at a time: wait for its result, or cancel it"
 
 
@@ -54,12 +53,7 @@ class IdentifyNode(ManagedNode):
         self._diagnostics = Diagnostics(self, self._health)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(TICK_S, self._tick, clock=steady)
-        self._starter = self.create_timer(START_S, self._start_by_itself, clock=steady)
-
-    def _start_by_itself(self) -> None:
-        self._starter.cancel()
-        if self.get_parameter("autostart").value and not self._configured:
-            self.start()
+        self.start_soon()
 
     def prepare(self) -> None:
         """Check the parameters."""
