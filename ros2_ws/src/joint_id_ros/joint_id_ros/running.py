@@ -26,6 +26,7 @@ ENDED_EARLY = 3  # exit code
 SIGNALS: list[int] = []
 POLL_S = 0.1  # longest time until a signal is noticed in an idle node
 TURN_S = 0.05  # time between two turns of the executor in a node that reads streams
+TURN_LASTS_S = 0.004  # of such a turn, mostly
 
 
 class EndedEarlyError(JointIdError):
@@ -94,14 +95,15 @@ def run(name: str, arguments: Sequence[str] | None = None) -> int:
             if streams is None:
                 executor.spin_once(timeout_sec=POLL_S)
                 continue
-            # Before the reading: what is read wakes threads that compute, which the executor would keep waiting.
-            if time.monotonic() >= next_turn:
-                executor.spin_once(timeout_sec=0.0)
-                next_turn = time.monotonic() + TURN_S
             streams.read()
             now = time.monotonic()
             next_reading = max(next_reading + streams.read_s, now)
-            time.sleep(next_reading - now)
+            if now >= next_turn:
+                # Late in the pause: what was read has woken threads that compute, which the executor would keep waiting.
+                time.sleep(max(0.0, next_reading - TURN_LASTS_S - now))
+                executor.spin_once(timeout_sec=0.0)
+                next_turn = now + TURN_S
+            time.sleep(max(0.0, next_reading - time.monotonic()))
         if node.finished.done() and node.finished.result() is not None:
             raise node.finished.result()
         return 0
