@@ -99,7 +99,7 @@ def run(name: str, arguments: Sequence[str] | None = None) -> int:
             now = time.monotonic()
             next_reading = max(next_reading + streams.read_s, now)
             if now >= next_turn:
-                # Late in the pause: what was read has woken threads that compute, which the executor would keep waiting.
+                # Late in the pause: what was read has woken threads that compute; the executor would keep them waiting.
                 time.sleep(max(0.0, next_reading - TURN_LASTS_S - now))
                 executor.spin_once(timeout_sec=0.0)
                 next_turn = now + TURN_S
