@@ -9,6 +9,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 
@@ -30,6 +31,8 @@ QUEUE_S = 10.0  # of samples at most wait for a running fit ...
 KEEP_S = 5.0  # ... and if they are more, the newest of them are kept
 GONE_S = 2.0  # a joint that the samples have not named for so long is not identified any more
 STOP_S = 2.0  # longest wait for the thread; launch and systemd kill a process that needs 5 s or more to end
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -240,6 +243,9 @@ class Worker:
             helper.join()
         if not self._stop.is_set():
             self._callbacks.publish()
+        for joint in recordings:
+            if joint in self._identifiers and not self._stop.is_set():
+                self._guarded(joint, self._identifiers[joint].finish)
 
     def _forget_the_gone(self, joints: Collection[str], newest_ns: int) -> None:
         """End the identification of joints that the samples do not name any more."""
@@ -265,11 +271,22 @@ class Worker:
                 self._callbacks.publish()
 
     def _fit(self, joint: str, recording: Recording, origin_ns: int) -> None:
-        try:
-            self._begun[joint] = time.monotonic()
+        def updated() -> Estimate | None:
             if joint not in self._identifiers:
                 self._identifiers[joint] = self._make(joint, recording)
-            estimate = self._identifiers[joint].update(recording)
+            return self._identifiers[joint].update(recording, finish=False)
+
+        estimate = self._guarded(joint, updated)
+        if estimate is not None:
+            if not self._stop.is_set():
+                self._callbacks.estimated(joint, estimate, origin_ns)
+            self._count_missed(recording)
+
+    def _guarded(self, joint: str, work: Callable[[], T]) -> T | None:
+        """Do work for a joint; return None after an error, which is reported."""
+        self._begun[joint] = time.monotonic()
+        try:
+            return work()
         except JointIdError as error:
             self._callbacks.problem("samples left out", f"joint {joint}: {error}")
         except Exception as error:  # a bug must not end the thread silently
@@ -277,13 +294,9 @@ class Worker:
             self._callbacks.problem(
                 "internal error", f"joint {joint}: identification starts anew after {_where(error)}"
             )
-        else:
-            if estimate is not None and not self._stop.is_set():
-                self._callbacks.estimated(joint, estimate, origin_ns)
-            if estimate is not None:
-                self._count_missed(recording)
         finally:
             self._begun.pop(joint, None)
+        return None
 
     def _count_missed(self, recording: Recording) -> None:
         """Count the hops that the samples of one estimate cover, without gaps, but the first."""

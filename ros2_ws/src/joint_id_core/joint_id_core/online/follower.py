@@ -107,7 +107,11 @@ class Follower:
         self._stop()
 
     def move(self, samples: Recording, window: SlidingWindow) -> None:
-        """Follow samples in motion; `window` ends with them."""
+        """Follow samples in motion; `window` ends with them.
+
+        A block that becomes full is added by `finish`, or else with the next samples.
+        """
+        self.finish()
         if self._moved_since == np.inf:
             self._moved_since = float(samples.time[0])
         self.lost_s += float(samples.time[-1]) - max(self._moved_until, float(samples.time[0]))
@@ -121,7 +125,14 @@ class Follower:
             self._stop()
             return
         self._block.add(piece)
-        self._add_full_block(self.tracker)
+
+    def finish(self) -> None:
+        """Add the present block to the memory once it is long enough.
+
+        This takes twenty times as long as to follow ten samples, and what the block says is in `now` before.
+        """
+        if self.tracker is not None and self._block.duration > BLOCK_S - 1.5 * self.tracker.data.period:
+            self._add_block()
 
     def _start(self, recording: Recording) -> None:
         """Start the filter at the estimate of the memory, with the samples since the joint moves."""
@@ -134,7 +145,6 @@ class Follower:
         pieces = tracker.start()
         if pieces:
             self.tracker, self._block = tracker, Block(len(pieces[-1].z), pieces[-1:])
-            self._add_full_block(tracker)
 
     def _stop(self) -> None:
         """Stop the filter: the samples that follow are not those after the last one."""
@@ -168,11 +178,6 @@ class Follower:
         self._wider = self.levels.wider(self.memory.inverse)
 
     # --- blocks
-
-    def _add_full_block(self, tracker: Tracker) -> None:
-        """Add the present block once it is long enough."""
-        if self._block.duration > BLOCK_S - 1.5 * tracker.data.period:
-            self._add_block()
 
     def _add_block(self) -> None:
         """Add the present block to the memory and test it, or use it to learn what changed."""

@@ -118,10 +118,15 @@ class OnlineIdentifier:
         self._second_look.end()
         return now
 
-    def update(self, samples: Recording) -> Estimate | None:
+    def update(self, samples: Recording, finish: bool = True) -> Estimate | None:
         """Add samples; when a hop has passed, return the newest estimate, else None.
 
         Data that cannot be fitted give a status that says why.
+
+        Args:
+            samples: later than those before.
+            finish: whether to test and learn from these samples, if it is time for that, before the estimate is
+                returned. If not, call `finish` when the estimate is on its way.
 
         Raises:
             JointIdError: the samples are not later than those before; they are left out.
@@ -129,14 +134,19 @@ class OnlineIdentifier:
         begun, newest = time.perf_counter(), None
         # Samples that waited while a window was fitted may be more than the window holds: they would be lost.
         for part in parts_of(samples, 0.5 * self.options.window_s if self.remembers else np.inf):
-            newest = self._update(part) or newest
+            newest = self._update(part, finish) or newest
         if newest is None:
             return None
         newest = with_held_values(self._agreement.on(newest), self.model, self.settings)
         newest = with_computed_load(newest, self._watch.recent, self.model)
         return newest.updated(elapsed_s=time.perf_counter() - begun)
 
-    def _update(self, samples: Recording) -> Estimate | None:
+    def finish(self) -> None:
+        """Test and learn from the newest samples, if it is time for that, instead of with the next ones."""
+        if self._known is not None:
+            self._known.follower.finish()
+
+    def _update(self, samples: Recording, finish: bool) -> Estimate | None:
         """Add samples that are much shorter than the window; return the estimate when a hop has passed."""
         recent, known = self._watch.recent, self._known
         first = recent.end == -np.inf
@@ -151,6 +161,8 @@ class OnlineIdentifier:
         if not self.remembers:
             return self._without_memory() if due else None
         self._follow(due)
+        if finish:
+            self.finish()
         if not due:
             return None
         estimate, window = (self._in_motion(), self._window) if self._watch.moving else (self._at_rest(), recent)

@@ -12,7 +12,15 @@ from numpy.typing import NDArray
 from joint_id_core.cell.kernel import compile_shared
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.shared.computed_load import where_known
-from joint_id_core.estimators.shared.stillness import STILL_S, still, still_link, sure_speed, surely_moves, wound_up
+from joint_id_core.estimators.shared.stillness import (
+    STILL_S,
+    still,
+    still_link,
+    sure_distance,
+    sure_speed,
+    surely_moves,
+    wound_up,
+)
 from joint_id_core.models import Model
 from joint_id_core.online.window import SlidingWindow, extremes, pauses
 
@@ -24,8 +32,8 @@ BATCH_S = 0.1  # of samples that are handed on together: the work on a batch har
 class MotionWatch:
     """Takes samples and hands them on as stretches of motion and of rest.
 
-    Samples whose speed already tells that they belong to no rest are handed on at once. Where none is measured, or near
-    a reversal, samples wait for `STILL_S`: whether they belong to a rest shows a little later.
+    Samples whose speed already tells that they belong to no rest are handed on at once. Where none is measured, they
+    wait until the joint has moved farther than in a rest. Near a reversal, and at a rest, they wait for `STILL_S`.
 
     Attributes:
         recent: the newest samples, whether the joint moves or not.
@@ -64,15 +72,21 @@ class MotionWatch:
         if sure is not None:
             self._done, self._rested_s = float(sure.time[-1]), 0.0  # its last sample is fast, too
             yield sure, True
-        until = self.recent.end - STILL_S
+        if self._done >= self.recent.end:  # nearly always in motion
+            return
+        recent, until = self.recent.recording(self._done - 2.0 * STILL_S), self.recent.end - STILL_S
+        period, even = _period(recent.time)
+        moves, moved = even and self._surely_moves(recent, period), self._moved(recent) if even else -np.inf
+        if moved > until and not moves:
+            moves = not self._rests(recent, moved, period)
+        if moves:
+            until = max(until, moved)
         if until <= self._done or (not now and until < self._done + BATCH_S):
             return
-        recent = self.recent.recording(self._done - 2.0 * STILL_S)
         first, last = np.searchsorted(recent.time, [self._done, until], "right").tolist()
         if first == last:
             return
-        period, even = _period(recent.time)
-        if even and self._surely_moves(recent, period):
+        if moves:
             part = recent.slice(first, last)
             self._hand_on(part)
             yield part, True
@@ -108,6 +122,31 @@ class MotionWatch:
         if sure == len(waiting):  # nearly always
             return waiting
         return waiting.slice(0, sure) if sure else None
+
+    def _moved(self, recent: Recording) -> float:
+        """Return the instant of the newest sample after which a rest that holds it cannot go on; -inf if there is none.
+
+        It is faster than any of a rest, or the joint has since moved farther than in a rest. Whether it, or a sample
+        before it, belongs to a rest does not depend on samples that are still to come.
+        """
+        if self._wound is not None:
+            return -np.inf
+        moved, noise = -np.inf, self.noise or {}
+        far = [(n, np.abs(recent.channels[n]), least) for n, least in self._speeds(recent)]
+        places = (n for n in noise if n.endswith("_position") and n in recent and n not in recent.derived)
+        far += [(n, np.abs(recent.channels[n] - recent.channels[n][-1]), sure_distance(n, noise[n])) for n in places]
+        for _, size, least in far:
+            found = np.flatnonzero(size > least)
+            if len(found):
+                moved = max(moved, float(recent.time[found[-1]]))
+        return moved
+
+    def _rests(self, recent: Recording, moved: float, period: float) -> bool:
+        """Return whether a sample that was not handed on yet, up to an instant at which the joint `_moved`, rests."""
+        labels = tuple(n for n in self._positions if n in recent and n not in recent.derived)
+        y = np.array([recent.channels[n] for n in labels]).T
+        new = (recent.time > self._done) & (recent.time <= moved)
+        return not labels or bool(still(labels, y, period, self.noise)[new].any())
 
     def _surely_moves(self, recent: Recording, period: float) -> bool:
         """Return whether one label already tells that the joint moves at all samples."""

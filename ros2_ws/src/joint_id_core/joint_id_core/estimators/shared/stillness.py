@@ -97,6 +97,17 @@ def sure_speed(name: str, noise: float) -> float:
     return 2.0 * (slack + SLOW * scale)
 
 
+def sure_distance(name: str, noise: float) -> float:
+    """Return the range of positions with this standard deviation above which no rest holds them, as `still` finds it.
+
+    inf if the label shows no position, or a noisy one.
+    """
+    slack, scale = NOISY * noise, CHANNELS[name].scale
+    if not name.endswith("_position") or slack > CREDIBLE * scale:
+        return math.inf
+    return slack + SLOW * scale * STILL_S
+
+
 def still_in_record(labels: tuple[str, ...], y: Array, period: float) -> NDArray[np.bool_]:
     """Return `still` of a whole record, which may begin or end within a rest: there, `LEAST` samples are enough."""
     beyond = max(LEAST, round(STILL_S / period) + 1)
