@@ -21,8 +21,10 @@ from joint_id_core.results.estimate import Estimate
 from joint_id_ros.raw_messages import RawMessage
 from joint_id_ros.samples import to_recordings
 
-IDLE_S = 0.05  # time after which what has arrived is used even if it is little
-GATHER_S = 0.02  # of samples, or a hop, that a batch holds while more arrive: its cost hardly depends on their number
+IDLE_S = 0.1  # time after which what has arrived is used even if it is little
+# A batch holds samples of this share of a hop, of this time at least and of `IDLE_S` at most, and never of more than a
+# hop: its cost hardly depends on their number.
+GATHER, GATHER_S = 0.2, 0.02
 # A batch that takes longer holds fits of whole windows: other threads help, and each estimate is published at once.
 # Quick updates are slower with several threads, which take the interpreter from each other.
 LONG_S = 0.05
@@ -33,6 +35,11 @@ GONE_S = 2.0  # a joint that the samples have not named for so long is not ident
 STOP_S = 2.0  # longest wait for the thread; launch and systemd kill a process that needs 5 s or more to end
 
 T = TypeVar("T")
+
+
+def gathered_s(hop_s: float) -> float:
+    """Return the time in s of the samples that one batch holds while more arrive."""
+    return min(hop_s, max(GATHER_S, min(GATHER * hop_s, IDLE_S)))
 
 
 @dataclass(frozen=True)
@@ -92,7 +99,7 @@ class Worker:
         """
         self.missed = self.left_out = 0
         self._hop_s = hop_s
-        self._enough_ns = int(0.5 * min(hop_s, GATHER_S) * NANO)  # readings at equal intervals find more and less
+        self._enough_ns = int(0.5 * gathered_s(hop_s) * NANO)  # readings at equal intervals find more and less
         self._lock = threading.Lock()  # for the queue
         self._last_stamp_ns: int | None = None
         self._taken_ns = 0  # newest sample that is not in the queue any more

@@ -55,6 +55,7 @@ class Knowledge:
         self.still: dict[str, float] | None = None
         self.changes = Changes(last.free, task.coordinates, task.options.window_s)
         self._words: tuple[tuple[object, ...], Said] | None = None  # with what they tell of
+        self._same: tuple[tuple[object, ...], object, Estimate] | None = None  # at rest, with what it tells of
         self._task = task
         memory = Memory(mean, covariance, task.coordinates.spread)
         levels = Levels(np.square(list(last.noise.values())), len(mean), noise_sigma)
@@ -121,9 +122,22 @@ class Knowledge:
     def unchanged(
         self, window: SlidingWindow, recent: SlidingWindow, status: Status, notes: tuple[str, ...]
     ) -> Estimate:
-        """Return what is known, for the `recent` samples, which add nothing to it."""
-        found = self._published((), samples=len(window), start=recent.start, end=recent.end, chi2=self.last.chi2)
-        return found.updated(status=status, message=message(notes), notes=notes)
+        """Return what is known, for the `recent` samples, which add nothing to it.
+
+        While the joint rests this stays the same, but for the instants.
+        """
+        memory, told, fields = self.follower.memory, (status, notes), {"start": recent.start, "end": recent.end}
+        basis = (memory, memory.newest, self.last, self.follower.tracker)
+        if (
+            self._same is None
+            or self._same[1] != told
+            or any(a is not b for a, b in zip(self._same[0], basis, strict=True))
+        ):
+            found = self._published((), samples=len(window), chi2=self.last.chi2, **fields)
+            found = found.updated(status=status, message=message(notes), notes=notes)
+            self._same = (basis, told, found) if self.follower.tracker is None else None
+            return found
+        return self._same[2].updated(**fields)
 
     def _published(self, changes: tuple[ParameterChange, ...], **fields: Any) -> Estimate:
         """Return the estimate of now, with these other `fields`."""

@@ -47,6 +47,7 @@ class MotionWatch:
         self._positions, self._loaded = model.state_names, model.load is not None
         self._done = -np.inf  # newest sample that was handed on
         self._wound: int | None = None  # samples since the joint rested, if the link has not moved since
+        self._stood: dict[str, float] | None = None  # positions of the newest sample that was handed on, at rest
         self._fast = False  # whether the newest sample that was handed on is faster than any of a rest
 
     @property
@@ -66,7 +67,8 @@ class MotionWatch:
 
     def _stretches(self, now: bool) -> Iterator[tuple[Recording, bool]]:
         """Yield all stretches, whether their load is known or not."""
-        if not now and self.recent.end < self._done + BATCH_S:
+        now = now and (self.moving or self._stirs())
+        if not now and self.recent.end < self._done + BATCH_S + (0.0 if self.moving else STILL_S):
             return
         sure = self._sure()
         if sure is not None:
@@ -101,6 +103,7 @@ class MotionWatch:
     def _hand_on(self, samples: Recording, rested_s: float = 0.0) -> None:
         """Note that samples are handed on, and how long the joint has rested since its newest motion."""
         self._done, self._rested_s = float(samples.time[-1]), rested_s
+        self._stood = {n: float(samples.channels[n][-1]) for n, _ in self._places(samples)} if rested_s else None
         self._fast = any(abs(samples.channels[name][-1]) > least for name, least in self._speeds(samples))
 
     def _speeds(self, samples: Recording) -> list[tuple[str, float]]:
@@ -123,6 +126,24 @@ class MotionWatch:
             return waiting
         return waiting.slice(0, sure) if sure else None
 
+    def _stirs(self) -> bool:
+        """Return whether the newest sample of a joint that rests may be in motion."""
+        newest = self.recent.newest
+        if self.noise is None or newest is None or self._stood is None:
+            return True
+        far = [(newest.channels[n][-1], least) for n, least in self._speeds(newest)]
+        far += [(newest.channels[n][-1] - self._stood.get(n, math.inf), least) for n, least in self._places(newest)]
+        return not all(abs(value) <= least for value, least in far)  # nor is a missing one evidence of rest
+
+    def _places(self, samples: Recording) -> list[tuple[str, float]]:
+        """Return the labels that show position, each with a distance that is longer than any within a rest."""
+        known = (self.noise or {}).items()
+        return [
+            (n, sure_distance(n, noise))
+            for n, noise in known
+            if n.endswith("_position") and n in samples and n not in samples.derived
+        ]
+
     def _moved(self, recent: Recording) -> float:
         """Return the instant of the newest sample after which a rest that holds it cannot go on; -inf if there is none.
 
@@ -131,11 +152,10 @@ class MotionWatch:
         """
         if self._wound is not None:
             return -np.inf
-        moved, noise = -np.inf, self.noise or {}
-        far = [(n, np.abs(recent.channels[n]), least) for n, least in self._speeds(recent)]
-        places = (n for n in noise if n.endswith("_position") and n in recent and n not in recent.derived)
-        far += [(n, np.abs(recent.channels[n] - recent.channels[n][-1]), sure_distance(n, noise[n])) for n in places]
-        for _, size, least in far:
+        moved, rows = -np.inf, recent.channels
+        far = [(np.abs(rows[n]), least) for n, least in self._speeds(recent)]
+        far += [(np.abs(rows[n] - rows[n][-1]), least) for n, least in self._places(recent)]
+        for size, least in far:
             found = np.flatnonzero(size > least)
             if len(found):
                 moved = max(moved, float(recent.time[found[-1]]))

@@ -137,6 +137,11 @@ class SlidingWindow:
         )  # the time before the first sample of the only part may be all that is too much
 
     @property
+    def newest(self) -> Recording | None:
+        """The samples that were added last; None before the first."""
+        return self._parts[-1].samples if self._parts else None
+
+    @property
     def duration(self) -> float:
         """Time in s that the samples cover."""
         return self._duration

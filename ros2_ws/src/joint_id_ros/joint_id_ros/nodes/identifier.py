@@ -36,7 +36,7 @@ from joint_id_ros.preparation import Preparation
 from joint_id_ros.raw_messages import RawMessage
 from joint_id_ros.sources import Sources
 from joint_id_ros.streams import READ_S, Streams
-from joint_id_ros.worker import GATHER_S, Callbacks, Worker
+from joint_id_ros.worker import Callbacks, Worker, gathered_s
 
 START_S = 0.05  # period of the checks, at a start without a lifecycle manager, whether the kernels are there
 END_S = 0.5  # period of the checks whether the node to end with has gone
@@ -106,7 +106,7 @@ class IdentifierNode(ManagedNode):
         reliability, topics = read(self, ReadingOptions).reliability, {SAMPLES.name: JointSamples}
         self._begin_run()
         self._sources = Sources(self, topics, reliability, self._diagnostics, self._on_source)
-        pace_s = max(READ_S, min(self._setup.online.hop_s, GATHER_S))
+        pace_s = max(READ_S, gathered_s(self._setup.online.hop_s))
         self.streams = Streams(self, topics, self._on_samples, self._sources, reliability, self._on_batch, pace_s)
         self.get_logger().info(f"identifying {self._setup.model.model} with {self._setup.model.estimator}")
 
