@@ -24,6 +24,7 @@ from joint_id_core.online.score_test import ALIKE
 from joint_id_core.online.symmetric import inverse_of
 from joint_id_core.online.tracker import Tracker
 
+MOVED = 3.0  # standard deviations by which the parameter that changed must have moved
 UNNEEDED = 0.001  # probability from which a lower cost with more changed parameters counts as noise
 
 
@@ -118,7 +119,8 @@ def _fitted(
 ) -> Explanation | None:
     """Fit the opened parameters; None if this does not explain the samples.
 
-    The one that moved most, in standard deviations, is the one that changed; the others may have.
+    The one that moved most, in standard deviations, is the one that changed; the others may have. One that is known
+    neither before nor after may explain anything: if none moved far, this is no explanation.
     """
     may = replace(change, names=(), likely=tuple(opened))
     mean, precision = may.still_known(coordinates.spread)
@@ -127,6 +129,9 @@ def _fitted(
         return None
     information = np.sum([piece.matrix for piece in learned.pieces], axis=0)
     sigma = np.sqrt(np.diag(np.linalg.inv(precision + information)) + np.diag(change.covariance))
-    first = max(opened, key=lambda j: abs(learned.z[j] - change.mean[j]) / sigma[j])
+    moved = np.abs(learned.z - change.mean) / sigma
+    first = max(opened, key=lambda j: moved[j])
+    if moved[first] < MOVED:
+        return None
     likely = tuple(j for j in opened if j != first)
     return Explanation(replace(change, names=(first,), likely=likely), learned)
