@@ -10,7 +10,8 @@ of motion all samples are fitted anew three times beside the recursion; `--after
 
 The share of a core is small on a computer that has no time for the nodes, so the time per sample that a node received
 is given as well. Latency is the time from the stamp of the newest sample of an estimate to the instant at which the
-estimate is published. It contains the lag of the filter.
+estimate is published. It contains the lag of the filter. With `--parts` it is given in two parts, too: until
+joint_samples are published, and from there on. To listen to these takes processor time.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ from rclpy.serialization import deserialize_message
 from joint_id_core.emulator.process import EmulatorProcess
 from joint_id_core.emulator.robots import ROBOTS, build_joints
 from joint_id_core.simulation.plants import PositionControl
-from joint_id_msgs.msg import JointParams
+from joint_id_msgs.msg import JointParams, JointSamples
 
 DOMAIN = 1 + os.getpid() % 100
 PATIENCE_S = 120.0  # until the first estimate: the first fit of a model compiles it
@@ -59,6 +60,7 @@ def main() -> None:
     parser.add_argument(
         "--after", type=float, default=3.0, help="s from the first estimate until it is measured (default: %(default)s)"
     )
+    parser.add_argument("--parts", action="store_true", help="the parts of the latency, too")
     parser.add_argument("--runs", type=int, default=1, help="of each case (default: %(default)s)")
     parser.add_argument("--json", type=Path, default=Path("out/benchmarks/graph.json"), help="(default: %(default)s)")
     args = parser.parse_args()
@@ -67,18 +69,18 @@ def main() -> None:
     for _ in range(args.runs):
         for case in args.cases:
             for model in args.models if case not in IDLE else args.models[:1]:
-                runs.append(_measure(case, model, args.hop, args.duration, args.after))
+                runs.append(_measure(case, model, args.hop, args.duration, args.after, args.parts))
                 print(_line(runs[-1]), flush=True)
     args.json.parent.mkdir(parents=True, exist_ok=True)
     args.json.write_text(json.dumps(runs, indent=1))
 
 
-def _measure(case: str, model: str, hop: float, duration: float, after: float) -> dict[str, Any]:
+def _measure(case: str, model: str, hop: float, duration: float, after: float, parts: bool) -> dict[str, Any]:
     """Run one case and return its figures."""
     window = 2.0 if case not in IDLE else 600.0
     settings = {"model": model, "actuation": "current", "window_s": window, "hop_s": hop}
     with ExitStack() as stack:
-        watcher = stack.enter_context(_watching())
+        watcher = stack.enter_context(_watching(parts))
         folder = stack.enter_context(TemporaryDirectory())
         processes = {
             "filter": stack.enter_context(node("filter", {"urdf": _described(folder)} if case == "load" else {}))
@@ -109,6 +111,7 @@ def _measure(case: str, model: str, hop: float, duration: float, after: float) -
         took = time.monotonic() - begun
         shares = {name: (cpu_s(p.pid) - before[name]) / took for name, p in processes.items()}
         latencies = 1e-6 * np.array(watcher.latencies_ns())
+        of_filter, of_identifier = (1e-6 * np.array(some) for some in watcher.parts_ns())
     figures = {
         "case": case,
         "model": model,
@@ -118,24 +121,31 @@ def _measure(case: str, model: str, hop: float, duration: float, after: float) -
     }
     figures |= {f"{name} [%]": 100.0 * share for name, share in shares.items()}
     figures |= {f"{name} [us]": 1e6 * shares[name] / rate for name, rate in watcher.rates().items() if rate}
-    if len(latencies):
-        figures |= {"median [ms]": float(np.median(latencies)), "p99 [ms]": float(np.quantile(latencies, 0.99))}
+    for name, some in (("", latencies), ("to joint_samples ", of_filter), ("from there ", of_identifier)):
+        if len(some):
+            figures |= {f"{name}median [ms]": float(np.median(some)), f"{name}p99 [ms]": float(np.quantile(some, 0.99))}
     return figures
 
 
 class _Watcher(Node):
     """Notes the stamp of each estimate and the instant of its publication."""
 
-    def __init__(self) -> None:
+    def __init__(self, parts: bool) -> None:
         super().__init__("watcher")
         self.found: list[tuple[bytes, int]] = []  # messages, and when they were published
+        self._samples: list[tuple[bytes, int]] = []  # the same of the samples that the estimates are made of
         self._received: dict[str, list[tuple[float, int]]] = {}  # by node, when and what it said to have received
         qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
         self.create_subscription(JointParams, "joint_params", self._on_params, qos, raw=True)
+        if parts:
+            self.create_subscription(JointSamples, "joint_samples", self._on_samples, qos, raw=True)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
     def _on_params(self, message: bytes, info: Any) -> None:
         self.found.append((message, info["source_timestamp"]))
+
+    def _on_samples(self, message: bytes, info: Any) -> None:
+        self._samples.append((message, info["source_timestamp"]))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -145,22 +155,31 @@ class _Watcher(Node):
     def clear(self) -> None:
         """Forget what was received so far."""
         self.found.clear()
+        self._samples.clear()
         self._received.clear()
 
-    def latencies_ns(self) -> list[int]:
-        """Return for each estimate the time from its newest sample to its publication, in ns.
+    def _estimates(self) -> Iterator[tuple[int, int]]:
+        """Yield for each estimate the instants of its newest sample and of its publication, in ns.
 
         A message holds the newest estimates of all joints; those that an earlier message held are left out.
         """
         seen: dict[str, int] = {}
-        found = []
         for data, published_ns in self.found:
             for joint in deserialize_message(data, JointParams).joints:
-                end_ns = joint.window_end.sec * 10**9 + joint.window_end.nanosec
+                end_ns = _ns(joint.window_end)
                 if joint.joint in seen and end_ns > seen[joint.joint]:
-                    found.append(published_ns - end_ns)
+                    yield end_ns, published_ns
                 seen[joint.joint] = end_ns
-        return found
+
+    def latencies_ns(self) -> list[int]:
+        """Return for each estimate the time from its newest sample to its publication, in ns."""
+        return [published_ns - end_ns for end_ns, published_ns in self._estimates()]
+
+    def parts_ns(self) -> tuple[list[int], list[int]]:
+        """Return the times until joint_samples were published, and for each estimate the time from there on, in ns."""
+        sent = {_ns(deserialize_message(data, JointSamples).header.stamp): at_ns for data, at_ns in self._samples}
+        lags = [at_ns - stamp_ns for stamp_ns, at_ns in sent.items()]
+        return lags, [published_ns - sent[end_ns] for end_ns, published_ns in self._estimates() if end_ns in sent]
 
     def rates(self) -> dict[str, float]:
         """Return the samples a second that each node has received."""
@@ -182,10 +201,15 @@ class _Watcher(Node):
                 raise SystemExit(f"no estimate within {PATIENCE_S:g} s")
 
 
+def _ns(stamp: Any) -> int:
+    """Return a stamp of ROS in ns."""
+    return int(stamp.sec * 10**9 + stamp.nanosec)
+
+
 @contextmanager
-def _watching() -> Iterator[_Watcher]:
+def _watching(parts: bool) -> Iterator[_Watcher]:
     rclpy.init()
-    watcher = _Watcher()
+    watcher = _Watcher(parts)
     try:
         yield watcher
     finally:
