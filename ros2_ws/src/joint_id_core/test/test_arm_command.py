@@ -53,6 +53,7 @@ def test_one_joint_of_a_moving_arm(run):
     assert any("arm.urdf" in note for note in saved["notes"])
 
 
+@pytest.mark.long
 def test_every_joint_and_several_bags(run):
     code, out, err = run("fit", "moves", "again", "--urdf", "arm.urdf", "--joint", "all", "--json")
     assert code == 0, out + err

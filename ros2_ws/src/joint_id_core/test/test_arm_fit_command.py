@@ -76,6 +76,7 @@ def test_the_combinations_of_masses_and_inertias_are_a_table(here):
     assert len([line for line in out.splitlines() if " estimated " in line or " prior " in line]) >= 35
 
 
+@pytest.mark.long
 def test_the_command_writes_an_mjcf_and_tells_what_the_files_predict(here):
     words = ("--out", "robot.urdf", "--out", "robot.xml", "--validate", "torques")
     code, out, err = here("arm", "fit", "arm.urdf", "torques", *words)

@@ -123,6 +123,7 @@ def test_a_resumed_belief_weighs_a_payload_from_the_beginning():
     assert abs(mass - MASS) < 4.0 * sigma
 
 
+@pytest.mark.long
 def test_another_friction_is_told():
     arm = moving_arm.rigid(LEARN + 3 * AFTER, 1)
     time = arm["bend"].time
@@ -148,6 +149,7 @@ def test_a_push_from_outside_is_no_payload_and_is_not_learnt():
     assert np.abs(off(follower.belief)).max() < 5.0
 
 
+@pytest.mark.long
 def test_what_stays_unexplained_is_learnt_anew():
     arm = moving_arm.rigid(LEARN + 60.0, 5)
     time = arm["lift"].time

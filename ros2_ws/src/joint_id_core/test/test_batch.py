@@ -281,6 +281,7 @@ class Crashing(Work):
 """
 
 
+@pytest.mark.long
 def test_a_process_that_ends_costs_only_its_recording(tmp_path, monkeypatch):
     bags = write_bags(tmp_path, 6)
     output = tmp_path / "out.parquet"

@@ -60,6 +60,7 @@ def test_a_worker_that_is_killed_loses_nothing_and_doubles_nothing(tmp_path, ope
             assert p["value"] == pytest.approx(q["value"], rel=1e-6, abs=1e-9)
 
 
+@pytest.mark.long
 def test_a_recording_that_kills_its_workers_is_a_row(tmp_path, open_cluster, monkeypatch):
     bags = write_bags(tmp_path, 3)
     (tmp_path / "crashing_on_workers.py").write_text(CRASHING)
@@ -75,6 +76,7 @@ def test_a_recording_that_kills_its_workers_is_a_row(tmp_path, open_cluster, mon
     assert done.failed >= 1 and told["a_1"] == "crashed" and len(told) == 3
 
 
+@pytest.mark.long
 def test_a_scheduler_that_ends_keeps_what_is_finished(tmp_path, open_cluster):
     bags = write_bags(tmp_path, 6)
     cluster = open_cluster(1)

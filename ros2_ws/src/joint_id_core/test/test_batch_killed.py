@@ -76,6 +76,7 @@ def test_a_killed_batch_leaves_no_process_and_goes_on(tmp_path):
     assert not parts.exists()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("patch", "fitted"),
     [(HALF.format(number=3), 2), (HALF.format(number=5), 0), (BEFORE_CLEARING, 0)],

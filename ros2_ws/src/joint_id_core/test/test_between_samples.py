@@ -55,6 +55,7 @@ def errors(estimate: Estimate, truth: Mapping[str, float] = TRUTH) -> dict[str, 
     return {n: abs(estimate[n].value - true) / estimate[n].std_dev for n, true in truth.items() if n in estimate.free}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("label", ["link_position", "link_velocity"])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_torque_that_changes_between_samples_is_taken_as_it_is(seed, label):
@@ -123,6 +124,7 @@ def test_an_estimate_that_takes_the_drive_for_held_is_not_confirmed():
     assert max(errors(found, LOAD).values()) < 2.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("nth", [2, 4])
 def test_behind_a_flexible_gear_such_a_recording_is_a_poor_one(nth):
     """Values were up to 25 standard deviations off: when the drive acted within a step is not known."""
@@ -139,6 +141,7 @@ def followed(recording: Recording, model: Model) -> list[Estimate]:
     return [estimate for estimate in map(identifier.update, parts) if estimate is not None]
 
 
+@pytest.mark.long
 def test_online_some_of_the_samples_of_a_controller_are_not_enough():
     """It was converged throughout, and 30 standard deviations off with a flexible gear."""
     assert all(estimate.converged for estimate in followed(every(1, FLEXIBLE), FLEXIBLE))

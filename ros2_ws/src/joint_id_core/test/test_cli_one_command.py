@@ -142,6 +142,7 @@ def test_the_columns_of_a_log_that_are_named_are_one_joint(robot_log, run_here):
     assert code == 0 and "current = actual_current_1" in out
 
 
+@pytest.mark.long
 def test_a_joint_that_a_log_does_not_have_is_named_and_what_all_joints_lack_is_said_once(robot_log, run_here):
     code, out = run_here("fit", robot_log, "--joint", "elbow_joint")
     assert code == 2 and "no joint 'elbow_joint': it holds shoulder_pan_joint, shoulder_lift_joint" in out

@@ -5,6 +5,8 @@ from __future__ import annotations
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
+import pytest
+
 COMPILED = """
 import joint_id_core as jid
 from numba.core import event
@@ -23,6 +25,7 @@ def count(barrier_port):
 """
 
 
+@pytest.mark.long
 def test_two_processes_that_begin_at_once_compile_once(tmp_path, monkeypatch):
     import importlib
     import socket

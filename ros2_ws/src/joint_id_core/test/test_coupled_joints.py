@@ -130,6 +130,7 @@ def beside_one_alone() -> tuple[Array, Array]:
     return abs(np.array(errors)).max(axis=0), np.array(stuck)
 
 
+@pytest.mark.long
 def test_a_joint_alone_sticks_and_slips_as_in_the_exact_simulation(monkeypatch):
     usual, stuck = beside_one_alone()
     np.testing.assert_array_less(usual, [5e-5, 5e-5, 1e-2])

@@ -123,6 +123,7 @@ def test_advice_that_helps_is_given():
     assert "try --gravity" in found.message and "no better" not in " ".join(found.notes)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_regression_that_cannot_see_the_gear_has_no_say(seed):
     """Its instruments do not show the spring in a fast motion: what was left of the torque made a good fit poor."""

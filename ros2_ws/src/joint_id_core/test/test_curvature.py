@@ -65,6 +65,7 @@ def test_a_memory_that_knows_everything_well_is_as_good_as_linear():
     assert not curvature(tracker, memory, COORDINATES, 1e9).any()
 
 
+@pytest.mark.long
 def test_after_a_change_of_the_load_a_common_scale_that_was_hardly_known_is_not_known_better():
     """A slow joint under a voltage: torques and inertias are known only together, to several percent."""
     model, rate, before_s, after_s = build("electromechanical"), 500, 8.0, 6.0

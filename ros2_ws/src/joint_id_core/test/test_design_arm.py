@@ -152,6 +152,7 @@ def test_no_link_goes_below_the_floor(designed: ArmDesign) -> None:
     assert FLOOR <= lowest < FLOOR + 0.5
 
 
+@pytest.mark.long
 def test_fits_keep_the_promise(designed: ArmDesign) -> None:
     off = []
     truth = np.concatenate([REGRESSOR.reference, VISCOUS, COULOMB])

@@ -122,6 +122,7 @@ def test_the_information_is_that_of_finite_differences():
     assert np.sqrt(np.diag(covariance)) == pytest.approx(np.sqrt(np.diag(expected)), rel=0.1)
 
 
+@pytest.mark.long
 def test_real_fits_err_by_what_was_promised(design):
     """Joints that are off by 10 % make the motion with exact stick and slip, and are fitted from the start values."""
     foresight = Foresight(MODEL, ParameterSettings(), RATE)

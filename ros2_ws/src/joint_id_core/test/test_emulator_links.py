@@ -131,6 +131,7 @@ def test_friction_and_rotors_of_the_arm_are_found(free):
     np.testing.assert_allclose(values[1:, 0], AT_LINK[1:, 0], rtol=0.15)  # that of the first one has a wide interval
 
 
+@pytest.mark.long
 def test_the_payload_is_weighed(free, carrying):
     load = fit_arm(ARM, [recordings(free)], GAINS, payload=[recordings(carrying)]).payload
     assert load is not None and load.link == "plate" and load.known

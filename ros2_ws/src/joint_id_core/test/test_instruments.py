@@ -71,6 +71,7 @@ def test_a_column_that_the_instruments_do_not_show_is_not_used():
     assert shown(columns, tools, np.zeros(3, dtype=bool)).tolist() == [True, False, True]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("disturbance", [0.0, 0.01])
 def test_values_are_right_within_their_intervals_whatever_the_disturbance(disturbance):
     names, off = ("J_m", "c_m", "tau_fm", "k_1"), []

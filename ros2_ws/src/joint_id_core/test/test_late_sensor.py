@@ -68,5 +68,6 @@ def test_the_sensor_and_its_delay_are_named(late, word):
     assert float(found[1]) == pytest.approx(1e3 * abs(late) / RATE, rel=0.05)
 
 
+@pytest.mark.long
 def test_a_joint_without_a_fault_is_not_accused():
     assert all(e.converged and "check this sensor" not in e.message for e in after(0, 0.0))

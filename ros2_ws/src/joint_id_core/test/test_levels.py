@@ -64,6 +64,7 @@ def ordinary(seed, samples, reference=STEPS):
     return Recording(record.time, {n: record[n] for n in ("link_position", "motor_velocity", "current")}), truth
 
 
+@pytest.mark.long
 def test_parameters_of_a_controlled_joint_in_ordinary_motion_are_within_their_intervals():
     """The controller feeds the noise of the sensors back; levels 7 % too small moved inertias by 5 sigma."""
     errors = []

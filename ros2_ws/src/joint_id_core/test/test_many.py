@@ -79,6 +79,7 @@ def test_a_better_point_than_the_fit_is_said(outcome):
     assert "a better point than the fit exists: its cost is lower by 50" in str(found)
 
 
+@pytest.mark.long
 def test_the_scatter_of_a_bootstrap_is_that_of_the_noise():
     found = jid.bootstrap(MODEL, SHORT, draws=60, block_s=0.02)
     assert found.failed == 0 and found.draws.shape == (60, 4)

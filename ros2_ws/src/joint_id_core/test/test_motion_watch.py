@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from joint_id_core.cell.kernel import compile_shared
@@ -49,6 +49,7 @@ def handed_on(recording, sizes, noise=NOISE):
     return np.array(marks), np.array(behind)
 
 
+@settings(max_examples=50, deadline=None)
 @given(
     rests=st.lists(st.floats(0.0, 0.4), max_size=3),
     sizes=st.lists(st.integers(1, 40), min_size=1, max_size=4),

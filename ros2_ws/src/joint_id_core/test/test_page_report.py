@@ -79,6 +79,7 @@ def test_of_an_estimate_alone_there_is_a_table(tmp_path, run_here):
         assert f"<td>{p.name}</td>" in text
 
 
+@pytest.mark.long
 def test_a_robots_log_gets_one_page_with_all_joints(tmp_path, run_here):
     """A table that leads to each joint; a joint that cannot be fitted is in it."""
     first, second = motion(8.0, seed=1), motion(8.0, seed=2)

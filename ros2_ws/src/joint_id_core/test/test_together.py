@@ -65,6 +65,7 @@ def test_the_sum_is_the_product_of_the_likelihoods():
         assert found.estimate[name].value == pytest.approx(mean, rel=0.01)
 
 
+@pytest.mark.long
 def test_intervals_hold_the_truth_over_many_sets():
     inside = []
     for k in range(12):
@@ -126,6 +127,7 @@ def test_the_command_takes_several_files(tmp_path, run):
     assert code == 2 and "--plot shows one recording" in err
 
 
+@pytest.mark.long
 def test_the_command_fits_every_joint_of_a_bag(tmp_path, run):
     bag = tmp_path / "arm"
     formats.write_bag(bag, {"lift": PARTS[0], "elbow": PARTS[1]})

@@ -72,6 +72,7 @@ def motion(colour: float, seed: int) -> Recording:
     return sensors.measure(true, seed, keep=("link_position", "link_velocity", "torque"))
 
 
+@pytest.mark.long
 def test_coloured_torque_is_said_and_widens_the_intervals():
     """Over 25 draws: the sigma of white noise is far too small, with the memory most of the difference is counted."""
     errors, plain, said = [], [], 0

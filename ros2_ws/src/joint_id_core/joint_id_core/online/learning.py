@@ -21,10 +21,10 @@ from joint_id_core.online.memory import Change, Memory
 from joint_id_core.online.piece import Piece
 from joint_id_core.online.relearn import Learned, relearn
 from joint_id_core.online.score_test import ALIKE
-from joint_id_core.online.symmetric import inverse_of
+from joint_id_core.online.symmetric import inverse_of, solve
 from joint_id_core.online.tracker import Tracker
 
-MOVED = 3.0  # standard deviations by which the parameter that changed must have moved
+STAYED = 1e-5  # probability from which opened parameters may have stayed where they were
 UNNEEDED = 0.001  # probability from which a lower cost with more changed parameters counts as noise
 
 
@@ -119,8 +119,8 @@ def _fitted(
 ) -> Explanation | None:
     """Fit the opened parameters; None if this does not explain the samples.
 
-    The one that moved most, in standard deviations, is the one that changed; the others may have. One that is known
-    neither before nor after may explain anything: if none moved far, this is no explanation.
+    The one that moved most, in standard deviations, is the one that changed; the others may have. Ones that are known
+    neither before nor after may explain anything: if they may have stayed where they were, this is no explanation.
     """
     may = replace(change, names=(), likely=tuple(opened))
     mean, precision = may.still_known(coordinates.spread)
@@ -128,10 +128,11 @@ def _fitted(
     if learned is None or not learned.explained:
         return None
     information = np.sum([piece.matrix for piece in learned.pieces], axis=0)
-    sigma = np.sqrt(np.diag(np.linalg.inv(precision + information)) + np.diag(change.covariance))
-    moved = np.abs(learned.z - change.mean) / sigma
-    first = max(opened, key=lambda j: moved[j])
-    if moved[first] < MOVED:
+    moved, covariance = learned.z - change.mean, np.linalg.inv(precision + information) + change.covariance
+    own = list(opened)
+    if moved[own] @ solve(covariance[np.ix_(own, own)], moved[own]) < float(chdtri(len(own), STAYED)):
         return None
+    sigma = np.sqrt(np.diag(covariance))
+    first = max(opened, key=lambda j: abs(moved[j]) / sigma[j])
     likely = tuple(j for j in opened if j != first)
     return Explanation(replace(change, names=(first,), likely=likely), learned)
