@@ -174,6 +174,26 @@ def test_devices():
             device_of("cuda")
 
 
+def test_samples_of_one_kind_need_the_same_operations(monkeypatch):
+    """A GPU replays, for all samples of a kind, the operations of one of them: here every sample does those of the
+    first of its kind."""
+    recursions = [problem("harmonic_drive", {}, 1), problem("harmonic_drive", {}, 2, samples=100)]
+    rng = np.random.default_rng(17)
+    steps, record = [rng.integers(1, 4, len(r.data.time)) for r in recursions], np.array([0, 1, 1])
+    free, levels = points(recursions[0], len(record), rng)
+    expected = list(TorchPasses(recursions, steps).run(record, free, levels))
+    works = {}
+    monkeypatch.setattr(
+        "joint_id_core.tensors.filter.Replay.run",
+        lambda _, kind, work, *arguments: works.setdefault(kind, work)(*arguments),
+    )
+    found = list(TorchPasses(recursions, steps).run(record, free, levels))
+    assert 1 < len(works) < 100  # samples share kinds
+    for one, other in zip(found, expected, strict=True):
+        assert (one.cost, one.gradient.tolist()) == (other.cost, other.gradient.tolist())
+        assert one.hessian.tolist() == other.hessian.tolist()
+
+
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU here: PyTorch finds no CUDA device")
 def test_the_gpu_equals_the_compiled_kernel():
     recursion, rng = problem("harmonic_drive", {}, 1), np.random.default_rng(13)

@@ -6,13 +6,16 @@ tensor is the batch. An element whose path diverges becomes NaN; the others do n
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array
 from joint_id_core.tensors.records import Records, Sample
+from joint_id_core.tensors.replay import Replay
 from joint_id_core.tensors.rollout import index_of, parameters
 from joint_id_core.tensors.torch_cell import Number, TorchCell, torch
 
@@ -91,35 +94,42 @@ class _Pass:
 
     def sums(self) -> Sums:
         """Run over time and return the sums."""
-        records, samples = self.records, self.records.samples
-        now = records.sample(0, self.index)
-        before = now
-        for t in range(samples):
+        records, index, replay = self.records, self.index, Replay(self.records.device)
+        now = records.row(0, index)
+        held = now
+        for t in range(records.samples):
             restart = records.restarts.get(t)
-            held = list(before.u)
             if restart is not None:
                 held = self._restarted(restart, held, now)
-            self._correct(t, now, held)
-            if t + 1 < samples:
-                then = records.sample(t + 1, self.index)
-                self._predict(t, now, then)
-                before, now = now, then
+            if t + 1 < records.samples:
+                then = records.row(t + 1, index)
+                replay.run(records.kind(t), partial(self._advance, t), held, now, then)
+                held, now = now, then
+        last = records.samples - 1
+        self._correct(last, records.sample(last, now), records.sample(last, held).u)
         cost = torch.where(torch.isfinite(self.cost), self.cost, torch.nan)
         parts = [self.hessian, self.gradient, self.score, self.information, self.cross]
         return Sums(cost.cpu().numpy(), *(_first(part) for part in parts))
 
+    def _advance(self, t: int, held: torch.Tensor, now: torch.Tensor, then: torch.Tensor) -> None:
+        """Correct all filters by sample t and predict the next one, from rows of the records; all in place."""
+        records = self.records
+        sample = records.sample(t, now)
+        self._correct(t, sample, records.sample(t, held).u)
+        self._predict(t, sample, records.sample(t, then))
+
     def _restarted(
-        self, restart: tuple[torch.Tensor, torch.Tensor, torch.Tensor], held: list[torch.Tensor], now: Sample
-    ) -> list[torch.Tensor]:
-        """Start the state of some elements again; return the inputs that were held until now."""
+        self, restart: tuple[torch.Tensor, torch.Tensor, torch.Tensor], held: torch.Tensor, now: torch.Tensor
+    ) -> torch.Tensor:
+        """Start the state of some elements again; return the row whose inputs were held until now."""
         here, mean, variance = (self._of_records(part, self.x.shape[-1]) for part in restart)
-        self.x = torch.where(here, mean, self.x)
-        self.P = torch.where(here, self.eye * variance, self.P)
+        self.x.copy_(torch.where(here, mean, self.x))
+        self.P.copy_(torch.where(here, self.eye * variance, self.P))
         for part in (self.W, self.dx, self.dP):
             part.masked_fill_(here, 0.0)
-        return [torch.where(here, b, a) for a, b in zip(held, now.u, strict=True)]
+        return torch.where(here[: now.shape[-1]], now, held)
 
-    def _correct(self, t: int, now: Sample, held: list[torch.Tensor]) -> None:
+    def _correct(self, t: int, now: Sample, held: Sequence[torch.Tensor]) -> None:
         """Correct all filters by the labels of one sample, one label after the other."""
         k, volume = self.cell.parameters, torch.ones_like(self.cost)
         weighted, squares = bool(self.records.weighted[t]), torch.zeros_like(self.cost)
@@ -200,13 +210,12 @@ class _Pass:
         n, k = self.cell.states, self.cell.parameters
         self.W[:, k:] = 0.0
         self.W[:, k : k + n] += self.eye
-        self.x = self.cell.step_columns(
-            self.x, self.W, now.u, then.u, self.c, now.length, now.steps, self.records.most_at(t)
-        )
+        most = self.records.most_at(t)
+        self.x.copy_(self.cell.step_columns(self.x, self.W, now.u, then.u, self.c, now.length, now.steps, most))
         F, G = self.W[:, k : k + n], self.W[:, k + n :]
-        self.P = _from_right(_from_left(F, self.P), F)
-        self.dP = _from_right(_from_left(F, self.dP), F)
-        self.dx = _from_left(F, self.dx)
+        self.P.copy_(_from_right(_from_left(F, self.P), F))
+        self.dP.copy_(_from_right(_from_left(F, self.dP), F))
+        self.dx.copy_(_from_left(F, self.dx))
         m = len(self.label)
         for i in range(self.cell.inputs):
             outer = G[:, i, None] * G[None, :, i]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,12 +76,20 @@ class Records:
     def _stacked(self, arrays: Sequence[Array]) -> torch.Tensor:
         return torch.from_numpy(np.stack(arrays, axis=-1)).to(self.device)
 
-    def sample(self, t: int, index: torch.Tensor | None) -> Sample:
-        """Return sample t of the records `index` (B,); None if there is one record that all elements share."""
-        rows = self._table[t] if index is None else self._table[t].index_select(1, index)
-        rows_u, rows_y, rest = rows.split([self.inputs, self.labels, 4])
+    def row(self, t: int, index: torch.Tensor | None) -> torch.Tensor:
+        """Return what the records `index` (B,) have of sample t; None if they share the one there is."""
+        return self._table[t] if index is None else self._table[t].index_select(1, index)
+
+    def sample(self, t: int, row: torch.Tensor) -> Sample:
+        """Return a row with names; t: a sample at which the elements take as many steps."""
+        u, y, rest = row.split([self.inputs, self.labels, 4])
         length, gap, steps, weight = rest.unbind(0)
-        return Sample(rows_u.unbind(0), rows_y.unbind(0), length, gap, self.most[t] if self._even[t] else steps, weight)
+        return Sample(u.unbind(0), y.unbind(0), length, gap, self.most[t] if self._even[t] else steps, weight)
+
+    def kind(self, t: int) -> Hashable:
+        """Return what decides which operations sample t needs; the numbers of its row do not."""
+        known = bool(self.weighted[t]), bool(self.gapped[t]), *self.missing[t].tolist()
+        return self.most[t], self._even[t], *known
 
     def most_at(self, t: int) -> int:
         """Return the largest number of steps from sample t; 0 if all elements take the same."""

@@ -55,11 +55,11 @@ def rollout(
     x = start.clone()
     W = x.new_zeros((cell.states, cell.parameters, B))
     X, J = x.new_empty((records.samples, *x.shape)), x.new_empty((records.samples, *W.shape))
-    now = records.sample(0, index)
+    now = records.sample(0, records.row(0, index))
     for t in range(records.samples):
         X[t], J[t] = x, W
         if t + 1 < records.samples:
-            then = records.sample(t + 1, index)
+            then = records.sample(t + 1, records.row(t + 1, index))
             x = cell.step_columns(x, W, now.u, then.u, c, now.length, now.steps, records.most_at(t))
             now = then
     return X, J

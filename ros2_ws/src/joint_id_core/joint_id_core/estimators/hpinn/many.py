@@ -139,7 +139,7 @@ class _Loss:
         x = start.clone()
         W = x.new_zeros((cell.states, cell.parameters, B))
         loss, slope = x.new_zeros(B), x.new_zeros((cell.parameters, B))
-        now = records.sample(0, self.index)
+        now = records.sample(0, records.row(0, self.index))
         for t in range(records.samples):
             error = self.mix @ x[self.states] - torch.stack([y.expand(B) for y in now.y])
             if records.missing[t].any():
@@ -148,7 +148,7 @@ class _Loss:
             loss += (pulled * error).sum(0)
             slope += 2.0 * torch.einsum("ls,lb,skb->kb", self.mix, pulled, W[self.states])
             if t + 1 < records.samples:
-                then = records.sample(t + 1, self.index)
+                then = records.sample(t + 1, records.row(t + 1, self.index))
                 x = cell.step_columns(x, W, now.u, then.u, c, now.length, now.steps, records.most_at(t))
                 now = then
         return loss.cpu().numpy(), np.ascontiguousarray(slope.T.cpu().numpy())

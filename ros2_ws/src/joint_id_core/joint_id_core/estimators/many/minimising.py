@@ -13,7 +13,7 @@ from joint_id_core.estimators.innovations.noise import NoiseScoring
 from joint_id_core.estimators.many.passes import Passes
 from joint_id_core.options import Progress
 
-TOGETHER = 2000  # searches that run at the same time; more wait: each keeps its last pass
+TOGETHER = 10000  # searches that run at the same time; more wait: each keeps its last pass, some kB
 
 
 @dataclass(frozen=True)
