@@ -17,6 +17,7 @@ from joint_id_core.design.limits import JointLimits
 from joint_id_core.design.plant import as_recorded
 from joint_id_core.design.search import Search, Shape
 from joint_id_core.design.trajectory import Trajectory
+from joint_id_core.design.trial import trial_fit
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.estimators.shared.fit_data import prepare
@@ -139,6 +140,21 @@ def test_real_fits_err_by_what_was_promised(design):
     rms = np.sqrt(np.mean(np.square(errors), axis=0))
     promised = [rows[name].std_dev / rows[name].value for name in ("J", "c", "tau_f")]
     assert np.all(rms / promised > 0.6) and np.all(rms / promised < 1.5), rms / promised
+
+
+def test_a_trial_fit_ends_where_the_fit_of_the_robot_will():
+    """Elsewhere by two standard deviations if its integrator steps are not those of the other."""
+    model, rate = build("harmonic_drive"), 500.0
+    foresight, tones = Foresight(model, ParameterSettings(), rate), build_multisine(0.3, harmonics(2.0, 6.0, 5.0))
+    joint, time = foresight.joints(1, seed=4)[1], np.arange(round(6.0 * rate) + 1) / rate
+    x = np.clip(time, 0.0, 1.0)
+    ramp, slope = x**3 * (10 - 15 * x + 6 * x**2), 30 * x**2 * (1 - x) ** 2
+    position, velocity = ramp * tones.value(time), ramp * tones.rate(time) + slope * tones.value(time)
+    recording = as_recorded(foresight.move(joint, position, velocity).recording, foresight.sensors, 1)
+    trial, real = trial_fit(foresight, joint, recording), fit(model, recording)
+    assert trial is not None
+    for name in real.free:
+        assert abs(trial.values[name] - real.values[name]) < 0.1 * real[name].std_dev, name
 
 
 def test_the_motion_keeps_its_limits_between_the_samples(design):

@@ -16,7 +16,17 @@ import numpy as np
 
 from joint_id_core.cell.kernel import Kernel, compile_model
 from joint_id_core.data.recording import Array, Recording
-from joint_id_core.design.plant import LOADS, Moved, Plant, as_recorded, controller_of, plant_of, sensors_of
+from joint_id_core.design.plant import (
+    LOADS,
+    SHARP,
+    SHARPER,
+    Moved,
+    Plant,
+    as_recorded,
+    controller_of,
+    plant_of,
+    sensors_of,
+)
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.innovations.belief import Belief, Coordinates
 from joint_id_core.estimators.innovations.checks import in_combination
@@ -114,13 +124,15 @@ class Foresight:
             UnusableError: the motion is too short or too small for a fit.
             JointIdError: the simulation or the filter does not stay finite.
         """
-        moved = self.move(joint, position, velocity)
+        moved = self.move(joint, position, velocity, SHARP)
         return Seen(self.covariance(joint, moved.recording), moved.torque)
 
-    def move(self, joint: Mapping[str, float], position: Array, velocity: Array) -> Moved:
+    def move(
+        self, joint: Mapping[str, float], position: Array, velocity: Array, sharper: float = SHARPER
+    ) -> Moved:  # fmt: skip
         """Let a joint with these values follow the motion (T,) of its link; errors as `see`."""
         values = {name: joint[name] for name in self.plant.model.parameter_names}
-        return self.plant.follow(values, position, velocity, 1.0 / self.rate)
+        return self.plant.follow(values, position, velocity, 1.0 / self.rate, sharper)
 
     def covariance(self, joint: Mapping[str, float], exact: Recording) -> Array:
         """Return the covariance of the coordinates, (k, k), that a fit of a motion will have near these values.
@@ -160,13 +172,19 @@ class Foresight:
         return data, levels_of(data, self.sensors), substeps
 
     def informed(
-        self, joint: Mapping[str, float], recording: Recording, taken_off: bool = False
+        self,
+        joint: Mapping[str, float],
+        recording: Recording,
+        taken_off: bool = False,
+        noise: Mapping[str, float] | None = None,
     ) -> tuple[Array, Array, Array]:
         """Return the covariance near the true values, the Newton step from there, and the bias that a fit takes off.
 
-        Without `taken_off` the last one is zero.
+        Without `taken_off` the last one is zero. `noise` holds the noise levels of a fit; None: those of the sensors.
         """
         data, levels, stable = self.prepared(joint, recording)
+        if noise is not None:
+            levels = np.square([noise[name] for name in data.noise_names])
         coordinates, kernel, substeps = self.coordinates, self._kernel, ACCURATE * stable
         loaded = any(joint.get(name, 0.0) != 0.0 for name in LOADS)
         recursion = Recursion(data, kernel, data.p if loaded else None)
@@ -175,9 +193,9 @@ class Foresight:
         found = cost.at(cost.belief.mean, levels, steps, substeps)
         if found is None or not found.definite:
             raise JointIdError(f"model {self.model.name}: the filter does not follow this motion with these parameters")
-        noise = recursion.noise_information(found.last, with_parameters=True)
-        cross = noise.cross * coordinates.slope(found.z)[:, None]
-        covariance = found.inverse + unknown_levels(found.inverse, noise.matrix, cross)
+        known = recursion.noise_information(found.last, with_parameters=True)
+        cross = known.cross * coordinates.slope(found.z)[:, None]
+        covariance = found.inverse + unknown_levels(found.inverse, known.matrix, cross)
         step, none = found.inverse @ found.gradient, np.zeros(len(self.free))
         return covariance, step, sensor_bias(recursion, coordinates, found, found.last) if taken_off else none
 

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from joint_id_core.data.recording import Array, Recording
-from joint_id_core.design.foresight import ACCURATE, Foresight
+from joint_id_core.design.foresight import Foresight
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators.innovations.estimator import MAX_SUBSTEPS, Innovations
 from joint_id_core.estimators.innovations.fit import fit_innovations
+from joint_id_core.estimators.innovations.noise import NoiseLevels
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status
 from joint_id_core.results.verdict import Verdict
 
@@ -46,17 +46,17 @@ def promise(
     Raises:
         JointIdError: the motion is too small or too short for a fit, or no fit found anything.
     """
-    total, torque, biases, failed = [], 0.0, list[Array](), 0
+    total, torque, biases, failed = list[Array](), 0.0, list[Array](), 0
     for joint in joints:
         moved = foresight.move(joint, position, velocity)
         torque = max(torque, moved.torque)
         both = foresight.recordings(moved.recording)
-        total.append(foresight.informed(joint, both[0])[0])
-        errors = [_error(foresight, joint, recording) for recording in both]
-        known = [error for error in errors if error is not None]
-        failed += len(errors) - len(known)
-        if len(known) == len(errors):
-            biases.append(np.mean(known, axis=0))
+        fits = [trial_fit(foresight, joint, recording) for recording in both]
+        known = [estimate for estimate in fits if estimate is not None]
+        failed += len(fits) - len(known)
+        if len(known) == len(fits):
+            biases.append(np.mean([_error(foresight, joint, estimate) for estimate in known], axis=0))
+            total.append(foresight.informed(joint, both[0], noise=known[0].noise)[0])
     if not biases:
         raise JointIdError(
             "no trial fit of this motion found the parameters: give the joint's values (--set), or more time"
@@ -65,29 +65,35 @@ def promise(
     return Promise(np.asarray(covariance), torque, failed, 2 * len(joints))
 
 
-def _error(foresight: Foresight, joint: Mapping[str, float], recording: Recording) -> Array | None:
-    """Return the error of a fit in coordinates, (k,), started near the true values; None if it finds nothing."""
-    near = _near(foresight, joint, recording)
-    # with a fixed number of steps, a fit that starts near its end iterates to the end
-    options = Innovations(substeps=near.substeps)
-    estimate = fit_innovations(foresight.model, recording, foresight.settings, options, previous=near)
-    if estimate.status.unusable or not estimate.free:
-        return None
+def trial_fit(foresight: Foresight, joint: Mapping[str, float], recording: Recording) -> Estimate | None:
+    """Return a fit with the integrator steps that it asks for; None if it finds nothing."""
+    estimate = fit_innovations(
+        foresight.model, recording, foresight.settings, previous=_start(foresight, joint, recording)
+    )
+    found = not estimate.status.unusable and estimate.free and np.isfinite(list(estimate.values.values())).all()
+    return estimate if found else None
+
+
+def _error(foresight: Foresight, joint: Mapping[str, float], estimate: Estimate) -> Array:
+    """Return the error of a fit in coordinates, (k,)."""
     at = foresight.coordinates
     found, true = (at.z(np.array([one[name] for name in foresight.free])) for one in (estimate.values, joint))
-    error = found - true
-    return error if np.isfinite(error).all() else None
+    return found - true
 
 
-def _near(foresight: Foresight, joint: Mapping[str, float], recording: Recording) -> Estimate:
-    """Return the true values as an estimate that a fit starts from."""
+def _start(foresight: Foresight, joint: Mapping[str, float], recording: Recording) -> Estimate:
+    """Return what is believed of the joint as an estimate that a fit starts from: that spares most of the way.
+
+    It does not start from the true values: a fit that ends where it begins keeps its integrator steps.
+    """
     data, levels, stable = foresight.prepared(joint, recording)
     rows = tuple(
-        ParameterEstimate(p.name, p.unit, joint[p.name], math.nan, Verdict.ESTIMATED)
+        ParameterEstimate(p.name, p.unit, foresight.values[p.name], math.nan, Verdict.ESTIMATED)
         for p in foresight.model.parameters
     )  # fmt: skip
-    noise = dict(zip(data.noise_names, np.sqrt(levels).tolist(), strict=True))
+    bounds = NoiseLevels.of(data)
+    levels = np.where(levels > bounds.lower, levels, bounds.rough)  # from no noise at all a fit takes long
     return Estimate(
-        foresight.model.name, "innovations", Status.CONVERGED, "", rows, data.free, noise=noise,
-        substeps=min(ACCURATE * stable, MAX_SUBSTEPS),
+        foresight.model.name, "innovations", Status.CONVERGED, "", rows, data.free,
+        noise=dict(zip(data.noise_names, np.sqrt(levels).tolist(), strict=True)), substeps=stable,
     )  # fmt: skip
