@@ -1,21 +1,26 @@
 """Whether designed motions keep their promise, and what they are worth beside a multisine of the same time and limits.
 
-    setup/run python benchmarks/design.py --joints 200 --workers 2
+    setup/run python benchmarks/design.py --joints 200 --workers 2 --write
+    python benchmarks/design.py --joints 200 --workers 14 --json design.json
+    setup/run python benchmarks/design.py --from design.json --write
 
 For each case a motion is designed for the start values. Joints whose values are off by 10 % make it, simulated with
 exact stick and slip under position control, measured as a UR robot does, and are fitted from the start values. The
 error is that of the estimate, in the logarithm for positive parameters; the promise is what the design said before. The
-multisine has the tones of 1 to 3 Hz, of equal amplitude with Schroeder's phases, as large as the limits allow.
+multisine has the tones of 1 to 3 Hz, of equal amplitude with Schroeder's phases, as large as the limits allow. The
+last two commands measure on another machine, and write its table where the docs are.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from multiprocessing import get_context
+from pathlib import Path
 
 import numpy as np
 from measured_blocks import write
@@ -138,55 +143,94 @@ def promised(case: Case, design: Design) -> Array:
 
 @dataclass(frozen=True)
 class Realised:
-    """What became of a promise: rms errors over it by parameter, and how many fits converged."""
+    """What became of the promises of a motion: rms errors by parameter, and how many fits converged."""
 
-    promise: Array
-    rms: Array
+    promise: list[float]
+    rms: list[float]
     converged: int
 
-    @property
-    def ratio(self) -> Array:
-        """Realised over promised."""
-        return np.asarray(self.rms / self.promise)
+
+@dataclass(frozen=True)
+class Row:
+    """A row of the table: what became of the designed motion and of the multisine; CPU seconds of the design."""
+
+    case: str
+    names: tuple[str, ...]
+    joints: int
+    designed: Realised
+    multisine: Realised
+    seconds: float
 
 
-def realised(case: Case, design: Design, seeds: Sequence[int], workers: int) -> Realised:
-    """Let many joints make a motion, and fit them."""
-    jobs = [(case, design.trajectory, seed) for seed in seeds]
-    with get_context("spawn").Pool(workers) as pool:
-        found = pool.map(error, jobs, chunksize=1)
-    free = Foresight(case.model, case.settings).free
-    columns = [free.index(name) for name in case.names]
-    errors = np.array([row for _, row in found])[:, columns]
-    good = sum(status == "converged" for status, _ in found)
-    return Realised(promised(case, design), np.sqrt((errors**2).mean(axis=0)), good)
-
-
-def geometric(values: Array) -> float:
-    """Geometric mean."""
-    return float(np.exp(np.log(values).mean()))
-
-
-def row(case: Case, seeds: Sequence[int], workers: int) -> str:
-    """A row of the table."""
+def motions(case: Case) -> tuple[Design, Design, float]:
+    """Return the designed motion and the multisine with their promises, and the CPU seconds of the design."""
     warm = Search(Foresight(case.model, case.settings), case.within, 0.0, SECONDS, case.names)
     warm.foresight.see(warm.joints[0], 0.1 * np.sin(warm.time), 0.1 * np.cos(warm.time))  # compiled, loaded
     begun = time.process_time()
     design = design_joint(case.model, case.within, case.settings, SECONDS, case.show)
     spent = time.process_time() - begun
-    plain = foretell(Foresight(case.model, case.settings), multisine(case))
-    found, other = (realised(case, d, seeds, workers) for d in (design, plain))
-    ratios = sorted(zip(found.ratio.tolist(), case.names, strict=True))
+    return design, foretell(Foresight(case.model, case.settings), multisine(case)), spent
+
+
+def realised(case: Case, design: Design, found: Sequence[tuple[str, list[float]]]) -> Realised:
+    """Return what the fits of joints that made a motion say of its promise."""
+    free = Foresight(case.model, case.settings).free
+    errors = np.array([row for _, row in found])[:, [free.index(name) for name in case.names]]
+    good = sum(status == "converged" for status, _ in found)
+    return Realised(promised(case, design).tolist(), np.sqrt((errors**2).mean(axis=0)).tolist(), good)
+
+
+def measured(cases: Sequence[Case], joints: int, workers: int) -> Iterator[Row]:
+    """Design motions, and let joints make them and be fitted."""
+    with get_context("spawn").Pool(workers) as pool:
+        for case, (*designs, seconds) in zip(cases, pool.map(motions, cases, chunksize=1), strict=True):
+            jobs = [(case, design.trajectory, seed) for design in designs for seed in range(joints)]
+            found = pool.map(error, jobs, chunksize=1)
+            both = (realised(case, d, found[k * joints : (k + 1) * joints]) for k, d in enumerate(designs))
+            yield Row(case.name, case.names, joints, *both, seconds)
+
+
+def geometric(values: Sequence[float]) -> float:
+    """Geometric mean."""
+    return float(np.exp(np.log(values).mean()))
+
+
+def line(row: Row) -> str:
+    """A line of the table."""
+    found, other = row.designed, row.multisine
+    ratio = np.divide(found.rms, found.promise).tolist()
+    ratios = sorted(zip(ratio, row.names, strict=True))
     promise, gain = geometric(other.promise) / geometric(found.promise), geometric(other.rms) / geometric(found.rms)
-    print(case.name, {n: round(r, 2) for r, n in ratios}, "multisine", np.round(other.ratio, 2), flush=True)
-    text = (
-        f"| {case.name} | {found.converged} of {len(seeds)} | {ratios[0][0]:.2f} (`{ratios[0][1]}`) to "
-        f"{ratios[-1][0]:.2f} (`{ratios[-1][1]}`), {geometric(found.ratio):.2f} | {geometric(found.promise):.2%}, "
-        f"{geometric(found.rms):.2%} | {geometric(other.promise):.2%}, {geometric(other.rms):.2%} | {promise:.2f}, "
-        f"{gain:.2f} | {spent:.1f} s |"
+    all_fits = other.converged == row.joints
+    others = f"{geometric(other.rms):.2%}" if all_fits else f"{other.converged} of {row.joints} fits converge"
+    return (
+        f"| {row.case} | {found.converged} of {row.joints} | {ratios[0][0]:.2f} (`{ratios[0][1]}`) to "
+        f"{ratios[-1][0]:.2f} (`{ratios[-1][1]}`), {geometric(ratio):.2f} | {geometric(found.promise):.2%}, "
+        f"{geometric(found.rms):.2%} | {geometric(other.promise):.2%}, {others} | {promise:.2f}, "
+        f"{f'{gain:.2f}' if all_fits else '-'} | {row.seconds:.1f} s |"
     )
-    print(text, flush=True)
-    return text
+
+
+def table(rows: Sequence[Row], machine: str) -> str:
+    """The table in Markdown."""
+    joints = " or ".join(str(n) for n in sorted({row.joints for row in rows}))
+    return "\n".join([
+        f"Joints a case: {joints}. {machine}",
+        "",
+        "| case | converged | rms error over promise, least to most, mean | designed: promised, realised | multisine | "
+        "multisine over designed | time |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+        *(line(row) for row in rows),
+    ])  # fmt: skip
+
+
+def read(path: Path) -> tuple[list[Row], str]:
+    """Rows and the machine of a result in JSON."""
+    known = json.loads(path.read_text())
+    rows = [
+        Row(**row | {part: Realised(**row[part]) for part in ("designed", "multisine")}) for row in known["rows"]
+    ]  # fmt: skip
+    return rows, known["machine"]
 
 
 def main() -> None:
@@ -195,20 +239,24 @@ def main() -> None:
     parser.add_argument("--joints", type=int, default=200, help="of each case (default: %(default)s)")
     parser.add_argument("--workers", type=int, default=2, help="processes (default: %(default)s)")
     parser.add_argument("--cases", type=int, nargs="+", default=list(range(len(CASES))), help="numbers of the cases")
+    parser.add_argument("--json", type=Path, help="where every row goes as soon as it is there")
+    parser.add_argument("--from", type=Path, dest="result", help="a result in JSON, of any machine: measure nothing")
     parser.add_argument("--write", action="store_true", help=f"make the table of docs/{PAGE} anew")
     args = parser.parse_args()
     os.environ.update(SINGLE_CORE)
-    rows = [
-        f"Joints a case: {args.joints}.",
-        "",
-        "| case | converged | rms error over promise, least to most, mean | designed: promised, realised | multisine | "
-        "multisine over designed | time |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
-        *(row(CASES[k], range(args.joints), args.workers) for k in args.cases),
-    ]
-    print("\n".join(rows))
+    rows, machine = list[Row](), f"{os.cpu_count()} cores, {args.workers} processes."
+    if args.result:
+        rows, machine = read(args.result)
+    else:
+        for row in measured([CASES[k] for k in args.cases], args.joints, args.workers):
+            rows.append(row)
+            print(line(row), flush=True)
+            if args.json:
+                args.json.write_text(json.dumps({"machine": machine, "rows": [asdict(r) for r in rows]}))
+    text = table(rows, machine)
+    print(text)
     if args.write:
-        write(PAGE, {BLOCK: "\n".join(rows)})
+        write(PAGE, {BLOCK: text})
 
 
 if __name__ == "__main__":

@@ -109,7 +109,8 @@ def test_measured_blocks_are_written_and_the_rest_is_left():
     names = {name for path in DOCS.rglob("*.md") for _, name, _ in BLOCK.findall(path.read_text())}
     parts = ("targets", "joints", "links", "stiffness", "arm", "payload", "arm-followed", "arm-peers")
     fleet = {f"fleet-{part}" for part in ("robots", "emulator", "page", "participants")}
-    others = {"changes", "steady", "peers", "soak", "robots", "batch", "batched", "design-arm", "design-joint"}
+    others = {"changes", "steady", "peers", "soak", "robots", "batch", "batched", "batched-gpu", "bootstrap"}
+    others |= {"design-arm", "design-joint"}
     assert names == others | {f"robots-{part}" for part in parts} | fleet
 
 
