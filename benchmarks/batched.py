@@ -74,6 +74,7 @@ class Row:
     best: float = 0.0
 
 
+@cache
 def problem() -> tuple[Stages, Array]:
     """Return the stages of one record, and its integrator steps."""
     model = build("harmonic_drive")
@@ -198,21 +199,15 @@ def jobs_of(stages: Stages, count: int) -> list[Start]:
     return [Start(0, stages.cost, stages.scoring, z, levels) for z, levels in drawn(stages, count, seed=0)]
 
 
-@cache
-def known_problem() -> tuple[Stages, Array]:
-    """Return `problem()`, made once a process."""
-    return problem()
-
-
 def ready(all_of_them: Barrier) -> None:
     """Make the problem in a process, and wait for the others."""
-    known_problem()
+    problem()
     all_of_them.wait()
 
 
 def searched(chosen: Sequence[int], count: int) -> list[Minimum | None]:
     """Search with the kernel from the starts `chosen` of `count`."""
-    stages, steps = known_problem()
+    stages, steps = problem()
     jobs, passes = jobs_of(stages, count), KernelPasses([stages.recursion], [steps])
     return minimised(passes, [jobs[k] for k in chosen], [SUBSTEPS], TOLERANCE, MAX_ITERATIONS)
 
@@ -277,9 +272,7 @@ def main() -> None:
     parser.add_argument("--cores", type=int, default=1, help="on which the kernel searches as well")
     parser.add_argument("--cpu-most", type=int, default=CPU_MOST, help="passes or starts that torch does on a CPU")
     parser.add_argument("--json", type=Path)
-    parser.add_argument(
-        "--from", type=Path, dest="result", help=f"write the table {OTHER} from a JSON, measure nothing"
-    )
+    parser.add_argument("--from", type=Path, dest="result", help=f"a JSON, for the block {OTHER}: measure nothing")
     parser.add_argument("--docs", action="store_true", help="write the tables into docs/benchmarks.md")
     given = parser.parse_args()
     if given.result:
@@ -295,8 +288,8 @@ def main() -> None:
         rows[part].append(row)
         if given.json:  # a run that is stopped keeps what it has
             given.json.parent.mkdir(parents=True, exist_ok=True)
-            known = {name: [asdict(r) for r in some] for name, some in rows.items()}
-            given.json.write_text(json.dumps({"machine": machine(), **known}))
+            known = {"machine": machine()} | {name: [asdict(r) for r in some] for name, some in rows.items()}
+            given.json.write_text(json.dumps(known))
     text = table(rows["passes"], rows["starts"])
     print(text)
     if given.docs:
