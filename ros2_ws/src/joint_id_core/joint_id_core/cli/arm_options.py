@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Optional
 import typer
 
 from joint_id_core.arm.gains import NAMES, Drive, Gains, gains_of
-from joint_id_core.assignments import texts_by_name, vector
+from joint_id_core.assignments import texts_by_name
 from joint_id_core.cli.fit_options import BASE_GRAVITY_HELP, EndOption, MapOption, StartOption, Texts
-from joint_id_core.jobs.given import Part, joints_of
+from joint_id_core.jobs.given import Part, described, joints_of
 from joint_id_core.jobs.robot_file import robot_settings
 from joint_id_core.models.per_joint import parse
 
@@ -44,10 +44,7 @@ class ArmOptions:
 
     def description(self, urdf: Path) -> Description:
         """Read the description of the robot, with its base as it stands."""
-        from joint_id_core.arm.description import GRAVITY, Description
-
-        gravity = GRAVITY if self.base_gravity is None else vector(self.base_gravity, "--base-gravity")
-        return Description.read(urdf, gravity)
+        return described(urdf, self.base_gravity)
 
     def gains(self, joints: Sequence[str]) -> tuple[Gains, str]:
         """Return the torques of all drives, and how far their torque constants are known."""
