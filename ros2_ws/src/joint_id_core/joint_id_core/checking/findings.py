@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
+from joint_id_core.checking.burst import bursts
 from joint_id_core.checking.circuit import circuit
 from joint_id_core.checking.clipping import cut_off
 from joint_id_core.checking.command import unfollowed
@@ -24,7 +25,7 @@ from joint_id_core.data.recording import Recording
 LEAST = 50  # samples; fewer show nothing
 CHECKS = (
     time_units, position_units, slower_source, constant_channels, velocities, low_rate, uneven_stamps, outliers,
-    repeated, zeros, jumps, frozen, cut_off, standing, twist_offset, unfollowed, circuit,
+    repeated, zeros, jumps, frozen, cut_off, standing, twist_offset, unfollowed, circuit, bursts,
 )  # fmt: skip
 
 
