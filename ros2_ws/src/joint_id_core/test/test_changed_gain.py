@@ -62,3 +62,13 @@ def test_a_motion_that_begins_and_a_drive_in_steps_are_no_bursts(good):
     assert not list(bursts(good.with_channels(late)))
     steps = np.where(np.sin(3.0 * good.time) > 0.0, 5.0, -5.0)
     assert not list(bursts(good.with_channels({"torque": steps})))
+
+
+def test_a_late_drive_of_a_flexible_joint_is_named():
+    model = build("harmonic_drive")
+    recording = simulate_motion(model, duration=3.0)
+    late = np.interp(recording.time - 0.02, recording.time, recording["torque"])
+    found = fit(model, recording.with_channels({"torque": late}))
+    assert found.status is Status.POOR_FIT
+    told = found.message.split("The drive seems to be ")[1].split()
+    assert float(told[0]) == pytest.approx(20.0, abs=1.5) and told[2] == "late"
