@@ -33,6 +33,7 @@ COMMANDS = (
     "fit",
     "report",
     "arm-fit",
+    "arm-friction-scales",
     "design",
     "diff",
     "batch",

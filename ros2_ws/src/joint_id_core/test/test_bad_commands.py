@@ -15,6 +15,7 @@ import pytest
 
 from joint_id_core import formats
 from joint_id_core.cli.group import BAD_INPUT
+from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.text_file import write_text
 
@@ -160,3 +161,24 @@ def test_a_recording_to_predict_is_checked_as_well(tmp_path, log):
     formats.write(tmp_path / "degrees.csv", wrong)
     done = run(tmp_path, "fit", log, "--model", "rigid_joint", "--validate", "degrees.csv")
     assert "degrees.csv: " in done.stderr and "degrees" in done.stderr.partition("degrees.csv: ")[2]
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda r: Recording(1e3 * r.time, r.channels), "time seems to be in milliseconds"),
+        (lambda r: r.slice(0, 20), "a fit needs"),
+    ],
+)
+def test_a_recording_that_cannot_be_predicted_does_not_lose_the_fit(tmp_path, log, change, told):
+    formats.write(tmp_path / "other.csv", change(motion(2.0)))
+    done = run(tmp_path, "fit", log, "--model", "rigid_joint", "--validate", "other.csv", "--save", "kept.json")
+    assert done.returncode == BAD_INPUT and "estimated" in done.stdout and (tmp_path / "kept.json").exists()
+    line = next(line for line in done.stdout.splitlines() if line.startswith("held out, other.csv: not predicted"))
+    assert told in line and "nrmse" not in line
+
+
+def test_a_link_that_leads_to_itself_is_said(tmp_path):
+    (tmp_path / "loop.csv").symlink_to("loop.csv")
+    done = run(tmp_path, "fit", "loop.csv", "--model", "rigid_joint")
+    assert done.returncode == BAD_INPUT and done.stderr.count("\n") == 1 and "loop.csv" in done.stderr

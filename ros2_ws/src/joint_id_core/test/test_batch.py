@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as parquet
 import pytest
 
+from joint_id_core import formats
 from joint_id_core.batch import cores
 from joint_id_core.batch.recordings import Found, find
 from joint_id_core.batch.run import run as run_batch
@@ -19,6 +20,7 @@ from joint_id_core.batch.store import ASIDE, LocalStore, store
 from joint_id_core.batch.table import join, write_part
 from joint_id_core.errors import JointIdError
 
+from . import moving_arm
 from .many_recordings import recordings, rows, run_here, work, write_bags
 
 SPACE = "/cell_3/ur5e"
@@ -152,6 +154,29 @@ def test_the_file_of_a_robot_goes_with_the_work_and_its_content_is_among_the_opt
     robot.write_text("identifier: {ros__parameters: {fix: ['J=1.5']}}")
     code, _, err = run("batch", bag, "-o", output, *COMMAND, "--robot", robot)
     assert code == 2 and "made with other options" in err
+
+
+def test_the_joints_of_an_arm_have_the_load_of_its_description(tmp_path, run, in_this_process):
+    pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
+    pytest.importorskip("mujoco", reason="the arm is one of MuJoCo")
+    arm, output = tmp_path / "arm.urdf", tmp_path / "out.parquet"
+    arm.write_text(moving_arm.URDF)
+    formats.write_bag(tmp_path / "moves", moving_arm.rigid(8.0))
+    words = ("batch", tmp_path / "moves", *COMMAND)
+    code, _, err = run(*words, "-o", output, "--urdf", arm)
+    assert code == 0, err
+    for k, row in enumerate(rows(output)):
+        found = {p["name"]: p for p in row["parameters"]}
+        assert row["joint"] == moving_arm.JOINTS[k] and row["status"] == "converged", row["message"]
+        for name, truth in (("c", moving_arm.VISCOUS[k]), ("tau_f", moving_arm.COULOMB[k])):
+            assert abs(found[name]["value"] - truth) < 4.0 * found[name]["std_dev"], (row["joint"], name)
+    assert "arm.urdf" in row["options"]
+    for wrong, told in (
+        (("--urdf", tmp_path / "no.urdf"), "no.urdf: cannot be read"),
+        (("--base-gravity", "0,0,9.81"), "give --urdf, too"),
+    ):
+        code, _, err = run(*words, "-o", tmp_path / "other.parquet", *wrong)
+        assert code == 2 and told in err
 
 
 def test_only_a_part_and_one_joint_of_each_recording(tmp_path, run, in_this_process):

@@ -285,3 +285,8 @@ def test_a_command_that_the_link_does_not_follow_is_named(wrong):
     assert not any(f.about == "command" for f in findings(record.with_channels({"reference_position": q + 0.01})))
     (found,) = (f for f in findings(record.with_channels({"reference_position": wrong(q)})) if f.about == "command")
     assert "reference_position" in found.text and not found.fatal
+
+
+def test_a_torque_that_no_robot_has_may_be_in_another_unit():
+    (found,) = findings(scaled("torque", 1e5 / np.abs(good()["torque"]).max()))
+    assert "if it is in mNm, multiply it by 0.001" in found.text and not found.fatal

@@ -81,3 +81,20 @@ def test_samples_that_stand_or_are_missing_tell_nothing(good):
     still = changed(good, {"voltage": np.zeros(len(good)), "current": np.zeros(len(good))})
     gone = changed(good, {"voltage": np.full(len(good), np.nan)})
     assert not list(circuit(still)) and not list(circuit(gone))
+
+
+@pytest.mark.parametrize(("change", "told"), WRONG.values(), ids=list(WRONG))
+def test_a_short_recording_whose_voltage_rests_in_between_shows_it_as_well(change, told):
+    short = simulate_motion(MODEL, duration=3.0, values={"R": 0.7, "k_t": 0.045, "c_b": 4e-4})
+    assert not list(circuit(short))
+    (found,) = circuit(changed(short, change(short)))
+    assert found.fatal and told in found.text.lower()
+
+
+def test_swapped_current_and_velocity_have_constants_that_no_motor_has():
+    short = simulate_motion(MODEL, duration=3.0, values={"R": 0.7, "k_t": 0.045, "c_b": 4e-4})
+    swapped = changed(short, {"current": short["motor_velocity"], "motor_velocity": short["current"]})
+    said = fit(MODEL, swapped).message
+    assert (
+        "voltage constant k_b is more than" in said and "a channel is not in SI units, or is another quantity" in said
+    )

@@ -185,6 +185,14 @@ def test_the_design_beats_a_multisine_of_the_same_limits_and_is_the_same_again(d
     assert np.array_equal(again.trajectory.position, design.trajectory.position) and str(again) == str(design)
 
 
+def test_a_limit_that_was_assumed_is_not_told_as_given():
+    limits = replace(LIMITS, velocity=np.array([50.0]), acceleration=np.array([np.inf]), jerk=np.array([np.inf]))
+    said = " ".join(design_joint(MODEL, limits, time=4.0, rate=RATE).notes)
+    held = said.partition("The limit of ")[2].split()[0]
+    assert held in ("acceleration", "jerk"), said
+    assert f"The limit of {held} holds this motion (assumed, as none is given)" in said
+
+
 def test_it_says_which_simple_motions_cannot_show_what_and_which_limit_holds(design):
     said = " ".join(design.notes)
     assert "A motion in one direction, without a reversal, does not show" in said

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from rclpy.serialization import serialize_message
 
-from joint_id_core.cli.design_joint import JointRequest, design_of_joint
+from joint_id_core.cli.design_joint import design_of_joint
 from joint_id_core.cli.fit_options import parameter_settings
+from joint_id_core.cli.motion_options import MotionOptions
 from joint_id_core.design.design import Design
 from joint_id_core.design.files import read_trajectory, write
 from joint_id_core.design.limit_files import published, read_limits
@@ -19,8 +20,6 @@ from joint_id_core.errors import JointIdError
 from joint_id_ros.child_process import Tell
 from joint_id_ros.identify_request import Request
 from joint_id_ros.trajectories import to_message
-
-DURATION_S, RATE_HZ = 20.0, 500.0  # of a planned motion: defaults of `joint-id design`
 
 
 @dataclass(frozen=True)
@@ -100,9 +99,13 @@ def _planned(tell: Tell, request: Request, positions: Mapping[str, float]) -> De
 def _design(request: Request, joint: str, home: float | None) -> Design:
     """Return the design of a motion that begins at home in rad, or of the motion that is given."""
     motion = None if home is not None else Path(request.trajectory)
-    asked = JointRequest(
-        joint, {"model": request.model} if request.model else {}, parameter_settings(list(request.set), None, None),
-        Path(request.limits) if request.limits else None, request.robot or None, request.duration or DURATION_S,
-        RATE_HZ, None if home is None else repr(home), request.reach, None, "sigma", motion,
-    )  # fmt: skip
-    return design_of_joint(asked, (), None)
+    options = {"model": request.model} if request.model else {}
+    asked = MotionOptions(
+        robot=request.robot or None,
+        limits=Path(request.limits) if request.limits else None,
+        time=request.duration or MotionOptions.time,
+        home=None if home is None else repr(home),
+        reach=request.reach,
+        motion=motion,
+    )
+    return design_of_joint(joint, options, parameter_settings(list(request.set), None, None), asked, "sigma")

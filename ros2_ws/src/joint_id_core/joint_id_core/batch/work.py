@@ -6,16 +6,18 @@ import json
 import logging
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from joint_id_core.batch.recordings import Found
 from joint_id_core.batch.row import ERROR, Row, row_of_estimate, row_of_failure, with_provenance
+from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.jobs.fit_job import FitJob
-from joint_id_core.jobs.given import Given, window
+from joint_id_core.jobs.given import Given, described, given_with_load, window
 
 _ONE_AT_A_TIME = threading.Lock()  # a worker of Dask may have several threads, and a fit is made for one
 
@@ -27,12 +29,12 @@ class Work:
     Attributes:
         job: its `joint` is the only one that is fitted, or None; its files are those of each recording.
         options: all options in words (JSON), for the table.
-        robot_file: name and content of the file that `job.robot` names: another machine may not have it.
+        files: name and content of the files that the job names, by its field: another machine may not have them.
     """
 
     job: FitJob
     options: str
-    robot_file: tuple[str, bytes] | None = None
+    files: Mapping[str, tuple[str, bytes]] = field(default_factory=dict)
 
     def rows(self, found: Found) -> list[Row]:
         """Return a row a joint of a recording; what is wrong with it is a row, too."""
@@ -48,18 +50,14 @@ class Work:
         contents = formats.read_joints(found.place, job.mapping, found.joint)
         robot = found.robot or contents.namespace
         recordings = contents.recordings
-        if job.joint is not None:
-            if job.joint not in recordings:
-                raise JointIdError(f"{found.place} has no joint {job.joint!r}: it has {', '.join(recordings)}")
-            recordings = {job.joint: recordings[job.joint]}
+        if job.joint is not None and job.joint not in recordings:
+            raise JointIdError(f"{found.place} has no joint {job.joint!r}: it has {', '.join(recordings)}")
+        given = _given(job, recordings)
         rows, of_all = [], len(warnings)
-        for joint, recording in recordings.items():
+        for joint in recordings if job.joint is None else [job.joint]:
             del warnings[of_all:]
             try:
-                if isinstance(recording, JointIdError):
-                    raise recording
-                given = Given([window(recording, job.start, job.end)])
-                result = replace(job, joint=joint or None).run(given)
+                result = replace(job, joint=joint or None).run(given(joint))
                 options = json.dumps(dict(result.estimate.model_options), sort_keys=True)
                 row = row_of_estimate(result.estimate, options)
             except Exception as error:  # also one that is not foreseen: the other joints are fitted
@@ -76,15 +74,37 @@ class Work:
 
     @contextmanager
     def _here(self) -> Iterator[FitJob]:
-        """Give the job with the robot's file as this machine has it."""
-        if self.robot_file is None:
-            yield self.job
-            return
-        name, content = self.robot_file
+        """Give the job with its files as this machine has them."""
         with tempfile.TemporaryDirectory(prefix="joint_id_") as folder:
-            path = Path(folder) / name
-            path.write_bytes(content)
-            yield replace(self.job, robot=str(path))
+            places: dict[str, Any] = {}
+            for name, (own, content) in self.files.items():
+                path = Path(folder) / name / own
+                path.parent.mkdir()
+                path.write_bytes(content)
+                places[name] = str(path) if name == "robot" else path
+            yield replace(self.job, **places)
+
+
+def _given(job: FitJob, recordings: Mapping[str, Recording | JointIdError]) -> Callable[[str], Given]:
+    """Return a function that gives what is fitted of a joint; it raises what was wrong with a recording."""
+    description = None
+    if job.urdf is not None:
+        description = described(job.urdf, job.base_gravity)
+        description.source = job.urdf.name  # in rows: it lies in a folder of its own here
+
+    def part(joint: str) -> Recording:
+        recording = recordings[joint]
+        if isinstance(recording, JointIdError):
+            raise recording
+        return window(recording, job.start, job.end)
+
+    def given(joint: str) -> Given:
+        if description is None:
+            return Given([part(joint)])
+        names = (name for name in recordings if name in description.joints or name == joint)
+        return given_with_load(description, joint, [{name: part(name) for name in names}])
+
+    return given
 
 
 def _said(error: Exception) -> str:

@@ -14,10 +14,10 @@ from joint_id_core.checking.finding import Finding
 from joint_id_core.data.recording import Array, Recording
 
 CHANNELS = ("voltage", "current", "motor_velocity")
-STRETCHES, SHOWING, ROWS = 8, 5, 50  # of a recording; those at least that show it; samples in one at least
+STRETCHES, SHOWING, ROWS = 8, 3, 50  # of a recording; those at least that show it; samples in one at least
 EXPLAINED = 0.8  # share of the variance of the voltage that is of the circuit at least
 # A term shows its sign where the rest explains less by this share of the variance, and this many times what is left.
-SHARE, NEEDED = 0.01, 3.0
+SHARE, NEEDED = 0.03, 3.0
 RESISTANCES = (2e-3, 100.0)  # Ohm, of motors of robots, with a wide margin
 _CONTRADICTIONS = {  # by the signs of R and k_b; 0 is not known
     (-1, 1): "the resistance is negative: current has the wrong sign",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
+from joint_id_core.checking.burst import bursts
 from joint_id_core.checking.circuit import circuit
 from joint_id_core.checking.clipping import cut_off
 from joint_id_core.checking.command import unfollowed
@@ -17,14 +18,14 @@ from joint_id_core.checking.rows import outliers, zeros
 from joint_id_core.checking.stamps import uneven_stamps
 from joint_id_core.checking.standing import slower_source, standing
 from joint_id_core.checking.twist import twist_offset
-from joint_id_core.checking.units import position_units, time_units, too_large
+from joint_id_core.checking.units import position_units, time_units, too_large, torque_units
 from joint_id_core.checking.velocity import velocities
 from joint_id_core.data.recording import Recording
 
 LEAST = 50  # samples; fewer show nothing
 CHECKS = (
-    time_units, position_units, slower_source, constant_channels, velocities, low_rate, uneven_stamps, outliers,
-    repeated, zeros, jumps, frozen, cut_off, standing, twist_offset, unfollowed, circuit,
+    time_units, position_units, torque_units, slower_source, constant_channels, velocities, low_rate, uneven_stamps,
+    outliers, repeated, zeros, jumps, frozen, cut_off, standing, twist_offset, unfollowed, circuit, bursts,
 )  # fmt: skip
 
 

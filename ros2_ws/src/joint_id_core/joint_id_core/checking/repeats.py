@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from joint_id_core.checking.finding import REMOVE, SAMPLES, Finding, number, places
 from joint_id_core.checking.signals import joint_moves, noise
 from joint_id_core.data.recording import Array, Recording
+from joint_id_core.data.signals import BESIDE
 
 JUMP = 0.5  # of the way that the joint should have gone meanwhile, which it goes after a repeated sample
 LONG = 3  # repeated values of a velocity that are no chance; noise may repeat one
@@ -24,7 +25,7 @@ def repeated(recording: Recording) -> Iterator[Finding]:
     """
     if not joint_moves(recording):
         return
-    names = [n for n in recording.channels if recording.measured(n) and n != "temperature"]
+    names = [n for n in recording.channels if recording.measured(n) and n not in BESIDE]
     every = np.all([recording[n][1:] == recording[n][:-1] for n in names], axis=0) if len(names) > 1 else None
     found = {}
     for name in names:

@@ -11,7 +11,7 @@ from joint_id_core.checking.constant import DRIVES
 from joint_id_core.checking.finding import REMOVE, SAMPLES, Finding, number, places
 from joint_id_core.checking.signals import MAD, SECOND, joint_moves, noise
 from joint_id_core.data.recording import Array, Recording
-from joint_id_core.data.signals import CHANNELS
+from joint_id_core.data.signals import BESIDE, CHANNELS
 
 FAR = 12.0  # standard deviations of the noise between an outlier and the course of its neighbours
 LEAST_SHARE = 0.01  # of the span between the 5th and 95th percentile; less does no harm
@@ -28,7 +28,7 @@ def outliers(recording: Recording) -> Iterator[Finding]:
     if not joint_moves(recording):
         return
     for name in recording.channels:
-        if recording.measured(name) and name != "temperature":
+        if recording.measured(name) and name not in BESIDE:
             known = np.flatnonzero(np.isfinite(recording[name]))
             if len(known) < 4 * AROUND:
                 continue

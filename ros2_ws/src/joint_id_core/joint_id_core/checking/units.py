@@ -1,4 +1,7 @@
-"""Quantities that are not in SI units: times in milliseconds, positions in counts or degrees; values of no joint."""
+"""Quantities that are not in SI units: times in milliseconds, positions in counts or degrees, torques in mNm.
+
+Also values that no joint has.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ SLOWEST_S = 0.5  # a longer period shows no motion of a joint
 # Units of time, each with the longest period that is taken for it: those between are 0.1 s in one, 0.1 ms in the next.
 TIMES = (("milliseconds", "0.001", 100.0), ("microseconds", "1e-6", 1e5), ("nanoseconds", "1e-9", SLOWEST_S * 1e9))
 DISTINCT = 50  # whole numbers among positions that are no chance
+STRONGEST = 5e4  # Nm that no joint of a robot has at its link
 TURNS = 4.0 * 2.0 * np.pi  # rad that no link of a robot turns
 
 
@@ -65,6 +69,16 @@ def position_units(recording: Recording) -> Iterator[Finding]:
                 f"multiply it by 0.0174533 (--map {name}=0.0174533*COLUMN)",
                 (name,),
             )
+
+
+def torque_units(recording: Recording) -> Iterator[Finding]:
+    """Find torques that are larger than those of any robot; of a rigid joint, no motion shows their unit."""
+    if recording.measured("torque") and (largest := float(np.nanmax(np.abs(recording["torque"])))) > STRONGEST:
+        yield Finding(
+            f"Channel torque reaches {largest:.3g} Nm, more than joints of robots have: if it is in mNm, multiply it "
+            "by 0.001 (--map torque=0.001*COLUMN)",
+            ("torque",),
+        )
 
 
 def _whole(known: Array) -> bool:

@@ -4,33 +4,23 @@ from __future__ import annotations
 
 import json as json_text
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
-from joint_id_core.arm.gains import NAMES, Drive, Gains, gains_of
-from joint_id_core.assignments import texts_by_name, vector
-from joint_id_core.cli.fit_options import (
-    BASE_GRAVITY_HELP,
-    EndOption,
-    JsonOption,
-    MapOption,
-    StartOption,
-    Texts,
-)
+from joint_id_core.arm.gains import Gains
+from joint_id_core.cli.arm_options import ArmOptions, UrdfArgument, read
+from joint_id_core.cli.fit_options import JsonOption
+from joint_id_core.cli.friction_scales import friction_scales
 from joint_id_core.cli.group import complain
+from joint_id_core.cli.options import with_group
 from joint_id_core.cli.output import Progress, print_json
 from joint_id_core.cli.outputs import require_apart, require_different
-from joint_id_core.jobs.given import Part, joints_of
-from joint_id_core.jobs.robot_file import robot_settings
-from joint_id_core.models.per_joint import parse
 from joint_id_core.text_file import write_text
 
 if TYPE_CHECKING:
     from joint_id_core.arm.payload import Factor
-    from joint_id_core.data.recording import Recording
 
 OUT_HELP = "robot to write, with what was estimated: a URDF; or, if it ends in .xml, an MJCF, with rotors; repeatable"
 arm = typer.Typer(help="Identify a whole arm: all joints move at once.", no_args_is_help=True, rich_markup_mode=None)
@@ -41,19 +31,15 @@ def _group() -> None:
     """Identify a whole arm: all joints move at once."""
 
 
+arm.command("friction-scales")(friction_scales)
+
+
 @arm.command()
+@with_group("options", ArmOptions)
 def fit(
-    urdf: Annotated[Path, typer.Argument(help="description of the robot (URDF or MJCF)")],
+    urdf: UrdfArgument,
     files: Annotated[list[Path], typer.Argument(help="bags or robot's logs with all joints; several: one fit of all")],
-    set_: Annotated[Texts, typer.Option("--set", help="JOINT.k_t=VALUE, JOINT.N=VALUE, or k_t=VALUE for all")] = None,
-    robot: Annotated[
-        Optional[str],
-        typer.Option(help="torque constants and ratios from a parameter file of the identifier, or by name"),
-    ] = None,
-    map_: MapOption = None,
-    base_gravity: Annotated[Optional[str], typer.Option(metavar="X,Y,Z", help=BASE_GRAVITY_HELP)] = None,
-    start: StartOption = None,
-    end: EndOption = None,
+    options: ArmOptions,
     payload: Annotated[
         Optional[list[Path]], typer.Option(help="recording in which the last link carries a payload; repeatable")
     ] = None,
@@ -76,30 +62,23 @@ def fit(
 
     Exit code 0: the torques of all joints are explained; 1: not of all; 2: bad input.
     """
-    from joint_id_core.arm.description import GRAVITY, Description
     from joint_id_core.arm.exported import OF_MUJOCO, exported
     from joint_id_core.arm.fit import fit_arm
     from joint_id_core.arm.written import explained_by
 
     loaded, outs = payload or [], out or []
     require_different([*files, *loaded])
-    inputs = [urdf, *files, *loaded, validate, Path(robot) if robot else None]
+    inputs = [urdf, *files, *loaded, validate, *options.inputs]
     require_apart(
         {"--save": save} | {f"--out ({k + 1})" if k else "--out": path for k, path in enumerate(outs)}, inputs
     )
-    gravity = GRAVITY if base_gravity is None else vector(base_gravity, "--base-gravity")
-    description = Description.read(urdf, gravity)
-    entries = [parse(text, "set") for text in set_ or ()]
-    gains, spread = gains_of(description.joints, entries, partial(_drive, robot))
-    part, whole = (
-        Part(texts_by_name(map_ or (), "--map"), start, end),
-        Part(texts_by_name(map_ or (), "--map"), None, None),
-    )
+    description = options.description(urdf)
+    gains, spread = options.gains(description.joints)
     with Progress() as progress:
         progress("reading the recordings")
-        records = [_read(file, part, description.joints) for file in files]
-        carried = [_read(file, part, description.joints) for file in loaded]
-        held_out = None if validate is None else _read(validate, whole, description.joints)
+        records = [read(file, options.part, description.joints) for file in files]
+        carried = [read(file, options.part, description.joints) for file in loaded]
+        held_out = None if validate is None else read(validate, options.whole, description.joints)
         progress(f"fitting {len(description.joints)} joints")
         found = fit_arm(description, records, gains, held_out, carried, mass)
     if json:
@@ -124,23 +103,6 @@ def fit(
     if not found.converged:
         complain(f"{found.status.value}: {found.message}")
         raise typer.Exit(1)
-
-
-def _read(file: Path, part: Part, joints: Sequence[str]) -> dict[str, Recording]:
-    """Read all joints of the robot that a file holds.
-
-    Raises:
-        JointIdError: it holds one joint without a name.
-    """
-    return {name: part.read(file, name) for name in joints_of(file, part.mapping) if name in joints}
-
-
-def _drive(robot: str | None, joint: str) -> Drive:
-    """Return what a parameter file of the identifier says of the drive of a joint."""
-    if robot is None:
-        return Drive()
-    known = robot_settings(robot, joint, NAMES)
-    return Drive(known.values, known.deviations)
 
 
 def _corrected(gains: Gains, factors: Sequence[Factor]) -> dict[str, dict[str, float]]:

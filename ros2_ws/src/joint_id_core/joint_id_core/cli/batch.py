@@ -9,26 +9,14 @@ from typing import Annotated, Any, Optional
 
 import typer
 
-from joint_id_core.assignments import texts_by_name
 from joint_id_core.cli.fit import SHOWN
-from joint_id_core.cli.fit_options import (
-    EndOption,
-    FixOption,
-    FreeOption,
-    JsonOption,
-    MapOption,
-    PriorOption,
-    RobotOption,
-    SetOption,
-    StartOption,
-    parameter_settings,
-)
+from joint_id_core.cli.fit_options import FitOptions, JsonOption
 from joint_id_core.cli.group import complain
-from joint_id_core.cli.options import with_options
+from joint_id_core.cli.options import with_group, with_options
 from joint_id_core.cli.output import Progress, print_json
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ESTIMATORS
-from joint_id_core.jobs.fit_job import FitJob
+from joint_id_core.jobs.given import described
 from joint_id_core.jobs.robot_file import path_of
 from joint_id_core.models.options import ModelOptions
 
@@ -42,23 +30,17 @@ DASK_HELP = "address of a Dask scheduler, such as tcp://host:8786, whose workers
 
 @with_options("model_options", (ModelOptions,), no_default=("model",))
 @with_options("estimator_options", tuple(ESTIMATORS.values()), only=SHOWN)
+@with_group("options", FitOptions)
 def batch(
     recordings: Annotated[list[str], typer.Argument(help=PATTERN_HELP)],
+    options: FitOptions,
     model_options: dict[str, Any],
     estimator_options: dict[str, Any],
     output: Annotated[
         str, typer.Option("--output", "-o", help="table (parquet) to write or go on with, or its address")
     ],
     joint: Annotated[Optional[str], typer.Option(help="only this joint")] = None,
-    set_: SetOption = None,
-    fix: FixOption = None,
-    free: FreeOption = None,
-    map_: MapOption = None,
     estimator: Annotated[str, typer.Option(help=f"{', '.join(ESTIMATORS)} (needs torch)")] = "innovations",
-    prior: PriorOption = None,
-    robot: RobotOption = None,
-    start: StartOption = None,
-    end: EndOption = None,
     jobs: Annotated[Optional[int], typer.Option(min=1, help=JOBS_HELP)] = None,
     dask: Annotated[Optional[str], typer.Option(metavar="ADDRESS", help=DASK_HELP)] = None,
     retry: Annotated[bool, typer.Option("--retry", help="do again what could not be read or fitted before")] = False,
@@ -79,27 +61,25 @@ def batch(
 
     if jobs is not None and dask is not None:
         raise JointIdError("--jobs and --dask exclude each other: the number of workers is that of the cluster")
-    settings = parameter_settings(set_, fix, free, prior)
-    mapping = texts_by_name(map_ or (), "--map")
     solver = estimators.build(estimator, **estimator_options)
     ModelOptions(**model_options)  # wrong values are said first
-    file = None
-    if robot is not None:
-        path = path_of(robot)
-        file = path.name, path.read_bytes()
-    given = {
-        "joint": joint, "set": set_, "fix": fix, "free": free, "map": mapping, "estimator": estimator, "prior": prior,
-        "robot": f"{file[0]} {hashlib.sha256(file[1]).hexdigest()[:16]}" if file else None, "start": start, "end": end,
-    }  # fmt: skip
+    job = options.job((), joint, model_options, solver)
+    if options.urdf is not None:
+        described(options.urdf, options.base_gravity)  # what is wrong with it is said once
+    elif options.base_gravity is not None:
+        raise JointIdError("--base-gravity is for the robot's description: give --urdf, too, or leave it out")
+    places = {"robot": None if options.robot is None else path_of(options.robot), "urdf": options.urdf}
+    files = {name: (path.name, path.read_bytes()) for name, path in places.items() if path is not None}
+    given = options.given | {"joint": joint, "map": options.mapping, "estimator": estimator}
+    given |= {name: f"{own} {hashlib.sha256(text).hexdigest()[:16]}" for name, (own, text) in files.items()}
     given |= model_options | estimator_options
     chosen = {name: value for name, value in given.items() if value not in (None, [], {})}
-    options = json_text.dumps(chosen, sort_keys=True)
-    job = FitJob((), joint, mapping, start, end, model_options, settings, solver, robot)
+    words = json_text.dumps(chosen, sort_keys=True)
     with Progress() as progress:
         progress("looking for recordings")
         found = find(recordings)
         pool = on_this_computer(jobs) if dask is None else (lambda work, some: on_cluster(work, some, dask))
-        done = run(found, Work(job, options, file), output, pool, retry, progress)
+        done = run(found, Work(job, words, files), output, pool, retry, progress)
     for text in done.said:
         complain(text)
     if json:

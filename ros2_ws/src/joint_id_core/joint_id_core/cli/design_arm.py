@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
+from joint_id_core.cli.motion_options import MotionOptions
 from joint_id_core.cli.output import Progress
-from joint_id_core.cli.outputs import require_apart
 from joint_id_core.errors import JointIdError
+from joint_id_core.jobs.given import described
 
 if TYPE_CHECKING:
     from joint_id_core.arm.description import Description
-    from joint_id_core.design.arm_design import ArmDesign
+    from joint_id_core.design.design import Design
     from joint_id_core.design.limits import JointLimits
 
 ArmOption = Annotated[Optional[Path], typer.Option("--arm", help="description (URDF): a motion for the whole arm")]
@@ -27,51 +27,25 @@ FitOption = Annotated[
 ]
 
 
-@dataclass(frozen=True)
-class ArmRequest:
-    """What is asked of the motion of an arm; fields as the options of the command."""
-
-    urdf: Path
-    limits: Path | None
-    robot: str | None
-    time: float
-    rate: float
-    home: str | None
-    reach: float | None
-    show: str | None
-    motion: Path | None
-    floor: float | None
-    fit: Path | None
-    base_gravity: str | None
-
-
-def design_of_arm(asked: ArmRequest, out: Sequence[Path], plot: Path | None) -> ArmDesign:
+def design_of_arm(
+    urdf: Path, asked: MotionOptions, floor: float | None, fit: Path | None, base_gravity: str | None
+) -> Design:
     """Design the motion, write and plot it.
 
     Raises:
         JointIdError: bad input, see `joint_id_core.design.arm_design.design_arm`.
     """
-    from joint_id_core.arm.description import GRAVITY, Description
     from joint_id_core.arm.regressor import Regressor
-    from joint_id_core.assignments import vector
     from joint_id_core.design import arm_design as designing
     from joint_id_core.design.arm_prior import of_fit, typical
-    from joint_id_core.design.files import kind_of, read_trajectory, write
+    from joint_id_core.design.files import read_trajectory
     from joint_id_core.design.limits import violations
 
-    for path in out:
-        kind_of(path)
-    outputs = {**{f"--out {path}": path for path in out}, "--plot": plot}
-    require_apart(outputs, [asked.urdf, asked.limits, asked.motion, asked.fit])
-    if plot is not None:
-        from joint_id_core.results.plot import require_writable
-
-        require_writable(plot)
-    gravity = GRAVITY if asked.base_gravity is None else vector(asked.base_gravity, "--base-gravity")
-    description = Description.read(asked.urdf, gravity)
+    asked.require_writable([urdf, fit])
+    description = described(urdf, base_gravity)
     joints, regressor = description.joints, Regressor(description)
-    held = _limits(asked, description)
-    prior = typical(regressor, held) if asked.fit is None else of_fit(asked.fit, joints)
+    held = _limits(urdf, asked, description)
+    prior = typical(regressor, held) if fit is None else of_fit(fit, joints)
     with Progress() as progress:
         if asked.motion is not None:
             motion = read_trajectory(asked.motion)
@@ -79,27 +53,20 @@ def design_of_arm(asked: ArmRequest, out: Sequence[Path], plot: Path | None) -> 
             found = designing.foreseen(regressor, motion, prior, (prior.told, *broken))
         else:
             progress(f"designing a motion of {len(joints)} joints")
-            shown = tuple(part.strip() for part in (asked.show or "").split(",") if part.strip())
             home = None if asked.home is None else _numbers(asked.home, joints)
             reach = designing.REACH if asked.reach is None else asked.reach
             found = designing.design_arm(
-                description, held, prior, home, asked.time, asked.rate, shown or designing.KINDS, reach, asked.floor
+                description, held, prior, home, asked.time, asked.rate, asked.shown or designing.KINDS, reach, floor
             )
-    for path in out:
-        write(found.trajectory, path, found.notes)
-    if plot is not None:
-        from joint_id_core.design.plot import save
-
-        save(plot, found.trajectory)
-    return found
+    return asked.written(found)
 
 
-def _limits(asked: ArmRequest, description: Description) -> JointLimits:
+def _limits(urdf: Path, asked: MotionOptions, description: Description) -> JointLimits:
     """Return the limits of the description, on top of those published of a robot, and below those of a file."""
     from joint_id_core.design.limit_files import published, read_limits
 
     known = None if asked.robot is None else published(Path(asked.robot).stem).of(description.joints)
-    known = read_limits(asked.urdf, description.joints, known)
+    known = read_limits(urdf, description.joints, known)
     return known if asked.limits is None else read_limits(asked.limits, description.joints, known)
 
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
+from joint_id_core.cli.motion_options import MotionOptions
 from joint_id_core.cli.output import Progress
-from joint_id_core.cli.outputs import require_apart
 from joint_id_core.errors import JointIdError, close_to
 from joint_id_core.estimators import ParameterSettings
 from joint_id_core.models.options import ModelOptions
@@ -22,57 +21,27 @@ if TYPE_CHECKING:
 
 SUFFIX = "_joint"  # of the joints of a UR robot, which may be left out
 JointOption = Annotated[Optional[str], typer.Option(help="a motion for this joint alone, e.g. elbow_joint")]
-ForOption = Annotated[
-    Optional[str],
-    typer.Option("--for", metavar="A,B,...", help="--joint: parameters to show (default: all that are estimated)"),
-]
 CRITERION_HELP = (
     "--joint: what is least: sigma (the standard deviations, geometric mean), D (the volume of their ellipsoid), "
     "A (the sum of the variances)"
 )
 CriterionOption = Annotated[str, typer.Option(help=CRITERION_HELP)]
-MotionOption = Annotated[
-    Optional[Path],
-    typer.Option(help="--joint: search nothing, tell what this motion shows (.csv or .yaml as --out writes it)"),
-]
-PlotOption = Annotated[Optional[Path], typer.Option(help="--joint: save a picture of the motion")]
 
 
-@dataclass(frozen=True)
-class JointRequest:
-    """What is asked of the motion of one joint; fields as the options of the command."""
-
-    joint: str
-    model_options: Mapping[str, Any]
-    settings: ParameterSettings
-    limits: Path | None
-    robot: str | None
-    time: float
-    rate: float
-    home: str | None
-    reach: float | None
-    show: str | None
-    criterion: str
-    motion: Path | None
-
-
-def design_of_joint(asked: JointRequest, out: Sequence[Path], plot: Path | None) -> Design:
+def design_of_joint(
+    name: str, model_options: Mapping[str, Any], settings: ParameterSettings, asked: MotionOptions, criterion: str
+) -> Design:
     """Design the motion, write and plot it.
 
     Raises:
         JointIdError: bad input, see `joint_id_core.design.joint.design_joint`.
     """
     from joint_id_core.design import joint as designing
-    from joint_id_core.design.files import read_trajectory, write
+    from joint_id_core.design.files import read_trajectory
 
-    outputs = {**{f"--out {path}": path for path in out}, "--plot": plot}
-    require_apart(outputs, [asked.limits, asked.motion, Path(asked.robot) if asked.robot else None])
-    if plot is not None:
-        from joint_id_core.results.plot import require_writable
-
-        require_writable(plot)
-    joint, held = _limits(asked)
-    model, settings = _model(asked, joint)
+    asked.require_writable([Path(asked.robot) if asked.robot else None])
+    joint, held = _limits(name, asked)
+    model, settings = _model(model_options, settings, asked.robot, joint)
     reach = designing.REACH if asked.reach is None else asked.reach
     with Progress() as progress:
         if asked.motion is not None:
@@ -81,21 +50,14 @@ def design_of_joint(asked: JointRequest, out: Sequence[Path], plot: Path | None)
                 trajectory = trajectory.of(joint)
             found = designing.foretell(designing.Foresight(model, settings, asked.rate), trajectory)
         else:
-            shown = [name.strip() for name in (asked.show or "").split(",") if name.strip()]
             home = None if asked.home is None else _number(asked.home)
             found = designing.design_joint(
-                model, held, settings, asked.time, shown, asked.criterion, home, reach, asked.rate, progress=progress
+                model, held, settings, asked.time, asked.shown, criterion, home, reach, asked.rate, progress=progress
             )
-    for path in out:
-        write(found.trajectory, path, found.notes)
-    if plot is not None:
-        from joint_id_core.design.plot import save
-
-        save(plot, found.trajectory)
-    return found
+    return asked.written(found)
 
 
-def _limits(asked: JointRequest) -> tuple[str, JointLimits]:
+def _limits(name: str, asked: MotionOptions) -> tuple[str, JointLimits]:
     """Return the whole name of the joint and its limits: those published of a robot, and over them those of a file."""
     from joint_id_core.design.limit_files import published, read_limits
     from joint_id_core.rtde.fields import JOINT_NAMES
@@ -109,7 +71,7 @@ def _limits(asked: JointRequest) -> tuple[str, JointLimits]:
             if asked.limits is None:
                 raise
     names = JOINT_NAMES if known is None else known.names
-    joint = asked.joint + SUFFIX if asked.joint + SUFFIX in names else asked.joint
+    joint = name + SUFFIX if name + SUFFIX in names else name
     if known is not None and joint not in known.names:
         raise JointIdError(
             f"--joint {joint}: {asked.robot} has no such joint{close_to(joint, known.names)}: it has "
@@ -126,22 +88,23 @@ def _limits(asked: JointRequest) -> tuple[str, JointLimits]:
     return joint, own
 
 
-def _model(asked: JointRequest, joint: str) -> tuple[Model, ParameterSettings]:
+def _model(
+    model_options: Mapping[str, Any], settings: ParameterSettings, robot: str | None, joint: str
+) -> tuple[Model, ParameterSettings]:
     """Return the model and its settings, with those of the robot's file for the joint below the user's."""
     from joint_id_core.design.plant import plant_of
     from joint_id_core.jobs.robot_file import robot_settings
 
-    if "model" not in asked.model_options:
+    if "model" not in model_options:
         raise JointIdError(
             "--joint needs --model: motor_side, harmonic_drive or rigid_joint, that which will be fitted"
         )
-    options = ModelOptions(**asked.model_options)
+    options = ModelOptions(**model_options)
     # robots report currents; a torque is the default of models alone
-    model = options.build(options.actuation or ("current" if asked.robot else "torque"))
-    settings = asked.settings
-    if asked.robot is not None:
+    model = options.build(options.actuation or ("current" if robot else "torque"))
+    if robot is not None:
         names = {*model.parameter_names, *plant_of(model).parameter_names}
-        settings = settings.over(robot_settings(asked.robot, joint, names))
+        settings = settings.over(robot_settings(robot, joint, names))
     return model, settings
 
 

@@ -9,26 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
-from joint_id_core.assignments import texts_by_name
 from joint_id_core.cli.design_hint import design_hint
-from joint_id_core.cli.fit_options import (
-    BaseGravityOption,
-    EndOption,
-    FilesArgument,
-    FixOption,
-    FreeOption,
-    JsonOption,
-    MapOption,
-    PriorOption,
-    RobotOption,
-    SetOption,
-    StartOption,
-    UrdfOption,
-    parameter_settings,
-)
+from joint_id_core.cli.fit_options import FilesArgument, FitOptions, JsonOption
 from joint_id_core.cli.group import BAD_INPUT, complain
 from joint_id_core.cli.joints import joints_json, joints_table
-from joint_id_core.cli.options import with_options
+from joint_id_core.cli.options import with_group, with_options
 from joint_id_core.cli.output import Progress, print_json
 from joint_id_core.cli.outputs import require_apart, require_different
 from joint_id_core.errors import JointIdError
@@ -39,6 +24,7 @@ from joint_id_core.models.options import ModelOptions
 
 if TYPE_CHECKING:
     from joint_id_core.estimators.together.fit import Together
+    from joint_id_core.jobs.given import Given
     from joint_id_core.results.estimate import Estimate
 
 SHOWN = (
@@ -50,40 +36,19 @@ SHOWN = (
     "epochs",
     "learning_rate",
 )  # of the options of the estimators
-REPORTED = {
-    "map",
-    "set",
-    "fix",
-    "free",
-    "joint",
-    "robot",
-    "urdf",
-    "base_gravity",
-    "start",
-    "end",
-    "estimator",
-}  # options of a report, too
 JOINT_HELP = f"joint of a bag or a robot's log that holds several; {ALL}: each of them, on all cores, a row a joint"
 
 
 @with_options("model_options", (ModelOptions,), no_default=("model",))
 @with_options("estimator_options", tuple(ESTIMATORS.values()), only=SHOWN)
+@with_group("options", FitOptions)
 def fit(
     files: FilesArgument,
+    options: FitOptions,
     model_options: dict[str, Any],
     estimator_options: dict[str, Any],
     joint: Annotated[Optional[str], typer.Option(help=JOINT_HELP)] = None,
-    set_: SetOption = None,
-    fix: FixOption = None,
-    free: FreeOption = None,
-    map_: MapOption = None,
     estimator: Annotated[str, typer.Option(help=f"{', '.join(ESTIMATORS)} (needs torch)")] = "innovations",
-    prior: PriorOption = None,
-    robot: RobotOption = None,
-    urdf: UrdfOption = None,
-    base_gravity: BaseGravityOption = None,
-    start: StartOption = None,
-    end: EndOption = None,
     validate: Annotated[Optional[Path], typer.Option(help="recording that the fitted model must predict")] = None,
     plot: Annotated[Optional[Path], typer.Option(help="save a picture of measurement and prediction")] = None,
     save: Annotated[Optional[Path], typer.Option(help="save the estimate as JSON")] = None,
@@ -96,21 +61,17 @@ def fit(
 
     Exit code 0: converged; 1: no convergence or a poor fit; 2: bad input.
     """
-    settings = parameter_settings(set_, fix, free, prior)
-
     from joint_id_core import estimators, formats
 
-    mapping = texts_by_name(map_ or (), "--map")
     solver = estimators.build(estimator, **estimator_options)
     ModelOptions(**model_options)  # wrong values are said first
     require_different(files)
-    job = FitJob(files, joint, mapping, start, end, model_options, settings, solver, robot, urdf, base_gravity)
-    job = job.chosen()
+    job = options.job(files, joint, model_options, solver).chosen()
     joint = job.joint
     for option, path in (("--validate", validate), ("--plot", plot), ("--save", save)):
         if joint == ALL and path is not None:
             raise JointIdError(f"{option} is for one joint: name it (--joint NAME), or leave {option} out")
-    require_apart({"--plot": plot, "--save": save}, [*files, validate, urdf, Path(robot) if robot else None])
+    require_apart({"--plot": plot, "--save": save}, [*files, validate, *options.inputs])
     if plot is not None:
         if len(files) > 1:
             raise JointIdError("--plot shows one recording: fit one file, or leave --plot out")
@@ -126,35 +87,25 @@ def fit(
     together, estimate = found.together, found.estimate
     result, text = _result(together), str(together if len(files) > 1 else estimate)
     if found.why:
-        options: dict[str, Any] = {"map": map_, "set": set_, "fix": fix, "free": free, "prior": prior, "joint": joint}
-        options |= {
-            "robot": robot,
-            "urdf": urdf,
-            "base_gravity": base_gravity,
-            "start": start,
-            "end": end,
-            "estimator": solver.name,
-            **estimator_options,
-        }
-        if solver.name == Innovations.name:
-            del options["estimator"]
+        name = None if solver.name == Innovations.name else solver.name
+        repeated = {**options.given, "joint": joint, "estimator": name, **estimator_options}
         text = "\n".join(
-            [*formats.taken(files[0], joint, mapping), *found.why, "", text, "", *_again(files, found, options)]
+            [
+                *formats.taken(files[0], joint, options.mapping),
+                *found.why,
+                "",
+                text,
+                "",
+                *_again(files, found, repeated),
+            ]
         )
+    unpredicted = False
     if given.other is not None and estimate.nrmse:
-        from joint_id_core.estimators.shared.data_check import concerning
-        from joint_id_core.validation.prediction import held_out, held_out_drive
-
-        model = found.job.built(given.recordings[0])
-        for finding in concerning(model, given.other):
-            complain(f"{validate}: {finding.text}")
-        nrmse = held_out(model, given.other, estimate)
-        result["validation"] = [{"signal": name, "nrmse": value} for name, value in nrmse.items()]
-        text += f"\nheld out, {validate}: " + ", ".join(f"{name} nrmse {v:.3g}" for name, v in nrmse.items())
-        explained = held_out_drive(model, given.other, estimate)
-        if explained is not None:
-            result["validation"].append({"signal": explained[0], "r_squared": explained[1]})
-            text += f", {explained[0]} R^2 {explained[1]:.4f}"
+        try:
+            result["validation"], said = _validated(found, given)
+        except JointIdError as error:  # the fit is not lost with it
+            unpredicted, said = True, f"not predicted: {error}"
+        text += f"\nheld out, {validate}: {said}"
     if command := design_hint(estimate, found.job):
         result["design"] = command
         text += f"\na motion that shows more: {command}"
@@ -169,6 +120,35 @@ def fit(
     if not estimate.converged:
         complain(f"{estimate.status.value}: {estimate.message}")
         raise typer.Exit(_exit_code([estimate]))
+    if unpredicted:
+        complain(f"{validate} could not be predicted, see above")
+        raise typer.Exit(BAD_INPUT)
+
+
+def _validated(found: Result, given: Given) -> tuple[list[dict[str, Any]], str]:
+    """Return how the fit predicts the recording to validate with: rows, and in words.
+
+    Raises:
+        JointIdError: it is of no use.
+    """
+    from joint_id_core.estimators.shared.data_check import concerning
+    from joint_id_core.validation.prediction import held_out, held_out_drive
+
+    estimate, other = found.estimate, given.other
+    assert other is not None
+    model = found.job.built(given.recordings[0])
+    for finding in concerning(model, other):
+        if finding.fatal:
+            raise JointIdError(finding.text)
+        complain(f"{other.source}: {finding.text}")
+    nrmse = held_out(model, other, estimate)
+    rows: list[dict[str, Any]] = [{"signal": name, "nrmse": value} for name, value in nrmse.items()]
+    said = ", ".join(f"{name} nrmse {v:.3g}" for name, v in nrmse.items())
+    explained = held_out_drive(model, other, estimate)
+    if explained is not None:
+        rows.append({"signal": explained[0], "r_squared": explained[1]})
+        said += f", {explained[0]} R^2 {explained[1]:.4f}"
+    return rows, said
 
 
 def _again(files: list[Path], found: Result, options: Mapping[str, Any]) -> list[str]:
@@ -184,8 +164,8 @@ def _again(files: list[Path], found: Result, options: Mapping[str, Any]) -> list
     same = shlex.join(words)
     if found.estimate.converged:
         keep = [f"the same, and keep it: {same} --save estimate.json"]
-        if len(files) > 1 or not REPORTED.issuperset(n for n, given in options.items() if given is not None):
-            return keep  # a report takes one file, and not every option of a fit
+        if len(files) > 1 or any(options.get(name) is not None for name in SHOWN):
+            return keep  # a report takes one file, and no option of an estimator
         return [*keep, f"a page to look at: {shlex.join(['joint-id', 'report', *words[2:]])}"]
     others = ["joint-id", "compare", str(files[0])] + (["--joint", options["joint"]] if options["joint"] else [])
     return [f"the same: {same}", f"other models: {shlex.join(others)}"]

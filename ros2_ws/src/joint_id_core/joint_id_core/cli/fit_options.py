@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated, Any, Optional
 
 import typer
 
-from joint_id_core.assignments import measured_by_name, numbers_by_name
+from joint_id_core.assignments import measured_by_name, numbers_by_name, texts_by_name
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators import ParameterSettings
+from joint_id_core.estimators import Estimator, ParameterSettings
+from joint_id_core.jobs.fit_job import FitJob
 
 Texts = Optional[list[str]]
 MAP_HELP = "channel=column, or a product: torque=gtau*vir; of a bag channel=topic.field"
@@ -59,3 +63,63 @@ def parameter_settings(set_: Texts, fix: Texts, free: Texts, prior: Texts = None
             raise JointIdError(f"--fix {name} and --set {name} both give a value: give one of them")
     priors = numbers_by_name(prior or (), "--prior")
     return ParameterSettings(values | held_values, held, free or (), priors, deviations | held_deviations)
+
+
+@dataclass(frozen=True)
+class CompareOptions:
+    """How a recording is read and what is known of the joint, for all commands that fit."""
+
+    set_: SetOption = None
+    fix: FixOption = None
+    free: FreeOption = None
+    map_: MapOption = None
+    robot: RobotOption = None
+    start: StartOption = None
+    end: EndOption = None
+
+    @cached_property
+    def settings(self) -> ParameterSettings:
+        """The parameter settings; see `parameter_settings`."""
+        return parameter_settings(self.set_, self.fix, self.free)
+
+    @cached_property
+    def mapping(self) -> dict[str, str]:
+        """The mapping of channels.
+
+        Raises:
+            JointIdError: a text that is not CHANNEL=COLUMN, or a channel given twice.
+        """
+        return texts_by_name(self.map_ or (), "--map")
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """All options by their names on the command line, without --."""
+        return {f.name.rstrip("_"): getattr(self, f.name) for f in fields(self)}
+
+
+@dataclass(frozen=True)
+class FitOptions(CompareOptions):
+    """The same for commands that fit one model, which may know more of the joint and of its arm."""
+
+    prior: PriorOption = None
+    urdf: UrdfOption = None
+    base_gravity: BaseGravityOption = None
+
+    @cached_property
+    def settings(self) -> ParameterSettings:
+        """The parameter settings; see `parameter_settings`."""
+        return parameter_settings(self.set_, self.fix, self.free, self.prior)
+
+    @property
+    def inputs(self) -> list[Path | None]:
+        """Files that they name."""
+        return [self.urdf, Path(self.robot) if self.robot else None]
+
+    def job(
+        self, files: Sequence[Path], joint: str | None, model_options: Mapping[str, Any], estimator: Estimator
+    ) -> FitJob:
+        """Return the fit of files."""
+        return FitJob(
+            files, joint, self.mapping, self.start, self.end, model_options, self.settings, estimator, self.robot,
+            self.urdf, self.base_gravity,
+        )  # fmt: skip

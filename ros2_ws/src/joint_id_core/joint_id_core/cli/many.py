@@ -3,30 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Optional
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from joint_id_core.assignments import texts_by_name
-from joint_id_core.cli.fit_options import (
-    EndOption,
-    FileArgument,
-    FixOption,
-    FreeOption,
-    JointOption,
-    JsonOption,
-    MapOption,
-    PriorOption,
-    RobotOption,
-    SetOption,
-    StartOption,
-    parameter_settings,
-)
-from joint_id_core.cli.options import with_options
+from joint_id_core.cli.fit_options import FileArgument, FitOptions, JointOption, JsonOption
+from joint_id_core.cli.options import with_group, with_options
 from joint_id_core.cli.output import Progress, print_json
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators import Innovations
-from joint_id_core.jobs.fit_job import FitJob
+from joint_id_core.estimators import Innovations, ParameterSettings
 from joint_id_core.models.options import ModelOptions
 
 if TYPE_CHECKING:
@@ -39,21 +24,15 @@ DeviceOption = Annotated[str, typer.Option(help=DEVICE_HELP)]
 
 
 @with_options("model_options", (ModelOptions,), no_default=("model",))
+@with_group("options", FitOptions)
 def many_starts(
     file: FileArgument,
+    options: FitOptions,
     model_options: dict[str, Any],
     starts: Annotated[int, typer.Option(min=1, help="fits from random start values")] = 1000,
     device: DeviceOption = "cpu",
     seed: SeedOption = 0,
     joint: JointOption = None,
-    set_: SetOption = None,
-    fix: FixOption = None,
-    free: FreeOption = None,
-    prior: PriorOption = None,
-    map_: MapOption = None,
-    robot: RobotOption = None,
-    start: StartOption = None,
-    end: EndOption = None,
     json: JsonOption = False,
 ) -> None:
     """Fit from many random start values: is the minimum that `joint-id fit` finds the best one?
@@ -62,8 +41,7 @@ def many_starts(
     """
     from joint_id_core.estimators.many.starts import many_starts as run
 
-    job = _job(file, joint, map_, start, end, model_options, set_, fix, free, prior, robot)
-    model, recording, settings = _read(job)
+    model, recording, settings = _read(file, joint, options, model_options)
     with Progress() as progress:
         found = run(model, recording, settings, starts, device, seed, progress=progress)
     print_json(found.to_dict()) if json else print(found)
@@ -72,22 +50,16 @@ def many_starts(
 
 
 @with_options("model_options", (ModelOptions,), no_default=("model",))
+@with_group("options", FitOptions)
 def bootstrap(
     file: FileArgument,
+    options: FitOptions,
     model_options: dict[str, Any],
     draws: Annotated[int, typer.Option(help="fits with random weights of the blocks")] = 200,
     block: Annotated[float, typer.Option(help="length of the blocks in s")] = 0.05,
     device: DeviceOption = "cpu",
     seed: SeedOption = 0,
     joint: JointOption = None,
-    set_: SetOption = None,
-    fix: FixOption = None,
-    free: FreeOption = None,
-    prior: PriorOption = None,
-    map_: MapOption = None,
-    robot: RobotOption = None,
-    start: StartOption = None,
-    end: EndOption = None,
     json: JsonOption = False,
 ) -> None:
     """Fit again and again with random weights of the record's parts: do the standard deviations hold? Needs torch.
@@ -96,27 +68,23 @@ def bootstrap(
     """
     from joint_id_core.estimators.many.bootstrap import bootstrap as run
 
-    job = _job(file, joint, map_, start, end, model_options, set_, fix, free, prior, robot)
-    model, recording, settings = _read(job)
+    model, recording, settings = _read(file, joint, options, model_options)
     with Progress() as progress:
         found = run(model, recording, settings, draws, block, device, seed, progress=progress)
     print_json(found.to_dict()) if json else print(found)
 
 
-def _job(
-    file: Path, joint: str | None, map_: Optional[list[str]], start: float | None, end: float | None,
-    model_options: dict[str, Any], set_: Optional[list[str]], fix: Optional[list[str]], free: Optional[list[str]],
-    prior: Optional[list[str]], robot: str | None,
-) -> FitJob:  # fmt: skip
+def _read(
+    file: Path, joint: str | None, options: FitOptions, model_options: dict[str, Any]
+) -> tuple[Model, Recording, ParameterSettings]:
+    """Return model, recording and settings.
+
+    Raises:
+        JointIdError: no model is named.
+    """
     if "model" not in model_options:
         raise JointIdError("name the model (--model), such as the one that `joint-id fit` found")
-    mapping = texts_by_name(map_ or (), "--map")
-    settings = parameter_settings(set_, fix, free, prior)
-    return FitJob([file], joint, mapping, start, end, model_options, settings, Innovations(), robot)
-
-
-def _read(job: FitJob) -> tuple[Model, Recording, Any]:
-    """Return model, recording and settings of a job."""
+    job = options.job([file], joint, model_options, Innovations())
     recording = job.given().recordings[0]
     model = job.built(recording)
     return model, recording, job.settings_for(model)

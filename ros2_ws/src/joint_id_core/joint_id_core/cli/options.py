@@ -33,15 +33,44 @@ def with_options(
             given = {name: value for name in chosen if (value := arguments.pop(name)) is not None}
             command(**arguments, **{argument: given})
 
-        signature, hints = inspect.signature(command), get_type_hints(command, include_extras=True)
-        own = [p.replace(annotation=hints[n]) for n, p in signature.parameters.items() if n != argument]
         made = [_parameter(name, group, name in no_default, len(kinds) > 1) for name, group in chosen.items()]
-        ordered = sorted([*own, *made], key=lambda p: p.default is not inspect.Parameter.empty)
-        called.__signature__ = signature.replace(parameters=ordered)  # type: ignore[attr-defined]  # typer reads it
-        called.__annotations__ = {p.name: p.annotation for p in ordered} | {"return": None}
-        return called
+        return _signed(called, command, argument, made)
 
     return decorate
+
+
+def with_group(argument: str, group: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator that adds one option for every field of a dataclass, whose annotations are those of typer.
+
+    The command receives the group in its parameter `argument`.
+    """
+    members = {f.name: f.default for f in fields(group)}
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(command)
+        def called(**arguments: Any) -> None:
+            given = {name: arguments.pop(name) for name in members}
+            command(**arguments, **{argument: group(**given)})
+
+        hints, kind = get_type_hints(group, include_extras=True), inspect.Parameter.POSITIONAL_OR_KEYWORD
+        made = [inspect.Parameter(n, kind, default=d, annotation=hints[n]) for n, d in members.items()]
+        return _signed(called, command, argument, made)
+
+    return decorate
+
+
+def _signed(
+    called: Callable[..., None], command: Callable[..., None], argument: str, made: Sequence[inspect.Parameter]
+) -> Callable[..., None]:
+    """Return a function with the parameters of a command, of which those that were made replace `argument`."""
+    signature, hints = inspect.signature(command), get_type_hints(command, include_extras=True)
+    parameters: list[inspect.Parameter] = []
+    for name, own in signature.parameters.items():
+        parameters += made if name == argument else [own.replace(annotation=hints[name])]
+    ordered = sorted(parameters, key=lambda p: p.default is not inspect.Parameter.empty)
+    called.__signature__ = signature.replace(parameters=ordered)  # type: ignore[attr-defined]  # typer reads it
+    called.__annotations__ = {p.name: p.annotation for p in ordered} | {"return": None}
+    return called
 
 
 def _parameter(name: str, group: list[tuple[type, Field[Any]]], no_default: bool, tell_kind: bool) -> inspect.Parameter:

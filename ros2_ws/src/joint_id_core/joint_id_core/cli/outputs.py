@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -14,11 +15,11 @@ def require_apart(outputs: Mapping[str, Path | None], inputs: Iterable[Path | No
     Raises:
         JointIdError: it is.
     """
-    taken = {path.resolve(): "is read by this command" for path in inputs if path is not None}
+    taken = {_place(path): "is read by this command" for path in inputs if path is not None}
     for option, path in outputs.items():
         if path is None:
             continue
-        place = path.resolve()
+        place = _place(path)
         if place in taken:
             raise JointIdError(f"{option} {path} would overwrite a file that {taken[place]}: give another name")
         if place.exists() and not place.is_file():
@@ -32,7 +33,12 @@ def require_different(files: Sequence[Path]) -> None:
     Raises:
         JointIdError: one is.
     """
-    places = [file.resolve() for file in files]
+    places = [_place(file) for file in files]
     for k, place in enumerate(places):
         if place in places[:k]:
             raise JointIdError(f"{files[k]} is given twice, and would count as two recordings: give it once")
+
+
+def _place(path: Path) -> Path:
+    """Return where a path leads; a link that leads to itself is its own place, and is missed when it is read."""
+    return Path(os.path.realpath(path))

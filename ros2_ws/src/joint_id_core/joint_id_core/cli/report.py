@@ -11,23 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
-from joint_id_core.assignments import texts_by_name
-from joint_id_core.cli.fit_options import (
-    BaseGravityOption,
-    EndOption,
-    FixOption,
-    FreeOption,
-    JointOption,
-    MapOption,
-    RobotOption,
-    SetOption,
-    StartOption,
-    UrdfOption,
-    parameter_settings,
-)
+from joint_id_core.cli.fit_options import FitOptions, JointOption
 from joint_id_core.cli.group import BAD_INPUT, complain
 from joint_id_core.cli.info import doubts
-from joint_id_core.cli.options import with_options
+from joint_id_core.cli.options import with_group, with_options
 from joint_id_core.cli.output import Progress
 from joint_id_core.cli.outputs import require_apart
 from joint_id_core.errors import JointIdError
@@ -42,21 +29,14 @@ if TYPE_CHECKING:
 
 
 @with_options("model_options", (ModelOptions,), no_default=("model",))
+@with_group("options", FitOptions)
 def report(
     source: Annotated[Path, typer.Argument(help="CSV, MAT or bag, which is fitted; or an estimate, from fit --save")],
+    options: FitOptions,
     model_options: dict[str, Any],
     out: Annotated[Path, typer.Option("--out", "-o", help="file to write")] = Path("report.html"),
     joint: JointOption = None,
-    set_: SetOption = None,
-    fix: FixOption = None,
-    free: FreeOption = None,
-    map_: MapOption = None,
     estimator: Annotated[str, typer.Option(help=", ".join(ESTIMATORS))] = "innovations",
-    robot: RobotOption = None,
-    urdf: UrdfOption = None,
-    base_gravity: BaseGravityOption = None,
-    start: StartOption = None,
-    end: EndOption = None,
     against: Annotated[Optional[Path], typer.Option(help="earlier estimate to compare with, from fit --save")] = None,
 ) -> None:
     """Write a page about a recording and its fit: one file of HTML that needs no network.
@@ -71,22 +51,18 @@ def report(
     from joint_id_core.pages.report import report as page
     from joint_id_core.results.estimate import Estimate
 
-    require_apart({"--out": out}, [source, against, urdf, Path(robot) if robot else None])
+    require_apart({"--out": out}, [source, against, *options.inputs])
     _require_writable(out)
     earlier = Estimate.load(against) if against is not None else None
     command = shlex.join(["joint-id", *sys.argv[1:]])
     if source.suffix.lower() == ".json":
-        if model_options or any((joint, set_, fix, free, map_, robot, urdf, base_gravity, start, end)):
+        if model_options or joint or any(options.given.values()):
             raise JointIdError(
                 f"{source} is an estimate, which is not fitted again: leave out all options but --against"
             )
         contents = Contents(Estimate.load(source), command=command, earlier=earlier)
     else:
-        settings = parameter_settings(set_, fix, free)
-        solver = estimators.build(estimator)
-        mapping = texts_by_name(map_ or (), "--map")
-        job = FitJob([source], joint, mapping, start, end, model_options, settings, solver, robot, urdf, base_gravity)
-        job = job.chosen()
+        job = options.job([source], joint, model_options, estimators.build(estimator)).chosen()
         if job.joint == ALL:
             if earlier is not None:
                 raise JointIdError("--against is for one joint: name it (--joint NAME), or leave --against out")

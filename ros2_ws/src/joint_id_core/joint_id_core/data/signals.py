@@ -98,9 +98,13 @@ CHANNELS: dict[str, Signal] = {
         Signal("torque", "tau_m", "Nm", "motor torque at the motor shaft", 1.0),
         Signal("external_torque", "tau_ext", "Nm", "load torque, positive against positive motion", 10.0),
         Signal("reference_position", "q_r", "rad", "commanded link angle; an instrument of regression", 1.0),
+        Signal(
+            "target_current", "i_t", "A", "current that the controller's own model asks for; no model uses it", 10.0
+        ),
         Signal("temperature", "T", "deg C", "temperature of the joint; no model uses it, estimates tell it", 10.0),
     )
 }
+BESIDE = ("target_current", "temperature")  # channels that say nothing of the motion: they are not checked
 
 
 _KINDS = ("position", "velocity", "acceleration")  # each the time derivative of the one before

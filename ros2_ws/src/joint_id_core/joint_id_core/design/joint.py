@@ -85,7 +85,7 @@ def design_joint(
         raise JointIdError(f"the motion that was found breaks a limit, which is a fault of this program: {broken[0]}")
     larger = _larger(search, best)
     found = foretell(foresight, trajectory, larger, best.held)
-    return replace(found, notes=(*_held(own, best), *found.notes, *cannot_show(search), *added))
+    return replace(found, notes=(_held(limits, own, best), *found.notes, *cannot_show(search), *added))
 
 
 def foretell(foresight: Foresight, trajectory: Trajectory, larger: Array | None = None, held: str = "") -> Design:
@@ -158,9 +158,14 @@ def _reason(shown: Shown, more: Shown | None, held: str) -> str:
     return f"{shown.reason}; a motion of twice the size would not show it either: hold it, or measure more"
 
 
-def _held(limits: JointLimits, best: Candidate) -> tuple[str, ...]:
-    """Say which limit holds the motion."""
-    return (sentence(f"the limit of {best.held} holds this motion ({limits.source})"),)
+def _held(limits: JointLimits, own: JointLimits, best: Candidate) -> str:
+    """Say which limit holds the motion, and where it is from: of those that were given, or of `own`, made of them."""
+    source = limits.source
+    if best.held == "position" and (own.lower[0] > limits.lower[0] or own.upper[0] < limits.upper[0]):
+        source = "how far it may go from home"
+    elif best.held in ("acceleration", "jerk") and not np.isfinite(getattr(limits, best.held)[0]):
+        source = "assumed, as none is given"
+    return sentence(f"the limit of {best.held} holds this motion ({source})")
 
 
 def _assumed(foresight: Foresight, told: Promise) -> tuple[str, ...]:

@@ -103,9 +103,10 @@ def _fit(
 ) -> Estimate:
     """Return the estimate of one recording, as if its load were measured."""
     from joint_id_core.estimators.between_samples import fitted_between  # loads NumPy, as the next
-    from joint_id_core.estimators.cross_check import cross_checked
+    from joint_id_core.estimators.cross_check import cross_checked_whole
     from joint_id_core.estimators.one_encoder import hides_compliance
     from joint_id_core.estimators.regression_starts import started
+    from joint_id_core.estimators.rigid_advice import with_rigid_advice
     from joint_id_core.estimators.shared.data_check import concerning, noted, refused
     from joint_id_core.estimators.shared.held_values import with_held_values
 
@@ -121,7 +122,8 @@ def _fit(
     if isinstance(estimator, Innovations):
         again = partial(estimator.fit, model, settings=settings, progress=progress)
         estimate = fitted_between(estimate, model, recording, again)
-        estimate = cross_checked(estimate, model, recording, settings)
+        estimate = cross_checked_whole(estimate, model, recording, settings)
+        estimate = with_rigid_advice(estimate, model, recording, settings)
     if estimate.status.unusable:
         return estimate
     return with_held_values(noted(estimate, found, model, recording), model, settings)

@@ -61,7 +61,9 @@ def fitted_between(
     if takes_mean(model):
         notes = (*best.notes[:1], told, *best.notes[1:])
         return replace(best, notes=notes, message=message(notes))
-    notes = (told, "Record all samples of the controller, or fit model rigid_joint.", *best.notes[1:])
+    advised = (told, "Record all samples of the controller, or fit model rigid_joint.")
+    alone = best.status is Status.CONVERGED  # else another fault is beside it, or makes the drive look so
+    notes = (*advised, *best.notes[1:]) if alone else (*best.notes, *advised)
     return replace(best, status=Status.POOR_FIT, notes=notes, message=message(notes))
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
+from joint_id_core.estimators.regression.changed_gain import changed_gain
 from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.regression.missing import HELPS
 from joint_id_core.estimators.shared.intervals import between, interval_text
@@ -76,6 +77,7 @@ class Opinion:
         coloured: whether what it leaves of the torque has a memory and is not small.
         unseen: parameters that it finds this motion does not show.
         between: that the drive changes between two samples; empty if it is held.
+        changed: that the gain of the drive changes, and when; empty if it does not.
     """
 
     fault: str
@@ -86,6 +88,7 @@ class Opinion:
     coloured: bool = False
     unseen: tuple[str, ...] = ()
     between: str = ""
+    changed: str = ""
 
 
 def suits(model: Model) -> bool:
@@ -109,6 +112,17 @@ def cross_checked(
     """Return an estimate with what a regression of the same recording says of it: see `judged`."""
     opinion = second_opinion(estimate, model, recording, settings)
     return estimate if opinion is None else judged(estimate, model, opinion)
+
+
+def cross_checked_whole(
+    estimate: Estimate, model: Model, recording: Recording, settings: ParameterSettings | None = None
+) -> Estimate:
+    """Return the same for a whole recording, in which the joint must not change: live, that is what is looked for."""
+    opinion = second_opinion(estimate, model, recording, settings)
+    if opinion is None:
+        return estimate
+    found = judged(estimate, model, opinion)
+    return _poor(found, opinion.changed) if opinion.changed and not opinion.fault else found
 
 
 def second_opinion(
@@ -144,7 +158,8 @@ def second_opinion(
     coloured = any(f.memory > MEMORY and f.solution.r_squared < 1.0 - LITTLE for f in fitted)
     unseen = tuple(n for f in fitted for n, hidden in zip(f.names, f.solution.unseen, strict=True) if hidden)
     least = min(f.solution.r_squared for f in fitted)
-    return Opinion(fault, seconds, least, useless, lag, coloured, unseen, between)
+    changed = next((text for f in fitted if (text := changed_gain(f.samples))), "")
+    return Opinion(fault, seconds, least, useless, lag, coloured, unseen, between, changed)
 
 
 def _seconds(fitted: Fitted) -> list[Second]:

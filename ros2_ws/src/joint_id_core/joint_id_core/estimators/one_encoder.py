@@ -38,7 +38,7 @@ def hides_compliance(
 
     rigid = RigidJoint(gravity=model.has_gravity)
     try:
-        fitted = regressed(rigid, _at_link(model, side, recording, settings), ParameterSettings(), Regression())
+        fitted = regressed(rigid, at_link(model, side, recording, settings), ParameterSettings(), Regression())
     except JointIdError:
         return None
     if fitted[0].helps[COMPLIANCE] >= SHOWS:
@@ -64,7 +64,7 @@ def _only_side(model: Model, recording: Recording) -> str | None:
     return measured.pop() if len(measured) == 1 else None
 
 
-def _at_link(model: Model, side: str, recording: Recording, settings: ParameterSettings) -> Recording:
+def at_link(model: Model, side: str, recording: Recording, settings: ParameterSettings) -> Recording:
     """Return a recording as a rigid joint would have it: motion and torques at the link."""
     p = dict(zip(model.parameter_names, settings.applied_to(model)[0].tolist(), strict=True))
     ratio, drive = model.gear_ratio(p), model.torque_drive or ""

@@ -15,7 +15,7 @@ from joint_id_core.rtde.fields import JOINT_NAMES
 RATIO = 101  # of the gears of a UR robot: see docs/tutorials/ur_robots.md
 FIELDS = {
     "link_position": "actual_q", "motor_velocity": "actual_qd", "current": "actual_current",
-    "reference_position": "target_q", "temperature": "joint_temperatures",
+    "reference_position": "target_q", "target_current": "target_current", "temperature": "joint_temperatures",
 }  # fmt: skip
 
 

@@ -30,8 +30,12 @@ RAW = (
 
 # Conditions that change slowly: they are not joined to the samples by stamp, the newest value holds.
 CONDITIONS = Topic("robot_signals", "joint_id_msgs/msg/RobotSignals", {"joint_temperatures": "temperature"})
-# The same topic in a bag, where the command goes with its samples.
-SIGNALS = Topic(CONDITIONS.name, CONDITIONS.type, {**CONDITIONS.fields, "target_q": "reference_position"})
+# The same topic in a bag, where what the controller asks for goes with its samples.
+SIGNALS = Topic(
+    CONDITIONS.name,
+    CONDITIONS.type,
+    {**CONDITIONS.fields, "target_q": "reference_position", "target_current": "target_current"},
+)
 SIGNAL_FIELDS = (
     "joint_temperatures", "target_q", "target_qd", "target_qdd", "target_current", "target_moment",
     "actual_current_as_torque", "joint_control_output",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ from joint_id_core.assignments import vector
 from joint_id_core.errors import JointIdError
 
 if TYPE_CHECKING:
+    from joint_id_core.arm.description import Description
     from joint_id_core.data.recording import Recording
 
 
@@ -67,11 +68,8 @@ def with_load(
         JointIdError: no joint is named; the description, or the recordings of the other joints, are not what is needed.
     """
     from joint_id_core import formats
-    from joint_id_core.arm.description import GRAVITY, Description
-    from joint_id_core.arm.loaded import loaded
 
-    gravity = GRAVITY if base_gravity is None else vector(base_gravity, "--base-gravity")
-    description = Description.read(urdf, gravity)
+    description = described(urdf, base_gravity)
     if joint is None:
         raise JointIdError(f"--urdf needs the name of the joint: --joint {description.joints[0]}, or --joint all")
     description.require(joint)
@@ -82,9 +80,23 @@ def with_load(
         found = formats.joints(file, part.mapping)
         there = [name for name in found if name in description.joints or name == joint] or [joint]
         records.append({name: one.read(file, name) for name in there})
+    done = given_with_load(description, joint, records)
+    return replace(done, recordings=done.recordings[: len(files)], other=done.recordings[-1] if validate else None)
+
+
+def described(urdf: Path, base_gravity: str | None) -> Description:
+    """Read the description of a robot whose base stands as `base_gravity` (X,Y,Z in m/s^2) says; None: upright."""
+    from joint_id_core.arm.description import GRAVITY, Description
+
+    return Description.read(urdf, GRAVITY if base_gravity is None else vector(base_gravity, "--base-gravity"))
+
+
+def given_with_load(description: Description, joint: str, records: Sequence[Mapping[str, Recording]]) -> Given:
+    """Return recordings of a joint, of all joints by name, with the load that the rest of the arm puts on it."""
+    from joint_id_core.arm.loaded import loaded
+
     done = loaded(description, joint, records)
-    recordings = list(done.recordings)
-    return Given(recordings[: len(files)], recordings[-1] if validate is not None else None, (done.text,))
+    return Given(list(done.recordings), notes=(done.text,))
 
 
 def window(recording: Recording, start: float | None, end: float | None) -> Recording:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -30,7 +31,8 @@ def held_out(model: Model, recording: Recording, estimate: Estimate, horizon_s: 
         JointIdError: as `held_out_errors`.
     """
     errors = held_out_errors(model, recording, estimate, horizon_s)
-    return {n: float(np.sqrt(np.nanmean(e**2))) if np.isfinite(e).any() else float("nan") for n, e in errors.items()}
+    with np.errstate(over="ignore"):  # of a prediction that goes astray
+        return {n: float(np.sqrt(np.nanmean(e**2))) if np.isfinite(e).any() else math.nan for n, e in errors.items()}
 
 
 def held_out_errors(

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from joint_id_core.estimators.regression.changed_gain import changed_gain
 from joint_id_core.estimators.regression.covariance import autocorrelation
 from joint_id_core.estimators.regression.encoder_lag import Lag
 from joint_id_core.estimators.regression.equations import Motion
@@ -99,7 +100,7 @@ def judge(
     explained = f"{percent(worst.solution.r_squared)} of the {quantity} below {band_hz:.3g} Hz are explained"
     if np.isfinite(worst.held_out):
         explained += f"; a fit of the first part explains {percent(worst.held_out)} of friction and inertia in the rest"
-    faults = [f.fault for f in fitted if f.fault]
+    faults = [fault for f in fitted if (fault := f.fault or changed_gain(f.samples))]
     if faults:
         status, said = Status.POOR_FIT, [faults[0], Status.POOR_FIT.advice, explained]
     elif not any(found_row.verdict is Verdict.ESTIMATED for found_row in found.values()):
