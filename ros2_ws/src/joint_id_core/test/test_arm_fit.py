@@ -164,6 +164,25 @@ def test_what_cannot_be_fitted_is_refused():
         fit_arm(ARM, [rest], GAINS)
 
 
+def test_doubts_are_about_what_is_used():
+    record = moving_arm.rigid(SECONDS, 0)
+    lift = record["lift"]
+    speed = moving_arm.at(lift.time).dq[:, 1]
+    speed[2000] = 500.0
+    found = fit_arm(ARM, [{**record, "lift": lift.with_channels({"link_velocity": speed})}], GAINS)
+    assert not found.doubts
+
+
+def test_a_joint_that_moves_and_is_fixed_in_the_description_is_told():
+    fixed = Description(URDF.replace('name="spin" type="continuous"', 'name="spin" type="fixed"'), "fixed.urdf")
+    assert fixed.fixed == ("spin", "flange")
+    record = moving_arm.rigid(SECONDS, 0)
+    told = "arm: spin moves, and does not in fixed.urdf"
+    assert any(told in text for text in fit_arm(fixed, [record], GAINS).doubts)
+    still = record["spin"].with_channels({"link_position": np.full(len(record["spin"]), 0.3)})
+    assert not fit_arm(fixed, [{**record, "spin": still}], GAINS).doubts
+
+
 # --- a payload
 
 

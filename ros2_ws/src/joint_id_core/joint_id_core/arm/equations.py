@@ -28,7 +28,8 @@ KEPT = 5  # every so many of them is kept after it: 20 in a second
 SLOW = 0.01  # rad/s, over about twice of which Coulomb friction turns: gears yield before they slip
 REST, REST_S = 0.005, 0.25  # rad/s, s: a joint that is slower for so long rests, and sticks with any torque
 TURNED = 0.01  # how far filtered Coulomb friction of 1 is from it where a reversal does not count
-DRIVES = ("torque", "current")
+POSITION, DRIVES = "link_position", ("torque", "current")
+MOVED = 0.02  # rad, standard deviation of the position of a joint that was not still
 
 
 @dataclass(frozen=True)
@@ -37,11 +38,12 @@ class Unfiltered:
 
     Attributes:
         inertial: torques in Nm by unit inertial parameters, those of the arm and of a payload, (T, n, base + PAYLOAD).
-        dq: velocities in rad/s, (T, n).
+        q, dq: positions in rad and velocities in rad/s, (T, n).
         known: whether the motion is, (T,).
     """
 
     inertial: Array
+    q: Array
     dq: Array
     known: NDArray[np.bool_]
 
@@ -118,7 +120,7 @@ def equations(
 
     Args:
         regressor: of the arm.
-        recordings: of all its joints, by name.
+        recordings: of all its joints, by name; of others that shall stand still, if there are any.
         gains: by joint and drive ("torque", "current"), the torque at the link in Nm of one unit of it.
         source: of the joints, for messages.
         loaded: whether the arm carries the payload.
@@ -128,7 +130,7 @@ def equations(
             joints were not recorded at the same time, or none moves.
     """
     require_recorded(recordings, regressor.joints, source)
-    doubts = _doubts(recordings, regressor.joints)
+    doubts = (*_doubts(recordings, regressor.joints), *_fixed_in_vain(recordings, regressor.joints, source))
     found = unchecked(regressor, recordings, gains, source, loaded)
     if not found.used.any():
         raise JointIdError(f"{recordings[regressor.joints[0]].source}: no joint moves: record a motion of the arm")
@@ -167,7 +169,7 @@ def unchecked(
     told, rests = np.isfinite(y) & np.isfinite(columns).all(axis=2), _rests(dq)
     used = told & ~rests
     moving = float(np.count_nonzero(used.any(axis=1))) / RATE
-    unfiltered = Unfiltered(inertial, dq, known)
+    unfiltered = Unfiltered(inertial, q, dq, known)
     return Equations(
         time[kept], y[kept], columns[kept], dq[kept], used[kept], (told & rests)[kept], moving, base, loaded,
         unfiltered=unfiltered,
@@ -193,10 +195,22 @@ def _doubts(recordings: Mapping[str, Recording], joints: Sequence[str]) -> tuple
     told = []
     for name in joints:
         for finding in findings(recordings[name]):
+            if finding.channels and not set(finding.channels) & {POSITION, *DRIVES}:
+                continue  # of a channel that is not used
             if finding.fatal:
                 raise JointIdError(f"{recordings[name].source}: joint {name}: {finding.text}")
             told.append(f"{recordings[name].source}, joint {name}: {finding.text}")
     return tuple(told)
+
+
+def _fixed_in_vain(recordings: Mapping[str, Recording], joints: Sequence[str], source: str) -> list[str]:
+    """Return doubts about recorded joints that move, and do not in the description."""
+    return [
+        f"{recording.source}: {name} moves, and does not in {source}: what it does to the other joints is taken for "
+        "something else"
+        for name, recording in recordings.items()
+        if name not in joints and recording.measured(POSITION) and np.nanstd(recording[POSITION]) > MOVED
+    ]
 
 
 def _torque(recording: Recording, gains: Mapping[str, float], name: str, like: Recording) -> Array:

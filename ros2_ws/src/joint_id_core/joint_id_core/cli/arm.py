@@ -95,11 +95,12 @@ def fit(
         Part(texts_by_name(map_ or (), "--map"), start, end),
         Part(texts_by_name(map_ or (), "--map"), None, None),
     )
+    there = (*description.joints, *description.fixed)
     with Progress() as progress:
         progress("reading the recordings")
-        records = [_read(file, part, description.joints) for file in files]
-        carried = [_read(file, part, description.joints) for file in loaded]
-        held_out = None if validate is None else _read(validate, whole, description.joints)
+        records = [_read(file, part, there) for file in files]
+        carried = [_read(file, part, there) for file in loaded]
+        held_out = None if validate is None else _read(validate, whole, there)
         progress(f"fitting {len(description.joints)} joints")
         found = fit_arm(description, records, gains, held_out, carried, mass)
     if json:
