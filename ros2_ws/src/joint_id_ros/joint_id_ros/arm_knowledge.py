@@ -77,7 +77,8 @@ class ArmKnowledge:
         for block in self._stream.push(records):
             before = self.follower.rests, self.follower.unexplained
             learnt = self.follower.add(block)
-            new = new or learnt or self.follower.belief is None or before != self._state()
+            # In motion there is: that the torques were tested, even if what they say is not believed yet.
+            new = new or not self.follower.rests or self.follower.belief is None or before != self._state()
             if learnt and (belief := self.follower.belief) is not None:
                 self._known = belief
                 self._stream.know(belief.values, belief.carries)
