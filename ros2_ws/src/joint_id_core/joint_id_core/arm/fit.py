@@ -76,8 +76,8 @@ def fit_arm(
         scale = np.array([factor.value for factor in factors])
         parts, other = ([replace(part, y=part.y * scale) for part in some] for some in (parts, other))
     fitted = _Fitted(regressor, parts)
-    found = fitted.estimate(source, fitted.held_out(other[0]) if other else None, factors)
-    return replace(found, recordings=tuple(record[regressor.joints[0]].source for record in (*records, *payload)))
+    told = fitted.estimate(source, fitted.held_out(other[0]) if other else None, factors)
+    return replace(told, recordings=tuple(record[regressor.joints[0]].source for record in (*records, *payload)))
 
 
 def _gains(regressor: Regressor, parts: Sequence[Equations], mass: float) -> tuple[Array, Array]:
