@@ -38,12 +38,11 @@ class Unfiltered:
 
     Attributes:
         inertial: torques in Nm by unit inertial parameters, those of the arm and of a payload, (T, n, base + PAYLOAD).
-        q, dq: positions in rad and velocities in rad/s, (T, n).
+        dq: velocities in rad/s, (T, n).
         known: whether the motion is, (T,).
     """
 
     inertial: Array
-    q: Array
     dq: Array
     known: NDArray[np.bool_]
 
@@ -57,7 +56,7 @@ class Equations:
         y: torque at the link in Nm, shape (R, n).
         columns: torques by unit parameters, shape (R, n, P): `base` base parameters, `PAYLOAD` of a payload on the last
             link, viscous friction, Coulomb friction, and what `friction` adds.
-        dq: velocities in rad/s, shape (R, n).
+        q, dq: positions in rad and velocities in rad/s, shape (R, n).
         used: whether an equation counts: the torque is known, and the joint does not rest, shape (R, n).
         rests: whether the torque is known, and the joint rests, shape (R, n).
         duration: time in s in which the arm moves.
@@ -69,6 +68,7 @@ class Equations:
     time: Array
     y: Array
     columns: Array
+    q: Array
     dq: Array
     used: NDArray[np.bool_]
     rests: NDArray[np.bool_]
@@ -84,7 +84,7 @@ class Equations:
         some = slice(int(i), int(j))
         moving = float(np.count_nonzero(self.used[some].any(axis=1))) * KEPT / RATE
         return replace(
-            self, time=self.time[some], y=self.y[some], columns=self.columns[some], dq=self.dq[some],
+            self, time=self.time[some], y=self.y[some], columns=self.columns[some], q=self.q[some], dq=self.dq[some],
             used=self.used[some], rests=self.rests[some], duration=moving, unfiltered=None,
         )  # fmt: skip
 
@@ -99,13 +99,22 @@ class Equations:
 
 def joined(parts: Sequence[Equations]) -> Equations:
     """Return parts of one recording as one."""
-    time, y, columns, dq, used, rests = (
+    time, y, columns, q, dq, used, rests = (
         np.concatenate([getattr(part, name) for part in parts])
-        for name in ("time", "y", "columns", "dq", "used", "rests")
+        for name in ("time", "y", "columns", "q", "dq", "used", "rests")
     )
     duration = sum(p.duration for p in parts)
     return replace(
-        parts[0], time=time, y=y, columns=columns, dq=dq, used=used, rests=rests, duration=duration, unfiltered=None
+        parts[0],
+        time=time,
+        y=y,
+        columns=columns,
+        q=q,
+        dq=dq,
+        used=used,
+        rests=rests,
+        duration=duration,
+        unfiltered=None,
     )
 
 
@@ -169,9 +178,9 @@ def unchecked(
     told, rests = np.isfinite(y) & np.isfinite(columns).all(axis=2), _rests(dq)
     used = told & ~rests
     moving = float(np.count_nonzero(used.any(axis=1))) / RATE
-    unfiltered = Unfiltered(inertial, q, dq, known)
+    unfiltered = Unfiltered(inertial, dq, known)
     return Equations(
-        time[kept], y[kept], columns[kept], dq[kept], used[kept], (told & rests)[kept], moving, base, loaded,
+        time[kept], y[kept], columns[kept], q[kept], dq[kept], used[kept], (told & rests)[kept], moving, base, loaded,
         unfiltered=unfiltered,
     )  # fmt: skip
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -86,20 +86,27 @@ class ArmFollower:
         used: number of instants that were used since the arm is known.
     """
 
-    def __init__(self, joints: Sequence[str], arm_mass: float, belief: Belief | None = None) -> None:
+    def __init__(
+        self,
+        joints: Sequence[str],
+        arm_mass: float,
+        belief: Belief | None = None,
+        check: Callable[[Sequence[Equations]], None] = lambda parts: None,
+    ) -> None:
         """Begin.
 
         Args:
             joints: names of the joints.
             arm_mass: mass of the arm in kg, which tells what payloads are possible.
             belief: what is known of it already.
+            check: looks at the motion from which an arm is learnt, and raises a JointIdError if that is of no use.
         """
         self.belief, self.changes = belief, dict[str, ArmChange]()
         self.unexplained: tuple[str, ...] = ()
         self.rests, self.time, self.used = True, float("nan"), 0
         self._joints, self._mass = tuple(joints), arm_mass
         self._first: list[Equations] = []  # from which it is learnt
-        self._learning = belief is None
+        self._learning, self._check = belief is None, check
         self._due = LEARN_S
         self._held: deque[Equations] = deque()
         self._rival: Rival | None = None
@@ -118,7 +125,11 @@ class ArmFollower:
         return LEARN_S
 
     def add(self, part: Equations) -> bool:
-        """Take a stretch; return whether something new is known."""
+        """Take a stretch; return whether something new is known.
+
+        Raises:
+            JointIdError: `check` refuses the motion from which the arm would be learnt.
+        """
         if len(part.time):
             self.time = float(part.time[-1])
         self.rests = not part.used.any()
@@ -137,6 +148,12 @@ class ArmFollower:
         if motion < self._due:
             return False
         self._due = AGAIN * motion
+        try:
+            self._check(self._first)
+        except JointIdError:
+            self._first.clear()
+            self._due = LEARN_S
+            raise
         try:
             self.belief = learned(self._first)
         except JointIdError:  # too few equations yet

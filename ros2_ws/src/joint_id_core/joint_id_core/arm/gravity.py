@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from joint_id_core.arm.description import GRAVITY, Description
-from joint_id_core.arm.equations import KEPT, PAYLOAD, Equations
+from joint_id_core.arm.equations import PAYLOAD, Equations
 from joint_id_core.arm.regressor import Regressor
 from joint_id_core.arm.stacked import Stacked, centred, solved
 from joint_id_core.data.recording import Array
@@ -30,7 +30,7 @@ def check_gravity(description: Description, regressor: Regressor, parts: Sequenc
 
     Args:
         description: of the robot; `regressor`: of it.
-        parts: equations of whole recordings without a payload.
+        parts: equations of recordings without a payload.
 
     Raises:
         JointIdError: another direction explains the torques far better than the one that is taken.
@@ -50,7 +50,7 @@ def check_gravity(description: Description, regressor: Regressor, parts: Sequenc
         found, given = (",".join(f"{v:.3g}" for v in np.round(vector, 2)) for vector in (G / size * felt, taken))
         raise JointIdError(
             f"the torques say that gravity acts along {found} m/s^2 in the frame of the base of {description.source}, "
-            f"not along {given}: give the gravity of your base (--base-gravity), or correct the signs of the torques"
+            f"not along {given}: give the gravity of your base (base_gravity), or correct the signs of the torques"
         )
 
 
@@ -61,9 +61,8 @@ def _table(description: Description, regressor: Regressor, parts: Sequence[Equat
     axes = [Description(description.text, description.source, axis) for axis in G * np.eye(3)]
     tables: list[Array] = []
     for part in parts:
-        assert part.unfiltered is not None, "a part of a recording"
         rows = np.linspace(0, len(part.time) - 1, len(still)).astype(np.intp)
-        q = part.unfiltered.q[::KEPT][rows]
+        q = part.q[rows]
         pull = np.stack([axis.loads(q, still, still).torque / G for axis in axes], axis=2)
         moved = part.columns[rows, :, : part.base] @ regressor.reference - pull @ description.gravity
         every = np.concatenate([(part.y[rows] - moved)[:, :, None], pull], axis=2)
