@@ -50,6 +50,7 @@ def test_the_command_prints_saves_and_writes_a_description(here):
     assert code == 0, out + err
     assert "arm of 6 joints: converged" in out and "turn, armature: beside the inertia of its links" in out
     saved = json.loads(Path("arm.json").read_text())
+    assert saved["recordings"] == ["torques"]
     assert [j["name"] for j in saved["joints"]] == list(JOINTS) and len(saved["parameters"]) == 40
     root = ET.parse("new.urdf").getroot()
     for k, name in enumerate(JOINTS):
@@ -62,6 +63,8 @@ def test_the_command_prints_saves_and_writes_a_description(here):
     masses = [float(root.find(f"link[@name='{link['name']}']/inertial/mass").get("value")) for link in saved["links"]]
     for link, mass in zip(saved["links"][:-1], masses, strict=False):  # a tool is fixed to the last one
         assert mass == pytest.approx(link["found"]["mass"], rel=1e-6) and len(link["found"]["inertia"]) == 6
+    code, _, err = here("report", "arm.json")
+    assert code == 2 and "not an estimate" in err and "joint_id arm estimate" in err
     again, _, err = here("arm", "fit", "arm.urdf", "torques", "--out", "new.urdf", "--validate", "torques", "--json")
     assert again == 0, err
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from joint_id_core.arm.belief import Belief
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.equations import Equations, equations
 from joint_id_core.arm.follower import ArmFollower
+from joint_id_core.arm.learning import learned
 from joint_id_core.arm.payload import payload_of
 from joint_id_core.arm.regressor import Regressor
 from joint_id_core.arm.stream import MARGIN_S, ArmStream
@@ -112,6 +114,36 @@ def test_a_payload_is_found_and_so_is_its_end():
     assert abs(mass - MASS) < 4.0 * sigma and sigma < 0.01 * MASS
     np.testing.assert_allclose(centre, CENTRE, atol=2e-3)
     assert np.abs(off(follower.belief)).max() < 4.5
+
+
+@pytest.mark.parametrize("late", [0.25, 0.375], ids=["early in a stretch", "late in a stretch"])
+def test_payloads_that_follow_one_another_are_told_each(late):
+    masses, ends = (0.0, 1.0, MASS, 0.0, 1.0), np.array([LEARN, 37.0, 45.0, 53.0, 58.0]) + late
+    arms = {m: moving_arm.rigid(ends[-1], 0, CARRYING.replace(f'value="{MASS}"', f'value="{m}"')) for m in (1.0, MASS)}
+    arms[0.0] = moving_arm.rigid(ends[-1], 0)
+    time = arms[0.0]["turn"].time
+    carried = np.array(masses)[np.searchsorted(ends[:-1], time, side="right")]
+    arm = {
+        n: r.with_channels({"torque": np.select([carried == m for m in arms], [arms[m][n]["torque"] for m in arms])})
+        for n, r in arms[0.0].items()
+    }
+    stream, follower, told = ArmStream(REGRESSOR, GAINS, "arm.urdf"), ArmFollower(JOINTS, ARM.mass), []
+    for block in (block for batch in batches(arm) for block in stream.push(batch)):
+        before = follower.changes.get("payload")
+        if follower.add(block) and follower.belief is not None:
+            stream.know(follower.belief.values, follower.belief.carries)
+        if follower.changes.get("payload") is not before:
+            told.append((block.time[-1], weighed(follower.belief)[0] if follower.belief.carries else 0.0))
+    assert list(follower.changes) == ["payload"] and len(told) == len(masses) - 1
+    for (when, found), end, mass in zip(told, ends, masses[1:], strict=False):
+        assert end < when < end + 3.0 and abs(found - mass) < 0.05
+
+
+def test_what_an_arm_carries_while_it_is_learnt_counts_to_it():
+    parts = blocks(moving_arm.rigid(22.0, 0))
+    anew = learned([replace(part, loaded=True) for part in parts])  # after a payload that was taken for something else
+    np.testing.assert_array_equal(anew.values, learned(parts).values)
+    assert not anew.carries
 
 
 def test_a_resumed_belief_weighs_a_payload_from_the_beginning():

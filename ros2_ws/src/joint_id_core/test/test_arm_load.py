@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -112,6 +114,14 @@ def test_joints_that_follow_another_one_move_with_it():
 @pytest.fixture(scope="module")
 def rigid() -> dict[str, Recording]:
     return moving_arm.rigid(20.0)
+
+
+def test_a_load_of_wrong_masses_is_told_with_what_to_do():
+    twice = re.sub(r'mass value="([^"]*)"', lambda found: f'mass value="{2.0 * float(found[1])}"', URDF)
+    record = loaded(Description(twice, "heavy.urdf"), "bend", [moving_arm.rigid(12.0, 0)]).recordings[0]
+    estimate = fit(build("rigid_joint"), record, estimator=Regression())
+    assert estimate.status is Status.POOR_FIT
+    assert "joint-id arm fit --out" in estimate.message and "--urdf" not in estimate.message
 
 
 @pytest.mark.parametrize("estimator", [None, Regression()], ids=["innovations", "regression"])
@@ -231,6 +241,7 @@ BAD = {
     "no inertial": (URDF.replace(link("fore", 3.0, (0.18, 0.01, 0.0), 0.02), '<link name="fore"/>'), "'fore'.*mass 0"),
     "grams": (URDF.replace('<mass value="', '<mass value="1000000'), "is in kg and m"),
     "no body": (URDF.replace('iyy="', 'iyy="-'), "an inertia that no body has"),
+    "a xacro": ('<robot name="a" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:arm/></robot>', "expand it first"),
     "nothing moves": ('<robot name="a"><link name="base"/></robot>', "no joint moves"),
     "a follower of none": (
         URDF.replace("</robot>", link("f", 1.0, (0, 0, 0), 0.1)

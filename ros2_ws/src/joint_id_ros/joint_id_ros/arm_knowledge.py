@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from joint_id_core.arm import belief_file
 from joint_id_core.arm.belief import Belief
 from joint_id_core.arm.description import Description
+from joint_id_core.arm.equations import Equations, joined
 from joint_id_core.arm.follower import ArmFollower
 from joint_id_core.arm.gains import gains_of
+from joint_id_core.arm.gravity import check_gravity
 from joint_id_core.arm.regressor import Regressor
 from joint_id_core.arm.stream import ArmStream
 from joint_id_core.data.recording import Recording
@@ -40,6 +42,7 @@ class ArmKnowledge:
         self._gains, spread = gains_of(self.regressor.joints, options.entries)
         self.scale = f" All values scale with the torque constants, which are known to {spread}." if spread else ""
         self._source, self._mass = description.source, description.mass
+        self._description = description
         self._path = Path(options.state_file).expanduser().absolute() if options.state_file else None
         self._saver = Autosave(self._write, tell) if self._path is not None else None
         self._lock = FileLock(self._path) if self._path is not None else None
@@ -63,7 +66,7 @@ class ArmKnowledge:
     def begin(self) -> None:
         """Begin a run, as after a jump of the time, with what is known."""
         self._stream = ArmStream(self.regressor, self._gains, self._source)
-        self.follower = ArmFollower(self.regressor.joints, self._mass, self._known)
+        self.follower = ArmFollower(self.regressor.joints, self._mass, self._known, self._check)
         if self._known is not None:
             self._stream.know(self._known.values, self._known.carries)
 
@@ -71,13 +74,14 @@ class ArmKnowledge:
         """Take samples; return whether there is anything new to tell.
 
         Raises:
-            JointIdError: see `ArmStream.push`.
+            JointIdError: see `ArmStream.push` and `check_gravity`.
         """
         new = False
         for block in self._stream.push(records):
             before = self.follower.rests, self.follower.unexplained
             learnt = self.follower.add(block)
-            new = new or learnt or self.follower.belief is None or before != self._state()
+            # In motion there is: that the torques were tested, even if what they say is not believed yet.
+            new = new or not self.follower.rests or self.follower.belief is None or before != self._state()
             if learnt and (belief := self.follower.belief) is not None:
                 self._known = belief
                 self._stream.know(belief.values, belief.carries)
@@ -133,6 +137,10 @@ class ArmKnowledge:
         self._lock.take()
         if self._path.exists():
             self._known = belief_file.read(self._path, self.regressor, self._gains)
+
+    def _check(self, parts: Sequence[Equations]) -> None:
+        """Check the direction of gravity by the motion from which the arm is learnt."""
+        check_gravity(self._description, self.regressor, [joined(parts)])
 
     def _state(self) -> tuple[bool, tuple[str, ...]]:
         return self.follower.rests, self.follower.unexplained

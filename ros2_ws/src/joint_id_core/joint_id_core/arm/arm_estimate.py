@@ -136,6 +136,7 @@ class ArmEstimate:
         payload: what the arm carries in some recordings; None if in none.
         factors: on the torques, from the mass of a payload that is known; empty without.
         doubts: what the checks of the recordings found.
+        recordings: that were fitted.
     """
 
     source: str
@@ -149,6 +150,7 @@ class ArmEstimate:
     payload: Payload | None = None
     factors: tuple[Factor, ...] = ()
     doubts: tuple[str, ...] = ()
+    recordings: tuple[str, ...] = ()
 
     @property
     def converged(self) -> bool:
@@ -229,7 +231,8 @@ class ArmEstimate:
         """Return it as plain JSON types; values that are not finite become None."""
         return {
             "format": FORMAT, "version": VERSION, "description": self.source, "status": self.status.value,
-            "message": self.message, "duration_s": self.duration, "friction_by_load": _plain(asdict(self.by_load)),
+            "message": self.message, "recordings": [*self.recordings],
+            "duration_s": self.duration, "friction_by_load": _plain(asdict(self.by_load)),
             "joints": [_plain(asdict(j)) for j in self.joints],
             "parameters": [_plain(asdict(p)) for p in self.parameters],
             "links": [asdict(link) for link in self.links.links], "description_wrong_by": self.links.share,

@@ -8,7 +8,7 @@ belief that allows more pay for it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -19,14 +19,16 @@ from joint_id_core.data.recording import Array
 
 SURE = 2.0 * np.log(1e6)  # twice the logarithm of a Bayes factor from which a change is told
 OPEN = 2.0 * np.log(10.0)  # from which the newest stretches are not believed yet
-EXPLAINED = 9.0  # mean square of what is left of a torque over what was before, up to which it is explained
+# Mean square of what is left of a torque over what was before: up to which it is explained, and up to which it
+# surely is that alone.
+EXPLAINED, CLEAN = 9.0, 3.0
 # Change of a friction that is told, as a share of it and in standard deviations; a smaller one is followed.
 TOLD, CLEAR = 0.1, 3.0
 FRICTION = 0.5  # standard deviation of a friction that may have changed, as a share of it
 # Standard deviations of a payload of which nothing is known: its mass as a share of that of the arm, the distance of
 # its centre from the last joint in m, and its size in m.
 MASS, DISTANCE, SIZE = 0.3, 0.3, 0.2
-AFTER = 2
+AFTER = 2  # stretches at least since a change
 PAYLOAD = "payload"
 
 
@@ -39,12 +41,30 @@ class Finding:
         opened: gives a belief that is open to that change.
         first: number of the stretch in which it came.
         gain: twice the logarithm of the Bayes factor over a belief in which nothing changed.
+        felt: how many stretches feel that it came. Nothing is believed of these.
     """
 
     what: str
     opened: Callable[[Belief], Belief]
     first: int
     gain: float
+    felt: int = 1
+
+    def since(self, parts: Sequence[Equations]) -> Sequence[Equations]:
+        """Return the stretches after it."""
+        return parts[self.first + self.felt :]
+
+    def clear_in(self, belief: Belief, parts: Sequence[Equations]) -> Finding | None:
+        """Return the change if it explains the stretches since then; None if it does not, or not yet.
+
+        Equations are filtered: a change at the end of a stretch is felt in the next one, too.
+        """
+        for felt, most in ((1, CLEAN), (2, EXPLAINED)):
+            found = replace(self, felt=felt)
+            since = found.since(parts)
+            if len(since) >= AFTER and explains(self.opened(belief), since, most):
+                return found
+        return None
 
 
 def payload_sigma(arm_mass: float) -> Array:
@@ -70,6 +90,11 @@ def find(belief: Belief, parts: Sequence[Equations], joints: Sequence[str], arm_
             if found - same > 0.0 and unchanged + found > most:
                 most, best = unchanged + found, Finding(what, opened, first, found - same)
     return best
+
+
+def explains(belief: Belief, parts: Sequence[Equations], most: float = EXPLAINED) -> bool:
+    """Return whether a belief explains stretches, once it knows them, as well as those before were."""
+    return not parts or bool(np.max(belief.told(belief.information(parts)).left(parts)) < most)
 
 
 def with_other_friction(belief: Belief, joints: Sequence[int]) -> Belief:

@@ -82,9 +82,19 @@ class Description:
         return tuple(self._mimics)
 
     @property
+    def fixed(self) -> tuple[str, ...]:
+        """Names of joints that do not move."""
+        return tuple(name for name in self._links if name not in self._column)
+
+    @property
     def model(self) -> Any:
         """The model of Pinocchio."""
         return self._model
+
+    @property
+    def gravity(self) -> Array:
+        """Gravity in m/s^2, in the frame of the base, shape (3,)."""
+        return np.array(self._model.gravity.linear)
 
     @property
     def mass(self) -> float:

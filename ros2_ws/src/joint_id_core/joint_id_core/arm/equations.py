@@ -28,7 +28,8 @@ KEPT = 5  # every so many of them is kept after it: 20 in a second
 SLOW = 0.01  # rad/s, over about twice of which Coulomb friction turns: gears yield before they slip
 REST, REST_S = 0.005, 0.25  # rad/s, s: a joint that is slower for so long rests, and sticks with any torque
 TURNED = 0.01  # how far filtered Coulomb friction of 1 is from it where a reversal does not count
-DRIVES = ("torque", "current")
+POSITION, DRIVES = "link_position", ("torque", "current")
+MOVED = 0.02  # rad, standard deviation of the position of a joint that was not still
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class Equations:
         y: torque at the link in Nm, shape (R, n).
         columns: torques by unit parameters, shape (R, n, P): `base` base parameters, `PAYLOAD` of a payload on the last
             link, viscous friction, Coulomb friction, and what `friction` adds.
-        dq: velocities in rad/s, shape (R, n).
+        q, dq: positions in rad and velocities in rad/s, shape (R, n).
         used: whether an equation counts: the torque is known, and the joint does not rest, shape (R, n).
         rests: whether the torque is known, and the joint rests, shape (R, n).
         duration: time in s in which the arm moves.
@@ -67,6 +68,7 @@ class Equations:
     time: Array
     y: Array
     columns: Array
+    q: Array
     dq: Array
     used: NDArray[np.bool_]
     rests: NDArray[np.bool_]
@@ -82,7 +84,7 @@ class Equations:
         some = slice(int(i), int(j))
         moving = float(np.count_nonzero(self.used[some].any(axis=1))) * KEPT / RATE
         return replace(
-            self, time=self.time[some], y=self.y[some], columns=self.columns[some], dq=self.dq[some],
+            self, time=self.time[some], y=self.y[some], columns=self.columns[some], q=self.q[some], dq=self.dq[some],
             used=self.used[some], rests=self.rests[some], duration=moving, unfiltered=None,
         )  # fmt: skip
 
@@ -97,13 +99,22 @@ class Equations:
 
 def joined(parts: Sequence[Equations]) -> Equations:
     """Return parts of one recording as one."""
-    time, y, columns, dq, used, rests = (
+    time, y, columns, q, dq, used, rests = (
         np.concatenate([getattr(part, name) for part in parts])
-        for name in ("time", "y", "columns", "dq", "used", "rests")
+        for name in ("time", "y", "columns", "q", "dq", "used", "rests")
     )
     duration = sum(p.duration for p in parts)
     return replace(
-        parts[0], time=time, y=y, columns=columns, dq=dq, used=used, rests=rests, duration=duration, unfiltered=None
+        parts[0],
+        time=time,
+        y=y,
+        columns=columns,
+        q=q,
+        dq=dq,
+        used=used,
+        rests=rests,
+        duration=duration,
+        unfiltered=None,
     )
 
 
@@ -118,7 +129,7 @@ def equations(
 
     Args:
         regressor: of the arm.
-        recordings: of all its joints, by name.
+        recordings: of all its joints, by name; of others that shall stand still, if there are any.
         gains: by joint and drive ("torque", "current"), the torque at the link in Nm of one unit of it.
         source: of the joints, for messages.
         loaded: whether the arm carries the payload.
@@ -128,7 +139,7 @@ def equations(
             joints were not recorded at the same time, or none moves.
     """
     require_recorded(recordings, regressor.joints, source)
-    doubts = _doubts(recordings, regressor.joints)
+    doubts = (*_doubts(recordings, regressor.joints), *_fixed_in_vain(recordings, regressor.joints, source))
     found = unchecked(regressor, recordings, gains, source, loaded)
     if not found.used.any():
         raise JointIdError(f"{recordings[regressor.joints[0]].source}: no joint moves: record a motion of the arm")
@@ -169,7 +180,7 @@ def unchecked(
     moving = float(np.count_nonzero(used.any(axis=1))) / RATE
     unfiltered = Unfiltered(inertial, dq, known)
     return Equations(
-        time[kept], y[kept], columns[kept], dq[kept], used[kept], (told & rests)[kept], moving, base, loaded,
+        time[kept], y[kept], columns[kept], q[kept], dq[kept], used[kept], (told & rests)[kept], moving, base, loaded,
         unfiltered=unfiltered,
     )  # fmt: skip
 
@@ -193,10 +204,22 @@ def _doubts(recordings: Mapping[str, Recording], joints: Sequence[str]) -> tuple
     told = []
     for name in joints:
         for finding in findings(recordings[name]):
+            if finding.channels and not set(finding.channels) & {POSITION, *DRIVES}:
+                continue  # of a channel that is not used
             if finding.fatal:
                 raise JointIdError(f"{recordings[name].source}: joint {name}: {finding.text}")
             told.append(f"{recordings[name].source}, joint {name}: {finding.text}")
     return tuple(told)
+
+
+def _fixed_in_vain(recordings: Mapping[str, Recording], joints: Sequence[str], source: str) -> list[str]:
+    """Return doubts about recorded joints that move, and do not in the description."""
+    return [
+        f"{recording.source}: {name} moves, and does not in {source}: what it does to the other joints is taken for "
+        "something else"
+        for name, recording in recordings.items()
+        if name not in joints and recording.measured(POSITION) and np.nanstd(recording[POSITION]) > MOVED
+    ]
 
 
 def _torque(recording: Recording, gains: Mapping[str, float], name: str, like: Recording) -> Array:

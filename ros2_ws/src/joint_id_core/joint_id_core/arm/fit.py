@@ -18,6 +18,7 @@ from joint_id_core.arm.drift import drift
 from joint_id_core.arm.equations import PAYLOAD, Equations, equations
 from joint_id_core.arm.friction import Friction
 from joint_id_core.arm.gains import Gains
+from joint_id_core.arm.gravity import check_gravity
 from joint_id_core.arm.judged import base_parameters, friction, rotor
 from joint_id_core.arm.links import consistent_links
 from joint_id_core.arm.noise import noise_of
@@ -56,8 +57,8 @@ def fit_arm(
         mass: of the payload in kg, if it was weighed: the gains are then found, too, from those that are given.
 
     Raises:
-        JointIdError: as `equations`; a payload in all recordings; too little motion for the number of parameters, or
-            for the gains.
+        JointIdError: as `equations`; a payload in all recordings; gravity acts elsewhere; too little motion for the
+            number of parameters, or for the gains.
     """
     if not records:
         raise JointIdError("no recording without a payload: give at least one")
@@ -65,6 +66,7 @@ def fit_arm(
         raise JointIdError("the mass of a payload tells nothing without a recording in which the arm carries it")
     regressor, source = Regressor(description), description.source
     parts = [equations(regressor, record, gains, source) for record in records]
+    check_gravity(description, regressor, parts)
     parts += [equations(regressor, record, gains, source, loaded=True) for record in payload]
     other = [] if held_out is None else [equations(regressor, held_out, gains, source)]
     factors: tuple[Factor, ...] = ()
@@ -74,7 +76,8 @@ def fit_arm(
         scale = np.array([factor.value for factor in factors])
         parts, other = ([replace(part, y=part.y * scale) for part in some] for some in (parts, other))
     fitted = _Fitted(regressor, parts)
-    return fitted.estimate(source, fitted.held_out(other[0]) if other else None, factors)
+    told = fitted.estimate(source, fitted.held_out(other[0]) if other else None, factors)
+    return replace(told, recordings=tuple(record[regressor.joints[0]].source for record in (*records, *payload)))
 
 
 def _gains(regressor: Regressor, parts: Sequence[Equations], mass: float) -> tuple[Array, Array]:

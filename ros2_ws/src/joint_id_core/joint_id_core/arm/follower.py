@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from joint_id_core.arm.belief import Belief
-from joint_id_core.arm.changes import CLEAR, EXPLAINED, OPEN, PAYLOAD, SURE, TOLD, Finding, find, with_other_friction
+from joint_id_core.arm.changes import (
+    CLEAR,
+    EXPLAINED,
+    OPEN,
+    PAYLOAD,
+    SURE,
+    TOLD,
+    Finding,
+    explains,
+    find,
+    with_other_friction,
+)
 from joint_id_core.arm.equations import Equations
 from joint_id_core.arm.learning import learned
 from joint_id_core.errors import JointIdError
@@ -86,20 +97,27 @@ class ArmFollower:
         used: number of instants that were used since the arm is known.
     """
 
-    def __init__(self, joints: Sequence[str], arm_mass: float, belief: Belief | None = None) -> None:
+    def __init__(
+        self,
+        joints: Sequence[str],
+        arm_mass: float,
+        belief: Belief | None = None,
+        check: Callable[[Sequence[Equations]], None] = lambda parts: None,
+    ) -> None:
         """Begin.
 
         Args:
             joints: names of the joints.
             arm_mass: mass of the arm in kg, which tells what payloads are possible.
             belief: what is known of it already.
+            check: looks at the motion from which an arm is learnt, and raises a JointIdError if that is of no use.
         """
         self.belief, self.changes = belief, dict[str, ArmChange]()
         self.unexplained: tuple[str, ...] = ()
         self.rests, self.time, self.used = True, float("nan"), 0
         self._joints, self._mass = tuple(joints), arm_mass
         self._first: list[Equations] = []  # from which it is learnt
-        self._learning = belief is None
+        self._learning, self._check = belief is None, check
         self._due = LEARN_S
         self._held: deque[Equations] = deque()
         self._rival: Rival | None = None
@@ -118,7 +136,11 @@ class ArmFollower:
         return LEARN_S
 
     def add(self, part: Equations) -> bool:
-        """Take a stretch; return whether something new is known."""
+        """Take a stretch; return whether something new is known.
+
+        Raises:
+            JointIdError: `check` refuses the motion from which the arm would be learnt.
+        """
         if len(part.time):
             self.time = float(part.time[-1])
         self.rests = not part.used.any()
@@ -138,6 +160,12 @@ class ArmFollower:
             return False
         self._due = AGAIN * motion
         try:
+            self._check(self._first)
+        except JointIdError:
+            self._first.clear()
+            self._due = LEARN_S
+            raise
+        try:
             self.belief = learned(self._first)
         except JointIdError:  # too few equations yet
             return False
@@ -151,9 +179,8 @@ class ArmFollower:
         assert self.belief is not None
         parts = list(self._held)
         found = find(self.belief, parts, self._joints, self._mass)
-        since = parts[found.first + 1 :]
-        if found.what == PAYLOAD and found.gain > SURE and self._explains(found.opened(self.belief), since):
-            self._take(found)
+        if found.what == PAYLOAD and found.gain > SURE and (clear := found.clear_in(self.belief, parts)) is not None:
+            self._take(clear)
             return True
         left = self.belief.left(parts[-3:])
         self.unexplained = tuple(n for n, value in zip(self._joints, left, strict=True) if value > EXPLAINED)
@@ -166,12 +193,8 @@ class ArmFollower:
         self._believe(oldest)
         return True
 
-    def _explains(self, belief: Belief, parts: Sequence[Equations]) -> bool:
-        """Return whether a belief explains stretches, once it knows them, as well as those before were."""
-        return bool(np.max(belief.told(belief.information(parts)).left(parts)) < EXPLAINED)
-
     def _take(self, found: Finding) -> None:
-        """Go on with a belief that is open to a change of the payload; the stretch in which it came is left out."""
+        """Go on with a belief that is open to a change of the payload; the stretches that feel it are left out."""
         belief, parts, found = self._sought(found)
         self._held.clear()
         self._young, self.belief = None, belief
@@ -180,7 +203,7 @@ class ArmFollower:
         before = self.belief
         self.belief = found.opened(before)
         self._begin_to_follow()
-        for part in parts[found.first + 1 :]:
+        for part in found.since(parts):
             self._believe(part)
         self._young = Young(belief, parts)
         self.changes[PAYLOAD] = ArmChange(PAYLOAD, float(parts[found.first].time[0]), before)
@@ -189,15 +212,17 @@ class ArmFollower:
         """Return a change, with the belief before it and the stretches since then.
 
         The first stretches after a change tell little of it. If they seem to hold another one soon, it is the same, and
-        its instant is sought in all of them.
+        its instant is sought in all of them; unless what was before that instant needs a change, too.
         """
         assert self.belief is not None
         held = list(self._held)
         if self._young is not None:
             belief, parts = self._young.belief, [*self._young.parts, *held]
             again = find(belief, parts, self._joints, self._mass)
-            if again.what == PAYLOAD and self._explains(again.opened(belief), parts[again.first + 1 :]):
-                return belief, parts, again
+            if again.what == PAYLOAD and explains(belief, parts[: again.first]):
+                clear = again.clear_in(belief, parts)
+                if clear is not None:
+                    return belief, parts, clear
         return self.belief, held, found
 
     def _begin_to_follow(self) -> None:
@@ -250,7 +275,7 @@ class ArmFollower:
         for j in range(len(self._joints)):
             opened = partial(with_other_friction, joints=[j])
             parts, before = self._lost[1:], self.belief  # it may have changed in the first one
-            if self._explains(opened(before), parts):
+            if explains(opened(before), parts):
                 self._opened.append((before, float(parts[0].time[0])))
                 self.belief = opened(before)
                 self._begin_to_follow()

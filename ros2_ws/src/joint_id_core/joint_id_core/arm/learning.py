@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,12 +14,12 @@ from joint_id_core.arm.stacked import Stacked
 
 
 def learned(parts: Sequence[Equations]) -> Belief:
-    """Return the belief from the first stretches of motion, without a payload.
+    """Return the belief from the first stretches of motion. What the arm carries in all of them counts to it.
 
     Raises:
         JointIdError: they are too short for the number of parameters.
     """
-    whole = joined(parts)
+    whole = replace(joined(parts), loaded=False)
     table = Stacked.of([whole])
     values, sigma = table.weighed()
     left = table.y - table.columns @ values

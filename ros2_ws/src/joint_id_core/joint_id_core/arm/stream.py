@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from joint_id_core.arm.equations import DRIVES, PAYLOAD, Equations, unchecked
+from joint_id_core.arm.equations import DRIVES, PAYLOAD, POSITION, Equations, unchecked
 from joint_id_core.arm.friction import Friction
 from joint_id_core.arm.gains import Gains
 from joint_id_core.arm.regressor import Regressor
@@ -19,7 +19,6 @@ BLOCK_S = 0.5  # of a block of equations
 # low-pass of the equations, of which less than a thousandth is left after 0.3 s.
 MARGIN_S = 0.4
 WAIT_S = 3.0  # a joint whose samples are further behind those of the others is missing
-POSITION = "link_position"
 NEEDED = (POSITION, *DRIVES)
 
 

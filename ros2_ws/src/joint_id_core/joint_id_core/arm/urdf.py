@@ -31,6 +31,8 @@ def parsed(text: str, source: str) -> ET.Element:
         raise JointIdError(f"{source}: not XML ({error}): give a URDF; expand a xacro first") from None
     if root.tag != "robot":
         raise JointIdError(f"{source}: its root is <{root.tag}>, that of a URDF is <robot>: give a URDF")
+    if any("xacro" in element.tag for element in root.iter()):
+        raise JointIdError(f"{source}: a xacro, which stands for a URDF: expand it first (xacro {source} > robot.urdf)")
     for element in list(root):
         if element.tag not in ("link", "joint"):
             root.remove(element)

@@ -93,7 +93,8 @@ def from_dict(content: Mapping[str, Any]) -> Estimate:
         JointIdError: the content is not an estimate, is incomplete, or is of a later version.
     """
     if not isinstance(content, Mapping) or content.get("format") != FORMAT:
-        raise JointIdError(f'not an estimate: "format" is not "{FORMAT}"')
+        other = f", but {content['format']!r}" if isinstance(content, Mapping) and "format" in content else ""
+        raise JointIdError(f'not an estimate: "format" is not "{FORMAT}"{other}')
     if type(version := content.get("version")) is not int or version < 1:
         raise damaged(f'"version" is {version!r}, and not a whole number from 1 on')
     if version > VERSION:

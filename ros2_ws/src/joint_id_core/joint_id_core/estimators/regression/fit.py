@@ -23,6 +23,7 @@ from joint_id_core.estimators.regression.path import commanded, required
 from joint_id_core.estimators.regression.presliding import turning
 from joint_id_core.estimators.regression.signals import Rows, all_smoothed, bands, motion, rows
 from joint_id_core.estimators.regression.two_sides import has_twist, two_sides
+from joint_id_core.estimators.shared.computed_load import computed
 from joint_id_core.estimators.shared.fit_data import (
     MIN_SAMPLES,
     FitData,
@@ -141,7 +142,7 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
             equation, Rows(index.index[known], index.pieces[known]), at_speed(moved, index.index[known]),
             tables["y"][:, 0], tables["columns"], {name: tables[name] for name in missing}, data.recording.time, drive,
             data.period, tools, ACCURACY if "current" not in model.state_names else ACCURACY_OF_CURRENT,
-            tables["turning"],
+            tables["turning"], computed(data.recording),
         )  # fmt: skip
         positive = [model.parameter(n).positive for n in equation.names]
         solution, lag = samples.solve(positive, options.lag_s), None

@@ -61,6 +61,7 @@ class Samples:
         tools: instruments; None if least squares will do.
         accuracy: see `least_squares.solve`.
         turning: see `presliding.turning`, shape (R, m).
+        loaded: whether the load of the arm was computed from a description.
     """
 
     equation: Equation
@@ -75,6 +76,7 @@ class Samples:
     tools: Tools | None = None
     accuracy: float = ACCURACY
     turning: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    loaded: bool = False
 
     def solve(self, positive: Sequence[bool], lag_s: float) -> Solution:
         """Return the solution; `lag_s` as in the options.
@@ -207,10 +209,16 @@ class Fitted:
         # With the motion of the link as an input no load is lacking, and noise of the twist enters what is predicted.
         least = LEAST_HELD_OUT if self.encoders is None else LEAST_R_SQUARED
         if self.held_out < least and self.memory > REMEMBERED:
+            lacking = (
+                "and masses of the description or torque constants may be wrong (joint-id arm fit --out writes a "
+                "description that matches)"
+                if self.samples.loaded
+                else "such as that of other joints that move (give the robot's description, --urdf, or move one joint "
+                "at a time)"
+            )
             return (
                 f"friction and inertia of the first part of the recording explain {percent(self.held_out)} of their "
-                "torque in the rest: a load acts on the joint that the model lacks, such as that of other joints "
-                "that move (give the robot's description, --urdf, or move one joint at a time)"
+                f"torque in the rest: a load acts on the joint that the model lacks, {lacking}"
             )
         return ""
 
