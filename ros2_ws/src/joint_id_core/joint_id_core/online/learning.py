@@ -24,6 +24,7 @@ from joint_id_core.online.score_test import ALIKE
 from joint_id_core.online.symmetric import inverse_of, solve
 from joint_id_core.online.tracker import Tracker
 
+VAGUE = 0.5  # standard deviation of a coordinate, in its unit, from which little was known before
 STAYED = 1e-5  # probability from which opened parameters may have stayed where they were
 UNNEEDED = 0.001  # probability from which a lower cost with more changed parameters counts as noise
 
@@ -119,8 +120,8 @@ def _fitted(
 ) -> Explanation | None:
     """Fit the opened parameters; None if this does not explain the samples.
 
-    The one that moved most, in standard deviations, is the one that changed; the others may have. Ones that are known
-    neither before nor after may explain anything: if they may have stayed where they were, this is no explanation.
+    The one that moved most, in standard deviations, is the one that changed; the others may have. One of which little
+    was known may explain anything: if all that is opened may have stayed where it was, this is no explanation.
     """
     may = replace(change, names=(), likely=tuple(opened))
     mean, precision = may.still_known(coordinates.spread)
@@ -129,10 +130,10 @@ def _fitted(
         return None
     information = np.sum([piece.matrix for piece in learned.pieces], axis=0)
     moved, covariance = learned.z - change.mean, np.linalg.inv(precision + information) + change.covariance
-    own = list(opened)
-    if moved[own] @ solve(covariance[np.ix_(own, own)], moved[own]) < float(chdtri(len(own), STAYED)):
-        return None
     sigma = np.sqrt(np.diag(covariance))
-    first = max(opened, key=lambda j: abs(moved[j]) / sigma[j])
+    first, own = max(opened, key=lambda j: abs(moved[j]) / sigma[j]), list(opened)
+    vague = np.sqrt(change.covariance[first, first]) > VAGUE * coordinates.unit[first]
+    if vague and moved[own] @ solve(covariance[np.ix_(own, own)], moved[own]) < float(chdtri(len(own), STAYED)):
+        return None
     likely = tuple(j for j in opened if j != first)
     return Explanation(replace(change, names=(first,), likely=likely), learned)
