@@ -290,3 +290,22 @@ def test_a_command_that_the_link_does_not_follow_is_named(wrong):
 def test_a_torque_that_no_robot_has_may_be_in_another_unit():
     (found,) = findings(scaled("torque", 1e5 / np.abs(good()["torque"]).max()))
     assert "if it is in mNm, multiply it by 0.001" in found.text and not found.fatal
+
+
+def two_sides(sign: float, motor: str, link: str, offset: float = 0.0) -> Recording:
+    """A joint whose motor turns 101 times as far as its link, seen by two channels; the motor's may have an offset."""
+    seen = {
+        "link_position": 0.3 * np.sin(3.0 * TIME) + 0.1 * np.sin(7.0 * TIME),
+        "link_velocity": 0.9 * np.cos(3.0 * TIME) + 0.7 * np.cos(7.0 * TIME),
+    }
+    turned = sign * 101.0 * seen[motor.replace("motor", "link")] + offset
+    return Recording(TIME, {motor: turned, link: seen[link]})
+
+
+@pytest.mark.parametrize("motor", ["motor_position", "motor_velocity"])
+@pytest.mark.parametrize("link", ["link_position", "link_velocity"])
+def test_sides_that_turn_in_opposite_directions_are_named(motor, link):
+    found = [f.text for f in findings(two_sides(-1.0, motor, link))]
+    assert any(f"{motor} and {link} turn in opposite directions: reverse the sign" in text for text in found)
+    for offset in (0.0, 20.0, -20.0):
+        assert not any("opposite" in f.text for f in findings(two_sides(1.0, motor, link, offset)))

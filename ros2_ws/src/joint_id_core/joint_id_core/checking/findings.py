@@ -9,6 +9,7 @@ from joint_id_core.checking.circuit import circuit
 from joint_id_core.checking.clipping import cut_off
 from joint_id_core.checking.command import unfollowed
 from joint_id_core.checking.constant import constant_channels
+from joint_id_core.checking.direction import directions
 from joint_id_core.checking.finding import SAMPLES, Finding
 from joint_id_core.checking.frozen import frozen
 from joint_id_core.checking.jumps import jumps
@@ -25,7 +26,8 @@ from joint_id_core.data.recording import Recording
 LEAST = 50  # samples; fewer show nothing
 CHECKS = (
     time_units, position_units, torque_units, slower_source, constant_channels, velocities, low_rate, uneven_stamps,
-    outliers, repeated, zeros, jumps, frozen, cut_off, standing, twist_offset, unfollowed, circuit, bursts,
+    outliers, repeated, zeros, jumps, frozen, cut_off, standing, twist_offset, directions, unfollowed, circuit,
+    bursts,
 )  # fmt: skip
 
 
