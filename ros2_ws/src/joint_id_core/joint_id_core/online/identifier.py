@@ -121,12 +121,8 @@ class OnlineIdentifier:
     def update(self, samples: Recording, finish: bool = True) -> Estimate | None:
         """Add samples; when a hop has passed, return the newest estimate, else None.
 
-        Data that cannot be fitted give a status that says why.
-
-        Args:
-            samples: later than those before.
-            finish: whether to test and learn from these samples, if it is time for that, before the estimate is
-                returned. If not, call `finish` when the estimate is on its way.
+        Data that cannot be fitted give a status that says why. Not to `finish` makes the estimate earlier: call the
+        method of this name when it is on its way, or the next samples do what is left to do.
 
         Raises:
             JointIdError: the samples are not later than those before; they are left out.
@@ -142,7 +138,7 @@ class OnlineIdentifier:
         return newest.updated(elapsed_s=time.perf_counter() - begun)
 
     def finish(self) -> None:
-        """Test and learn from the newest samples, if it is time for that, instead of with the next ones."""
+        """Test and learn from the newest samples, if it is time for that."""
         if self._known is not None:
             self._known.follower.finish()
 
