@@ -97,7 +97,7 @@ def test_constants_in_the_theory() -> None:
         f"above {verdicts.MAGNITUDE:g} for a positive parameter | `prior`",
         f"correlation is beyond {verdicts.STRONG_CORRELATION:g} in size",
         f"at least {1000 * stillness.STILL_S:g} ms in which no position",
-        f"shows at the latest {1000 * stillness.STILL_S:g} ms\nafter it",
+        f"shows at the latest {1000 * stillness.STILL_S:g} ms after it",
         f"left out too, up to {stillness.WIND_UP_S:g} s",
         f"After a start the first {1000 * fit_data.SETTLE_S:g} ms tell the state",
         f"{words[round(10 * (1.0 - levels.DOUBTED))]} tenths of what was known of the levels is forgotten",
