@@ -136,7 +136,7 @@ def of_passes(batches: Sequence[int], rounds: int, cpu_most: int = CPU_MOST) -> 
             for where, threads, passes in others:
                 torch.set_num_threads(threads)
                 found: list = []
-                times[where].append(timed(lambda: found.extend(passes.run(record, free, levels)), "CPU" not in where))  # noqa: B023
+                times[where].append(timed(lambda: found.extend(passes.run(record, free, levels)), "CPU" not in where))  # noqa: B023  # called at once
                 held[where] = memory(where) - (before if "CPU" in where else 0.0)
                 differences[where] = float(
                     np.median(
@@ -169,7 +169,7 @@ def of_starts(count: int, cores: int = 1, cpu_most: int = CPU_MOST) -> Iterator[
         torch.set_num_threads(threads)
         found: list = []
         times = timed(
-            lambda: found.extend(minimised(passes, jobs, [SUBSTEPS], TOLERANCE, MAX_ITERATIONS)),  # noqa: B023
+            lambda: found.extend(minimised(passes, jobs, [SUBSTEPS], TOLERANCE, MAX_ITERATIONS)),  # noqa: B023  # called at once
             "torch" in where and "CPU" not in where,
         )
         reference, first = reference or found, first or times

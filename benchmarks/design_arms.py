@@ -43,7 +43,7 @@ def main() -> None:
             args.json.write_text(json.dumps(report))
             print(f"description {number + 1} of {args.descriptions}", flush=True)
     report = json.loads(args.json.read_text())
-    told = table([Foreseen(**row) for row in report["motions"]], [Found(**row) for row in report["arms"]])  # type: ignore[arg-type]
+    told = table([Foreseen(**row) for row in report["motions"]], [Found(**row) for row in report["arms"]])  # type: ignore[arg-type]  # JSON
     print(told)
     if args.docs:
         write("benchmarks.md", {"design-arm": told})

@@ -77,7 +77,7 @@ def main() -> None:
     parser.add_argument("--duration", type=float, default=180.0, help="s (default: %(default)s)")
     args = parser.parse_args()
     controller, selector = Recorded(args.duration), DefaultSelector()
-    servers = [Server("127.0.0.1", 0, controller, selector, 0) for _ in range(args.robots)]  # type: ignore[arg-type]
+    servers = [Server("127.0.0.1", 0, controller, selector, 0) for _ in range(args.robots)]  # type: ignore[arg-type]  # it has the methods
     for server in servers:
         server.listen()
     print(" ".join(str(server.address[1]) for server in servers), flush=True)

@@ -63,4 +63,4 @@ def _stack(found: Sequence[Found], name: str) -> Array:
     return np.array([getattr(one, name) for one in found])
 
 
-_rms: Callable[[Array], float] = lambda values: float(np.sqrt(np.nanmean(values**2)))  # noqa: E731
+_rms: Callable[[Array], float] = lambda values: float(np.sqrt(np.nanmean(values**2)))  # noqa: E731  # a formula
