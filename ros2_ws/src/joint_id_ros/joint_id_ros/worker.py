@@ -281,7 +281,7 @@ class Worker:
         def updated() -> Estimate | None:
             if joint not in self._identifiers:
                 self._identifiers[joint] = self._make(joint, recording)
-            return self._identifiers[joint].update(recording, finish=False)
+            return self._identifiers[joint].update(recording)
 
         estimate = self._guarded(joint, updated)
         if estimate is not None:

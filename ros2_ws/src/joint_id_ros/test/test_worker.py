@@ -20,7 +20,7 @@ class Slow:
     def __init__(self, gate, finished):
         self.gate, self.finish, self.begun, self.batches = gate, finished, threading.Event(), []
 
-    def update(self, samples, finish=True):
+    def update(self, samples):
         self.begun.set()
         assert self.gate.wait(PATIENCE_S)
         self.batches.append(samples)

@@ -17,7 +17,7 @@ from joint_id_core.estimators.shared.stillness import STILL_S, seen_by
 from joint_id_core.models import Model
 from joint_id_core.online.agreement import Agreement
 from joint_id_core.online.checks import Background, WindowChecks, at_once
-from joint_id_core.online.follower import YOUNG, Found
+from joint_id_core.online.follower import BLOCK_S, YOUNG, Found
 from joint_id_core.online.hops import Hops
 from joint_id_core.online.knowledge import Knowledge
 from joint_id_core.online.motion import MotionWatch
@@ -118,11 +118,11 @@ class OnlineIdentifier:
         self._second_look.end()
         return now
 
-    def update(self, samples: Recording, finish: bool = True) -> Estimate | None:
+    def update(self, samples: Recording) -> Estimate | None:
         """Add samples; when a hop has passed, return the newest estimate, else None.
 
-        Data that cannot be fitted give a status that says why. Not to `finish` makes the estimate earlier: call the
-        method of this name when it is on its way, or the next samples do what is left to do.
+        Data that cannot be fitted give a status that says why. If hops are short, the estimate comes before the newest
+        samples are tested: call `finish` when it is on its way, or the next samples do what is left to do.
 
         Raises:
             JointIdError: the samples are not later than those before; they are left out.
@@ -130,7 +130,7 @@ class OnlineIdentifier:
         begun, newest = time.perf_counter(), None
         # Samples that waited while a window was fitted may be more than the window holds: they would be lost.
         for part in parts_of(samples, 0.5 * self.options.window_s if self.remembers else np.inf):
-            newest = self._update(part, finish) or newest
+            newest = self._update(part) or newest
         if newest is None:
             return None
         newest = with_held_values(self._agreement.on(newest), self.model, self.settings)
@@ -142,7 +142,7 @@ class OnlineIdentifier:
         if self._known is not None:
             self._known.follower.finish()
 
-    def _update(self, samples: Recording, finish: bool) -> Estimate | None:
+    def _update(self, samples: Recording) -> Estimate | None:
         """Add samples that are much shorter than the window; return the estimate when a hop has passed."""
         recent, known = self._watch.recent, self._known
         first = recent.end == -np.inf
@@ -157,7 +157,7 @@ class OnlineIdentifier:
         if not self.remembers:
             return self._without_memory() if due else None
         self._follow(due)
-        if finish:
+        if self.options.hop_s >= BLOCK_S:  # to wait for the next estimate would take long
             self.finish()
         if not due:
             return None
