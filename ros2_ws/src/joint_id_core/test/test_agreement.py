@@ -62,6 +62,14 @@ def test_a_change_that_is_told_is_no_disagreement_but_a_second_one_soon_after_is
     assert found.status is Status.DISAGREE and "tau_0" in found.message and "J is" not in found.message
 
 
+def test_what_was_told_between_a_change_and_its_discovery_does_not_count():
+    """The first samples after it, taken for samples of the joint as it was, moved values that did not change."""
+    first, second = (ParameterChange("J", 2.0, 0.02, 3.0, 0.02, since=since) for since in (5.0, 9.0))
+    agreement = told(estimate(2.0), estimate(4.0), estimate(6.0, J=3.0, changes=(first,)))
+    agreement.on(estimate(8.7, J=3.1, tau_0=2.0, changes=(first,)))
+    assert agreement.on(estimate(10.0, J=4.0, changes=(second,))).converged
+
+
 def test_old_values_are_forgotten_after_some_windows_that_agree():
     agreement = told(estimate(2.0))
     found = [agreement.on(estimate(4.0 + 2.0 * k, J=3.0)).status for k in range(KEPT + 2)]

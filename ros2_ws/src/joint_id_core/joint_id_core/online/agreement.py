@@ -17,6 +17,7 @@ from joint_id_core.data.recording import Array
 from joint_id_core.estimators.shared.intervals import between
 from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.models import Model
+from joint_id_core.online.memory import BLOCK_S
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status
 from joint_id_core.results.verdict import Verdict
 
@@ -58,8 +59,7 @@ class Agreement:
     def __init__(self, model: Model, window_s: float, wanted: bool = True) -> None:
         self._model, self._window_s, self._wanted = model, window_s, wanted
         self._positive = np.array([float(p.positive) for p in model.parameters])
-        self._told: list[_Told] = []
-        self._stacked = self._stack()
+        self._keep([])
         self._since, self._changed = KEPT, -np.inf  # windows since what is known changed; instant of the newest change
         self._tried: set[tuple[float, ...]] = set()  # values while nothing described the motion
 
@@ -70,8 +70,7 @@ class Agreement:
         all values count.
         """
         if self._since >= KEPT and len(self._tried) <= TRIED:
-            self._told.clear()
-            self._stacked = self._stack()
+            self._keep([])
         self._since = 0
 
     def on(self, estimate: Estimate) -> Estimate:
@@ -87,6 +86,8 @@ class Agreement:
         newest = max((change.since for change in estimate.changes), default=-np.inf)
         if newest > self._changed:
             self._changed = newest
+            # It was found in a block that began before it; what was told from then on did not know of it.
+            self._keep([told for told in self._told if told.time < newest - BLOCK_S])
             self.replaced()
         rows = estimate.parameters
         z = np.array([p.value for p in rows])
@@ -95,17 +96,16 @@ class Agreement:
         told = _Told(estimate.end, estimate, z, sigma)
         apart = self._apart(told) if far else {}  # hardly ever
         if not self._told or estimate.end >= self._told[-1].time + self._window_s:
-            self._told = [*self._told[1 - KEPT :], told]
-            self._stacked = self._stack()
+            self._keep([*self._told[1 - KEPT :], told])
             self._since += 1
             self._tried.clear()
         return self._widened(estimate, apart) if apart else estimate
 
-    def _stack(self) -> tuple[Array, Array]:
-        """Return values and standard deviations of what was told, shapes (n, p); call it when that has changed."""
-        shape = (len(self._told), len(self._positive))
-        z, sigma = ([getattr(told, name) for told in self._told] for name in ("z", "sigma"))
-        return np.array(z).reshape(shape), np.array(sigma).reshape(shape)
+    def _keep(self, told: list[_Told]) -> None:
+        """Keep what was told, and its values and standard deviations as matrices, shapes (n, p)."""
+        self._told, shape = told, (len(told), len(self._positive))
+        z, sigma = ([getattr(t, name) for t in told] for name in ("z", "sigma"))
+        self._stacked = np.array(z).reshape(shape), np.array(sigma).reshape(shape)
 
     def _apart(self, newest: _Told) -> dict[str, ParameterEstimate]:
         """Return, by name, the earlier estimates that are farthest from the newest one, where that is too far."""

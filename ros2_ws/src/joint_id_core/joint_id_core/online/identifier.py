@@ -32,6 +32,7 @@ from joint_id_core.online.trial import Trial
 from joint_id_core.online.window import SlidingWindow, parts_of
 from joint_id_core.results.estimate import Estimate, Status
 
+PART_S = 0.25  # of samples that are followed at once: blocks stay blocks when samples come late and many at a time
 UNTESTED = "What was known before is not tested yet: move the joint for more than half a second."
 MOVING = "The joint rests: the estimate stays as it is, move the joint to continue."
 
@@ -129,7 +130,7 @@ class OnlineIdentifier:
         """
         begun, newest = time.perf_counter(), None
         # Samples that waited while a window was fitted may be more than the window holds: they would be lost.
-        for part in parts_of(samples, 0.5 * self.options.window_s if self.remembers else np.inf):
+        for part in parts_of(samples, min(0.5 * self.options.window_s, PART_S) if self.remembers else np.inf):
             newest = self._update(part) or newest
         if newest is None:
             return None
