@@ -15,45 +15,47 @@ from joint_id_core.online.newest_innovations import ENOUGH, NewestInnovations
 PERIOD = 0.002
 
 
-@given(seed=st.integers(0, 10**6), count=st.integers(1, 20), labels=st.integers(1, 3))
-def test_signals_are_arranged_as_inputs_and_labels(seed, count, labels):
-    rng = np.random.default_rng(seed)
-    signals = rng.standard_normal((2 + labels, count))
-    u, y = np.empty((count, 2)), np.empty((count, labels))
-    signals[2:][rng.random((labels, count)) < 0.1] = np.nan  # a label that is missing does no harm
-    assert compile_shared().arrange(signals, u, y) == 1.0
-    np.testing.assert_array_equal(u, signals[:2].T)
-    np.testing.assert_array_equal(y, signals[2:].T)
+def led(signals, times=None, checked=0.0, first=0, inputs=2, rows=8):
+    """The longest step, and what `lead` writes, which begins at 1 s."""
+    labels, count = len(signals) - inputs, signals.shape[1]
+    times = 1.0 + PERIOD * np.arange(1.0, count + 1.0) if times is None else times
+    shapes = ((rows,), (rows, inputs), (rows, labels), (rows,))
+    found = [np.full(shape, 7.0) for shape in shapes]
+    found[0][first] = 1.0
+    return compile_shared().lead(signals, times, PERIOD, checked, first, *found), found
+
+
+@given(missing=st.lists(st.integers(0, 3), max_size=12), seed=st.integers(0, 1000), first=st.integers(0, 3))
+def test_samples_are_written_behind_those_that_are_there(missing, seed, first):
+    rng, count = np.random.default_rng(seed), len(missing)
+    steps = (np.array(missing) + 1.0 + rng.uniform(-0.2, 0.2, count)) * PERIOD
+    times, signals = 1.0 + np.cumsum(steps), rng.standard_normal((5, count))
+    signals[2:][rng.random((3, count)) < 0.1] = np.nan  # a label that is missing does no harm
+    longest, (time, u, y, gap) = led(signals, times, first=first, rows=20)
+    new = slice(first + 1, first + 1 + count)
+    np.testing.assert_array_equal(time[new], times)
+    np.testing.assert_array_equal(u[new], signals[:2].T)
+    np.testing.assert_array_equal(y[new], signals[2:].T)
+    if count:
+        np.testing.assert_array_equal(gap[first : first + 1 + count], [*missing, 0])
+    assert longest == pytest.approx(steps.max(initial=0.0))
+    assert (u[: first + 1] == 7.0).all() and (y[first + 1 + count :] == 7.0).all()
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_an_input_that_is_not_finite_is_noticed(bad):
     signals = np.ones((3, 5))
     signals[1, 3] = bad
-    assert compile_shared().arrange(signals, np.empty((5, 2)), np.empty((5, 1))) == 0.0
+    assert np.isnan(led(signals)[0])
+    assert led(signals, checked=1.0)[0] == pytest.approx(PERIOD)
 
 
 def test_a_label_that_repeats_a_zero_is_noticed():
     signals = np.ones((3, 5))
     signals[2] = [1.0, 1.0, 0.0, 2.0, 0.0]
-    assert compile_shared().arrange(signals, np.empty((5, 2)), np.empty((5, 1))) == 1.0
+    assert led(signals)[0] == pytest.approx(PERIOD)
     signals[2, 3] = 0.0
-    assert compile_shared().arrange(signals, np.empty((5, 2)), np.empty((5, 1))) == 0.0
-
-
-@given(missing=st.lists(st.integers(0, 3), max_size=12), seed=st.integers(0, 1000))
-def test_the_sample_before_leads_a_stretch(missing, seed):
-    rng, count = np.random.default_rng(seed), len(missing)
-    steps = (np.array(missing) + 1.0 + rng.uniform(-0.2, 0.2, count)) * PERIOD
-    times, u, y = 1.0 + np.cumsum(steps), rng.standard_normal((count, 2)), rng.standard_normal((count, 3))
-    before = rng.standard_normal(2)
-    found = np.empty(count + 1), np.empty((count + 1, 2)), np.empty((count + 1, 3)), np.empty(count + 1)
-    longest = compile_shared().lead(1.0, before, times, u, y, PERIOD, *found)
-    np.testing.assert_array_equal(found[0], [1.0, *times])
-    np.testing.assert_array_equal(found[1], [before, *u])
-    np.testing.assert_array_equal(found[2], [np.full(3, np.nan), *y])
-    np.testing.assert_array_equal(found[3], [*missing, 0])
-    assert longest == pytest.approx(steps.max(initial=0.0))
+    assert np.isnan(led(signals)[0])
 
 
 @given(seed=st.integers(0, 10**6))

@@ -125,12 +125,13 @@ def test_what_a_stretch_says_of_the_free_parameters():
     slope, z = rng.uniform(0.5, 2.0, 3), rng.standard_normal(3)
     e, S, y = rng.standard_normal((8, 2)), rng.uniform(1.0, 4.0, (8, 2)), rng.standard_normal((8, 2))
     y[3, 1] = np.nan
-    matrix, vector, white = np.empty((3, 3)), np.empty(3), np.empty((7, 2))
-    largest = compile_shared().of_free(H, g, columns, slope, z, e, S, y, matrix, vector, white)
+    matrix, vector, white = np.ones((3, 3)), np.full(3, 2.0), np.zeros((8, 2))
+    largest = compile_shared().of_free(H, g, columns, slope, z, 1, 5, e, S, y, matrix, vector, white)
     expected = H[np.ix_(columns, columns)] * np.outer(slope, slope)
-    np.testing.assert_allclose(matrix, expected)
-    np.testing.assert_allclose(vector, g[columns] * slope + expected @ z)
-    np.testing.assert_allclose(white, np.where(np.isnan(y[1:]), np.nan, (e / np.sqrt(S))[1:]))
+    np.testing.assert_allclose(matrix, 1.0 + expected)
+    np.testing.assert_allclose(vector, 2.0 + g[columns] * slope + expected @ z)
+    np.testing.assert_allclose(white[2:7], np.where(np.isnan(y), np.nan, e / np.sqrt(S))[2:7])
+    assert not white[:2].any() and not white[7].any()
     assert largest == pytest.approx(np.nanmax(np.abs(white)))
 
 

@@ -14,9 +14,10 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.models import build
 from joint_id_core.online import OnlineIdentifier
+from joint_id_core.online.block import Block
 from joint_id_core.online.levels import DOUBTED, MOST_LOST, UNKNOWN, Levels
 from joint_id_core.online.noise_effects import noise_information
-from joint_id_core.online.piece import Samples, merged
+from joint_id_core.online.piece import Samples
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
 from joint_id_core.simulation.sensors import Sensors
 
@@ -133,11 +134,14 @@ def test_what_passes_in_parts_have_stored_tells_the_noise_as_one_pass_does():
     whole = identifier._known.follower.memory.blocks[-1]
     tracker._state, edges = whole.begin, [0, 1, 40, 41, 180, len(whole.samples.time)]
     tracker._take(whole.z)
-    parts = [
-        tracker.run(Samples(whole.samples.time[a:b], whole.samples.u[a:b], whole.samples.y[a:b]))
-        for a, b in pairwise(edges)
-    ]
-    found, expected = noise_information(tracker, merged(parts)), noise_information(tracker, replace(whole, passed=None))
+    block = Block(tracker._state, whole.z, tracker.smoothing, tracker._sizes, 7)  # which has to grow
+    for a, b in pairwise(edges):
+        samples = Samples(whole.samples.time[a:b], whole.samples.u[a:b], whole.samples.y[a:b])
+        assert tracker._put(block, samples)
+    piece = block.piece()
+    found, expected = noise_information(tracker, piece), noise_information(tracker, replace(whole, passed=None))
+    np.testing.assert_allclose(piece.matrix, tracker.passed_again(whole, tracker.levels).matrix, rtol=1e-9)
+    np.testing.assert_allclose(piece.white, tracker.passed_again(whole, tracker.levels).piece().white, rtol=1e-6)
     for name in ("score", "matrix", "cross"):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-6, atol=1e-6)
 

@@ -45,7 +45,7 @@ _GAINS: Functions = (
 )  # fmt: skip
 _SHARED: Functions = (
     information.inverse, information.newest, information.change, information.of_free, stretches.scan,
-    streams.steps, streams.always_moves, streams.moving, hop.arrange, hop.lead, hop.physical, hop.apart,
+    streams.steps, streams.always_moves, streams.moving, hop.lead, hop.physical, hop.apart,
 )  # fmt: skip
 
 

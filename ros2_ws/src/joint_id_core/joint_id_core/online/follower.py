@@ -10,6 +10,7 @@ import numpy as np
 
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.innovations.belief import Coordinates
+from joint_id_core.online.block import Block
 from joint_id_core.online.curvature import curvature
 from joint_id_core.online.input_noise import InputNoise
 from joint_id_core.online.learning import Explanation, learn
@@ -18,7 +19,7 @@ from joint_id_core.online.memory import BLOCK_S, Change, Memory
 from joint_id_core.online.newest_innovations import NewestInnovations
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.pending_change import PATIENT, PendingChange
-from joint_id_core.online.piece import Block, Piece, merged
+from joint_id_core.online.piece import Piece
 from joint_id_core.online.relearn import relearn
 from joint_id_core.online.tracker import Tracker
 from joint_id_core.online.window import SlidingWindow
@@ -83,11 +84,12 @@ class Follower:
         self.chi2: float | None = None
         self.noise_changed = False
         self._coordinates, self._options, self._make = coordinates, options, make
-        self._nothing = Block(len(coordinates.unit))
+        k = len(coordinates.unit)
+        self._nothing = np.zeros((k, k)), np.zeros(k)
         self._wider = np.eye(len(coordinates.unit))  # for the uncertainty of the noise levels
         self._shifted = np.zeros(len(coordinates.unit))  # the mean, by new noise levels, since the blocks were passed
         self._input_noise = InputNoise(coordinates.spread)
-        self._block = Block(len(coordinates.unit))  # the present one
+        self._block: Block | None = None  # the present one
         self._innovations = NewestInnovations(options.window_s)
         self._moved_since, self._moved_until = np.inf, -np.inf
         self._pending: PendingChange | None = None
@@ -119,19 +121,18 @@ class Follower:
         if self.tracker is None:
             self._start(window.recording(self._moved_since))
             return
-        read = self.tracker.read(samples)
-        piece = None if read is None else self.tracker.run(read)
-        if piece is None or piece.largest > JUMP:
+        if self._block is None:
+            self._block = self.tracker.begin()
+        if not self.tracker.run(samples, self._block) or self._block.largest[0] > JUMP:
             self._stop()
-            return
-        self._block.add(piece)
 
     def finish(self) -> None:
         """Add the present block to the memory once it is long enough.
 
         This takes twenty times as long as to follow ten samples, and what the block says is in `now` before.
         """
-        if self.tracker is not None and self._block.duration > BLOCK_S - 1.5 * self.tracker.data.period:
+        tracker, block = self.tracker, self._block
+        if tracker is not None and block is not None and block.duration > BLOCK_S - 1.5 * tracker.data.period:
             self._add_block()
 
     def _start(self, recording: Recording) -> None:
@@ -142,27 +143,26 @@ class Follower:
         if tracker is None:
             return
         tracker.sharpen(float(np.max(np.sqrt(np.diag(memory.covariance)) / self._coordinates.unit)))
-        pieces = tracker.start()
-        if pieces:
-            self.tracker, self._block = tracker, Block(len(pieces[-1].z), pieces[-1:])
+        blocks = tracker.start()
+        if blocks:
+            self.tracker, self._block = tracker, blocks[-1]
 
     def _stop(self) -> None:
         """Stop the filter: the samples that follow are not those after the last one."""
-        self.tracker, self._block = None, Block(len(self._shifted))
+        self.tracker = self._block = None
         self._moved_since = np.inf
 
     def now(self) -> tuple[Array, Array]:
         """Return estimate (k,) and covariance (k, k) with the samples of the present block."""
         memory, block, bias = self.memory, self._block, self._input_noise.bias(self.memory.inverse)
-        if block.pieces and self.found is Found.AGREES:
+        if block is not None and self.found is Found.AGREES:
             mean, covariance, away = memory.with_block(
-                block.matrix, block.vector, self._wider, bias, block.pieces[0].z, self._coordinates.unit
+                block.matrix, block.vector, self._wider, bias, block.z, self._coordinates.unit
             )
             if away <= LINEAR:
                 return mean, covariance
             # too far for one linear step: wait for the end of the block
-        nothing, unit = self._nothing, self._coordinates.unit
-        return memory.with_block(nothing.matrix, nothing.vector, self._wider, bias, memory.mean, unit)[:2]
+        return memory.with_block(*self._nothing, self._wider, bias, memory.mean, self._coordinates.unit)[:2]
 
     def _learn_noise(self, tracker: Tracker, new: Sequence[Piece], anew: bool) -> None:
         """Learn the noise levels, and the bias from noise of inputs, from new blocks that the memory describes.
@@ -181,10 +181,11 @@ class Follower:
 
     def _add_block(self) -> None:
         """Add the present block to the memory and test it, or use it to learn what changed."""
-        pieces, self._block = self._block.pieces, Block(len(self._shifted))
-        if not pieces or self.tracker is None or self.found in (Found.UNEXPLAINED, Found.WRONG_START):
+        if self.tracker is None or self._block is None:
             return
-        block = merged(pieces)
+        block, self._block = self.tracker.end(self._block), None
+        if self.found in (Found.UNEXPLAINED, Found.WRONG_START):
+            return
         if self._pending is not None:
             self._pending.blocks.append(block)
             self._pursue(self.tracker, self._pending)

@@ -66,14 +66,14 @@ class Knowledge:
         """Begin with a window in motion and its fit."""
         after = Belief.after(fit, task.coordinates)
         tracker = task.tracker(recording, after.mean, fit)
-        pieces = None if tracker is None else tracker.start()
-        if tracker is None or not pieces:
+        blocks = None if tracker is None else tracker.start()
+        if tracker is None or not blocks:
             return cls(task, fit, after.mean, np.asarray(np.linalg.inv(after.precision)))
         data = tracker.data
         before = Belief.before_data(data, task.coordinates)
         known = cls(task, fit, before.mean, np.asarray(np.linalg.inv(before.precision)))
         known.still = seen_by(data.labels, data.y, data.period, fit.noise)
-        known.follower.begin(tracker, pieces)
+        known.follower.begin(tracker, [block.piece() for block in blocks])
         if data.rest[-1]:
             known.follower.rest()
         return known
@@ -111,8 +111,10 @@ class Knowledge:
         """Return the sensor whose delay explains a window of a joint that is as it was; None if there is none."""
         mean, covariance = self.follower.memory.mean, self.follower.memory.covariance
         tracker = self._tracker(recording, mean)
-        pieces = None if tracker is None else tracker.start()
-        return late_sensor(tracker, pieces, mean, inverse_of(covariance)) if tracker is not None and pieces else None
+        blocks = None if tracker is None else tracker.start()
+        if tracker is None or not blocks:
+            return None
+        return late_sensor(tracker, [block.piece() for block in blocks], mean, inverse_of(covariance))
 
     def estimate(self, window: SlidingWindow) -> Estimate:
         """Return the estimate at the end of a window in motion."""

@@ -18,7 +18,7 @@ from scipy.special import chdtri
 
 from joint_id_core.data.recording import Array
 from joint_id_core.online.memory import RARE
-from joint_id_core.online.piece import Piece, Samples, joined, merged
+from joint_id_core.online.piece import Piece, Samples, joined
 from joint_id_core.online.relearn import Learned, relearn
 from joint_id_core.online.tracker import Tracker
 
@@ -114,7 +114,7 @@ def _motions(stretches: Sequence[Piece]) -> list[Piece]:
             found[-1].append(piece)
         else:
             found.append([piece])
-    return [merged(pieces) for pieces in found]
+    return [replace(pieces[0], samples=joined([piece.samples for piece in pieces])) for pieces in found]
 
 
 def _shifted(motions: Sequence[Piece], label: int, delay: float) -> list[Piece]:

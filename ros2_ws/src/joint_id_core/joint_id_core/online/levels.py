@@ -20,7 +20,7 @@ from joint_id_core.online.tracker import Tracker
 
 MOST_LOST = 0.9  # largest part of the information on a combination of parameters that the levels can take
 DOUBTED = 0.1  # part of the information that is kept where the newest samples show other levels
-ROUNDED = 1e-13  # smallest eigenvalue of a matrix with a unit diagonal that rounding leaves
+LEAST_LOST = 1e-9  # the same below which it makes no difference
 FARTHEST = 1e4  # factor of a variance between the first window and later ones
 
 
@@ -107,13 +107,13 @@ class Levels:
         """Return the matrix W (k, k) that widens a covariance C of the parameters for the levels: W C W'.
 
         Parameters and levels have the information matrix [[H, D], [D', L]]; so the information on the parameters alone
-        is H - D L^-1 D'. `inverse` (k, k) is that of H.
+        is H - D L^-1 D'. With any root of C = R R', W is R (1 - R' D L^-1 D' R)^(-1/2) R^-1. What is taken from one has
+        the rank of L, which is small. `inverse` (k, k) is that of H.
         """
         known = self._information + np.diag(np.full(len(self.values), UNKNOWN**-2))
-        scale = np.sqrt(np.diag(inverse))
-        size, turned = np.linalg.eigh(inverse / np.outer(scale, scale))
-        size = np.sqrt(np.maximum(size, ROUNDED))
-        root, back = scale[:, None] * turned * size, (turned / size).T / scale
-        lost, axes = np.linalg.eigh(root.T @ self._cross @ np.linalg.solve(known, self._cross.T) @ root)
-        factor = 1.0 / np.sqrt(1.0 - np.minimum(lost, MOST_LOST))
-        return np.asarray(root @ (axes * factor) @ axes.T @ back)
+        seen = np.linalg.solve(np.linalg.cholesky(known), self._cross.T)
+        lost, axes = np.linalg.eigh(seen @ inverse @ seen.T)
+        lost = np.maximum(lost, LEAST_LOST)
+        more = (1.0 / np.sqrt(1.0 - np.minimum(lost, MOST_LOST)) - 1.0) / lost
+        along = seen.T @ axes
+        return np.asarray(np.eye(len(inverse)) + (inverse @ along * more) @ along.T)

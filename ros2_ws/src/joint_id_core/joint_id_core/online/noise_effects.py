@@ -38,10 +38,10 @@ def noise_information(tracker: Tracker, piece: Piece) -> NoiseInformation | None
     if not np.isfinite(found.cost):
         return None
     score, matrix = np.empty_like(levels), np.empty((len(levels), len(levels)))
-    cross = np.empty((found.sensitivities.shape[2], len(levels)))
+    cross, rows = np.empty((found.sensitivities.shape[2], len(levels))), slice(0, 1 + found.count)
     tracker.kernel.gains.noise_information(
-        found.y, data.label_states, np.full(len(found.y), -1), found.errors, found.variances, found.gains,
-        found.slopes, found.shown, found.sensitivities, score, matrix, cross,
+        found.y[rows], data.label_states, np.full(1 + found.count, -1), found.errors[rows], found.variances[rows],
+        found.gains[rows], found.slopes[rows], found.shown[rows], found.sensitivities[rows], score, matrix, cross,
     )  # fmt: skip
     cross = _free(tracker, piece, cross)
     if not all(np.isfinite(a).all() for a in (score, matrix, cross)):

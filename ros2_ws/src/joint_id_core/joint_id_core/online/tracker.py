@@ -5,32 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
-from joint_id_core.cell.kernel import Kernel, compile_shared
+from joint_id_core.cell.kernel import Kernel
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.input_noise import shown_noise
 from joint_id_core.estimators.innovations.recursion import STATE_NOISE
 from joint_id_core.estimators.shared.fit_data import LONGEST_GAP, SETTLE_S, FitData, without_frozen
 from joint_id_core.estimators.shared.initial_state import start_state
-from joint_id_core.online.piece import Passed, Piece, Samples, State
+from joint_id_core.online.block import Block, Sizes, room
+from joint_id_core.online.memory import BLOCK_S
+from joint_id_core.online.piece import Piece, Samples, State
 from joint_id_core.online.sharpness import Friction, Sharpness
 
 LEAST = 10  # samples of the shortest motion that is used
 UNSURE = 1e4  # factor on the covariance of the state where parameters changed
-
-
-class _Led(NamedTuple):
-    """Samples as `loops.tracking.track` takes them, the first row the sample before, and the longest step in s."""
-
-    time: Array
-    u: Array
-    y: Array
-    gap: Array
-    longest: float
 
 
 class Tracker:
@@ -69,9 +60,12 @@ class Tracker:
         self._p = data.p.copy()
         self._sharpness = Sharpness(data, kernel, substeps, held)
         self._n, self._m, self._k = len(model.states), len(data.labels), len(kernel.sensitive)
+        self._sizes = Sizes(self._n, len(model.inputs), self._m, self._k, len(self.columns), bool(model.label_delays))
         self._unseen = [name for name in model.state_names if name not in data.labels]
+        self._usual: tuple[object, ...] = ()  # channels, and which of them are derived, that hold all signals
         self._state = State(np.zeros((self._n, 2 + self._n + self._k)), -np.inf, np.zeros(len(model.inputs)))
-        self._unstored = self._room(1)
+        self._unstored = room(self._sizes, 1)
+        self._longest = (1.5 + LONGEST_GAP) * data.period  # step in s that the filter can bridge
         self._take(z)
         self.shown_noise = shown_noise(data)
         self._smooth = self._sharpness.smoothed(1.0, self._p)
@@ -113,14 +107,14 @@ class Tracker:
         self.z, self._slope = z, self.coordinates.slope(z)
         self._p[self._index] = self.coordinates.values(z)
 
-    def start(self) -> list[Piece] | None:
-        """Start where the window begins, and return what its samples say.
+    def start(self) -> list[Block] | None:
+        """Start where the window begins, and return what its samples say; the last block may grow.
 
-        Every motion after a rest is a piece. None if a path diverges.
+        Every motion after a rest is a block. None if a path diverges.
 
         The first `SETTLE_S` of each are left out.
         """
-        data, found = self.data, list[Piece]()
+        data, found = self.data, list[Block]()
         edges = np.unique([0, *data.starts, len(data.time)])
         for begin, end in pairwise(edges.tolist()):
             rest = np.flatnonzero(data.rest[begin:end])
@@ -136,34 +130,55 @@ class Tracker:
             self._noise = STATE_NOISE * spread**2
             self._state = State(kept, float(data.time[begin]), np.ascontiguousarray(data.u[begin]))
             first, then = (
-                Samples(*map(np.ascontiguousarray, (data.time[rows], data.u[rows], data.y[rows])))
+                Samples(data.time[rows], data.u[rows], data.y[rows])
                 for rows in (slice(begin + 1, settled), slice(settled, end))
             )
             start = self._settled((self._state, first))
             if start is None:
                 return None
             self._state = start
-            piece = self.run(then)
-            if piece is None:
+            block = self.begin(end - settled)
+            if not self._put(block, then, self._longest):
                 return None
-            found.append(piece)
+            self._state = block.end
+            found.append(block)
         return found
 
-    def read(self, samples: Recording) -> Samples | None:
-        """Return the signals of a recording that the filter needs; None if it holds others than before."""
+    def begin(self, more: int = 0) -> Block:
+        """Return a block without samples where the filter stands, with room for a block and for `more` samples."""
+        return self._block(self._state, more + round(1.5 * BLOCK_S / self.data.period), stored=True)
+
+    def run(self, samples: Recording, block: Block) -> bool:
+        """Run over new samples, which are added to the block.
+
+        Return whether this could be done. If not, start a new tracker: the path diverges, a gap is too long, or there
+        are other signals than before.
+        """
         signals = self._signals(samples)
         if signals is None:
-            return None
-        rows, count, inputs = np.array(signals), len(samples), len(self.data.model.inputs)
-        time, u, y = np.ascontiguousarray(samples.time), np.empty((count, inputs)), np.empty((count, self._m))
-        if compile_shared().arrange(rows, u, y):  # nearly always
-            return Samples(time, u, y)
-        y, usable = without_frozen(rows[inputs:]).T, np.isfinite(u).all(axis=1)
-        return Samples(time[usable], u[usable], y[usable].copy())
+            return False
+        count = len(samples.time)
+        longest = block.put(signals, samples.time, self.data.period)
+        if longest != longest:  # hardly ever
+            inputs = self._sizes.inputs
+            usable = np.isfinite(signals[:inputs]).all(axis=0)
+            signals[inputs:] = without_frozen(signals[inputs:])
+            signals, count = np.ascontiguousarray(signals[:, usable]), int(np.count_nonzero(usable))
+            longest = block.put(signals, samples.time[usable], self.data.period, checked=True)
+        return longest <= self._longest and self._advance(block, count)
 
-    def _signals(self, samples: Recording) -> list[Array] | None:
-        """Return the inputs, then the labels, each of shape (T,); None if there are others than before."""
-        model, channels, derived, found = self.data.model, samples.channels, samples.derived, list[Array]()
+    def end(self, block: Block) -> Piece:
+        """Go on from the end of a block, and return what it says."""
+        self._state = block.end
+        return block.piece()
+
+    def _signals(self, samples: Recording) -> Array | None:
+        """Return the inputs and the labels, shape (inputs + labels, T); None if there are others than before."""
+        model, channels, derived = self.data.model, samples.channels, samples.derived
+        kind = (*channels, derived)
+        if kind == self._usual:  # nearly always
+            return np.array([channels[name] for name in (*model.input_names, *self.data.labels)])
+        found = list[Array]()
         for name in model.input_names:
             if name in channels:
                 found.append(channels[name])
@@ -174,18 +189,11 @@ class Tracker:
         for name in self._unseen:
             if name in channels and name not in derived:
                 return None
-        for name in self.data.labels:
-            seen = name in channels and name not in derived
-            found.append(channels[name] if seen else np.full(len(samples), np.nan))
-        return found
-
-    def run(self, samples: Samples) -> Piece | None:
-        """Run over new samples; None if the path diverges or a gap is too long: then start a new tracker."""
-        found = self._run(self._state, samples, (1.5 + LONGEST_GAP) * self.data.period, stored=True)
-        if found is None:
-            return None
-        self._state = found[0]
-        return found[2]
+        seen = [name for name in self.data.labels if name in channels and name not in derived]
+        found += [channels[name] if name in seen else np.full(len(samples), np.nan) for name in self.data.labels]
+        if seen == list(self.data.labels) and all(name in channels for name in model.input_names):
+            self._usual = kind
+        return np.array(found)
 
     def again(self, pieces: Sequence[Piece], z: Array, changed: bool = False) -> tuple[Array, list[Piece]] | None:
         """Run over stretches again at another reference; return the cost of each and what it says now.
@@ -198,12 +206,12 @@ class Tracker:
         for k, piece in enumerate(pieces):
             goes_on = k and piece.begin.time == pieces[k - 1].samples.time[-1]
             begin = self._state if goes_on else self._begin(piece, changed)
-            done = None if begin is None else self._run(begin, piece.samples)
-            if done is None:
+            block = None if begin is None else self._passed(begin, piece.samples)
+            if block is None or not np.isfinite(block.cost):
                 return None
-            self._state, cost, new = done
-            costs.append(cost)
-            found.append(new)
+            self._state = block.end
+            costs.append(block.cost)
+            found.append(block.piece())
         return np.array(costs), found
 
     def _begin(self, piece: Piece, changed: bool) -> State | None:
@@ -220,11 +228,11 @@ class Tracker:
         """
         sharp = self._now
         self._use(self._smooth)
-        done = self._run(*start)
+        block = self._passed(*start)
         self._use(sharp)
-        return None if done is None else replace(done[0], start=start)
+        return replace(block.end, start=start) if np.isfinite(block.cost) else None
 
-    def passed_again(self, piece: Piece, levels: Array, stored: bool = False) -> Passed:
+    def passed_again(self, piece: Piece, levels: Array, stored: bool = False) -> Block:
         """Run over a stretch at its own reference, with noise levels (L,); the filter stays where it is.
 
         With `stored`, keep what `loops.innovations.noise_information` needs.
@@ -232,57 +240,38 @@ class Tracker:
         here = self.levels, self.z
         self.levels = levels
         self._take(piece.z)
-        found = self._passed(piece.begin, self._led(piece.begin, piece.samples), stored)
+        found = self._passed(piece.begin, piece.samples, stored)
         self.levels, z = here
         self._take(z)
         return found
 
-    def _run(
-        self, begin: State, samples: Samples, longest: float = np.inf, stored: bool = False
-    ) -> tuple[State, float, Piece] | None:
-        """Return state, cost and result; None if the path diverges or a step is longer than `longest` (s).
-
-        `stored` as in `passed_again`.
-        """
-        led = self._led(begin, samples)
-        if led.longest > longest:
-            return None
-        found = self._passed(begin, led, stored)
-        if not np.isfinite(found.cost):
-            return None
-        k = len(self.z)
-        matrix, vector, white = np.empty((k, k)), np.empty(k), np.empty_like(samples.y)
-        largest = compile_shared().of_free(
-            found.matrix, found.score, self.columns, self._slope, self.z, found.errors, found.variances, found.y,
-            matrix, vector, white,
-        )  # fmt: skip
-        state, passed = State(found.kept, float(led.time[-1]), led.u[-1]), found if stored else None
-        return state, found.cost, Piece(matrix, vector, white, begin, samples, self.z, self.smoothing, largest, passed)
-
-    def _led(self, begin: State, samples: Samples) -> _Led:
-        """Return samples with the one before them."""
-        rows, (inputs, labels) = len(samples.time) + 1, (samples.u.shape[1], samples.y.shape[1])
-        time, u, y, gap = np.empty(rows), np.empty((rows, inputs)), np.empty((rows, labels)), np.empty(rows)
-        longest = compile_shared().lead(
-            begin.time, begin.u, samples.time, samples.u, samples.y, self.data.period, time, u, y, gap
-        )
-        return _Led(time, u, y, gap, longest)
-
-    def _room(self, rows: int) -> tuple[Array, Array, Array, Array]:
-        """Return gains, slopes, derivatives of the readings and sensitivities for `track` to fill."""
-        m, k, n = self._m, self._k, self._n
-        shown = (rows, m, n) if self.data.model.label_delays else (1, 1, 1)
-        slopes = (rows, n, n + len(self.data.model.inputs))
-        return np.zeros((rows, m, n)), np.zeros(slopes), np.empty(shown), np.zeros((rows, m, k))
-
-    def _passed(self, begin: State, led: _Led, stored: bool = False) -> Passed:
+    def _passed(self, begin: State, samples: Samples, stored: bool = False) -> Block:
         """Run over samples; `stored` as in `passed_again`."""
-        m, k, rows = self._m, self._k, len(led.time)
-        e, S = np.zeros((rows, m)), np.ones((rows, m))
-        K, F, C, J = self._room(rows) if stored else self._unstored
-        kept, H, g = begin.kept.copy(), np.empty((k, k)), np.empty(k)
+        block = self._block(begin, len(samples.time), stored)
+        self._put(block, samples)
+        return block
+
+    def _block(self, begin: State, rows: int, stored: bool) -> Block:
+        return Block(begin, self.z, self.smoothing, self._sizes, rows, None if stored else self._unstored)
+
+    def _put(self, block: Block, samples: Samples, longest: float = np.inf) -> bool:
+        """Run over samples that can be used as they are; return whether the path stays finite.
+
+        False as well if a step is longer than `longest` (s).
+        """
+        signals = np.ascontiguousarray(np.concatenate([samples.u.T, samples.y.T]))
+        step = block.put(signals, np.ascontiguousarray(samples.time), self.data.period, checked=True)
+        return step <= longest and self._advance(block, len(samples.time))
+
+    def _advance(self, block: Block, count: int) -> bool:
+        """Run over the next samples of a block; return whether the path stays finite."""
+        m = self._m
         cost = self.kernel.tracking.track(
-            kept, led.time, led.u, led.y, self.data.label_states, led.gap, self.levels[:m], self.levels[m:],
-            self._noise, self._p, self.substeps, self._now.stiff, self._now.many, e, S, K, F, C, J, H, g,
+            block.kept, block.time, block.u, block.y, self.data.label_states, block.gap, self.levels[:m],
+            self.levels[m:], self._noise, self._p, self.substeps, self._now.stiff, self._now.many, block.count, count,
+            self.columns, self._slope, self.z, block.errors, block.variances, block.gains, block.slopes, block.shown,
+            block.sensitivities, block.score, block.matrix, block.vector, block.white, block.largest,
         )  # fmt: skip
-        return Passed(float(cost), kept, led.y, e, S, K, F, C, J, H, g)
+        block.count += count
+        block.cost += cost
+        return bool(cost < np.inf)

@@ -11,66 +11,48 @@ import math
 from joint_id_core.cell.loops.arrays import Matrix, Vector
 
 
-def arrange(signals: Matrix, u: Matrix, y: Matrix) -> float:
-    """Write signals (inputs + labels, T) to inputs u (T, inputs) and labels y (T, labels).
-
-    Return 1 if all samples can be used as they are; 0 if an input is missing, or if a label may be frozen, because it
-    repeats a zero (see `estimators.shared.fit_data.without_frozen`).
-    """
-    inputs, usable = u.shape[1], 1.0
-    for t in range(len(u)):
-        for k in range(inputs):
-            u[t, k] = signals[k, t]
-            if math.isnan(u[t, k] - u[t, k]):  # not finite
-                usable = 0.0
-        for k in range(y.shape[1]):
-            y[t, k] = signals[inputs + k, t]
-            if t > 0 and y[t, k] == 0.0 and y[t - 1, k] == 0.0:
-                usable = 0.0
-    return usable
-
-
 def lead(
-    begin: float,
-    begin_u: Vector,
+    signals: Matrix,
     times: Vector,
-    inputs: Matrix,
-    labels: Matrix,
     period: float,
+    checked: float,
+    first: int,
     time: Vector,
     u: Matrix,
     y: Matrix,
     gap: Vector,
 ) -> float:
-    """Put the sample before in front of a stretch of T samples, as `loops.tracking.track` takes them.
+    """Write T samples behind those that are there, as `loops.tracking.track` takes them.
 
-    Return the longest step in s, 0 without a sample.
+    Return the longest step in s, 0 without a sample. NaN if the samples cannot be used as they are: an input is
+    missing, or a label may be frozen, because it repeats a zero (see `estimators.shared.fit_data.without_frozen`).
 
     Inputs:
-        begin, begin_u (NU): instant and inputs of the sample before.
-        times (T), inputs (T, NU), labels (T, NY): the stretch; the samples come every `period` s.
+        signals (NU + NY, T), times (T): inputs and labels, which come every `period` s.
+        checked: 1 if it is known that they can be used.
+        first: row of the sample before, of which `time` is filled.
 
-    Outputs:
-        time (1 + T), u (1 + T, NU), y (1 + T, NY): with the sample before, without its labels.
-        gap (1 + T): number of samples that are missing after each of them.
+    Outputs, of which the rows after `first` are filled:
+        time (rows), u (rows, NU), y (rows, NY): the samples.
+        gap (rows): number of samples that are missing after each of them; row `first` is filled, too.
     """
-    longest = 0.0
-    time[0] = begin
-    for k in range(u.shape[1]):
-        u[0, k] = begin_u[k]
-    for k in range(y.shape[1]):
-        y[0, k] = math.nan
+    longest, usable, inputs = 0.0, 1.0, u.shape[1]
     for t in range(len(times)):
-        time[t + 1] = times[t]
-        for k in range(u.shape[1]):
-            u[t + 1, k] = inputs[t, k]
+        row = first + 1 + t
+        time[row] = times[t]
+        for k in range(inputs):
+            u[row, k] = signals[k, t]
+            if math.isnan(u[row, k] - u[row, k]):  # not finite
+                usable = checked
         for k in range(y.shape[1]):
-            y[t + 1, k] = labels[t, k]
-        step = time[t + 1] - time[t]
+            y[row, k] = signals[inputs + k, t]
+            if t > 0 and y[row, k] == 0.0 and y[row - 1, k] == 0.0:
+                usable = checked
+        step = time[row] - time[row - 1]
         longest = max(longest, step)
-        gap[t] = max(0.0, math.floor(step / period + 0.5) - 1.0)
-    gap[len(times)] = 0.0
-    return longest
+        gap[row - 1] = max(0.0, math.floor(step / period + 0.5) - 1.0)
+        gap[row] = 0.0
+    return longest if usable > 0.0 else math.nan
 
 
 def physical(

@@ -197,6 +197,8 @@ def of_free(
     columns: Indices,
     slope: Vector,
     z: Vector,
+    first: int,
+    count: int,
     e: Matrix,
     S: Matrix,
     y: Matrix,
@@ -204,31 +206,34 @@ def of_free(
     vector: Vector,
     white: Matrix,
 ) -> float:
-    """Compute what a stretch says of the free parameters from what `loops.tracking.track` wrote.
+    """Add what a stretch says of the free parameters, from what `loops.tracking.track` found.
 
     Return the largest innovation over its standard deviation.
 
     Inputs:
-        H (NP, NP), g (NP), e, S, y (1 + T, NY): outputs of `track`, and its labels; row 0 is the sample before.
+        H (NP, NP), g (NP): information and score of the stretch.
         columns (k): places of the free parameters in H and g.
         slope (k), z (k): derivatives of their values by the coordinates, and these.
+        first, count: row of the sample before, and number of samples.
+        e, S, y (rows, NY): innovations, their variances, and the labels.
 
     Outputs:
-        matrix (k, k), vector (k): the stretch alone says matrix z = vector.
-        white (T, NY): innovations over their standard deviations, NaN where a label is missing.
+        matrix (k, k), vector (k): the stretch alone says matrix z = vector; added to what is there.
+        white (rows, NY): innovations over their standard deviations, NaN where a label is missing.
     """
     k = len(z)
     for i in range(k):
-        vector[i] = g[columns[i]] * slope[i]
+        vector[i] += g[columns[i]] * slope[i]
         for j in range(k):
-            matrix[i, j] = H[columns[i], columns[j]] * slope[i] * slope[j]
-            vector[i] += matrix[i, j] * z[j]
+            more = H[columns[i], columns[j]] * slope[i] * slope[j]
+            matrix[i, j] += more
+            vector[i] += more * z[j]
     largest = 0.0
-    for t in range(len(white)):
+    for t in range(first + 1, first + 1 + count):
         for j in range(white.shape[1]):
-            if math.isnan(y[t + 1, j]):
+            if math.isnan(y[t, j]):
                 white[t, j] = math.nan
             else:
-                white[t, j] = e[t + 1, j] / math.sqrt(S[t + 1, j])
+                white[t, j] = e[t, j] / math.sqrt(S[t, j])
                 largest = max(largest, abs(white[t, j]))
     return largest

@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from joint_id_core.cell.loops.arrays import Cube, Indices, Matrix, Vector
+from joint_id_core.cell.loops.information import of_free
 from joint_id_core.cell.loops.innovations import correct, predict, restart, totals
 
 NX: int
@@ -38,29 +39,41 @@ def track(
     substeps: int,
     stiff: Vector,
     many: int,
+    first: int,
+    count: int,
+    columns: Indices,
+    slope: Vector,
+    z: Vector,
     e: Matrix,
     S: Matrix,
     K: Cube,
     F: Cube,
     C: Cube,
     J: Cube,
-    H: Matrix,
     g: Vector,
+    matrix: Matrix,
+    vector: Vector,
+    white: Matrix,
+    largest: Vector,
 ) -> float:
     """Run the filter over new samples and return their share of the cost; NaN if the path diverges.
 
-    The first row of the samples is the last one of the call before, whose labels were used then. Where a velocity is so
-    small that smoothed friction makes the cell stiff, or may cross zero, a sample takes `many` integrator steps.
+    Where a velocity is so small that smoothed friction makes the cell stiff, or may cross zero, a sample takes `many`
+    integrator steps.
 
     Inputs as in `innovations`, and:
         kept (NX, 2 + NX + NP): filtered state, its covariance, its derivatives by the parameters, and the state one
             sample before; updated.
         stiff (NX): speed below which friction makes the cell stiff; negative for states without friction.
+        first, count: row of the sample before, whose labels were used, and number of new samples, which follow it.
+        columns (k), slope (k), z (k): as in `information.of_free`.
 
-    Outputs:
-        e, S (T, NY): as in `innovations`; row 0 is not used.
+    Outputs, in the rows of the new samples:
+        e, S (rows, NY): as in `innovations`.
         K, F, C, J: as in `innovations`, for `noise_information`; not stored if they have only one row.
-        H (NP, NP), g (NP): information matrix and score of the new samples, as in `innovations`.
+        g (NP): score of the new samples, as in `innovations`.
+        matrix (k, k), vector (k), white (rows, NY): as of `information.of_free`.
+        largest (1): innovation over its standard deviation, in this call or before.
     """
     c = np.empty(NC)
     constants(p, c)
@@ -76,7 +89,7 @@ def track(
         for j in range(NP):
             V[m * CF + j] = kept[m, 1 + NX + j]
     cost = 0.0
-    for t in range(len(time) - 1):
+    for t in range(first, first + count):
         steps = substeps
         for m in range(NX):
             if stiff[m] >= 0.0 and abs(x[m]) < stiff[m] + 2.0 * abs(x[m] - last[m]):
@@ -100,5 +113,7 @@ def track(
             kept[m, 1 + n] = V[AT_P + m * NX + n]
         for j in range(NP):
             kept[m, 1 + NX + j] = V[m * CF + j]
+    H = np.empty((NP, NP))
     totals(V, H, g)
+    largest[0] = max(largest[0], of_free(H, g, columns, slope, z, first, count, e, S, y, matrix, vector, white))
     return cost
