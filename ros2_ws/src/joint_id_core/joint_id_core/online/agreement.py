@@ -26,6 +26,7 @@ KEPT = 8  # estimates, each of another window, that must agree
 # the joint changed.
 TRIED = 3
 FAR = 4.0  # standard deviations of their difference from which two disagree; each may be 1.2 times too small
+EVERY_S = 0.1  # estimates that follow each other sooner are not compared one by one, as long as none disagrees
 MATTERS = 0.1  # least difference of a positive parameter over its value,
 LEAST = -math.log(1.0 - MATTERS)  # and of its logarithm
 
@@ -62,6 +63,7 @@ class Agreement:
         self._keep([])
         self._since, self._changed = KEPT, -np.inf  # windows since what is known changed; instant of the newest change
         self._tried: set[tuple[float, ...]] = set()  # values while nothing described the motion
+        self._agreed = -np.inf  # instant of the newest estimate that was compared, if it disagreed with none
 
     def replaced(self) -> None:
         """A new memory, which a trial confirmed, replaces the one before: values from before it do not count.
@@ -89,12 +91,15 @@ class Agreement:
             # It was found in a block that began before it; what was told from then on did not know of it.
             self._keep([told for told in self._told if told.time < newest - BLOCK_S])
             self.replaced()
+        elif self._agreed <= estimate.end < self._agreed + EVERY_S:
+            return estimate
         rows = estimate.parameters
         z = np.array([p.value for p in rows])
         sigma = np.array([p.std_dev if p.verdict is Verdict.ESTIMATED else math.nan for p in rows])
         far = compile_shared().apart(z, sigma, self._positive, *self._stacked, FAR, LEAST)
         told = _Told(estimate.end, estimate, z, sigma)
         apart = self._apart(told) if far else {}  # hardly ever
+        self._agreed = -np.inf if apart else estimate.end
         if not self._told or estimate.end >= self._told[-1].time + self._window_s:
             self._keep([*self._told[1 - KEPT :], told])
             self._since += 1

@@ -30,7 +30,7 @@ class Hops:
     def ends(self, recent: SlidingWindow) -> bool:
         """Return whether the newest of the samples ends a hop; call it once a batch."""
         # Half a sample: a window of 1000 samples ends one period before its length.
-        slack = 1.5 * recent.duration / max(1, len(recent) - 1)
+        slack = 1.5 * recent.period
         if not self._first:
             slack = max(slack, min(EARLY * self._hop_s, EARLY_S))
         if recent.end < self._next - slack:

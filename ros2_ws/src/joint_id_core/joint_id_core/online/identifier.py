@@ -130,7 +130,8 @@ class OnlineIdentifier:
         """
         begun, newest = time.perf_counter(), None
         # Samples that waited while a window was fitted may be more than the window holds: they would be lost.
-        for part in parts_of(samples, min(0.5 * self.options.window_s, PART_S) if self.remembers else np.inf):
+        longest_s = min(0.5 * self.options.window_s, PART_S) if self.remembers else np.inf
+        for part in parts_of(samples, longest_s, self._watch.recent.period):
             newest = self._update(part) or newest
         if newest is None:
             return None

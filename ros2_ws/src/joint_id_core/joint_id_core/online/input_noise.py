@@ -31,15 +31,16 @@ class InputNoise:
         self._spread, self._score = spread, np.zeros_like(spread)  # summed, and forgotten as the memory forgets
         self._rng = np.random.default_rng(0)
         self._seen = 0  # stretches
+        self._found: tuple[Array, Array, Array] | None = None  # bias, of which inverse and score
 
     def learn(self, tracker: Tracker, pieces: Sequence[Piece], memory_s: float) -> None:
         """Measure the effect on the score of stretches that were added to the memory."""
         if not tracker.shown_noise:
             return
         for piece in pieces:
-            self._score *= np.exp(-piece.duration / memory_s)
+            self._score = self._score * np.exp(-piece.duration / memory_s)
             if count := weight(self._seen):
-                self._score += count * attenuation(tracker, piece, self._rng)
+                self._score = self._score + count * attenuation(tracker, piece, self._rng)
             self._seen += 1
 
     def bias(self, inverse: Array) -> Array:
@@ -47,15 +48,17 @@ class InputNoise:
 
         `inverse` (k, k) is that of the information matrix. Why it is uncertain: see `sensor_bias` of a fit.
         """
-        if not self._seen:
-            return np.zeros_like(self._spread)
-        return np.minimum(np.maximum(inverse @ self._score, -self._spread), self._spread)
+        found = self._found
+        if found is None or found[1] is not inverse or found[2] is not self._score:
+            bias = np.minimum(np.maximum(inverse @ self._score, -self._spread), self._spread)
+            found = self._found = bias, inverse, self._score
+        return found[0]
 
     def change(self, changed: Sequence[int], inverse: Array, precision: Array) -> None:
         """Keep the effect on what is still known when parameters changed.
 
         `inverse` (k, k) is that of the information matrix before, `precision` (k, k) that of what is still known.
         """
-        bias = self.bias(inverse)
+        bias = self.bias(inverse).copy()
         bias[list(changed)] = 0.0
         self._score = precision @ bias

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,8 +37,10 @@ def pauses(time: Array) -> NDArray[np.intp]:
     return np.flatnonzero(steps > REST * np.median(steps)) + 1
 
 
-def parts_of(samples: Recording, longest_s: float) -> list[Recording]:
-    """Return samples in parts without a pause, none longer than `longest_s`."""
+def parts_of(samples: Recording, longest_s: float, period: float = 0.0) -> list[Recording]:
+    """Return samples in parts without a pause, none longer than `longest_s`; `period` (s) is the usual one if known."""
+    if samples.duration < min(longest_s, REST * period):  # nearly always
+        return [samples]
     at = pauses(samples.time)
     if samples.duration > longest_s:
         edges = np.arange(samples.time[0] + longest_s, samples.time[-1], longest_s)
@@ -48,8 +50,7 @@ def parts_of(samples: Recording, longest_s: float) -> list[Recording]:
     return [samples.slice(first, last) for first, last in pairwise([0, *at.tolist(), len(samples)])]
 
 
-@dataclass(frozen=True)
-class _Part:
+class _Part(NamedTuple):
     """Samples that were added at once.
 
     Attributes:
@@ -86,6 +87,11 @@ class SlidingWindow:
         if not self._parts:
             return np.inf
         return float(self._parts[0].samples.time[0]) + max(0.0, self._duration - self._length)
+
+    @property
+    def period(self) -> float:
+        """Newest step between two samples in s; 0 before the second."""
+        return self._period
 
     def append(self, samples: Recording) -> None:
         """Add later samples.
@@ -164,6 +170,8 @@ class SlidingWindow:
         """Return the samples of the window from `since` (s) on as one recording, NaN where a part lacks a channel."""
         found: list[Recording] = []
         for part in reversed(self._parts):
+            if found and part.samples.time[-1] < since:
+                break
             found.append(part.samples)
             if part.samples.time[0] <= since:
                 break
@@ -181,7 +189,7 @@ def _warmth(samples: Recording) -> tuple[float, int]:
     warm = samples.channels.get(TEMPERATURE)
     if warm is None:
         return 0.0, 0
-    total = float(warm.sum())
+    total = float(np.add.reduce(warm))
     if total == total:
         return total, len(warm)
     known = warm[np.isfinite(warm)]

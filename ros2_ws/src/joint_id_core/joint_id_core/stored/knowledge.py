@@ -137,7 +137,8 @@ class StoredKnowledge:
                 self._refused.pop(joint, None)
                 self._good[joint] = origin_ns, estimate
                 if (settings := self._settings.get(joint)) is not None:
-                    self._put(joint, Known(estimate.updated(predictions=None), origin_ns, now_s, settings))
+                    kept = estimate if estimate.predictions is None else estimate.updated(predictions=None)
+                    self._put(joint, Known(kept, origin_ns, now_s, settings))
             elif restored is not None and joint not in self._good and math.isfinite(estimate.start):
                 # its times are those of an earlier clock: count back from the first sample
                 end = estimate.start - restored.gone_s
