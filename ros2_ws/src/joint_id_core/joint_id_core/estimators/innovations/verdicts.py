@@ -77,7 +77,8 @@ def verdicts(
         i = place[name]
         r = ratio[i]
         if abs(strongest[i]) > STRONG_CORRELATION:
-            apart = f"; it is hard to tell from {free[partners[i]]} (correlation {strongest[i]:+.3f})"
+            digits = 2 if abs(strongest[i]) < 0.995 else 3
+            apart = f"; it is hard to tell from {free[partners[i]]} (correlation {strongest[i]:+.{digits}f})"
         if together and name in together:
             found[name] = Shown(Verdict.PRIOR, together[name], together[name])
         elif bounds[i]:
@@ -96,7 +97,8 @@ def verdicts(
             text = f"the data tell only its order of magnitude: it lies between {middle / factor:.2g} and "
             found[name] = Shown(Verdict.PRIOR, f"{text}{middle * factor:.2g} {row.unit}{apart}")
         else:
-            found[name] = Shown(Verdict.ESTIMATED, f"the data narrow what was believed before {times(1 / r)}{apart}")
+            often = times(float(f"{1 / r:.1g}"))  # no number that changes with every estimate
+            found[name] = Shown(Verdict.ESTIMATED, f"the data narrow what was believed before {often}{apart}")
     return found
 
 

@@ -36,4 +36,6 @@ def missed(what: str, nrmse: float) -> str:
 
 def times(ratio: float) -> str:
     """Return a ratio in words: "3.2 times", or "more than 1000 times"."""
-    return f"{ratio:.3g} times" if ratio <= MOST_TIMES else f"more than {MOST_TIMES:.0f} times"
+    if ratio > MOST_TIMES:
+        return f"more than {MOST_TIMES:.0f} times"
+    return f"{ratio:.3g} times" if ratio < 99.95 else f"{ratio:.0f} times"  # not 1e+03
