@@ -14,16 +14,15 @@ last two commands measure on another machine, and write its table where the docs
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from multiprocessing import get_context
-from pathlib import Path
+from typing import Any
 
 import numpy as np
-from measured_blocks import write
+from measured_blocks import add_options, rows_of, write
 from peers.process import SINGLE_CORE
 
 from joint_id_core.data.recording import Array
@@ -224,36 +223,21 @@ def table(rows: Sequence[Row], machine: str) -> str:
     ])  # fmt: skip
 
 
-def read(path: Path) -> tuple[list[Row], str]:
-    """Rows and the machine of a result in JSON."""
-    known = json.loads(path.read_text())
-    rows = [
-        Row(**row | {part: Realised(**row[part]) for part in ("designed", "multisine")}) for row in known["rows"]
-    ]  # fmt: skip
-    return rows, known["machine"]
+def of_json(row: dict[str, Any]) -> Row:
+    """A row of a result in JSON."""
+    return Row(**row | {part: Realised(**row[part]) for part in ("designed", "multisine")})
 
 
 def main() -> None:
     """Measure, print, and write the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--joints", type=int, default=200, help="of each case (default: %(default)s)")
-    parser.add_argument("--workers", type=int, default=2, help="processes (default: %(default)s)")
     parser.add_argument("--cases", type=int, nargs="+", default=list(range(len(CASES))), help="numbers of the cases")
-    parser.add_argument("--json", type=Path, help="where every row goes as soon as it is there")
-    parser.add_argument("--from", type=Path, dest="result", help="a result in JSON, of any machine: measure nothing")
-    parser.add_argument("--write", action="store_true", help=f"make the table of docs/{PAGE} anew")
+    add_options(parser, PAGE)
     args = parser.parse_args()
     os.environ.update(SINGLE_CORE)
-    rows, machine = list[Row](), f"{os.cpu_count()} cores, {args.workers} processes."
-    if args.result:
-        rows, machine = read(args.result)
-    else:
-        for row in measured([CASES[k] for k in args.cases], args.joints, args.workers):
-            rows.append(row)
-            print(line(row), flush=True)
-            if args.json:
-                args.json.write_text(json.dumps({"machine": machine, "rows": [asdict(r) for r in rows]}))
-    text = table(rows, machine)
+    found = measured([CASES[k] for k in args.cases], args.joints, args.workers)
+    text = table(*rows_of(args, found, of_json))
     print(text)
     if args.write:
         write(PAGE, {BLOCK: text})

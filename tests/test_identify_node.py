@@ -24,7 +24,7 @@ from joint_id_msgs.action import Identify
 from joint_id_msgs.msg import JointEstimate, ParameterEstimate
 from joint_id_ros.trajectories import QOS
 
-ELBOW = "elbow_joint"
+ELBOW, WRIST = "elbow_joint", "wrist_1_joint"
 SECONDS = 6.0
 
 
@@ -258,6 +258,36 @@ def test_a_full_disk_and_a_robot_that_is_killed_end_the_goal_and_lose_nothing(be
     assert bench.identify.running and bench.mover.running
     bench.mover.signal(signal.SIGTERM)
     assert bench.mover.wait() == 0
+
+
+@pytest.mark.long
+def test_joints_are_identified_one_after_the_other_by_one_plan_and_one_go(known_bench):
+    bench, joints = known_bench, [ELBOW, WRIST]
+    aborted(bench, "name the joints that a motion is planned for", trajectory="", model="motor_side")
+    aborted(bench, "name each joint once", trajectory="", joints=[ELBOW, ELBOW], model="motor_side")
+    handle = bench.send(trajectory="", joints=joints, model="motor_side", set=[], duration=5.0)
+    bench.go()
+    told = next(f for f in bench.feedback if f.expected)
+    assert [promise.joint for promise in told.expected] == joints
+    status, result = bench.result(handle)
+    assert status == GoalStatus.STATUS_SUCCEEDED, result.message
+    assert len(bench.orders) == 1 and list(bench.orders[0].joint_names) == joints
+    assert [joint.joint for joint in result.joints] == joints
+    truth = yaml.safe_load(bench.truth.read_text())
+    spans = []
+    for promise, joint in zip(told.expected, result.joints, strict=True):
+        assert joint.status == JointEstimate.CONVERGED, joint.message
+        rows, true = {p.name: p for p in joint.parameters}, truth[joint.joint]
+        gain = rows["k_t"].value / true["k_t"]  # of this robot it is not that of the file
+        for p in promise.parameters:
+            if p.verdict == ParameterEstimate.ESTIMATED:
+                off = abs(rows[p.name].value - gain * true.get(p.name, 0.0))
+                assert off < 5.0 * rows[p.name].std_dev, f"{joint.joint} {p.name}"
+        spans.append((seconds(joint.window_start), seconds(joint.window_end)))
+    (begin, middle), (then, end) = spans
+    # Each was fitted where it moved.
+    assert middle - begin == pytest.approx(5.0, abs=0.1) and end - then == pytest.approx(5.0, abs=0.1)
+    assert then == pytest.approx(middle, abs=0.1)
 
 
 @pytest.mark.long

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict
+import argparse
 
 import bootstrap
 import design
+import numpy as np
 import pytest
+from measured_blocks import add_options, rows_of
 
 
 def proof(converged: int) -> design.Row:
@@ -28,11 +29,14 @@ def test_a_motion_whose_fits_fail_has_no_gain():
 
 
 def test_a_result_of_another_machine_is_read_again(tmp_path):
-    file = tmp_path / "design.json"
-    file.write_text(json.dumps({"machine": "16 cores.", "rows": [asdict(proof(3))]}))
-    rows, machine = design.read(file)
-    text = design.table(rows, machine)
-    assert text.startswith("Joints a case: 3. 16 cores.") and design.line(proof(3)) in text
+    parser = argparse.ArgumentParser()
+    add_options(parser, "benchmarks.md")
+    file = str(tmp_path / "design.json")
+    rows, machine = rows_of(parser.parse_args(["--json", file, "--workers", "3"]), iter([proof(3)]), design.of_json)
+    assert rows == [proof(3)] and machine.endswith("cores, 3 processes.")
+    again = rows_of(parser.parse_args(["--from", file]), iter(()), design.of_json)
+    assert again[1] == machine and design.table(*again) == design.table(rows, machine)
+    assert design.line(proof(3)) in design.table(*again)
 
 
 def test_shares_of_intervals_count_those_that_hold_the_truth():
@@ -42,3 +46,15 @@ def test_shares_of_intervals_count_those_that_hold_the_truth():
     assert (row.by_draws, row.by_deviation) == ([0.5], [0.5])
     assert row.over_deviation[0] == pytest.approx(5.0**0.5) and row.over_scatter[0] == pytest.approx(5.0**0.5 / 2.0)
     assert "| 2 | 50% to 50% | 50% to 50% | 1.12 to 1.12 | 2.24 to 2.24 |" in bootstrap.table([row], "here")
+
+
+def test_the_joint_without_a_bias_obeys_the_model_of_the_fit():
+    """Where it slides, the momentum that it gains between two samples is that of drive and friction."""
+    exact, p = bootstrap.smooth(), bootstrap.MODEL.values()
+    w, torque = exact["link_velocity"], exact["torque"]
+    sliding = (np.abs(w[:-1]) > 0.2) & (w[:-1] * w[1:] > 0.0) & (np.abs(w[1:]) > 0.2)
+    moved = np.diff(exact["link_position"])
+    friction = p["c"] * moved * bootstrap.RATE + np.sign(w[:-1]) * p["tau_f"] + p["tau_0"]
+    gained = (torque[:-1] - friction) / (p["J"] * bootstrap.RATE)
+    assert np.count_nonzero(sliding) > 100 and np.ptp(np.sign(w)) == 2.0
+    np.testing.assert_allclose(np.diff(w)[sliding], gained[sliding], atol=1e-9)

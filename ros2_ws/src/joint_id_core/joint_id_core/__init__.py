@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from joint_id_core.arm.loaded import loaded as loaded
     from joint_id_core.comparison.comparing import compare as compare
     from joint_id_core.data.recording import Recording as Recording
+    from joint_id_core.design.arm_design import design_arm as design_arm
     from joint_id_core.design.joint import design_joint as design_joint
     from joint_id_core.design.limit_files import read_limits as read_limits
     from joint_id_core.errors import JointIdError as JointIdError
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from joint_id_core.estimators import Regression as Regression
     from joint_id_core.estimators import fit as fit
     from joint_id_core.estimators import fit_several as fit_several
+    from joint_id_core.estimators.hpinn.many import train_many as train_many
     from joint_id_core.estimators.many.bootstrap import bootstrap as bootstrap
     from joint_id_core.estimators.many.fleet import fit_fleet as fit_fleet
     from joint_id_core.estimators.many.starts import many_starts as many_starts
@@ -63,6 +65,7 @@ _ROOMS = {
     "bootstrap": "estimators.many.bootstrap",
     "build": "models",
     "compare": "comparison.comparing",
+    "design_arm": "design.arm_design",
     "design_joint": "design.joint",
     "fit": "estimators",
     "fit_arm": "arm.fit",
@@ -74,6 +77,7 @@ _ROOMS = {
     "read_limits": "design.limit_files",
     "simulate": "simulation",
     "simulate_motion": "simulation",
+    "train_many": "estimators.hpinn.many",
     "write": "formats",
 }
 

@@ -228,6 +228,8 @@ def test_typical_values_need_limits_of_torque() -> None:
     assert np.allclose(prior.noise / LIMITS.torque, 0.003) and "UR10e" in prior.told
     with pytest.raises(JointIdError, match="joint lift has no limit of torque"):
         typical(REGRESSOR, replace(LIMITS, torque=np.array([1.0, np.inf, 1.0, 1.0, 1.0, 1.0])))
+    with pytest.raises(JointIdError, match="has no limit of torque"):  # a design without a prior takes these
+        design_arm(ARM, replace(LIMITS, torque=np.full(6, np.inf)))
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,8 @@ MOTION = jid.simulate_motion(MODEL, 3.0)
 NAMES = (
     "Description", "Estimate", "HPinn", "Innovations", "JointIdError", "Model", "OnlineIdentifier", "OnlineOptions",
     "ParameterSettings", "Recording", "Regression", "Status", "Verdict", "bootstrap", "build", "compare",
-    "design_joint", "fit", "fit_arm", "fit_fleet", "fit_several", "held_out", "loaded", "many_starts", "read",
-    "read_limits", "simulate", "simulate_motion", "write",
+    "design_arm", "design_joint", "fit", "fit_arm", "fit_fleet", "fit_several", "held_out", "loaded", "many_starts",
+    "read", "read_limits", "simulate", "simulate_motion", "train_many", "write",
 )  # fmt: skip
 
 

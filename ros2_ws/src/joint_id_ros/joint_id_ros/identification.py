@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from pathlib import Path
@@ -17,7 +17,7 @@ from joint_id_core.results.estimate import Estimate
 from joint_id_msgs.action import Identify
 from joint_id_ros.background_recorder import BackgroundRecorder
 from joint_id_ros.child_process import ChildProcess
-from joint_id_ros.identify_fit import Fitted, fit
+from joint_id_ros.identify_fit import Fitted, Spans, fit
 from joint_id_ros.identify_plan import Plan, plan
 from joint_id_ros.identify_request import Request
 from joint_id_ros.robot_link import RobotLink
@@ -105,11 +105,10 @@ class Identification:
                 yield
             self.bag = self.base if recorder.count else None
         self._require(recorder)
-        span, remark = self._span(watch, design.trajectory)
+        spans, remark = self._spans(watch, design.trajectory, self.request.joints or joints)
         self.phase = Phase.FITTING
         page = self.base.with_suffix(".html")
-        chosen = self.request.joints or joints
-        self.found = yield from self._computed(ChildProcess(fit, self.request, self.base, chosen, span, page))
+        self.found = yield from self._computed(ChildProcess(fit, self.request, self.base, spans, page))
         self.page = page
         self.text = remark
 
@@ -199,12 +198,15 @@ class Identification:
             raise JointIdError(recorder.problem)
 
     @staticmethod
-    def _span(watch: TrajectoryWatch, trajectory: Trajectory) -> tuple[tuple[float, float] | None, str]:
-        """Return the instants in s between which the trajectory was followed, and a remark."""
+    def _spans(watch: TrajectoryWatch, trajectory: Trajectory, joints: Sequence[str]) -> tuple[Spans, str]:
+        """Return the instants in s between which each joint followed its part of the trajectory, and a remark."""
         begin, off = watch.matched(trajectory)
         if off > OFF:
-            return None, f"the motion is not the trajectory (rms {off:.2g} rad apart), so all of it was fitted"
-        return (begin, begin + trajectory.duration), ""
+            return dict.fromkeys(
+                joints
+            ), f"the motion is not the trajectory (rms {off:.2g} rad apart), so all of it was fitted"
+        moves = {joint: trajectory.moves(joint) for joint in joints}
+        return {joint: (begin + first, begin + last) for joint, (first, last) in moves.items()}, ""
 
     def _computed(self, child: ChildProcess[T]) -> Steps[T]:
         """Wait for a computation, and return what it gives."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,24 +18,22 @@ from joint_id_ros.child_process import Tell
 from joint_id_ros.identify_request import Request
 
 Fitted = Mapping[str, Estimate | str]  # by joint the estimate, or why there is none
+Spans = Mapping[str, tuple[float, float] | None]  # by joint the first and last instant to fit, s since the epoch
 
 
-def fit(
-    tell: Tell, request: Request, bag: Path, joints: Sequence[str], span: tuple[float, float] | None, page: Path
-) -> Fitted:
-    """Fit the joints of a recording one after the other, and write a page about them.
+def fit(tell: Tell, request: Request, bag: Path, spans: Spans, page: Path) -> Fitted:
+    """Fit joints of a recording one after the other, and write a page about them.
 
     Args:
         tell: called with the progress.
         request: what is to be identified.
         bag: the recording.
-        joints: that are fitted.
-        span: first and last instant that is fitted, s since the epoch; None for all.
+        spans: of the joints that are fitted; None for all of the recording.
         page: file to write.
     """
     found: dict[str, Contents | str] = {}
-    for k, joint in enumerate(joints):
-        tell(k / len(joints), f"fitting {joint}")
+    for k, (joint, span) in enumerate(spans.items()):
+        tell(k / len(spans), f"fitting {joint}")
         try:
             start, end = None, None
             if span is not None:

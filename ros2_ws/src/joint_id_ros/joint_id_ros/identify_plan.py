@@ -15,6 +15,7 @@ from joint_id_core.design.design import Design
 from joint_id_core.design.files import read_trajectory, write
 from joint_id_core.design.limit_files import published, read_limits
 from joint_id_core.design.limits import violations
+from joint_id_core.design.sequence import one_after_other
 from joint_id_core.design.trajectory import Trajectory
 from joint_id_core.errors import JointIdError
 from joint_id_ros.child_process import Tell
@@ -84,16 +85,19 @@ def _require_within(request: Request, trajectory: Trajectory) -> None:
 
 
 def _planned(tell: Tell, request: Request, positions: Mapping[str, float]) -> Design:
-    """Return a motion that is designed for the one joint."""
-    if len(request.joints) != 1:
-        raise JointIdError(
-            "a motion is planned for one joint: name it, or give a trajectory, as joint-id design writes for several"
-        )
-    (joint,) = request.joints
-    if joint not in positions:
-        raise JointIdError(f"link_states has no joint {joint!r}: it has {', '.join(positions)}")
-    tell(0.0, f"designing a motion of {joint}")
-    return _design(request, joint, positions[joint])
+    """Return motions that are designed for the joints, one after the other."""
+    joints = request.joints
+    if not joints:
+        raise JointIdError("name the joints that a motion is planned for, or give a trajectory")
+    if strange := [joint for joint in joints if joint not in positions]:
+        raise JointIdError(f"link_states has no joint {strange[0]!r}: it has {', '.join(positions)}")
+    if len(set(joints)) < len(joints):
+        raise JointIdError(f"joints {', '.join(joints)}: name each joint once")
+    found = []
+    for k, joint in enumerate(joints):
+        tell(k / len(joints), f"designing a motion of {joint}")
+        found.append(_design(request, joint, positions[joint]))
+    return one_after_other(found)
 
 
 def _design(request: Request, joint: str, home: float | None) -> Design:

@@ -16,7 +16,7 @@ from joint_id_core.arm.regressor import Regressor
 from joint_id_core.data.recording import Array
 from joint_id_core.design.arm_information import ArmColumns, Chosen
 from joint_id_core.design.arm_motion import Task, found_motion
-from joint_id_core.design.arm_prior import DRAWS, WRONG, ArmPrior
+from joint_id_core.design.arm_prior import DRAWS, WRONG, ArmPrior, typical
 from joint_id_core.design.arm_promise import Promise, promise
 from joint_id_core.design.design import Design, Expected
 from joint_id_core.design.floor import Floor
@@ -80,7 +80,7 @@ class ArmDesign(Design):
 def design_arm(
     description: Description,
     limits: JointLimits,
-    prior: ArmPrior,
+    prior: ArmPrior | None = None,
     home: Sequence[float] | None = None,
     duration: float = 20.0,
     rate: float = 125.0,
@@ -94,7 +94,7 @@ def design_arm(
     Args:
         description: of the robot.
         limits: of its joints.
-        prior: what is believed of it.
+        prior: what is believed of it; None takes typical values for its limits (`arm_prior.typical`).
         home: pose at the start and end in rad, in the order of the description's joints; without, the middle of the
             limits.
         duration, rate: in s, and samples a second of the trajectory.
@@ -105,7 +105,7 @@ def design_arm(
 
     Raises:
         JointIdError: limits that are missing or contradict, a home that they do not allow, an unknown kind, a motion
-            that is too short.
+            that is too short; without a prior, a joint without a limit of torque.
     """
     regressor = Regressor(description)
     if unknown := [kind for kind in shown if kind not in KINDS]:
@@ -123,6 +123,7 @@ def design_arm(
             "choose a home within them (--home)"
         )
     near = replace(full, lower=np.maximum(full.lower, at - reach), upper=np.minimum(full.upper, at + reach))
+    prior = prior or typical(regressor, limits)
     columns = ArmColumns(regressor, prior)
     task = Task(
         columns,

@@ -113,6 +113,17 @@ class Trajectory:
         one = np.s_[:, k : k + 1]
         return Trajectory((joint,), self.time, self.position[one], self.velocity[one], self.acceleration[one])
 
+    def moves(self, joint: str) -> tuple[float, float]:
+        """Return the first and the last instant in s of the motion of one joint; the whole motion if it stands.
+
+        Raises:
+            JointIdError: it does not move that joint.
+        """
+        rows = np.flatnonzero(np.abs(self.of(joint).velocity[:, 0]) > AT_REST)
+        if not len(rows):
+            return 0.0, self.duration
+        return float(self.time[rows[0] - 1]), float(self.time[rows[-1] + 1])
+
     def _check_form(self) -> None:
         names, time = self.names, self.time
         if not names or len(set(names)) < len(names):

@@ -11,6 +11,7 @@ from joint_id_core.estimators.innovations.input_noise import sensor_bias
 from joint_id_core.estimators.innovations.misfit import misfit
 from joint_id_core.estimators.innovations.noise import unknown_levels
 from joint_id_core.estimators.innovations.search import Outcome
+from joint_id_core.estimators.innovations.sharpness import smoothing_bias
 from joint_id_core.estimators.innovations.stages import STALLED, Stages
 from joint_id_core.estimators.innovations.whiteness import memory
 from joint_id_core.estimators.shared.fit_data import FitData
@@ -37,7 +38,7 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
     p, slope = stages.cost.values(found.z), coordinates.slope(found.z)
     noise = recursion.noise_information(recursion.renewed(last), with_parameters=True)
     of_levels = unknown_levels(found.inverse, noise.matrix, noise.cross * coordinates.slope_at(last.free)[:, None])
-    excess = missing.excess + coloured.excess + outcome.scatter
+    excess = missing.excess + coloured.excess + outcome.scatter + smoothing_bias(stages, found)
     covariance = found.covariance + of_levels + excess + np.outer(bias, bias)
     together = in_combination(data, p, covariance * np.outer(slope, slope))
     predictions = free_runs(stages.kernel, data, last.states, p, last.steps, stages.options.horizon_s)

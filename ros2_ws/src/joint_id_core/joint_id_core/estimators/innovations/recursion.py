@@ -117,6 +117,10 @@ class Recursion:
         """Return the same recursion on other inputs, shape (T, inputs)."""
         return Recursion(replace(self.data, u=u), self.kernel, self._near)
 
+    def with_held(self, p: Array) -> Recursion:
+        """Return the same recursion with other values (P,) of the parameters that are held."""
+        return Recursion(replace(self.data, p=p), self.kernel, self._near)
+
     def values(self, free: Array) -> Array:
         """Return the values of all parameters, shape (P,), with the given `free` ones."""
         p = self.data.p.copy()
