@@ -21,7 +21,8 @@
     $("link").textContent = "live";
     $("link").className = "status good";
     $("told").textContent = joints.length ? `${joints.length} joints, ${joints.filter((j) => j.good).length} converged`
-      : "No estimate yet: is an identifier running?";
+      : state.nodes.some((n) => n.name.endsWith("identifier")) ? "No estimate yet: it takes a window of motion."
+        : "No estimate yet: no identifier is running.";
     list($("alarms"), joints.flatMap((j) => j.alarms.map((a) => `${j.joint}: ${a}`)).concat(
       state.nodes.filter((n) => n.level > 0).map((n) => `${n.name}: ${n.message}`)), "None.");
     table($("joints"), ["joint", "status", "model", "age [s]", "temperature [°C]", "nrmse"], joints.map((j) => [[
@@ -30,13 +31,15 @@
     ], j.joint]), chosen, select);
     const joint = joints.find((j) => j.joint === chosen);
     $("report").href = `report?joint=${encodeURIComponent(chosen)}`;
+    $("choice").hidden = !joint;
     $("says").textContent = joint ? `${joint.joint}: ${joint.message}` : "";
     if (joint) table($("parameters"), PARAMETERS, joint.parameters.map((row) => [row]));
+    else $("parameters").replaceChildren();
     $("payload").textContent = state.payload || "";
     $("payload").parentElement.hidden = !state.payload;
     table($("nodes"), ["node", "state", "what it says", "values"], state.nodes.map((n) => [[
       n.name, badge(["ok", "warning", "error", "silent"][n.level] || "?", ["good", "fair"][n.level] || ""), n.message,
-      n.values.map(([k, v]) => `${k}: ${v}`).join("; "),
+      n.values.map(([k, v]) => `${k}: ${v || "none"}`).join("; "),
     ]]));
     document.body.dataset.states = String(Number(document.body.dataset.states || 0) + 1);
     refresh();

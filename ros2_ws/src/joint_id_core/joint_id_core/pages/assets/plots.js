@@ -6,8 +6,9 @@
   const drawn = [];
 
   // Ticks as short as they can be told apart, also those far from 1.
-  const ticks = (_, values) => values.map((v) => (v == null ? "" : String(Number(v.toPrecision(6)))
-    .replace(/^(-?)0\.0000*(\d)(\d*)$/, (text) => Number(text).toExponential())));
+  const short = (v) => (Math.abs(v) < 1e6 ? String(v).replace(/^-?0\.0000*\d+$/, (text) => Number(text).toExponential())
+    : v.toExponential());
+  const ticks = (_, values) => values.map((v) => (v == null ? "" : short(Number(v.toPrecision(6)))));
   const decades = (_, values) => values.map((v) => (v != null && Math.abs(Math.log10(v) % 1) < 1e-9
     ? v.toExponential(0) : ""));
   const width = (figure) => Math.max(260, figure.clientWidth);
@@ -56,7 +57,7 @@
     drawn.splice(0).forEach(([, chart]) => chart.destroy());
     document.body.dataset.drawn = "0";
   }
-  globalThis.jointId = { draw, clear };
+  globalThis.jointId = { draw, clear, short };
 
   document.body.dataset.drawn = "0";
   for (const figure of document.querySelectorAll("figure[data-plot]")) draw(figure, plots[Number(figure.dataset.plot)]);
