@@ -211,8 +211,12 @@ def test_ticks_are_short_and_nothing_is_left_of_joints_that_are_gone(estimate, t
             told = [tab.value(f"jointId.short({v})") for v in ("602000000", "-1e12", "12345.6", "0.0000123", "0")]
             assert told == ["6.02e+8", "-1e+12", "12345.6", "1.23e-5", "0"]
             feed.publish({"joints": [joint], "nodes": [node]})
-            tab.until("document.querySelector('#parameters table')")
+            tab.until("!!document.querySelector('#parameters table')")
             assert not tab.value("document.querySelector('#choice').hidden")
+            drift = "tau_f is 39 % above its baseline"
+            warned = {**node, "level": 1, "message": f"elbow: {drift}; a fit is late"}
+            feed.publish({"joints": [{**joint, "alarms": [drift]}], "nodes": [warned]})
+            tab.until(f"document.querySelector('#alarms').innerText === 'elbow: {drift}\\n/identifier: a fit is late'")
             feed.publish({"joints": [], "nodes": [node]})
             tab.until("!document.querySelector('#parameters table')")
             assert tab.value("document.querySelector('#choice').hidden")

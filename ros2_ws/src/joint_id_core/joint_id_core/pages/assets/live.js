@@ -14,17 +14,22 @@
     refresh();
   }
 
+  // What a node says beside the alarms of joints, which are there already.
+  const alone = (message, joints) => message.split("; ")
+    .filter((part) => !joints.some((j) => j.alarms.length && part.startsWith(`${j.joint}: `))).join("; ");
+
   function show(state) {
     if (!state.joints) return;
     const joints = state.joints;
     if (!joints.some((j) => j.joint === chosen)) chosen = joints.length ? joints[0].joint : "";
     $("link").textContent = "live";
     $("link").className = "status good";
-    $("told").textContent = joints.length ? `${joints.length} joints, ${joints.filter((j) => j.good).length} converged`
+    $("told").textContent = joints.length ? `${joints.length} joint${joints.length > 1 ? "s" : ""}, ${joints.filter((j) => j.good).length} converged`
       : state.nodes.some((n) => n.name.endsWith("identifier")) ? "No estimate yet: it takes a window of motion."
         : "No estimate yet: no identifier is running.";
     list($("alarms"), joints.flatMap((j) => j.alarms.map((a) => `${j.joint}: ${a}`)).concat(
-      state.nodes.filter((n) => n.level > 0).map((n) => `${n.name}: ${n.message}`)), "None.");
+      state.nodes.filter((n) => n.level > 0).map((n) => [n.name, alone(n.message, joints)])
+        .filter(([, message]) => message).map((told) => told.join(": "))), "None.");
     table($("joints"), ["joint", "status", "model", "age [s]", "temperature [°C]", "nrmse"], joints.map((j) => [[
       j.joint, badge(j.status, j.good ? "good" : j.status === "disagree" ? "fair" : ""), j.model, j.age, j.temperature,
       Object.entries(j.nrmse).map(([n, v]) => `${n} ${v == null ? "-" : v}`).join(", "),
