@@ -5,6 +5,7 @@ The data are not part of the project; they are expected beside it, in ../shared/
 
 from __future__ import annotations
 
+import re
 from itertools import combinations
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from robots.recordings import kuka
 from joint_id_core.checking.findings import findings
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import Innovations, ParameterSettings, Regression, fit
+from joint_id_core.estimators.regression.side_faults import side_fault
 from joint_id_core.estimators.regression_starts import started
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Estimate, Status, Verdict
@@ -183,6 +185,19 @@ def test_stiffness_of_a_kuka_is_the_published_one_or_not_known(axis, published):
     else:
         assert stiffness.verdict is Verdict.ESTIMATED
         assert abs(stiffness.value - published) < min(0.3 * published, 2.0 * stiffness.std_dev)
+
+
+def test_of_the_axes_of_a_kuka_the_late_encoders_are_named_and_nothing_else():
+    """Published: they are 2.7 to 3.1 ms late."""
+    found = []
+    for run in "AB":
+        for axis in range(1, 7):
+            ratio, recording = kuka(run, axis)
+            half = len(recording) // 2
+            for part in (recording, recording.slice(0, half), recording.slice(half, len(recording))):
+                found.append(side_fault(part, "torque", ratio))
+    named = [text for text in found if text]
+    assert named and all(re.match("the link's encoder is (2[.][7-9]|3|3[.]1) ms late", text) for text in named), named
 
 
 @pytest.mark.parametrize("axis", [1, 2, 3])

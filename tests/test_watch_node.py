@@ -59,6 +59,10 @@ def test_the_page_shows_the_graph_and_its_buttons_reach_the_identifier(graph):
     assert {"/sim", "/filter", "/identifier", "/watch"} <= {n["name"] for n in nodes}
     assert any(key == "rate [Hz]" for n in nodes if n["name"] == "/filter" for key, _ in n["values"])
 
+    def counted(state):
+        return any(dict(n["values"]).get("received", "0") != "0" for n in state["nodes"] if n["name"] == "/watch")
+
+    assert events.until(counted), "the page's own node counts samples, too"
     end = time.monotonic() + CONVERGED_S  # the options of the identifier come a little later
     while not (found := json.loads(ask(port, f"/joint?name={joint['joint']}")[1]))["fit"] or not found["trends"]:
         assert time.monotonic() < end, found["told"]

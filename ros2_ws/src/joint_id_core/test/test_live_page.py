@@ -199,6 +199,37 @@ def test_a_browser_draws_the_page_goes_to_another_joint_and_presses_buttons(esti
 
 
 @needs_browser
+def test_ticks_are_short_and_nothing_is_left_of_joints_that_are_gone(estimate, tmp_path):
+    joint = LiveView._row("elbow", Seen(estimate))
+    node = {"name": "/identifier", "level": 0, "message": "ok", "values": [["joints that wait", ""]]}
+    feed = Feed()
+    plots = {"trends": [], "fit": [], "told": ""}
+    server = PageServer(0, {"/": lambda _: live_page("robot")}, {"/joint": lambda _: plots}, {}, feed)
+    try:
+        with browser.Tab(tmp_path) as tab:
+            tab.open(server.address)
+            told = [tab.value(f"jointId.short({v})") for v in ("602000000", "-1e12", "12345.6", "0.0000123", "0")]
+            assert told == ["6.02e+8", "-1e+12", "12345.6", "1.23e-5", "0"]
+            feed.publish({"joints": [joint], "nodes": [node]})
+            tab.until("!!document.querySelector('#parameters table')")
+            assert not tab.value("document.querySelector('#choice').hidden")
+            drift = "tau_f is 39 % above its baseline"
+            warned = {**node, "level": 1, "message": f"elbow: {drift}; a fit is late"}
+            feed.publish({"joints": [{**joint, "alarms": [drift]}], "nodes": [warned]})
+            tab.until(f"document.querySelector('#alarms').innerText === 'elbow: {drift}\\n/identifier: a fit is late'")
+            feed.publish({"joints": [], "nodes": [node]})
+            tab.until("!document.querySelector('#parameters table')")
+            assert tab.value("document.querySelector('#choice').hidden")
+            assert tab.value("document.querySelector('#told').innerText").startswith("No estimate yet: it takes")
+            assert "joints that wait: none" in tab.value("document.querySelector('#nodes').innerText")
+            feed.publish({"joints": [], "nodes": []})
+            tab.until("document.querySelector('#told').innerText.includes('no identifier is running')")
+            assert not tab.console
+    finally:
+        server.close()
+
+
+@needs_browser
 @pytest.mark.long
 def test_six_joints_at_500_hz_for_two_minutes_leave_the_page_as_large_as_it_was(estimate, tmp_path):
     with served(estimate, 0.1) as (server, _), browser.Tab(tmp_path) as tab:

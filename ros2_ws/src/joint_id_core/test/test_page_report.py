@@ -94,6 +94,7 @@ def test_a_robots_log_gets_one_page_with_all_joints(tmp_path, run_here):
     code, out = run_here("report", "log.csv", *options, "-o", "all.html")
     text = (tmp_path / "all.html").read_text()
     assert code == 1 and "3 joints" in out and "no good estimate of elbow_joint" in out
+    assert re.search(r"^  elbow_joint: ", out, re.M), "why"
     assert len(text) < 1e6 and "2 of 3 joints identified" in text
     links = re.findall(r'<a href="#([^"]+)">([^<]+)</a>', text)
     assert len(links) == 3 and all(f'<header id="{anchor}">' in text for anchor, _ in links)

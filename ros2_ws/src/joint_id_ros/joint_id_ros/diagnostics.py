@@ -43,6 +43,7 @@ class Diagnostics:
         self._timer = node.create_timer(PERIOD_S, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._since = time.monotonic()
         self._received = self._before = 0
+        self._reported = False
         self._newest_ns: int | None = None
         self._problems: Counter[str] = Counter()
         self._recent: dict[str, str] = {}  # newest problem of each kind since the last report
@@ -77,12 +78,12 @@ class Diagnostics:
 
     def _publish(self) -> None:
         now = time.monotonic()
-        if now - self._since > PAUSE_S:
+        if self._reported and now - self._since > PAUSE_S:  # before the first report the node starts
             text = f"this node did not run for {now - self._since:.1f} s: it was stopped, or the computer is overloaded"
             self.problem("paused", text)
         health = self._health()
         rate = (self._received - self._before) / (now - self._since)
-        self._since, self._before = now, self._received
+        self._since, self._before, self._reported = now, self._received, True
         clock = self._node.get_clock().now()
         values: dict[str, object] = {"received": self._received, "rate [Hz]": f"{rate:.1f}"}
         if self._newest_ns is not None:

@@ -14,11 +14,11 @@ def joints_table(results: Mapping[str, Result | str]) -> str:
 
     width = max(len("joint"), *map(len, results)) + 2
     lines = [f"  {'joint':<{width}}{'model':<22}{'status':<16}parameters"]
-    also: dict[str, list[str]] = {}  # joints by message: what is wrong with all of them is said once
+    told: dict[str, str] = {}  # what is wrong
     for joint, result in results.items():
         if isinstance(result, str):
             lines.append(f"  {joint:<{width}}{'-':<22}{'not fitted':<16}")
-            also.setdefault(result, []).append(joint)
+            told[joint] = result
             continue
         estimate = result.estimate
         gravity = " gravity" if estimate.model_options.get("gravity") else ""
@@ -26,9 +26,16 @@ def joints_table(results: Mapping[str, Result | str]) -> str:
             f"  {joint:<{width}}{estimate.model + gravity:<22}{estimate.status.value:<16}{estimated(estimate) or '-'}"
         )
         if not estimate.converged:
-            also.setdefault(estimate.message, []).append(joint)
-    remarks = [f"  {', '.join(joints)}: {text}" for text, joints in also.items()]
-    return "\n".join([*lines, *([""] if also else []), *remarks])
+            told[joint] = estimate.message
+    return "\n".join([*lines, *([""] if told else []), *remarks(told)])
+
+
+def remarks(told: Mapping[str, str]) -> list[str]:
+    """Return what is said of joints as lines; what is said of several stands there once."""
+    also: dict[str, list[str]] = {}
+    for joint, text in told.items():
+        also.setdefault(text, []).append(joint)
+    return [f"  {', '.join(joints)}: {text}" for text, joints in also.items()]
 
 
 def joints_json(results: Mapping[str, Result | str]) -> list[dict[str, Any]]:

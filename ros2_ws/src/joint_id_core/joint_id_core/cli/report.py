@@ -14,6 +14,7 @@ import typer
 from joint_id_core.cli.fit_options import FitOptions, JointOption
 from joint_id_core.cli.group import BAD_INPUT, complain
 from joint_id_core.cli.info import doubts
+from joint_id_core.cli.joints import remarks
 from joint_id_core.cli.options import with_group, with_options
 from joint_id_core.cli.output import Progress
 from joint_id_core.cli.outputs import require_apart
@@ -111,8 +112,10 @@ def _of_all(job: FitJob, out: Path) -> None:
             found[joint] = replace(one, command=shlex.join(["joint-id", *words, "--joint", joint]))
     write_text(out, report_of_joints(found, job.files[0].name), "the report")
     print(f"{out}: {len(found)} joints, {out.stat().st_size / 1e3:.0f} kB")
+    told = {joint: one if isinstance(one, str) else one.estimate.message for joint, one in found.items()}
     bad = [joint for joint, one in found.items() if isinstance(one, str) or not one.estimate.converged]
     if bad:
+        print(*remarks({joint: told[joint] for joint in bad}), sep="\n")
         complain(f"no good estimate of {', '.join(bad)}")
         raise typer.Exit(1 if any(not isinstance(one, str) for one in found.values()) else BAD_INPUT)
 

@@ -106,9 +106,9 @@ def _fit(
     from joint_id_core.estimators.cross_check import cross_checked_whole
     from joint_id_core.estimators.one_encoder import hides_compliance
     from joint_id_core.estimators.regression_starts import started
-    from joint_id_core.estimators.rigid_advice import with_rigid_advice
     from joint_id_core.estimators.shared.data_check import concerning, noted, refused
     from joint_id_core.estimators.shared.held_values import with_held_values
+    from joint_id_core.estimators.signal_faults import with_signal_faults
 
     found = concerning(model, recording)
     bad = refused(model, estimator.name, found, recording)
@@ -123,7 +123,7 @@ def _fit(
         again = partial(estimator.fit, model, settings=settings, progress=progress)
         estimate = fitted_between(estimate, model, recording, again)
         estimate = cross_checked_whole(estimate, model, recording, settings)
-        estimate = with_rigid_advice(estimate, model, recording, settings)
+        estimate = with_signal_faults(estimate, model, recording, settings)
     if estimate.status.unusable:
         return estimate
     return with_held_values(noted(estimate, found, model, recording), model, settings)

@@ -157,7 +157,7 @@ def live_page(title: str, actions: Sequence[str] = tuple(ACTIONS)) -> str:
     page.section("Joints", '<div class="wide" id="joints"></div>')
     page.section(
         "Parameters",
-        '<p class="hint">Choose a joint above. <a id="report" target="_blank">Report of this joint</a></p>',
+        '<p class="hint" id="choice">Choose a joint above. <a id="report" target="_blank">Report of this joint</a></p>',
         '<p id="says"></p>',
         '<div class="wide" id="parameters"></div>',
     )  # fmt: skip

@@ -71,6 +71,7 @@ class WatchNode(Node):
 
     def _on_samples(self, _: str, message: RawMessage) -> None:
         if message.error is None:
+            self._diagnostics.received(message.stamp_ns)
             self._joints.put_samples(message)
 
     def _on_payload(self, message: ArmPayload) -> None:

@@ -14,29 +14,37 @@
     refresh();
   }
 
+  // What a node says beside the alarms of joints, which are there already.
+  const alone = (message, joints) => message.split("; ")
+    .filter((part) => !joints.some((j) => j.alarms.length && part.startsWith(`${j.joint}: `))).join("; ");
+
   function show(state) {
     if (!state.joints) return;
     const joints = state.joints;
     if (!joints.some((j) => j.joint === chosen)) chosen = joints.length ? joints[0].joint : "";
     $("link").textContent = "live";
     $("link").className = "status good";
-    $("told").textContent = joints.length ? `${joints.length} joints, ${joints.filter((j) => j.good).length} converged`
-      : "No estimate yet: is an identifier running?";
+    $("told").textContent = joints.length ? `${joints.length} joint${joints.length > 1 ? "s" : ""}, ${joints.filter((j) => j.good).length} converged`
+      : state.nodes.some((n) => n.name.endsWith("identifier")) ? "No estimate yet: it takes a window of motion."
+        : "No estimate yet: no identifier is running.";
     list($("alarms"), joints.flatMap((j) => j.alarms.map((a) => `${j.joint}: ${a}`)).concat(
-      state.nodes.filter((n) => n.level > 0).map((n) => `${n.name}: ${n.message}`)), "None.");
+      state.nodes.filter((n) => n.level > 0).map((n) => [n.name, alone(n.message, joints)])
+        .filter(([, message]) => message).map((told) => told.join(": "))), "None.");
     table($("joints"), ["joint", "status", "model", "age [s]", "temperature [°C]", "nrmse"], joints.map((j) => [[
       j.joint, badge(j.status, j.good ? "good" : j.status === "disagree" ? "fair" : ""), j.model, j.age, j.temperature,
       Object.entries(j.nrmse).map(([n, v]) => `${n} ${v == null ? "-" : v}`).join(", "),
     ], j.joint]), chosen, select);
     const joint = joints.find((j) => j.joint === chosen);
     $("report").href = `report?joint=${encodeURIComponent(chosen)}`;
+    $("choice").hidden = !joint;
     $("says").textContent = joint ? `${joint.joint}: ${joint.message}` : "";
     if (joint) table($("parameters"), PARAMETERS, joint.parameters.map((row) => [row]));
+    else $("parameters").replaceChildren();
     $("payload").textContent = state.payload || "";
     $("payload").parentElement.hidden = !state.payload;
     table($("nodes"), ["node", "state", "what it says", "values"], state.nodes.map((n) => [[
       n.name, badge(["ok", "warning", "error", "silent"][n.level] || "?", ["good", "fair"][n.level] || ""), n.message,
-      n.values.map(([k, v]) => `${k}: ${v}`).join("; "),
+      n.values.map(([k, v]) => `${k}: ${v || "none"}`).join("; "),
     ]]));
     document.body.dataset.states = String(Number(document.body.dataset.states || 0) + 1);
     refresh();

@@ -4,10 +4,13 @@
   const COLOURS = ["#9aa5b1", "#1f6fb2", "#c4552d", "#2c7a4b", "#7b4ea3", "#8a6100", "#0b7a75", "#ad2f6b"];
   const plots = JSON.parse(document.getElementById("plots").textContent);
   const drawn = [];
+  const HEIGHT = 260;  // px
+  const PRINTED = 178;  // four on a page
 
   // Ticks as short as they can be told apart, also those far from 1.
-  const ticks = (_, values) => values.map((v) => (v == null ? "" : String(Number(v.toPrecision(6)))
-    .replace(/^(-?)0\.0000*(\d)(\d*)$/, (text) => Number(text).toExponential())));
+  const short = (v) => (Math.abs(v) < 1e6 ? String(v).replace(/^-?0\.0000*\d+$/, (text) => Number(text).toExponential())
+    : v.toExponential());
+  const ticks = (_, values) => values.map((v) => (v == null ? "" : short(Number(v.toPrecision(6)))));
   const decades = (_, values) => values.map((v) => (v != null && Math.abs(Math.log10(v) % 1) < 1e-9
     ? v.toExponential(0) : ""));
   const width = (figure) => Math.max(260, figure.clientWidth);
@@ -32,7 +35,7 @@
     }));
     const scale = plot.log ? { distr: 3 } : {};
     return {
-      width: width(figure), height: 260, bands,
+      width: width(figure), height: HEIGHT, bands,
       series: [{ label: plot.x_label, value: (_, v) => (v == null ? "-" : String(v)) }, ...series, ...edges],
       scales: { x: { time: false, ...scale }, y: scale },
       axes: [{ label: plot.x_label, labelSize: 20 }, plot.log ? { size: 70, values: decades } : { size: 70, values: ticks }],
@@ -56,11 +59,12 @@
     drawn.splice(0).forEach(([, chart]) => chart.destroy());
     document.body.dataset.drawn = "0";
   }
-  globalThis.jointId = { draw, clear };
+  globalThis.jointId = { draw, clear, short };
 
   document.body.dataset.drawn = "0";
   for (const figure of document.querySelectorAll("figure[data-plot]")) draw(figure, plots[Number(figure.dataset.plot)]);
-  const fit = () => drawn.forEach(([figure, chart]) => chart.setSize({ width: width(figure), height: 260 }));
-  addEventListener("resize", fit);
-  addEventListener("beforeprint", fit);
+  const fit = (height) => drawn.forEach(([figure, chart]) => chart.setSize({ width: width(figure), height }));
+  addEventListener("resize", () => fit(HEIGHT));
+  addEventListener("beforeprint", () => fit(PRINTED));
+  addEventListener("afterprint", () => fit(HEIGHT));
 })();

@@ -1,0 +1,63 @@
+"""Faults of the signals behind a bad fit of a flexible joint: a late drive or encoder, another gain or gear ratio.
+
+With both encoders the equation of the motor tells them. With one it takes a regression of a rigid joint: in its band
+both sides of a gear nearly move as one, so the gear does not matter for a drive.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from joint_id_core.data.recording import Recording
+from joint_id_core.errors import JointIdError
+from joint_id_core.estimators.one_encoder import at_link
+from joint_id_core.estimators.regression.changed_gain import changed_gain
+from joint_id_core.estimators.regression.estimator import Regression
+from joint_id_core.estimators.shared.sentences import message, sentence
+from joint_id_core.estimators.shared.settings import ParameterSettings
+from joint_id_core.models import Model
+from joint_id_core.models.rigid_joint import RigidJoint
+from joint_id_core.results.estimate import Estimate, Status
+
+BAD = (Status.POOR_FIT, Status.MAX_ITERATIONS, Status.DIVERGED)
+ANGLES = ("motor_position", "link_position")
+
+
+def with_signal_faults(
+    estimate: Estimate, model: Model, recording: Recording, settings: ParameterSettings | None
+) -> Estimate:
+    """Return a bad estimate of a model with both sides of a gear, with its fault first; others as they are."""
+    known = (*model.state_names, *model.input_names)
+    drive = next((n for n in ("torque", "current") if n in known and recording.measured(n)), None)
+    if estimate.status not in BAD or drive is None or not all(n in known for n in ANGLES):
+        return estimate
+    settings = settings or ParameterSettings()
+    try:
+        if all(recording.measured(n) for n in ANGLES):
+            told = _of_both(model, recording, settings, drive)
+        else:
+            told = _of_rigid(model, recording, settings) if drive == model.torque_drive else ""
+    except JointIdError:
+        return estimate
+    if not told:
+        return estimate
+    notes = (sentence(told), *(note for note in estimate.notes if note != sentence(told)))
+    return replace(estimate, notes=notes, message=message(notes))
+
+
+def _of_both(model: Model, recording: Recording, settings: ParameterSettings, drive: str) -> str:
+    from joint_id_core.estimators.regression.side_faults import side_fault  # loads SciPy
+
+    values = dict(zip(model.parameter_names, settings.applied_to(model)[0].tolist(), strict=True))
+    if any(values.get(n or "") for n in (model.encoder_lag, model.drive_lag)):
+        return ""  # the equation has no delays: what these explain it would take for a fault
+    return side_fault(recording, drive, model.gear_ratio(values))
+
+
+def _of_rigid(model: Model, recording: Recording, settings: ParameterSettings) -> str:
+    from joint_id_core.estimators.regression.fit import regressed  # loads SciPy
+
+    side = "motor" if recording.measured("motor_position") else "link"
+    joint = at_link(model, side, recording, settings)
+    fitted = regressed(RigidJoint(gravity=model.has_gravity), joint, ParameterSettings(), Regression())
+    return next((text for f in fitted if (text := f.lag or changed_gain(f.samples))), "")
