@@ -33,7 +33,7 @@ PARTS = {
     "passes of the innovations form, compiled": ("kernel.py", "innovations"),
     "information of the noise levels, compiled": ("gains.py", "noise_information"),
     "checking and preparing the data": ("fit_data.py", "prepare"),
-    "predictions, verdicts, the result": ("fit.py", "_estimate"),
+    "predictions, verdicts, the result": ("fit.py", "estimate_of"),
 }
 
 
