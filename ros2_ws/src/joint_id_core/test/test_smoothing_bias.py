@@ -93,7 +93,7 @@ def without(monkeypatch, record_of, seeds):
 
 
 def test_the_interval_of_a_joint_that_sticks_contains_the_bias_of_smooth_friction(monkeypatch):
-    """It moves the estimates of all records alike, those of J by twelve times their scatter."""
+    """It moves the estimates of all records alike, those of J by eleven times their scatter."""
     known, unknown = without(monkeypatch, sticking, range(24))
     z, z_without = scores(known), scores(unknown)
     J = known[0].free.index("J")
