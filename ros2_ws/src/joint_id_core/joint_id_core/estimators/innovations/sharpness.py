@@ -24,8 +24,8 @@ def smoothing_bias(stages: Stages, found: Minimum) -> Array:
     """Return what smoothed friction adds to the covariance of the coordinates, shape (k, k).
 
     One pass with sharper friction, at the point of the last pass, gives the change of the score; times the inverse of
-    the information this is the move of the estimates. Zero for models without Coulomb friction, and where the path
-    with sharper friction diverges.
+    the information this is the move of the estimates, at most the spread of the prior. Zero for models without Coulomb
+    friction, and where the path with sharper friction diverges.
     """
     data, nothing = stages.data, np.zeros_like(found.hessian)
     index = [data.model.parameter_names.index(name) for name in data.model.smoothing.values()]
@@ -40,6 +40,7 @@ def smoothing_bias(stages: Stages, found: Minimum) -> Array:
     if sharper is None or not sharper.definite:
         return nothing
     move = found.inverse @ (sharper.gradient - found.gradient) * SHARPER / (SHARPER - 1.0)
+    move = np.clip(move, -stages.coordinates.spread, stages.coordinates.spread)
     probability = expit(0.5 * (_least(found) - _least(sharper)))  # both were as likely before the data
     return np.asarray(probability * np.outer(move, move))
 
