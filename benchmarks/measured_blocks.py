@@ -47,7 +47,7 @@ def rows_of(args: Namespace, rows: Iterable[Row], row: Callable[[dict[str, Any]]
     if args.result:
         known = json.loads(args.result.read_text())
         return [row(one) for one in known["rows"]], known["machine"]
-    found, machine = list[Row](), f"{os.cpu_count()} cores, {args.workers} processes."
+    found, machine = list[Row](), f"{os.cpu_count()} cores, {args.workers} process{'es' * (args.workers > 1)}."
     for one in rows:
         found.append(one)
         print(one, flush=True)
