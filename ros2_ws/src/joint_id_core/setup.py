@@ -38,6 +38,6 @@ setup(
     license="Apache-2.0",
     # A package with a command of its own for joint-id adds it to the group joint_id.commands (joint_id_ros: record).
     entry_points={
-        "console_scripts": ["joint-id = joint_id_core.cli:main"],
+        "console_scripts": ["joint-id = joint_id_core.command:main"],
     },
 )

@@ -12,6 +12,7 @@ from joint_id_core.checking.findings import findings
 from joint_id_core.checking.velocity import compared
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import Regression, fit
+from joint_id_core.estimators.regression.drive_lag import drive_lag
 from joint_id_core.estimators.shared.oscillation import fastest_oscillation, slow_samples
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Estimate, Status
@@ -251,6 +252,15 @@ def test_info_prints_what_is_doubtful_and_a_fit_ends_with_code_2(tmp_path, run):
     assert code == 0 and "wrong: The samples are 2 s apart" in out
     code, _, err = run("fit", file, "--model", "rigid_joint")
     assert code == 2 and err.startswith("joint-id: bad_data") and "(--map time_s=0.001*COLUMN)" in err
+
+
+def test_of_a_long_recording_the_part_with_most_motion_tells_the_lag(monkeypatch):
+    late = later("torque", 0.02)
+    still = {n: np.zeros(len(late)) for n in late.channels}
+    time = np.concatenate([late.time, late.time[-1] + 0.002 + late.time])
+    long = Recording(time, {n: np.concatenate([still[n], late[n]]) for n in late.channels})
+    monkeypatch.setattr("joint_id_core.estimators.regression.drive_lag.MOST_SAMPLES", len(late))
+    assert drive_lag(long) == drive_lag(late) != ""
 
 
 def test_info_names_a_late_drive_and_other_joints_that_move(tmp_path, run):

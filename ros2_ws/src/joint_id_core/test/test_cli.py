@@ -3,6 +3,7 @@
 import importlib.metadata
 import inspect
 import json
+import os
 import subprocess
 import sys
 import types
@@ -288,3 +289,22 @@ def test_annotations_are_those_that_typer_of_ubuntu_reads():
         for parameter in inspect.signature(command.callback, eval_str=True).parameters.values():
             kind = typing.get_args(parameter.annotation)[0]
             assert not isinstance(kind, types.UnionType), f"{command.callback.__name__}: {parameter}"
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        ("joint-id fi", {"fit"}),
+        ("joint-id fit --model ha", {"harmonic_drive"}),
+        ("joint-id fit --friction ", {"coulomb_viscous", "stribeck", "eyring"}),
+        ("joint-id report --estimator ", {"innovations", "regression", "hpinn"}),
+        ("joint-id simulate el", {"electromechanical"}),
+        ("joint-id fit --actu", {"--actuation"}),
+    ],
+)
+def test_the_tab_key_completes_commands_options_and_their_values(words, offered):
+    """As bash asks for it."""
+    asked = {"_JOINT_ID_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+    command = [sys.executable, "-c", "from joint_id_core.cli import main; main()"]
+    done = subprocess.run(command, env=os.environ | asked, capture_output=True, text=True, check=False)
+    assert set(done.stdout.split()) == offered, done.stderr

@@ -70,6 +70,16 @@ def test_a_folder_is_a_table_and_a_picture_and_what_is_no_estimate_is_named(tmp_
     assert "elbow" in text and "+2.9 %" in text.replace("+2.8 %", "+2.9 %")
 
 
+def test_recordings_without_dates_keep_the_order_of_their_files(tmp_path):
+    """The time of most CSV files begins at zero: once the smallest value was called the first one."""
+    for week, (c, end) in {1: (10.3, 20.0), 2: (10.1, 30.0), 10: (10.2, 5.0)}.items():
+        replace(estimate(0, c, 0.1), origin=0, end=end).save(tmp_path / f"week{week}.json")
+    done = CliRunner().invoke(app, ["history", str(tmp_path), "--plot", str(tmp_path / "out.png"), "--json"])
+    (told,) = json.loads(done.stdout)["courses"]
+    assert told["values"] == pytest.approx([10.3, 10.1, 10.2])
+    assert "no dates" in told["trend"] and not any(told["days"])
+
+
 def test_a_folder_without_estimates_is_said(tmp_path):
     done = CliRunner().invoke(app, ["history", str(tmp_path)])
     assert done.exit_code == 2 and "no good estimate" in done.output

@@ -26,6 +26,7 @@ FLOORS = (
     ("emulator", "doctor", "jobs"),
     ("batch",),
     ("cli",),
+    ("command",),
 )
 LEVEL = {room: level for level, floor in enumerate(FLOORS) for room in floor}
 

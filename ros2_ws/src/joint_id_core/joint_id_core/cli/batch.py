@@ -12,7 +12,7 @@ import typer
 from joint_id_core.cli.fit import SHOWN
 from joint_id_core.cli.fit_options import FitOptions, JsonOption
 from joint_id_core.cli.group import complain
-from joint_id_core.cli.options import with_group, with_options
+from joint_id_core.cli.options import completed, with_group, with_options
 from joint_id_core.cli.output import Progress, print_json
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ESTIMATORS
@@ -40,7 +40,9 @@ def batch(
         str, typer.Option("--output", "-o", help="table (parquet) to write or go on with, or its address")
     ],
     joint: Annotated[Optional[str], typer.Option(help="only this joint")] = None,
-    estimator: Annotated[str, typer.Option(help=f"{', '.join(ESTIMATORS)} (needs torch)")] = "innovations",
+    estimator: Annotated[
+        str, typer.Option(help=f"{', '.join(ESTIMATORS)} (needs torch)", autocompletion=completed(tuple(ESTIMATORS)))
+    ] = "innovations",
     jobs: Annotated[Optional[int], typer.Option(min=1, help=JOBS_HELP)] = None,
     dask: Annotated[Optional[str], typer.Option(metavar="ADDRESS", help=DASK_HELP)] = None,
     retry: Annotated[bool, typer.Option("--retry", help="do again what could not be read or fitted before")] = False,

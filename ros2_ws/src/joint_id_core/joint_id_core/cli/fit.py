@@ -13,7 +13,7 @@ from joint_id_core.cli.design_hint import design_hint
 from joint_id_core.cli.fit_options import FilesArgument, FitOptions, JsonOption
 from joint_id_core.cli.group import BAD_INPUT, complain
 from joint_id_core.cli.joints import joints_json, joints_table
-from joint_id_core.cli.options import with_group, with_options
+from joint_id_core.cli.options import completed, with_group, with_options
 from joint_id_core.cli.output import Progress, print_json
 from joint_id_core.cli.outputs import require_apart, require_different
 from joint_id_core.errors import JointIdError
@@ -48,7 +48,9 @@ def fit(
     model_options: dict[str, Any],
     estimator_options: dict[str, Any],
     joint: Annotated[Optional[str], typer.Option(help=JOINT_HELP)] = None,
-    estimator: Annotated[str, typer.Option(help=f"{', '.join(ESTIMATORS)} (needs torch)")] = "innovations",
+    estimator: Annotated[
+        str, typer.Option(help=f"{', '.join(ESTIMATORS)} (needs torch)", autocompletion=completed(tuple(ESTIMATORS)))
+    ] = "innovations",
     validate: Annotated[Optional[Path], typer.Option(help="recording that the fitted model must predict")] = None,
     plot: Annotated[Optional[Path], typer.Option(help="save a picture of measurement and prediction")] = None,
     save: Annotated[Optional[Path], typer.Option(help="save the estimate as JSON")] = None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
 
@@ -56,7 +57,7 @@ def _of_folder(folder: Path) -> list[Known]:
     from joint_id_core.results.history import known
 
     estimates = []
-    for path in sorted(folder.rglob("*.json")):
+    for path in sorted(folder.rglob("*.json"), key=_in_order):
         try:
             estimates.append(Estimate.load(path))
         except JointIdError as error:
@@ -65,6 +66,11 @@ def _of_folder(folder: Path) -> list[Known]:
     if bad:
         complain(f"left out: {len(bad)} of {len(estimates)} estimates, which are not good ones")
     return known(estimates)
+
+
+def _in_order(path: Path) -> list[tuple[str, int]]:
+    """Return what a path is sorted by: numbers in it count as such, week2 before week10."""
+    return [(word, int(part or 0)) for word, part in re.findall(r"(\D+)(\d*)", f"/{path}")]
 
 
 def _of_table(source: str) -> list[Known]:

@@ -59,6 +59,15 @@ def with_group(argument: str, group: type) -> Callable[[Callable[..., None]], Ca
     return decorate
 
 
+def completed(choices: Sequence[str]) -> Callable[[str], list[str]]:
+    """Return what the shell asks for the values of an option when the tab key is pressed."""
+
+    def complete(incomplete: str) -> list[str]:
+        return [choice for choice in choices if choice.startswith(incomplete)]
+
+    return complete
+
+
 def _signed(
     called: Callable[..., None], command: Callable[..., None], argument: str, made: Sequence[inspect.Parameter]
 ) -> Callable[..., None]:
@@ -85,6 +94,10 @@ def _parameter(name: str, group: list[tuple[type, Field[Any]]], no_default: bool
         said.append(f"{getattr(kind, 'name', '')}: {text}" if tell_kind else text)
     default, decl = group[0][1].default, f"--{name.replace('_', '-')}"
     shown = False if default is MISSING or default in ("", False) or no_default else str(default)
-    settings = typer.Option(decl, help="; ".join(said), show_default=shown)
+    choices = tuple(dict.fromkeys(c for _, f in group for c in f.metadata.get("choices") or () if c))
+    # without choices the shell completes file names
+    settings = typer.Option(
+        decl, help="; ".join(said), show_default=shown, autocompletion=completed(choices) if choices else None
+    )
     annotation = Annotated[Optional[type(default)], settings]  # type: ignore[valid-type]  # of a field
     return inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD, default=None, annotation=annotation)

@@ -15,7 +15,7 @@ from joint_id_core.cli.fit_options import FitOptions, JointOption
 from joint_id_core.cli.group import BAD_INPUT, complain
 from joint_id_core.cli.info import doubts
 from joint_id_core.cli.joints import remarks
-from joint_id_core.cli.options import with_group, with_options
+from joint_id_core.cli.options import completed, with_group, with_options
 from joint_id_core.cli.output import Progress
 from joint_id_core.cli.outputs import require_apart
 from joint_id_core.errors import JointIdError
@@ -37,7 +37,9 @@ def report(
     model_options: dict[str, Any],
     out: Annotated[Path, typer.Option("--out", "-o", help="file to write")] = Path("report.html"),
     joint: JointOption = None,
-    estimator: Annotated[str, typer.Option(help=", ".join(ESTIMATORS))] = "innovations",
+    estimator: Annotated[
+        str, typer.Option(help=", ".join(ESTIMATORS), autocompletion=completed(tuple(ESTIMATORS)))
+    ] = "innovations",
     against: Annotated[Optional[Path], typer.Option(help="earlier estimate to compare with, from fit --save")] = None,
 ) -> None:
     """Write a page about a recording and its fit: one file of HTML that needs no network.

@@ -10,7 +10,7 @@ import typer
 
 from joint_id_core.assignments import numbers_by_name
 from joint_id_core.cli.fit_options import JsonOption, SetOption
-from joint_id_core.cli.options import with_options
+from joint_id_core.cli.options import completed, with_options
 from joint_id_core.cli.output import Progress, print_json
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import MODELS
@@ -21,7 +21,7 @@ OTHERS = (".mat", ".txt", ".tsv", ".gz", ".json", ".mcap", ".db3")  # files that
 
 @with_options("model_options", (ModelOptions,), only=("actuation", "friction", "gravity", "kinematic_error"))
 def simulate(
-    model: Annotated[str, typer.Argument(help=f"one of {', '.join(MODELS)}")],
+    model: Annotated[str, typer.Argument(help=f"one of {', '.join(MODELS)}", autocompletion=completed(tuple(MODELS)))],
     model_options: dict[str, Any],
     out: Annotated[Path, typer.Option(help="what to write: a .csv file, or else a bag directory")],
     duration: Annotated[float, typer.Option(help="length in s")] = 6.0,

@@ -18,6 +18,7 @@ from joint_id_core.results.verdict import Verdict
 DAY_S = 86400.0
 SURE = 3.0  # standard deviations of a slope from which it is a trend
 FEWEST = 3  # estimates that a trend needs
+EARLIEST_S = 1e8  # since 1970: an instant before is the time of a recording that begins at zero
 
 
 class Known(NamedTuple):
@@ -35,11 +36,11 @@ class Known(NamedTuple):
 
 @dataclass(frozen=True)
 class Course:
-    """One parameter of a joint over estimates, in the order of their time.
+    """One parameter of a joint over estimates, in the order of their time; without that in the order of the files.
 
     Attributes:
         robot: name of the robot, "" where it is not known; label: of the joint, with the model if it has several.
-        days: since the first one, shape (n,).
+        days: since the first one, shape (n,), NaN if one of the recordings has no date.
         values, std_devs: in `unit`, shape (n,).
         slope, slope_std_dev: of a weighted straight line, in `unit` a day; NaN if a line says nothing. The standard
             deviation follows from those of the values, or from their scatter (with the quantile of Student's t) where
@@ -59,8 +60,15 @@ class Course:
     label: str = ""
 
     @property
+    def dated(self) -> bool:
+        """Whether it is known when each estimate was made."""
+        return bool(np.isfinite(self.days).all())
+
+    @property
     def trend(self) -> str:
         """The verdict in words."""
+        if not self.dated:
+            return "in the order of the files: the recordings have no dates"
         if math.isnan(self.slope):
             return f"fewer than {FEWEST} estimates at different times"
         mean = abs(float(np.average(self.values, weights=self.std_devs**-2)))
@@ -100,8 +108,10 @@ def courses(rows: Sequence[Known]) -> list[Course]:
     found = []
     for (robot, joint, model, name), values_at in kept.items():
         label = f"{joint} ({model})" if several[robot, joint] > 1 else joint
-        seconds, values, sigmas = np.array(sorted(values_at)).T
-        days = (seconds - seconds[0]) / DAY_S
+        dated = all(seconds > EARLIEST_S for seconds, _, _ in values_at)
+        ordered = sorted(values_at, key=lambda at: at[0] if dated else 0.0)  # equal ones keep their order
+        seconds, values, sigmas = np.array(ordered).T
+        days = (seconds - seconds[0]) / DAY_S if dated else np.full(len(seconds), np.nan)
         line = _line(days, values, sigmas)
         found.append(Course(joint, name, units[name], days, values, sigmas, *line, robot, model, label))
     return found
@@ -114,7 +124,7 @@ def _instant(estimate: Estimate) -> float:
 
 def _line(days: Array, values: Array, sigmas: Array) -> tuple[float, float]:
     """Return slope and standard deviation of a weighted line; NaN for too few instants."""
-    if len(np.unique(days)) < FEWEST:
+    if len(np.unique(days)) < FEWEST or np.isnan(days).any():
         return math.nan, math.nan
     weights = sigmas**-2
     middle = np.average(days, weights=weights)

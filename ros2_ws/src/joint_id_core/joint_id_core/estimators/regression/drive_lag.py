@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from joint_id_core.checking.signals import known
 from joint_id_core.data.recording import Recording
 from joint_id_core.data.signals import across_gear
 from joint_id_core.errors import JointIdError
@@ -11,6 +14,7 @@ from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import build
 
 MOTION = ("_position", "_velocity")
+MOST_SAMPLES = 50_000  # of a longer recording the part of this length with most motion will do
 
 
 def drive_lag(recording: Recording) -> str:
@@ -28,7 +32,15 @@ def drive_lag(recording: Recording) -> str:
     model = build("rigid_joint", gravity=has_angle, actuation=drive)
     values = {"k_t": 1.0} if drive == "current" else {}
     try:
-        fitted = regressed(model, Recording(recording.time, channels), ParameterSettings(values), Regression())
+        part = _liveliest(Recording(recording.time, channels))
+        fitted = regressed(model, part, ParameterSettings(values), Regression())
     except JointIdError:
         return ""
     return next((f.lag for f in fitted if f.lag), "")
+
+
+def _liveliest(recording: Recording) -> Recording:
+    """Return the part of at most `MOST_SAMPLES` in which the motion varies most."""
+    moved = next(n for n in recording.channels if n.endswith(MOTION))
+    parts = [recording.slice(k, k + MOST_SAMPLES) for k in range(0, len(recording), MOST_SAMPLES)]
+    return max(parts, key=lambda part: float(np.ptp(known(part[moved]))) if part.measured(moved) else 0.0)

@@ -5,7 +5,7 @@
   const plots = JSON.parse(document.getElementById("plots").textContent);
   const drawn = [];
   const HEIGHT = 260;  // px
-  const PRINTED = 178;  // four on a page
+  const PRINTED = 165;  // four on a page
 
   // Ticks as short as they can be told apart, also those far from 1.
   const short = (v) => (Math.abs(v) < 1e6 ? String(v).replace(/^-?0\.0000*\d+$/, (text) => Number(text).toExponential())
