@@ -54,6 +54,8 @@ class Diagnostics:
 
     def received(self, stamp_ns: int) -> None:
         """Count a message with this stamp."""
+        if not self._received and not self._reported:
+            self._since = time.monotonic()  # the start of the node ends here
         self._received += 1
         self._newest_ns = stamp_ns
 
@@ -78,7 +80,7 @@ class Diagnostics:
 
     def _publish(self) -> None:
         now = time.monotonic()
-        if self._reported and now - self._since > PAUSE_S:  # before the first report the node starts
+        if (self._reported or self._received) and now - self._since > PAUSE_S:  # before, the node starts
             text = f"this node did not run for {now - self._since:.1f} s: it was stopped, or the computer is overloaded"
             self.problem("paused", text)
         health = self._health()
