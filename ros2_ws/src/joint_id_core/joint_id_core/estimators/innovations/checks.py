@@ -38,8 +38,8 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
     p, slope = stages.cost.values(found.z), coordinates.slope(found.z)
     noise = recursion.noise_information(recursion.renewed(last), with_parameters=True)
     of_levels = unknown_levels(found.inverse, noise.matrix, noise.cross * coordinates.slope_at(last.free)[:, None])
-    excess = missing.excess + coloured.excess + outcome.scatter
-    covariance = found.covariance + of_levels + excess + np.outer(bias, bias) + smoothing_bias(stages, found)
+    excess = missing.excess + coloured.excess + outcome.scatter + smoothing_bias(stages, found)
+    covariance = found.covariance + of_levels + excess + np.outer(bias, bias)
     together = in_combination(data, p, covariance * np.outer(slope, slope))
     predictions = free_runs(stages.kernel, data, last.states, p, last.steps, stages.options.horizon_s)
     return Checks(texts, excess, nrmse(data, predictions), together), covariance, bias, predictions
