@@ -52,5 +52,6 @@ def rows_of(args: Namespace, rows: Iterable[Row], row: Callable[[dict[str, Any]]
         found.append(one)
         print(one, flush=True)
         if args.json:
-            args.json.write_text(json.dumps({"machine": machine, "rows": [asdict(r) for r in found]}))  # type: ignore[call-overload]
+            rows_told = [asdict(r) for r in found]  # type: ignore[call-overload]  # rows are dataclasses
+            args.json.write_text(json.dumps({"machine": machine, "rows": rows_told}))
     return found, machine

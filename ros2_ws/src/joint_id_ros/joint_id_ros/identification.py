@@ -202,9 +202,8 @@ class Identification:
         """Return the instants in s between which each joint followed its part of the trajectory, and a remark."""
         begin, off = watch.matched(trajectory)
         if off > OFF:
-            return dict.fromkeys(
-                joints
-            ), f"the motion is not the trajectory (rms {off:.2g} rad apart), so all of it was fitted"
+            remark = f"the motion is not the trajectory (rms {off:.2g} rad apart), so all of it was fitted"
+            return dict.fromkeys(joints), remark
         moves = {joint: trajectory.moves(joint) for joint in joints}
         return {joint: (begin + first, begin + last) for joint, (first, last) in moves.items()}, ""
 

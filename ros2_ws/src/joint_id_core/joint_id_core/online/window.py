@@ -189,7 +189,7 @@ def _warmth(samples: Recording) -> tuple[float, int]:
     warm = samples.channels.get(TEMPERATURE)
     if warm is None:
         return 0.0, 0
-    total = float(np.add.reduce(warm))
+    total = float(warm.sum())
     if total == total:
         return total, len(warm)
     known = warm[np.isfinite(warm)]
