@@ -17,6 +17,7 @@ from joint_id_core.online import OnlineIdentifier
 from joint_id_core.online.block import Block
 from joint_id_core.online.levels import DOUBTED, MOST_LOST, UNKNOWN, Levels
 from joint_id_core.online.noise_effects import noise_information
+from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.piece import Samples
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
 from joint_id_core.simulation.sensors import Sensors
@@ -144,6 +145,18 @@ def test_what_passes_in_parts_have_stored_tells_the_noise_as_one_pass_does():
     np.testing.assert_allclose(piece.white, tracker.passed_again(whole, tracker.levels).piece().white, rtol=1e-6)
     for name in ("score", "matrix", "cross"):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-6, atol=1e-6)
+
+
+def test_samples_may_be_columns_of_a_table():
+    shown, _ = ordinary(4, 1500)
+    names = list(shown.channels)
+    table = np.column_stack([shown.time, *(shown[n] for n in names)])
+    columns = Recording(table[:, 0], {n: table[:, k + 1] for k, n in enumerate(names)})
+    found = []
+    for samples in (shown, columns):
+        identifier = OnlineIdentifier(MODEL, ParameterSettings(KNOWN), OnlineOptions(hop_s=0.02))
+        found.append([e for part in batches(samples, 10) if (e := identifier.update(part)) is not None][-1])
+    assert found[0].values == pytest.approx(found[1].values)
 
 
 def widened(levels, inverse):

@@ -79,6 +79,7 @@ class Block:
 
     def put(self, signals: Array, times: Array, period: float, checked: bool = False) -> float:
         """Write samples that are to pass next; return the longest step, as `loops.hop.lead`, which tells the rest."""
+        times = np.ascontiguousarray(times)  # they may be a column of a table
         missing = self.count + 1 + len(times) - len(self.time)
         if missing > 0:
             self._grow(max(missing, len(self.time)))

@@ -260,7 +260,7 @@ class Tracker:
         False as well if a step is longer than `longest` (s).
         """
         signals = np.ascontiguousarray(np.concatenate([samples.u.T, samples.y.T]))
-        step = block.put(signals, np.ascontiguousarray(samples.time), self.data.period, checked=True)
+        step = block.put(signals, samples.time, self.data.period, checked=True)
         return step <= longest and self._advance(block, len(samples.time))
 
     def _advance(self, block: Block, count: int) -> bool:
