@@ -144,8 +144,10 @@ def test_an_output_that_is_full_is_said(option):
 @pytest.mark.parametrize("wait_s", [0.2, 0.4, 0.6, 0.8, 1.1])
 def test_ctrl_c_ends_the_command_wherever_it_is(tmp_path, log, wait_s):
     """While libraries load, an interrupt once was lost, or ended in a traceback."""
-    start = "from joint_id_core.command import main; main()"
-    command = [sys.executable, "-c", start, "report", log, "-o", "page.html"]  # as the launcher begins
+    # As the launcher begins; a shell in the background would have it ignore interrupts.
+    heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    start = f"{heard}; from joint_id_core.command import main; main()"
+    command = [sys.executable, "-c", start, "report", log, "-o", "page.html"]
     process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         process.communicate(timeout=wait_s)
