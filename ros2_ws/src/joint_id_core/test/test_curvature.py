@@ -33,7 +33,7 @@ class Bent:
         r = -np.array([z[0] / WEAK, (z[1] + self.bend * z[0] ** 2) / FIRM])
         samples = Samples(np.array([0.5]), np.zeros((1, 1)), np.zeros((1, 1)))
         begin = State(np.zeros((1, 1)), 0.0, np.zeros(1))
-        return Piece(s.T @ s, s.T @ r + s.T @ s @ z, np.zeros((1, 1)), begin, samples, z, 1.0)
+        return Piece(s.T @ s, s.T @ r + s.T @ s @ z, np.zeros((1, 1)), begin, samples, z, 1.0, np.ones(1))
 
     def again(self, blocks, z):
         return np.zeros(1), [self.piece(z)]

@@ -135,7 +135,7 @@ def test_what_passes_in_parts_have_stored_tells_the_noise_as_one_pass_does():
     whole = identifier._known.follower.memory.blocks[-1]
     tracker._state, edges = whole.begin, [0, 1, 40, 41, 180, len(whole.samples.time)]
     tracker._take(whole.z)
-    block = Block(tracker._state, whole.z, tracker.smoothing, tracker._sizes, 7)  # which has to grow
+    block = Block(tracker._state, whole.z, tracker.smoothing, tracker.levels, tracker._sizes, 7)  # which has to grow
     for a, b in pairwise(edges):
         samples = Samples(whole.samples.time[a:b], whole.samples.u[a:b], whole.samples.y[a:b])
         assert tracker._put(block, samples)

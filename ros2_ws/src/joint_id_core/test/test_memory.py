@@ -19,7 +19,7 @@ def block(rng, truth, at: float) -> Piece:
     e = s @ truth + rng.standard_normal(50)
     begin = State(np.zeros((1, 1)), at, np.zeros(1))
     samples = Samples(np.array([at + BLOCK_S]), np.zeros((1, 1)), np.zeros((1, 1)))
-    return Piece(s.T @ s, s.T @ e, np.zeros((1, 1)), begin, samples, np.zeros(K), 1.0)
+    return Piece(s.T @ s, s.T @ e, np.zeros((1, 1)), begin, samples, np.zeros(K), 1.0, np.ones(1))
 
 
 def run(seed, blocks, change=None, at=None, memory_s=1e9):

@@ -34,6 +34,7 @@ class Block:
         begin: state of the filter before the samples.
         z: parameters at which the filter runs, shape (k,).
         smoothing: of its friction, relative to that of a fit.
+        levels: noise variances, shape (L,).
         sizes: of the model.
         rows: samples for which there is room at the begin.
         unstored: what `gains`, `slopes`, `shown` and `sensitivities` are where they are not stored, with one row each;
@@ -52,12 +53,14 @@ class Block:
         begin: State,
         z: Array,
         smoothing: float,
+        levels: Array,
         sizes: Sizes,
         rows: int,
         unstored: tuple[Array, Array, Array, Array] | None = None,
     ) -> None:
         m, rows = sizes.labels, rows + 1
-        self.begin, self.z, self.smoothing, self.stored = begin, z, smoothing, unstored is None
+        self.begin, self.z, self.smoothing, self.levels = begin, z, smoothing, levels
+        self.stored = unstored is None
         self.count, self.cost, self.kept = 0, 0.0, begin.kept.copy()
         self.time, self.gap = np.zeros(rows), np.zeros(rows)
         self.u, self.y = np.zeros((rows, sizes.inputs)), np.zeros((rows, m))
@@ -103,7 +106,7 @@ class Block:
         samples = Samples(self.time[rows], self.u[rows], self.y[rows])
         return Piece(
             self.matrix.copy(), self.vector.copy(), self.white[rows], self.begin, samples, self.z, self.smoothing,
-            float(self.largest[0]), self if self.stored else None,
+            self.levels, float(self.largest[0]), self if self.stored else None,
         )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.online.block import Block
 from joint_id_core.online.curvature import curvature
+from joint_id_core.online.friction_bias import FrictionBias
 from joint_id_core.online.input_noise import InputNoise
 from joint_id_core.online.learning import Explanation, learn
 from joint_id_core.online.levels import Levels
@@ -88,7 +89,7 @@ class Follower:
         self._nothing = np.zeros((k, k)), np.zeros(k)
         self._wider = np.eye(len(coordinates.unit))  # for the uncertainty of the noise levels
         self._shifted = np.zeros(len(coordinates.unit))  # the mean, by new noise levels, since the blocks were passed
-        self._input_noise = InputNoise(coordinates.spread)
+        self._input_noise, self._friction = InputNoise(coordinates.spread), FrictionBias(coordinates.spread)
         self._block: Block | None = None  # the present one
         self._innovations = NewestInnovations(options.window_s)
         self._moved_since, self._moved_until = np.inf, -np.inf
@@ -154,27 +155,32 @@ class Follower:
 
     def now(self) -> tuple[Array, Array]:
         """Return estimate (k,) and covariance (k, k) with the samples of the present block."""
-        memory, block, bias = self.memory, self._block, self._input_noise.bias(self.memory.inverse)
+        memory, block, inverse = self.memory, self._block, self.memory.inverse
+        bias, excess = self._input_noise.bias(inverse), self._friction.excess(inverse)
         if block is not None and self.found is Found.AGREES:
             mean, covariance, away = memory.with_block(
-                block.matrix, block.vector, self._wider, bias, block.z, self._coordinates.unit
+                block.matrix, block.vector, self._wider, bias, excess, block.z, self._coordinates.unit
             )
             if away <= LINEAR:
                 return mean, covariance
             # too far for one linear step: wait for the end of the block
-        return memory.with_block(*self._nothing, self._wider, bias, memory.mean, self._coordinates.unit)[:2]
+        return memory.with_block(*self._nothing, self._wider, bias, excess, memory.mean, self._coordinates.unit)[:2]
 
     def _learn_noise(self, tracker: Tracker, new: Sequence[Piece], anew: bool) -> None:
-        """Learn the noise levels, and the bias from noise of inputs, from new blocks that the memory describes.
+        """Learn the noise levels, and what noise of inputs and friction do, from new blocks that the memory describes.
 
-        With `anew`, the levels are learned from all blocks, if the memory has them all.
+        With `anew`, the levels are learned from all blocks, if the memory has them all. If they moved far, what the
+        blocks say is found anew.
         """
         memory, memory_s = self.memory, self._options.memory_s
         anew = anew and memory.whole
         self._input_noise.learn(tracker, new, memory_s)
+        self._friction.learn(tracker, new, memory_s)
         more = self.levels.learn(tracker, memory.blocks if anew else new, memory.mean, memory_s, anew)
         memory.shift(more)
         self._shifted = self._shifted + memory.inverse @ more
+        if self.levels.moved(memory.blocks):
+            self._pass_again(tracker)
         self._wider = self.levels.wider(self.memory.inverse)
 
     # --- blocks
@@ -268,14 +274,20 @@ class Follower:
         smoothest = max((block.smoothing for block in blocks), default=0.0)
         away = np.abs(np.array([block.z for block in blocks]).reshape(-1, len(mean)) - mean)
         far = np.any(away > least) or np.any(np.abs(self._shifted) > least)
-        if smoothest > SHARPER * tracker.smoothing or far:
-            learned = relearn(tracker, blocks, *memory.before(), weights=memory.weights(self._options.memory_s))
-            if learned is not None:
-                memory.replace(learned.pieces, self._options.memory_s)
-                self._shifted = np.zeros_like(mean)
-                return True
+        if (smoothest > SHARPER * tracker.smoothing or far) and self._pass_again(tracker):
+            return True
         tracker.move(mean)
         return False
+
+    def _pass_again(self, tracker: Tracker) -> bool:
+        """Fit the newest blocks again; return whether that was possible."""
+        memory, memory_s = self.memory, self._options.memory_s
+        learned = relearn(tracker, memory.blocks, *memory.before(), weights=memory.weights(memory_s))
+        if learned is None:
+            return False
+        memory.replace(learned.pieces, memory_s)
+        self._shifted = np.zeros_like(self._shifted)
+        return True
 
     # --- changes
 
@@ -293,6 +305,7 @@ class Follower:
         changed = (*explanation.change.names, *explanation.change.likely)
         _, still_known = explanation.change.still_known(self._coordinates.spread)
         self._input_noise.change(changed, self.memory.inverse, still_known)
+        self._friction.change(changed, self.memory.inverse, still_known)
         self.levels.forget(changed, self.memory.inverse, still_known)
         self.memory, self.explanation, self.found = memory, explanation, Found.AGREES
         self._wider, self._shifted = self.levels.wider(memory.inverse), np.zeros_like(self._shifted)

@@ -58,7 +58,8 @@ class Knowledge:
         self._same: tuple[tuple[object, ...], object, Estimate] | None = None  # at rest, with what it tells of
         self._task = task
         memory = Memory(mean, covariance, task.coordinates.spread)
-        levels = Levels(np.square(list(last.noise.values())), len(mean), noise_sigma)
+        effect = None if last.checks is None else last.checks.levels
+        levels = Levels(np.square(list(last.noise.values())), len(mean), noise_sigma, effect)
         self.follower = Follower(memory, task.coordinates, task.options, levels, self._tracker, age_s)
 
     @classmethod

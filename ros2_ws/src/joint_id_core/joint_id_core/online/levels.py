@@ -13,14 +13,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from joint_id_core.data.recording import Array
-from joint_id_core.estimators.innovations.noise import UNKNOWN, bounded_step
+from joint_id_core.estimators.innovations.noise import SHOWN, UNKNOWN, bounded_step, covariance_of_levels
 from joint_id_core.online.noise_effects import noise_information
 from joint_id_core.online.piece import Piece
 from joint_id_core.online.tracker import Tracker
+from joint_id_core.results.level_effect import LevelEffect
 
 MOST_LOST = 0.9  # largest part of the information on a combination of parameters that the levels can take
 DOUBTED = 0.1  # part of the information that is kept where the newest samples show other levels
 LEAST_LOST = 1e-9  # the same below which it makes no difference
+MOVED = 0.2  # logarithm of a variance up to which what a block says is kept
 FARTHEST = 1e4  # factor of a variance between the first window and later ones
 
 
@@ -31,13 +33,17 @@ class Levels:
         values: of a fit of a whole window, shape (L,).
         parameters: number of free parameters, k.
         sigma: standard deviation of the logarithms of `values` if samples that will not be learned from told them.
+        effect: how the intervals depend on the levels, as the fit found it; None if it is not known.
 
     Attributes:
         values: those of today.
     """
 
-    def __init__(self, values: Array, parameters: int, sigma: float = np.inf) -> None:
-        self.values = values
+    def __init__(
+        self, values: Array, parameters: int, sigma: float = np.inf, effect: LevelEffect | None = None
+    ) -> None:
+        self.values, self._effect = values, effect
+        self._lacking = np.zeros(len(values)) if effect is None else effect.score  # of the score
         self._lower, self._upper = values / FARTHEST, values * FARTHEST
         self._information = np.diag(np.full(len(values), sigma**-2.0))
         self._cross = np.zeros((parameters, len(values)))
@@ -69,16 +75,19 @@ class Levels:
         score = np.zeros_like(self.values)
         if anew:
             values, self._information, self._cross, self._mean = self._before
-            score -= self._information @ np.log(self.values / values)
+            score += self._lacking - self._information @ np.log(self.values / values)
             pieces = [piece for piece in pieces if piece.begin.time >= self._since]
+        at = mean
         if self._mean is not None:
             score -= self._cross.T @ (mean - self._mean)
+            # At the estimate before a stretch its squares are too large, at that with the stretch too small.
+            at = mean if anew else 0.5 * (mean + self._mean)
         for piece in pieces:
             found = noise_information(tracker, piece)
             if found is None:
                 continue
             kept = np.exp(-piece.duration / memory_s)
-            score = kept * score + found.score - found.cross.T @ (mean - piece.z)
+            score = kept * score + found.score - found.cross.T @ (at - piece.z)
             self._information = kept * self._information + found.matrix
             self._cross = kept * self._cross + found.cross
         step, _ = bounded_step(tracker.kernel, self.values, self._lower, self._upper, score, self._information)
@@ -86,6 +95,13 @@ class Levels:
         self._mean = mean
         tracker.levels = self.values
         return np.asarray(-self._cross @ np.expm1(step))  # what noise does is linear in its variance
+
+    def moved(self, blocks: Sequence[Piece]) -> bool:
+        """Return whether a level that samples show is far from that at which one of these blocks was passed."""
+        if not blocks:
+            return False
+        away = np.abs(np.log(np.array([block.levels for block in blocks]) / self.values))
+        return bool(np.any(away[:, np.diag(self._information) > SHOWN] > MOVED))
 
     def doubt(self, since: float) -> None:
         """Forget most of what is known of the levels: samples from `since` (s) on show other ones."""
@@ -106,6 +122,8 @@ class Levels:
     def wider(self, inverse: Array) -> Array:
         """Return the matrix W (k, k) that widens a covariance C of the parameters for the levels: W C W'.
 
+        Their effect on the size of the innovations comes on top of what follows.
+
         Parameters and levels have the information matrix [[H, D], [D', L]]; so the information on the parameters alone
         is H - D L^-1 D'. With any root of C = R R', W is R (1 - R' D L^-1 D' R)^(-1/2) R^-1. What is taken from one has
         the rank of L, which is small. `inverse` (k, k) is that of H.
@@ -116,4 +134,8 @@ class Levels:
         lost = np.maximum(lost, LEAST_LOST)
         more = (1.0 / np.sqrt(1.0 - np.minimum(lost, MOST_LOST)) - 1.0) / lost
         along = seen.T @ axes
-        return np.asarray(np.eye(len(inverse)) + (inverse @ along * more) @ along.T)
+        found = np.asarray(np.eye(len(inverse)) + (inverse @ along * more) @ along.T)
+        if self._effect is None:
+            return found
+        levels = covariance_of_levels(self._information)
+        return self._effect.wider(levels, np.diag(self._information), corrected=True)[:, None] * found

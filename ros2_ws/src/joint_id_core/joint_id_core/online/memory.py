@@ -128,7 +128,7 @@ class Memory:
         return np.asarray(inverse @ noise @ inverse * wider[:, None] * wider)
 
     def with_block(
-        self, matrix: Array, vector: Array, widened: Array, bias: Array, z: Array, unit: Array
+        self, matrix: Array, vector: Array, widened: Array, bias: Array, excess: Array, z: Array, unit: Array
     ) -> tuple[Array, Array, float]:
         """Return estimate (k,) and covariance (k, k) with samples that are not added yet, and how far away it is.
 
@@ -138,12 +138,13 @@ class Memory:
             matrix, vector: what these samples say, shapes (k, k) and (k,).
             widened: from `Levels.wider`, shape (k, k).
             bias: that is taken off, and counts as uncertain, shape (k,).
+            excess: what else is added to the covariance, shape (k, k).
             z, unit: parameters at which these samples passed the filter, and units of the coordinates, shapes (k,).
         """
         mean, covariance = np.empty_like(self.vector), np.empty_like(self.matrix)
         away = compile_shared().newest(
-            self.matrix, self.vector, self._noise, matrix, vector, self.wider, widened, bias, self.doubt, z, unit,
-            mean, covariance,
+            self.matrix, self.vector, self._noise, matrix, vector, self.wider, widened, bias, self.doubt + excess,
+            z, unit, mean, covariance,
         )  # fmt: skip
         return mean, covariance, away
 

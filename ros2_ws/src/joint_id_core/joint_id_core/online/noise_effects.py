@@ -1,4 +1,4 @@
-"""What a stretch of samples says of the noise, and what noise does to what the stretch says of the parameters.
+"""What a stretch of samples says of the noise, and what noise and friction do to what it says of the parameters.
 
 The functions pass a stretch through the filter again; the filter then goes on as if it had not.
 """
@@ -63,6 +63,16 @@ def attenuation(tracker: Tracker, piece: Piece, rng: np.random.Generator) -> Arr
     noisier = [replace(piece, samples=replace(piece.samples, u=u + by * more)) for by in (1.0, -1.0)]
     plus, minus, here = (tracker.passed_again(p, levels).score for p in (*noisier, piece))
     change = _free(tracker, piece, (0.5 * (plus + minus) - here)[:, None])[:, 0]
+    return change if np.isfinite(change).all() else np.zeros_like(change)
+
+
+def sharper(tracker: Tracker, piece: Piece, factor: float) -> Array:
+    """Return the effect on the score (k,) of a stretch of friction whose smoothing velocities are smaller by a factor.
+
+    Zero if a pass with it diverges.
+    """
+    here, there = piece.passed or tracker.passed_again(piece, tracker.levels), tracker.passed_sharper(piece, factor)
+    change = _free(tracker, piece, (there.score - here.score)[:, None])[:, 0]
     return change if np.isfinite(change).all() else np.zeros_like(change)
 
 

@@ -55,6 +55,7 @@ class Piece:
         samples: the samples.
         z: parameters at which the filter ran, shape (k,).
         smoothing: of its friction, relative to that of a fit.
+        levels: noise variances of its labels and inputs, shape (L,).
         largest: innovation, in standard deviations.
         passed: the pass of the filter with what it stored for `noise_information`; only the newest block needs it.
     """
@@ -66,6 +67,7 @@ class Piece:
     samples: Samples
     z: Array
     smoothing: float
+    levels: Array
     largest: float = 0.0
     passed: Block | None = None
 

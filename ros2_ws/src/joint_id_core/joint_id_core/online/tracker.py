@@ -245,6 +245,19 @@ class Tracker:
         self._take(z)
         return found
 
+    def passed_sharper(self, piece: Piece, factor: float) -> Block:
+        """Run over a stretch as `passed_again` does, with smoothing velocities of friction over `factor`."""
+        here = self._now
+        self._use(self._sharpness.smoothed(here.smoothing / factor, self._p))
+        found = self.passed_again(piece, self.levels)
+        self._use(here)
+        return found
+
+    @property
+    def sharpened(self) -> bool:
+        """Whether friction is smoothed, and may be sharper."""
+        return bool(self._sharpness.sharpened)
+
     def _passed(self, begin: State, samples: Samples, stored: bool = False) -> Block:
         """Run over samples; `stored` as in `passed_again`."""
         block = self._block(begin, len(samples.time), stored)
@@ -252,7 +265,7 @@ class Tracker:
         return block
 
     def _block(self, begin: State, rows: int, stored: bool) -> Block:
-        return Block(begin, self.z, self.smoothing, self._sizes, rows, None if stored else self._unstored)
+        return Block(begin, self.z, self.smoothing, self.levels, self._sizes, rows, None if stored else self._unstored)
 
     def _put(self, block: Block, samples: Samples, longest: float = np.inf) -> bool:
         """Run over samples that can be used as they are; return whether the path stays finite.

@@ -12,6 +12,7 @@ import numpy as np
 
 from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError, close_to
+from joint_id_core.results.level_effect import LevelEffect
 from joint_id_core.results.status import Status as Status
 from joint_id_core.results.verdict import Verdict as Verdict
 
@@ -53,12 +54,14 @@ class Checks:
         excess: addition to the covariance of the estimation coordinates (`Belief`), shape (k, k).
         nrmse: as in `Estimate`.
         together: by parameter that enters only in combination with others, what is known instead and what to do.
+        levels: how the intervals depend on the noise levels; None if it is not known. Files do not hold it.
     """
 
     texts: tuple[str, ...]
     excess: Array
     nrmse: Mapping[str, float]
     together: Mapping[str, str]
+    levels: LevelEffect | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True)

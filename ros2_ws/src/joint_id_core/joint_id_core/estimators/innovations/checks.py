@@ -8,8 +8,9 @@ from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.estimator import MAX_SUBSTEPS
 from joint_id_core.estimators.innovations.gauss_newton import Minimum
 from joint_id_core.estimators.innovations.input_noise import sensor_bias
+from joint_id_core.estimators.innovations.level_effect import effect_of_levels
 from joint_id_core.estimators.innovations.misfit import misfit
-from joint_id_core.estimators.innovations.noise import unknown_levels
+from joint_id_core.estimators.innovations.noise import covariance_of_levels, unknown_levels
 from joint_id_core.estimators.innovations.search import Outcome
 from joint_id_core.estimators.innovations.sharpness import smoothing_bias
 from joint_id_core.estimators.innovations.stages import STALLED, Stages
@@ -39,10 +40,12 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
     noise = recursion.noise_information(recursion.renewed(last), with_parameters=True)
     of_levels = unknown_levels(found.inverse, noise.matrix, noise.cross * coordinates.slope_at(last.free)[:, None])
     excess = missing.excess + coloured.excess + outcome.scatter + smoothing_bias(stages, found)
-    covariance = found.covariance + of_levels + excess + np.outer(bias, bias)
+    levels = effect_of_levels(stages.cost, found, noise.matrix)
+    wider = levels.wider(covariance_of_levels(noise.matrix), levels.information)
+    covariance = (found.covariance + of_levels) * np.outer(wider, wider) + excess + np.outer(bias, bias)
     together = in_combination(data, p, covariance * np.outer(slope, slope))
     predictions = free_runs(stages.kernel, data, last.states, p, last.steps, stages.options.horizon_s)
-    return Checks(texts, excess, nrmse(data, predictions), together), covariance, bias, predictions
+    return Checks(texts, excess, nrmse(data, predictions), together, levels), covariance, bias, predictions
 
 
 def in_combination(data: FitData, p: Array, covariance: Array) -> dict[str, str]:

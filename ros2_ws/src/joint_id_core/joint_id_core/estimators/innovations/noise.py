@@ -105,6 +105,11 @@ class NoiseScoring:
         return float(np.max(np.abs(np.log(after / before)), where=shown, initial=0.0))
 
 
+def covariance_of_levels(information: Array) -> Array:
+    """Return the covariance of the logarithms of the levels, (L, L), from the information matrix on them, (L, L)."""
+    return np.asarray(np.linalg.inv(information + np.diag(np.full(len(information), UNKNOWN**-2))))
+
+
 def unknown_levels(inverse: Array, information: Array, cross: Array) -> Array:
     """Return what the uncertainty of the noise levels adds to a covariance of parameters, shape (k, k).
 
