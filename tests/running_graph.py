@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import Any
 
 import numpy as np
@@ -146,13 +146,18 @@ class Graph:
         joints = {j.joint: j for j in self.found[-1].joints} if self.found else {}
         return joints.get(name)
 
-    def estimate_of_now(self, name: str = "joint", also: Iterable[Callable[[], None]] = ()) -> JointEstimate:
-        """Go on until the estimate of a window that begins now has come, and says something of the joint."""
+    def estimate_of_now(
+        self,
+        name: str = "joint",
+        also: Iterable[Callable[[], None]] = (),
+        usable: Collection[int] = (JointEstimate.CONVERGED,),
+    ) -> JointEstimate:
+        """Go on until the estimate of a window that begins now has come, says something of the joint, and is usable."""
         begin_ns = self.now_ns
         for _ in range(60):  # half a minute of samples, sent faster than that: the checks of the identifier take time
             self.send(0.5, also=also)
             newest = self.newest(name)
-            if newest is not None and newest.status != JointEstimate.CONVERGED:
+            if newest is not None and newest.status not in usable:
                 continue  # a window with the fault in it
             if newest is not None and not says_something(newest):
                 continue  # the fault may have cost the memory

@@ -17,6 +17,7 @@ from ros_domain import own_domain
 from running_graph import RATE, TRUTH, Graph, assert_true, instant
 from sensor_msgs.msg import JointState
 
+from joint_id_msgs.msg import JointEstimate
 from joint_id_ros.qos import STREAM_OUT
 
 
@@ -165,8 +166,8 @@ def test_another_sampling_rate(graph):
     graph.told("filter", "the sampling rate changed from 500 to 125 Hz")
     graph.send(1.0)
     graph.told("identifier", "the sampling rate changed from 500 to 125 Hz: identification starts anew")
-    slow = graph.estimate_of_now()
-    assert slow.status == slow.CONVERGED, slow.message
+    # With so few samples the torque between them is not known well: two estimators may disagree, which is right.
+    slow = graph.estimate_of_now(usable=(JointEstimate.CONVERGED, JointEstimate.DISAGREE))
     assert slow.samples == pytest.approx(250, abs=2)
     for p in slow.parameters:  # with fewer samples they are off by more than their standard deviations
         assert p.name not in TRUTH or p.value == pytest.approx(TRUTH[p.name], rel=0.3)

@@ -43,15 +43,17 @@ class Levels:
         self, values: Array, parameters: int, sigma: float = np.inf, effect: LevelEffect | None = None
     ) -> None:
         self.values, self._effect = values, effect
-        self._lacking = np.zeros(len(values)) if effect is None else effect.score  # of the score
         self._lower, self._upper = values / FARTHEST, values * FARTHEST
         self._information = np.diag(np.full(len(values), sigma**-2.0))
         self._cross = np.zeros((parameters, len(values)))
         self._mean: Array | None = None  # parameters of the newest step
         self._begin()
+        if effect is not None:
+            self._lacking = effect.score
 
     def _begin(self, since: float = -np.inf) -> None:
         """Take what is known for what stretches are added to that begin at `since` (s) or later."""
+        self._lacking = np.zeros(len(self.values))  # of the score of the likelihood
         self._before, self._since = (self.values, self._information, self._cross, self._mean), since
 
     def learn(

@@ -31,7 +31,7 @@ def effect_of_levels(cost: Cost, found: Minimum, information: Array) -> LevelEff
         at = _Levels(cost, here)
         sigma = np.sqrt(np.diag(covariance_of_levels(information)))
         stands = shown >= HIDDEN
-        for k in np.flatnonzero(sigma > KNOWN):
+        for k in np.flatnonzero(sigma > KNOWN).tolist():
             if shown[k] >= HIDDEN:
                 other = at.other(k, last.levels[k] * math.exp(sigma[k]))
                 if other is not None:
