@@ -194,7 +194,8 @@ def test_an_estimate_at_every_sample_is_as_good_as_one_from_batches():
     same = min(found, key=lambda e: abs(e.end - batched.end))
     for name in TRUTH:
         assert abs(same[name].value - batched[name].value) < 0.1 * batched[name].std_dev
-        assert same[name].std_dev == pytest.approx(batched[name].std_dev, rel=0.05)
+        # Blocks end elsewhere, and three of them tell the noise of the torque, which the intervals follow, to 20 %.
+        assert same[name].std_dev == pytest.approx(batched[name].std_dev, rel=0.1)
 
 
 def test_a_memory_that_knows_nothing_is_uninformative():

@@ -71,7 +71,8 @@ def sharper(tracker: Tracker, piece: Piece, factor: float) -> Array:
 
     Zero if a pass with it diverges.
     """
-    here, there = piece.passed or tracker.passed_again(piece, tracker.levels), tracker.passed_sharper(piece, factor)
+    # `piece.passed` has the score of its last samples only
+    here, there = tracker.passed_again(piece, tracker.levels), tracker.passed_sharper(piece, factor)
     change = _free(tracker, piece, (there.score - here.score)[:, None])[:, 0]
     return change if np.isfinite(change).all() else np.zeros_like(change)
 
