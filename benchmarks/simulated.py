@@ -20,6 +20,7 @@ from joint_id_core.simulation.position_control import ControlledJoint, PositionC
 from joint_id_core.simulation.sensors import Sensors
 from joint_id_core.simulation.simulator import simulate
 
+MODEL_1 = build("rigid_joint")
 MODEL_2 = build("harmonic_drive")
 MODEL_3 = build("electromechanical")
 SENSORS = Sensors(
@@ -66,13 +67,14 @@ class Torque:
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """`samples` of Model 2 under position control on a multisine, at `RATE`, with all states.
+    """`samples` of a joint under position control on a multisine, at `RATE`, with all states.
 
     Attributes:
         samples: length.
         torque: what the recorded torque does not show.
         plant: what moves.
         values: changes to its nominal parameters.
+        controller: that moves it.
         inputs: recorded beside the states.
     """
 
@@ -81,15 +83,18 @@ class ClosedLoop:
     torque: Torque = Torque()
     plant: Model = MODEL_2
     values: Mapping[str, float] = field(default_factory=dict)
+    controller: PositionController = PositionController()
 
     def motion(self, seed: int) -> Recording:
         """Simulate; `seed` is that of the torque's noise."""
         time = np.arange(self.samples) / RATE
-        loop = ControlledJoint(self.plant, PositionController(), position_reference(), self.values)
+        loop = ControlledJoint(self.plant, self.controller, position_reference(), self.values)
         rows, noise = [], self.torque.noise(self.samples, seed).tolist()
         for dt, unseen in zip([*np.diff(time).tolist(), 1.0 / RATE], noise, strict=True):
             state, torque = loop.joint.state, loop.command()
-            ripple = self.torque.ripple * float(np.sin(RIPPLE_PER_TURN * state["motor_position"]))
+            ripple = 0.0
+            if self.torque.ripple:
+                ripple = self.torque.ripple * float(np.sin(RIPPLE_PER_TURN * state["motor_position"]))
             rows.append({**state, "torque": torque})
             loop.joint.advance(dt, {"torque": torque + unseen + ripple})
         return Recording(time, {name: np.array([row[name] for row in rows]) for name in rows[0]})
@@ -97,7 +102,7 @@ class ClosedLoop:
     @property
     def key(self) -> str:
         """What the motion depends on beside the seed and the text of the simulation."""
-        return repr((self.samples, self.torque, self.plant, sorted(self.values.items())))
+        return repr((self.samples, self.torque, self.plant, sorted(self.values.items()), self.controller))
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from simulated import MODEL_2, MODEL_3, SENSORS, ClosedLoop, Torque, VoltageSteps
+from simulated import MODEL_1, MODEL_2, MODEL_3, SENSORS, ClosedLoop, Torque, VoltageSteps
 
+from joint_id_core.design.plant import controller_of
 from joint_id_core.models import Model, build
 from joint_id_core.simulation.sensors import Sensors
 
 FACTOR = 3.0  # how far off start values are at most
 LOW, HIGH = 0.003, 0.02  # Nm at the motor: noise of the measured torque
+WEAK, STRONG = 0.2, 1.0  # Nm at the link of Model 1: noise of the torque, of which an encoder shows little
 SLIGHTLY = 0.1  # of the Coulomb level: the Stribeck level that the fitted law leaves out
 RIPPLE = 0.005  # Nm at the motor; the Coulomb level is 0.023
 ENCODER = 2.0 * math.pi / 2**19  # rad, link encoder of a UR robot; see `sensors.ur_robot_sensors`
@@ -51,6 +53,12 @@ def _loop(noise: float, labels: tuple[str, ...]) -> Case:
     return Case(f"Model 2, {what}, {noise:g} Nm", MODEL_2, ClosedLoop(torque=Torque(white=noise)), labels)
 
 
+def _rigid(noise: float) -> Case:
+    """With an encoder alone, whose noise hides that of the torque: its level is hardly known."""
+    motion = ClosedLoop(torque=Torque(white=noise), plant=MODEL_1, controller=controller_of(MODEL_1, MODEL_1.values()))
+    return Case(f"Model 1, link position, {noise:g} Nm", MODEL_1, motion, ("link_position",))
+
+
 def _stribeck() -> ClosedLoop:
     plant = build("harmonic_drive", friction="stribeck")
     nominal = plant.values()
@@ -70,6 +78,8 @@ CASES = (
     _loop(HIGH, ALL_2),
     _loop(LOW, TWO),
     _loop(HIGH, TWO),
+    _rigid(WEAK),
+    _rigid(STRONG),
     Case("Model 3, all five states", MODEL_3, VoltageSteps(), ALL_3),
     Case("Model 3, without the current", MODEL_3, VoltageSteps(), _without(ALL_3, "current")),
     Case("Model 3, without the link velocity", MODEL_3, VoltageSteps(), _without(ALL_3, "link_velocity")),

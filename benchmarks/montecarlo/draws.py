@@ -34,7 +34,7 @@ class Draw:
         coloured: whether it says that residuals are not white.
         misfit: whether it says that residuals show something the model lacks, which its intervals then contain.
         cpu_s: processor time of the fit in s.
-        errors, sigmas: relative to the truth, by parameter; empty without a result.
+        errors, sigmas: relative to the truth, absolute where that is zero, by parameter; empty without a result.
     """
 
     seed: int
@@ -73,8 +73,9 @@ def draw(case: Case, cache: Path, seed: int) -> Draw:
 def of(estimate: Estimate, truth: Mapping[str, float], seed: int, cpu_s: float) -> Draw:
     """An estimate beside the truth."""
     rows = [estimate[name] for name in estimate.free if np.isfinite(estimate[name].std_dev)]
-    errors = {row.name: row.value / truth[row.name] - 1.0 for row in rows}
-    sigmas = {row.name: row.std_dev / truth[row.name] for row in rows}
+    size = {row.name: truth[row.name] or 1.0 for row in rows}
+    errors = {row.name: (row.value - truth[row.name]) / size[row.name] for row in rows}
+    sigmas = {row.name: row.std_dev / size[row.name] for row in rows}
     says = " ".join(estimate.notes)
     return Draw(seed, estimate.status.value, "not white" in says, "residuals show" in says, cpu_s, errors, sigmas)
 
