@@ -83,7 +83,7 @@ class ClosedLoop:
     torque: Torque = Torque()
     plant: Model = MODEL_2
     values: Mapping[str, float] = field(default_factory=dict)
-    controller: PositionController = PositionController()
+    controller: PositionController = field(default_factory=PositionController)
 
     def motion(self, seed: int) -> Recording:
         """Simulate; `seed` is that of the torque's noise."""
