@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.special import stdtrit
+from scipy.special import ndtri, stdtrit
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import fit
@@ -32,11 +32,17 @@ def test_with_one_level_the_interval_is_that_of_student(count, parameters):
     information = np.array([0.5 * count])
     effect = LevelEffect(np.ones((parameters, 1)), np.array([0.5 * parameters]), np.zeros((parameters, 1)), information)
     free = count - parameters
-    exact = np.sqrt(count / free) * stdtrit(free, 0.975) / stdtrit(np.inf, 0.975)
+    exact = np.sqrt(count / free) * stdtrit(free, 0.975) / ndtri(0.975)
     wider = effect.wider(np.diag(1.0 / information), information)
     np.testing.assert_allclose(wider - 1.0, exact - 1.0, rtol=0.35, atol=1e-4)
     corrected = effect.wider(np.diag(1.0 / information), information, corrected=True)
-    np.testing.assert_allclose(corrected, stdtrit(count, 0.975) / stdtrit(np.inf, 0.975), rtol=1e-9)
+    np.testing.assert_allclose(corrected, stdtrit(count, 0.975) / ndtri(0.975), rtol=1e-9)
+
+
+def test_tails_are_those_of_student():
+    effect = LevelEffect(np.eye(2), np.zeros(2), np.zeros((2, 2)), np.ones(2))
+    tails = effect.tails(np.diag([0.2, 1e-9]), 1.0 - 5e-8)
+    np.testing.assert_allclose(tails, [stdtrit(10.0, 1.0 - 5e-8) / ndtri(1.0 - 5e-8), 1.0], rtol=1e-4)
 
 
 def test_what_a_record_only_limits_counts_less_with_more_samples():

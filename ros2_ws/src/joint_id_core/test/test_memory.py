@@ -135,3 +135,19 @@ def test_scatter_beyond_the_noise_widens():
         memory.test()
     assert memory.wider[0] > 1.5
     assert np.all(memory.wider[1:] < 1.4)
+
+
+def test_a_small_change_is_none_where_noise_levels_are_hardly_known():
+    """Twice the noise looks like a change of every parameter to one who takes the level for known."""
+    change = np.array([0.0, 1.0, 0.0, 0.0])
+    rng = np.random.default_rng(3)
+    blocks = [block(rng, np.zeros(K), k * BLOCK_S) for k in range(8)]
+    blocks.append(block(rng, change, 8 * BLOCK_S))
+    found = []
+    for tails in (None, np.ones(K), np.full(K, 2.5)):
+        memory = Memory(np.zeros(K), np.diag(SPREAD**2), SPREAD)
+        memory.allow(tails)
+        for piece in blocks:
+            memory.add(piece, 1e9)
+        found.append(memory.test() is not None)
+    assert found == [True, True, False]

@@ -16,7 +16,7 @@ from joint_id_core.online.friction_bias import FrictionBias
 from joint_id_core.online.input_noise import InputNoise
 from joint_id_core.online.learning import Explanation, learn
 from joint_id_core.online.levels import Levels
-from joint_id_core.online.memory import BLOCK_S, Change, Memory
+from joint_id_core.online.memory import BLOCK_S, SELDOM, Change, Memory
 from joint_id_core.online.newest_innovations import NewestInnovations
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.pending_change import PATIENT, PendingChange
@@ -182,6 +182,7 @@ class Follower:
         if self.levels.moved(memory.blocks):
             self._pass_again(tracker)
         self._wider = self.levels.wider(self.memory.inverse)
+        memory.allow(self.levels.tails(SELDOM))
 
     # --- blocks
 
@@ -309,6 +310,7 @@ class Follower:
         self.levels.forget(changed, self.memory.inverse, still_known)
         self.memory, self.explanation, self.found = memory, explanation, Found.AGREES
         self._wider, self._shifted = self.levels.wider(memory.inverse), np.zeros_like(self._shifted)
+        memory.allow(self.levels.tails(SELDOM))
         self.since = explanation.learned.pieces[0].begin.time
         self._pending = None
         self.lost_s = self._settled_s = 0.0

@@ -105,6 +105,11 @@ class Levels:
         away = np.abs(np.log(np.array([block.levels for block in blocks]) / self.values))
         return bool(np.any(away[:, np.diag(self._information) > SHOWN] > MOVED))
 
+    def tails(self, quantile: float) -> Array | None:
+        """Return quantiles of standard deviations with these levels over those of normal numbers; None: not known."""
+        covariance = covariance_of_levels(self._information)
+        return None if self._effect is None else self._effect.tails(covariance, quantile)
+
     def doubt(self, since: float) -> None:
         """Forget most of what is known of the levels: samples from `since` (s) on show other ones."""
         self._information = DOUBTED * self._information

@@ -30,6 +30,7 @@ DOUBTING = range(6, LENGTHS[-1] + 1, 2)
 SCANNED = sorted({*LENGTHS, *DOUBTING})
 HISTORY = 128  # blocks that can be passed through the filter again, where little is known yet
 RARE = 1e-7  # probability of one test to find a change where there is none
+SELDOM = 1.0 - 0.5 * RARE  # quantile of a single parameter
 AGAIN = 1e-4  # the same for all stretches since a change: where one parameter changed, others often did
 WINDOW_BLOCKS = 4  # blocks of a stretch for the scatter
 FIRM = 8.0  # stretches without scatter that are assumed before the first one
@@ -84,6 +85,8 @@ class Memory:
 
     Attributes:
         wider: factor on the standard deviation of each parameter that its scatter asks for, at least 1, shape (k,).
+        unsure: factor on the squares of new samples, of each parameter and of all, that the test allows for noise levels
+            that are hardly known, shape (k + 1,).
         doubt: what changes that the test does not show yet may add to the covariance of the estimate, shape (k, k).
     """
 
@@ -104,7 +107,7 @@ class Memory:
         self._scatter = np.zeros(len(z) + 1)  # sums of squares of normal numbers: of each parameter, and of all
         self._stretches = 0.0
         self._since = 0
-        self.wider = np.ones(len(z))
+        self.wider, self.unsure = np.ones(len(z)), np.ones(len(z) + 1)
         self._solved: tuple[Array, Array] | None = None  # mean and inverse of `matrix`
         self.doubt = np.zeros_like(self.matrix)
 
@@ -174,9 +177,14 @@ class Memory:
         self.vector = self.vector + more
         self._solved = None
 
+    def allow(self, tails: Array | None) -> None:
+        """Let the test allow for noise levels that are hardly known: see `Levels.tails` at `SELDOM`; None: they are."""
+        if tails is not None:
+            self.unsure = np.append(tails, tails.max()) ** 2
+
     def test(self) -> Change | None:
         """Test the newest blocks against the memory before them."""
-        excess = self._excess()
+        excess = self._excess() * self.unsure
         best: tuple[float, Change] | None = None
         doubt = Doubt(len(self.matrix))
         window: Stretch | None = None

@@ -49,8 +49,17 @@ class LevelEffect:
             corrected: whether the levels are those of residual maximum likelihood already.
         """
         shift = np.zeros_like(self.score) if corrected else np.clip(covariance @ self.score, -LONGEST, LONGEST)
-        variance = np.einsum("kl,lm,km->k", self.slopes, covariance, self.slopes)
-        student = stdtrit(2.0 / np.maximum(variance, 1e-6), INTERVAL) / ndtri(INTERVAL)
         # what limits a standard deviation grows with the root of the information
         left = np.sqrt(np.minimum(1.0, self.information / np.maximum(information, 1e-300)))
-        return np.asarray(np.maximum(1.0, np.exp(0.5 * self.slopes @ shift) * student) * np.exp(self.hidden @ left))
+        return np.asarray(
+            np.maximum(1.0, np.exp(0.5 * self.slopes @ shift) * self.tails(covariance, INTERVAL))
+            * np.exp(self.hidden @ left)
+        )
+
+    def tails(self, covariance: Array, quantile: float) -> Array:
+        """Return quantiles of Student's distributions over that of the normal one, shape (k,).
+
+        `covariance` (L, L) is that of the logarithms of the levels.
+        """
+        variance = np.einsum("kl,lm,km->k", self.slopes, covariance, self.slopes)
+        return np.asarray(stdtrit(2.0 / np.maximum(variance, 1e-6), quantile) / ndtri(quantile))
