@@ -85,8 +85,8 @@ class Memory:
 
     Attributes:
         wider: factor on the standard deviation of each parameter that its scatter asks for, at least 1, shape (k,).
-        unsure: factor on the squares, of each parameter and of all, that the test allows for noise levels that are hardly
-            known, shape (k + 1,).
+        unsure: factor on the squares that the test allows for noise levels that are hardly known, of each parameter and
+            of all, shape (k + 1,).
         doubt: what changes that the test does not show yet may add to the covariance of the estimate, shape (k, k).
     """
 
