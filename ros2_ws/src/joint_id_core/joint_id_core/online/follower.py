@@ -12,11 +12,10 @@ from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.online.block import Block
 from joint_id_core.online.curvature import curvature
-from joint_id_core.online.friction_bias import FrictionBias
-from joint_id_core.online.input_noise import InputNoise
+from joint_id_core.online.effects import Effects
 from joint_id_core.online.learning import Explanation, learn
 from joint_id_core.online.levels import Levels
-from joint_id_core.online.memory import BLOCK_S, SELDOM, Change, Memory
+from joint_id_core.online.memory import BLOCK_S, Change, Memory
 from joint_id_core.online.newest_innovations import NewestInnovations
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.pending_change import PATIENT, PendingChange
@@ -87,9 +86,8 @@ class Follower:
         self._coordinates, self._options, self._make = coordinates, options, make
         k = len(coordinates.unit)
         self._nothing = np.zeros((k, k)), np.zeros(k)
-        self._wider = np.eye(len(coordinates.unit))  # for the uncertainty of the noise levels
         self._shifted = np.zeros(len(coordinates.unit))  # the mean, by new noise levels, since the blocks were passed
-        self._input_noise, self._friction = InputNoise(coordinates.spread), FrictionBias(coordinates.spread)
+        self._effects = Effects(levels, coordinates.spread, options.memory_s)
         self._block: Block | None = None  # the present one
         self._innovations = NewestInnovations(options.window_s)
         self._moved_since, self._moved_until = np.inf, -np.inf
@@ -155,34 +153,27 @@ class Follower:
 
     def now(self) -> tuple[Array, Array]:
         """Return estimate (k,) and covariance (k, k) with the samples of the present block."""
-        memory, block, inverse = self.memory, self._block, self.memory.inverse
-        bias, excess = self._input_noise.bias(inverse), self._friction.excess(inverse)
+        memory, block, wider, unit = self.memory, self._block, self._effects.wider, self._coordinates.unit
+        bias, excess = self._effects.biases(memory)
         if block is not None and self.found is Found.AGREES:
-            mean, covariance, away = memory.with_block(
-                block.matrix, block.vector, self._wider, bias, excess, block.z, self._coordinates.unit
-            )
+            mean, covariance, away = memory.with_block(block.matrix, block.vector, wider, bias, excess, block.z, unit)
             if away <= LINEAR:
                 return mean, covariance
             # too far for one linear step: wait for the end of the block
-        return memory.with_block(*self._nothing, self._wider, bias, excess, memory.mean, self._coordinates.unit)[:2]
+        return memory.with_block(*self._nothing, wider, bias, excess, memory.mean, unit)[:2]
 
     def _learn_noise(self, tracker: Tracker, new: Sequence[Piece], anew: bool) -> None:
         """Learn the noise levels, and what noise of inputs and friction do, from new blocks that the memory describes.
 
-        With `anew`, the levels are learned from all blocks, if the memory has them all. If they moved far, what the
-        blocks say is found anew.
+        For `anew` see `Effects.learn`. If levels moved far, what the blocks say is found anew.
         """
-        memory, memory_s = self.memory, self._options.memory_s
-        anew = anew and memory.whole
-        self._input_noise.learn(tracker, new, memory_s)
-        self._friction.learn(tracker, new, memory_s)
-        more = self.levels.learn(tracker, memory.blocks if anew else new, memory.mean, memory_s, anew)
+        memory = self.memory
+        more = self._effects.learn(tracker, memory, new, anew)
         memory.shift(more)
         self._shifted = self._shifted + memory.inverse @ more
         if self.levels.moved(memory.blocks):
             self._pass_again(tracker)
-        self._wider = self.levels.wider(self.memory.inverse)
-        memory.allow(self.levels.tails(SELDOM))
+        self._effects.apply(memory)
 
     # --- blocks
 
@@ -305,12 +296,10 @@ class Follower:
         """Go on with the memory after a change."""
         changed = (*explanation.change.names, *explanation.change.likely)
         _, still_known = explanation.change.still_known(self._coordinates.spread)
-        self._input_noise.change(changed, self.memory.inverse, still_known)
-        self._friction.change(changed, self.memory.inverse, still_known)
-        self.levels.forget(changed, self.memory.inverse, still_known)
+        self._effects.change(changed, self.memory, still_known)
         self.memory, self.explanation, self.found = memory, explanation, Found.AGREES
-        self._wider, self._shifted = self.levels.wider(memory.inverse), np.zeros_like(self._shifted)
-        memory.allow(self.levels.tails(SELDOM))
+        self._effects.apply(memory)
+        self._shifted = np.zeros_like(self._shifted)
         self.since = explanation.learned.pieces[0].begin.time
         self._pending = None
         self.lost_s = self._settled_s = 0.0

@@ -1,0 +1,62 @@
+"""What noise and smooth friction do to what a memory knows: levels that are estimates, and biases."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from joint_id_core.data.recording import Array
+from joint_id_core.online.friction_bias import FrictionBias
+from joint_id_core.online.input_noise import InputNoise
+from joint_id_core.online.levels import Levels
+from joint_id_core.online.memory import SELDOM, Memory
+from joint_id_core.online.piece import Piece
+from joint_id_core.online.tracker import Tracker
+
+
+class Effects:
+    """Noise levels, and the biases of k parameters.
+
+    Args:
+        levels: noise levels, which follow the samples.
+        spread: standard deviations of the prior, shape (k,).
+        memory_s: time constant of forgetting.
+
+    Attributes:
+        wider: what widens the covariance for the uncertainty of the levels, shape (k, k).
+    """
+
+    def __init__(self, levels: Levels, spread: Array, memory_s: float) -> None:
+        self.wider = np.eye(len(spread))
+        self._levels, self._memory_s = levels, memory_s
+        self._input_noise, self._friction = InputNoise(spread), FrictionBias(spread)
+
+    def learn(self, tracker: Tracker, memory: Memory, new: Sequence[Piece], anew: bool) -> Array:
+        """Learn from new blocks that the memory describes; return how the levels change its vector, shape (k,).
+
+        With `anew`, the levels are learned from all blocks, if the memory has them all.
+        """
+        anew = anew and memory.whole
+        self._input_noise.learn(tracker, new, self._memory_s)
+        self._friction.learn(tracker, new, self._memory_s)
+        return self._levels.learn(tracker, memory.blocks if anew else new, memory.mean, self._memory_s, anew)
+
+    def change(self, changed: Sequence[int], memory: Memory, still_known: Array) -> None:
+        """Keep what is known of the effects on other parameters than those that changed.
+
+        `memory` is that before, `still_known` (k, k) the precision of what is still known.
+        """
+        for effect in (self._input_noise, self._friction):
+            effect.change(changed, memory.inverse, still_known)
+        self._levels.forget(changed, memory.inverse, still_known)
+
+    def apply(self, memory: Memory) -> None:
+        """Take the levels of today into what is published of a memory, and into its test of changes."""
+        self.wider = self._levels.wider(memory.inverse)
+        memory.allow(self._levels.tails(SELDOM))
+
+    def biases(self, memory: Memory) -> tuple[Array, Array]:
+        """Return a bias (k,) that is taken off and counts as uncertain, and what else is added to the covariance."""
+        inverse = memory.inverse
+        return self._input_noise.bias(inverse), self._friction.excess(inverse)
