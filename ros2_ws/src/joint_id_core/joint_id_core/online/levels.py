@@ -79,17 +79,14 @@ class Levels:
             values, self._information, self._cross, self._mean = self._before
             score += self._lacking - self._information @ np.log(self.values / values)
             pieces = [piece for piece in pieces if piece.begin.time >= self._since]
-        at = mean
         if self._mean is not None:
             score -= self._cross.T @ (mean - self._mean)
-            # At the estimate before a stretch its squares are too large, at that with the stretch too small.
-            at = mean if anew else 0.5 * (mean + self._mean)
         for piece in pieces:
             found = noise_information(tracker, piece)
             if found is None:
                 continue
             kept = np.exp(-piece.duration / memory_s)
-            score = kept * score + found.score - found.cross.T @ (at - piece.z)
+            score = kept * score + found.score - found.cross.T @ (mean - piece.z)
             self._information = kept * self._information + found.matrix
             self._cross = kept * self._cross + found.cross
         step, _ = bounded_step(tracker.kernel, self.values, self._lower, self._upper, score, self._information)
