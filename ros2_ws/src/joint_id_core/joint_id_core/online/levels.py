@@ -89,8 +89,8 @@ class Levels:
             score = kept * score + found.score - found.cross.T @ (mean - piece.z)
             self._information = kept * self._information + found.matrix
             self._cross = kept * self._cross + found.cross
-        # Levels that act alike, as of two torques at one link, are known together: without damping one takes the place of
-        # the other, and what earlier blocks said of them holds no more.
+        # Levels that act alike, as of two torques at one link, are known together: without damping one takes the place
+        # of the other, and what earlier blocks said of them holds no more.
         damped = self._information + np.diag(np.full(len(score), UNKNOWN**-2))
         step, _ = bounded_step(tracker.kernel, self.values, self._lower, self._upper, score, damped)
         self.values = self.values * np.exp(step)
