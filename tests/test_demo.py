@@ -57,9 +57,11 @@ def test_every_act_shows_estimates_beside_the_truth_and_the_picture_is_made(demo
             # What is shown fits together; the shown truth has four digits.
             assert abs(error / std - float(sigma)) < 0.2 + 1e-3 * float(truth) / std, name
             assert abs(error) < max(5.0 * std, share * float(truth)), (name, value, std_dev, truth)
-    # The load was followed within two windows of 2 s, and its inertia was named, and nothing else.
-    later = re.search(r"J_q changed after \S+ s of motion; (\S+) s later the estimate was within 1%", acts[1])
-    assert later and float(later[1]) <= 4.5, acts[1]
+    # The load was followed within two windows of 2 s, and its inertia was named, and nothing else. Estimates are
+    # counted, half a second of motion each, because a busy computer publishes fewer of them.
+    assert re.search(r"J_q changed after \S+ s of motion; \S+ s later the estimate was within 1%", acts[1]), acts[1]
+    found_out = re.findall(r"load: \S+ s of motion, estimate \d+, ([\w ]+),", acts[1])
+    assert len(found_out) > 9 and sum(status != "converged" for status in found_out) <= 8, acts[1]
     assert re.search(r"The identifier says: Changed: J_q from 0\.7\d+ ± \S+ to 1\.5\d+ ± \S+$", acts[1], re.MULTILINE)
     # The connection was cut once, and all six joints were identified, or called what they are. A computer that stands
     # still for seconds may cut it again and lose samples; test_driver*.py test that a driver with time does neither.
