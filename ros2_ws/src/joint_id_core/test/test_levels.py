@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import ParameterSettings, fit
+from joint_id_core.estimators.innovations.noise import UNKNOWN
 from joint_id_core.models import build
 from joint_id_core.online import OnlineIdentifier
 from joint_id_core.online.block import Block
-from joint_id_core.online.levels import DOUBTED, MOST_LOST, UNKNOWN, Levels
+from joint_id_core.online.levels import DOUBTED, MOST_LOST, Levels
 from joint_id_core.online.noise_effects import noise_information
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.piece import Samples

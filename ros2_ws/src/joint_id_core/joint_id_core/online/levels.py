@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from joint_id_core.data.recording import Array
-from joint_id_core.estimators.innovations.noise import SHOWN, UNKNOWN, bounded_step, covariance_of_levels
+from joint_id_core.estimators.innovations.noise import SHOWN, bounded_step, covariance_of_levels, with_prior
 from joint_id_core.online.noise_effects import noise_information
 from joint_id_core.online.piece import Piece
 from joint_id_core.online.tracker import Tracker
@@ -91,7 +91,7 @@ class Levels:
             self._cross = kept * self._cross + found.cross
         # Levels that act alike, as of two torques at one link, are known together: without damping one takes the place
         # of the other, and what earlier blocks said of them holds no more.
-        damped = self._information + np.diag(np.full(len(score), UNKNOWN**-2))
+        damped = with_prior(self._information)
         step, _ = bounded_step(tracker.kernel, self.values, self._lower, self._upper, score, damped)
         self.values = self.values * np.exp(step)
         self._mean = mean
@@ -135,7 +135,7 @@ class Levels:
         is H - D L^-1 D'. With any root of C = R R', W is R (1 - R' D L^-1 D' R)^(-1/2) R^-1. What is taken from one has
         the rank of L, which is small. `inverse` (k, k) is that of H.
         """
-        known = self._information + np.diag(np.full(len(self.values), UNKNOWN**-2))
+        known = with_prior(self._information)
         seen = np.linalg.solve(np.linalg.cholesky(known), self._cross.T)
         lost, axes = np.linalg.eigh(seen @ inverse @ seen.T)
         lost = np.maximum(lost, LEAST_LOST)

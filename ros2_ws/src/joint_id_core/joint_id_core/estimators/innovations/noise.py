@@ -105,9 +105,14 @@ class NoiseScoring:
         return float(np.max(np.abs(np.log(after / before)), where=shown, initial=0.0))
 
 
+def with_prior(information: Array) -> Array:
+    """Return the information (L, L) on the logarithms of the levels with what is believed before the data, UNKNOWN."""
+    return information + np.diag(np.full(len(information), UNKNOWN**-2))
+
+
 def covariance_of_levels(information: Array) -> Array:
     """Return the covariance of the logarithms of the levels, (L, L), from the information matrix on them, (L, L)."""
-    return np.asarray(np.linalg.inv(information + np.diag(np.full(len(information), UNKNOWN**-2))))
+    return np.asarray(np.linalg.inv(with_prior(information)))
 
 
 def unknown_levels(inverse: Array, information: Array, cross: Array) -> Array:
@@ -122,6 +127,6 @@ def unknown_levels(inverse: Array, information: Array, cross: Array) -> Array:
         information: L, shape (L, L).
         cross: D, shape (k, L).
     """
-    known = information + np.diag(np.full(len(information), UNKNOWN**-2))
+    known = with_prior(information)
     moved = inverse @ cross
     return np.asarray(moved @ np.linalg.solve(known - cross.T @ moved, moved.T))
