@@ -11,10 +11,19 @@ import pytest
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import Innovations, ParameterSettings
 from joint_id_core.estimators.innovations.belief import Coordinates
-from joint_id_core.online import OnlineIdentifier, OnlineOptions, follower, learning, pending_change
+from joint_id_core.online import (
+    OnlineIdentifier,
+    OnlineOptions,
+    follower,
+    input_noise,
+    learning,
+    pending_change,
+    tracker,
+)
 from joint_id_core.online.follower import Follower, Found
 from joint_id_core.online.knowledge import Knowledge
 from joint_id_core.online.memory import BLOCK_S
+from joint_id_core.online.noise_effects import weight
 from joint_id_core.online.pending_change import PATIENT
 from joint_id_core.online.relearn import relearn
 from joint_id_core.online.task import Task
@@ -98,6 +107,17 @@ def test_after_that_the_newest_window_is_fitted_by_itself(never_confirmed):
 
 
 FREED = ("w_s",)  # it has a lower bound, far below which it is zero and the friction is not a number
+
+
+def test_biases_after_a_change_are_those_of_all_samples_since_then(monkeypatch):
+    """Without them a joint whose input is noisy had 5 sigma of bias in what it had just learned anew."""
+    monkeypatch.setattr(tracker, "shown_noise", lambda data: {0: 1.0})
+    monkeypatch.setattr(input_noise, "attenuation", lambda tracker, piece, rng: np.ones(len(piece.z)))
+    one = Knowledge.from_window(task(), fitted(), motion().window(0.0, WINDOW_S)).follower
+    follow(one, heavier(), WINDOW_S, CHANGES_AT + 2.0 * WINDOW_S)
+    assert one.explanation is not None and one.explanation.all_new
+    bias, count = one._effects.biases(one.memory)[0], sum(map(weight, range(len(one.memory.blocks))))
+    np.testing.assert_allclose(bias, one.memory.inverse @ np.full(len(bias), float(count)), rtol=0.1)
 
 
 def test_means_outside_of_the_bounds_are_no_start_for_new_values():

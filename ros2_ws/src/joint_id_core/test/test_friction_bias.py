@@ -46,7 +46,7 @@ def test_what_is_still_known_after_a_change_keeps_its_bias():
     inverse = np.linalg.inv(matrix)
     before = bias.excess(inverse)
     known = np.diag([1.0, 2.0, 1e-9])
-    bias.change([2], inverse, known)
+    bias = bias.changed([2], inverse, known)
     after = bias.excess(np.linalg.inv(known))
     np.testing.assert_allclose(after[:2, :2], before[:2, :2], rtol=1e-6)
     np.testing.assert_allclose(after[2], 0.0, atol=1e-12)

@@ -186,7 +186,7 @@ def test_what_is_forgotten_widens_no_more():
     found = Levels(np.ones(2), 3)
     found._information, found._cross = 50.0 * np.eye(2), 5.0 * np.ones((3, 2))
     inverse = np.diag([0.1, 0.2, 0.3])
-    found.forget([1], inverse, np.linalg.inv(inverse))
+    found = found.changed([1], inverse, np.linalg.inv(inverse))
     wider = widened(found, inverse)
     assert wider[1, 1] == pytest.approx(0.2) and wider[0, 0] > 0.1 and wider[2, 2] > 0.3
     before = found._information.copy()
@@ -210,7 +210,7 @@ def test_parameters_that_did_not_change_depend_on_the_levels_as_before(seed, par
     inverse = np.linalg.inv(whole[:k, :k])
     before = inverse @ found._cross
     after = inverse + np.diag([1e6, *np.zeros(k - 1)])
-    found.forget(changed, inverse, np.linalg.inv(after))
+    found = found.changed(changed, inverse, np.linalg.inv(after))
     moved = after @ found._cross
     np.testing.assert_allclose(moved[1:], before[1:], rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(moved[0], 0.0, atol=1e-6)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 
@@ -24,12 +25,13 @@ class Effects:
         memory_s: time constant of forgetting.
 
     Attributes:
+        levels: those of today.
         wider: what widens the covariance for the uncertainty of the levels, shape (k, k).
     """
 
     def __init__(self, levels: Levels, spread: Array, memory_s: float) -> None:
         self.wider = np.eye(len(spread))
-        self._levels, self._memory_s = levels, memory_s
+        self.levels, self._memory_s = levels, memory_s
         self._input_noise, self._friction = InputNoise(spread), FrictionBias(spread)
 
     def learn(self, tracker: Tracker, memory: Memory, new: Sequence[Piece], anew: bool) -> Array:
@@ -40,21 +42,24 @@ class Effects:
         anew = anew and memory.whole
         self._input_noise.learn(tracker, new, self._memory_s)
         self._friction.learn(tracker, new, self._memory_s)
-        return self._levels.learn(tracker, memory.blocks if anew else new, memory.mean, self._memory_s, anew)
+        return self.levels.learn(tracker, memory.blocks if anew else new, memory.mean, self._memory_s, anew)
 
-    def change(self, changed: Sequence[int], memory: Memory, still_known: Array) -> None:
-        """Keep what is known of the effects on other parameters than those that changed.
+    def changed(self, changed: Sequence[int], inverse: Array, still_known: Array) -> Effects:
+        """Return what is still known of the effects when parameters changed: those on the others.
 
-        `memory` is that before, `still_known` (k, k) the precision of what is still known.
+        `inverse` (k, k) is that of the information matrix before, `still_known` (k, k) the precision of what is still
+        known.
         """
-        for effect in (self._input_noise, self._friction):
-            effect.change(changed, memory.inverse, still_known)
-        self._levels.forget(changed, memory.inverse, still_known)
+        other = copy(self)
+        other.levels, other._input_noise, other._friction = (
+            effect.changed(changed, inverse, still_known) for effect in (self.levels, self._input_noise, self._friction)
+        )
+        return other
 
     def apply(self, memory: Memory) -> None:
         """Take the levels of today into what is published of a memory, and into its test of changes."""
-        self.wider = self._levels.wider(memory.inverse)
-        memory.allow(self._levels.tails(SELDOM))
+        self.wider = self.levels.wider(memory.inverse)
+        memory.allow(self.levels.tails(SELDOM))
 
     def biases(self, memory: Memory) -> tuple[Array, Array]:
         """Return a bias (k,) that is taken off and counts as uncertain, and what else is added to the covariance."""

@@ -52,7 +52,7 @@ class Follower:
         age_s: time of motion in s that is in the memory already.
 
     Attributes:
-        memory, levels: what is known of the parameters and of the noise.
+        memory: what is known of the parameters.
         tracker: the filter; None while the joint rests.
         found: what the newest samples say.
         explanation: the newest change that was taken into the memory; None if there is none.
@@ -73,7 +73,7 @@ class Follower:
         make: Callable[[Recording, Array], Tracker | None],
         age_s: float = 0.0,
     ) -> None:
-        self.memory, self.levels = memory, levels
+        self.memory = memory
         self.tracker: Tracker | None = None
         self.found = Found.AGREES
         self.explanation: Explanation | None = None
@@ -88,11 +88,17 @@ class Follower:
         self._nothing = np.zeros((k, k)), np.zeros(k)
         self._shifted = np.zeros(len(coordinates.unit))  # the mean, by new noise levels, since the blocks were passed
         self._effects = Effects(levels, coordinates.spread, options.memory_s)
+        self._before = self._effects, memory.inverse  # those before the newest change, and what the memory knew then
         self._block: Block | None = None  # the present one
         self._innovations = NewestInnovations(options.window_s)
         self._moved_since, self._moved_until = np.inf, -np.inf
         self._pending: PendingChange | None = None
         self._settled_s = 0.0  # time of motion in s since the explanation was taken
+
+    @property
+    def levels(self) -> Levels:
+        """What is known of the noise."""
+        return self._effects.levels
 
     def begin(self, tracker: Tracker, pieces: Sequence[Piece]) -> None:
         """Take the pieces of a first window, and the filter that stands at its end."""
@@ -206,6 +212,7 @@ class Follower:
             self.found = Found.CHANGING
             if not self._reconsider(self.tracker):
                 self.memory.drop(len(change.blocks))
+                self._before = self._effects, self.memory.inverse
                 change = self._less_sure(self.tracker, change)
                 self._pursue(self.tracker, PendingChange(change, list(change.blocks), self._coordinates, self._options))
 
@@ -296,10 +303,11 @@ class Follower:
         """Go on with the memory after a change."""
         changed = (*explanation.change.names, *explanation.change.likely)
         _, still_known = explanation.change.still_known(self._coordinates.spread)
-        self._effects.change(changed, self.memory, still_known)
+        effects, inverse = self._before
+        self._effects = effects.changed(changed, inverse, still_known)
         self.memory, self.explanation, self.found = memory, explanation, Found.AGREES
-        self._effects.apply(memory)
         self._shifted = np.zeros_like(self._shifted)
+        self._learn_noise(tracker, memory.blocks, anew=False)
         self.since = explanation.learned.pieces[0].begin.time
         self._pending = None
         self.lost_s = self._settled_s = 0.0

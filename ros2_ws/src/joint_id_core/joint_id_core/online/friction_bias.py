@@ -10,6 +10,7 @@ So the bias counts in full, as far as it is more than scatter: noise moves the t
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 
@@ -59,12 +60,14 @@ class FrictionBias:
             found = self._found = np.outer(bias, bias), inverse, self._score
         return found[0]
 
-    def change(self, changed: Sequence[int], inverse: Array, precision: Array) -> None:
-        """Keep the effect on what is still known when parameters changed.
+    def changed(self, changed: Sequence[int], inverse: Array, precision: Array) -> FrictionBias:
+        """Return the effect on what is still known when parameters changed.
 
         `inverse` (k, k) is that of the information matrix before, `precision` (k, k) that of what is still known.
         """
         bias, root = inverse @ self._score, inverse.copy()
         bias[list(changed)], root[list(changed)] = 0.0, 0.0
         back = precision @ root
-        self._score, self._scatter = precision @ bias, back @ self._scatter @ back.T
+        other = copy(self)
+        other._score, other._scatter, other._seen = precision @ bias, back @ self._scatter @ back.T, 0
+        return other

@@ -10,6 +10,7 @@ Biometrika 77, 1990).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 
@@ -54,11 +55,13 @@ class InputNoise:
             found = self._found = bias, inverse, self._score
         return found[0]
 
-    def change(self, changed: Sequence[int], inverse: Array, precision: Array) -> None:
-        """Keep the effect on what is still known when parameters changed.
+    def changed(self, changed: Sequence[int], inverse: Array, precision: Array) -> InputNoise:
+        """Return the effect on what is still known when parameters changed.
 
         `inverse` (k, k) is that of the information matrix before, `precision` (k, k) that of what is still known.
         """
         bias = self.bias(inverse).copy()
         bias[list(changed)] = 0.0
-        self._score = precision @ bias
+        other = copy(self)
+        other._score, other._seen = precision @ bias, 0
+        return other

@@ -9,6 +9,7 @@ likelihood, Ljung, System Identification, 2nd ed., ch. 11).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 
@@ -116,15 +117,17 @@ class Levels:
         self._cross = DOUBTED * self._cross
         self._begin(since)
 
-    def forget(self, changed: Sequence[int], inverse: Array, precision: Array) -> None:
-        """Forget how parameters that changed depended on the levels; the others depend on them as before.
+    def changed(self, changed: Sequence[int], inverse: Array, precision: Array) -> Levels:
+        """Return the levels when parameters changed: the others depend on them as before.
 
         `inverse` (k, k) is that of the information matrix before, `precision` (k, k) that of what is still known.
         """
         slope = -inverse @ self._cross
         slope[list(changed)] = 0.0
-        self._cross = -precision @ slope
-        self._begin()
+        other = copy(self)
+        other._cross = -precision @ slope
+        other._begin()
+        return other
 
     def wider(self, inverse: Array) -> Array:
         """Return the matrix W (k, k) that widens a covariance C of the parameters for the levels: W C W'.
