@@ -8,6 +8,7 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.models import build
 from joint_id_core.online import OnlineIdentifier, OnlineOptions
 from joint_id_core.online.friction_bias import FrictionBias
+from joint_id_core.online.summed_effect import SummedEffect
 from joint_id_core.simulation import simulate_motion
 
 MODEL = build("rigid_joint")
@@ -41,8 +42,10 @@ def test_what_is_still_known_after_a_change_keeps_its_bias():
     rng = np.random.default_rng(0)
     root = rng.standard_normal((3, 6))
     matrix = root @ root.T
-    bias = FrictionBias(np.full(3, 100.0))
-    bias._score = rng.standard_normal(3)
+    effect = SummedEffect(np.full(3, 100.0))
+    effect.add(rng.standard_normal(3), 0.0, 60.0)
+    effect._squares[:] = 0.0  # no scatter
+    bias = FrictionBias(effect)
     inverse = np.linalg.inv(matrix)
     before = bias.excess(inverse)
     known = np.diag([1.0, 2.0, 1e-9])

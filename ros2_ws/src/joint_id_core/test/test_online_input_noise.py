@@ -16,6 +16,7 @@ from joint_id_core.estimators import ParameterSettings
 from joint_id_core.models import HarmonicDrive
 from joint_id_core.online import OnlineIdentifier, input_noise
 from joint_id_core.online.input_noise import InputNoise
+from joint_id_core.online.summed_effect import SummedEffect
 from joint_id_core.simulation.sensors import Sensors
 
 SECONDS = 40
@@ -63,6 +64,6 @@ def test_a_bias_beyond_the_prior_is_none(monkeypatch):
     monkeypatch.setattr(input_noise, "attenuation", lambda *_: np.array([0.5, -1e4]))
     tracker: Any = SimpleNamespace(shown_noise={0: 1.0})
     piece: Any = SimpleNamespace(duration=0.0)
-    noise = InputNoise(np.array([2.0, 10.0]))
+    noise = InputNoise(SummedEffect(np.array([2.0, 10.0])))
     noise.learn(tracker, [piece], 60.0)
     assert np.allclose(noise.bias(np.eye(2)), [0.5, -10.0])

@@ -13,6 +13,7 @@ from joint_id_core.online.input_noise import InputNoise
 from joint_id_core.online.levels import Levels
 from joint_id_core.online.memory import SELDOM, Memory
 from joint_id_core.online.piece import Piece
+from joint_id_core.online.summed_effect import SummedEffect
 from joint_id_core.online.tracker import Tracker
 
 
@@ -32,7 +33,7 @@ class Effects:
     def __init__(self, levels: Levels, spread: Array, memory_s: float) -> None:
         self.wider = np.eye(len(spread))
         self.levels, self._memory_s = levels, memory_s
-        self._input_noise, self._friction = InputNoise(spread), FrictionBias(spread)
+        self._input_noise, self._friction = (InputNoise(SummedEffect(spread)), FrictionBias(SummedEffect(spread)))
 
     def learn(self, tracker: Tracker, memory: Memory, new: Sequence[Piece], anew: bool) -> Array:
         """Learn from new blocks that the memory describes; return how the levels change its vector, shape (k,).
@@ -50,10 +51,9 @@ class Effects:
         `inverse` (k, k) is that of the information matrix before, `still_known` (k, k) the precision of what is still
         known.
         """
-        other = copy(self)
-        other.levels, other._input_noise, other._friction = (
-            effect.changed(changed, inverse, still_known) for effect in (self.levels, self._input_noise, self._friction)
-        )
+        of, other = (changed, inverse, still_known), copy(self)
+        other.levels = self.levels.changed(*of)
+        other._input_noise, other._friction = self._input_noise.changed(*of), self._friction.changed(*of)
         return other
 
     def apply(self, memory: Memory) -> None:

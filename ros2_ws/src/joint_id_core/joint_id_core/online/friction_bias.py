@@ -10,7 +10,6 @@ So the bias counts in full, as far as it is more than scatter: noise moves the t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 
 import numpy as np
 
@@ -18,56 +17,38 @@ from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.sharpness import SHARPER
 from joint_id_core.online.noise_effects import RARELY, sharper
 from joint_id_core.online.piece import Piece
+from joint_id_core.online.summed_effect import SummedEffect
 from joint_id_core.online.tracker import Tracker
 
 FIRST = 64  # blocks of which each one passes again, because some of them hold no reversal; later one in `RARELY`
 
 
 class FrictionBias:
-    """Effect of smooth friction on what a memory knows of k parameters.
+    """Effect of smooth friction on what a memory knows of the parameters, a `SummedEffect`."""
 
-    Args:
-        spread: standard deviations of the prior, shape (k,): a larger bias is none, there the model does not describe
-            the data.
-    """
-
-    def __init__(self, spread: Array) -> None:
-        self._spread, self._score = spread, np.zeros_like(spread)  # summed, and forgotten as the memory forgets
-        self._scatter = np.zeros((len(spread), len(spread)))  # the sum of the squares
-        self._seen = 0  # blocks
-        self._found: tuple[Array, Array, Array] | None = None  # what is added, of which inverse and score
+    def __init__(self, effect: SummedEffect) -> None:
+        self._effect = effect
 
     def learn(self, tracker: Tracker, pieces: Sequence[Piece], memory_s: float) -> None:
         """Measure the effect on the score of blocks that were added to the memory."""
         if not tracker.sharpened:
             return
         for piece in pieces:
-            kept = float(np.exp(-piece.duration / memory_s))
-            self._score, self._scatter = kept * self._score, kept * kept * self._scatter
-            if count := 1 if self._seen < FIRST else RARELY * (self._seen % RARELY == 0):
-                effect = count * sharper(tracker, piece, SHARPER)
-                self._score, self._scatter = self._score + effect, self._scatter + np.outer(effect, effect)
-            self._seen += 1
+            seen = self._effect.seen
+            count = 1 if seen < FIRST else RARELY * (seen % RARELY == 0)
+            effect = count * sharper(tracker, piece, SHARPER) if count else None
+            self._effect.add(effect, piece.duration, memory_s)
 
     def excess(self, inverse: Array) -> Array:
         """Return what is added to the covariance, shape (k, k); `inverse` (k, k) is that of the information matrix."""
-        found = self._found
-        if found is None or found[1] is not inverse or found[2] is not self._score:
-            moved = inverse @ self._score
-            scatter = np.einsum("ij,jk,ik->i", inverse, self._scatter, inverse)
-            sure = np.sqrt(np.maximum(0.0, 1.0 - scatter / np.maximum(moved**2, 1e-300)))
-            bias = np.clip(sure * moved * SHARPER / (SHARPER - 1.0), -self._spread, self._spread)
-            found = self._found = np.outer(bias, bias), inverse, self._score
-        return found[0]
+        return self._effect.once(inverse, self._excess)
+
+    def _excess(self, inverse: Array) -> Array:
+        moved, scatter = self._effect.moves(inverse)
+        sure = np.sqrt(np.maximum(0.0, 1.0 - scatter / np.maximum(moved**2, 1e-300)))
+        bias = self._effect.bounded(sure * moved * SHARPER / (SHARPER - 1.0))
+        return np.outer(bias, bias)
 
     def changed(self, changed: Sequence[int], inverse: Array, precision: Array) -> FrictionBias:
-        """Return the effect on what is still known when parameters changed.
-
-        `inverse` (k, k) is that of the information matrix before, `precision` (k, k) that of what is still known.
-        """
-        bias, root = inverse @ self._score, inverse.copy()
-        bias[list(changed)], root[list(changed)] = 0.0, 0.0
-        back = precision @ root
-        other = copy(self)
-        other._score, other._scatter, other._seen = precision @ bias, back @ self._scatter @ back.T, 0
-        return other
+        """Return the effect on what is still known when parameters changed: see `SummedEffect.changed`."""
+        return FrictionBias(self._effect.changed(changed, inverse, precision))
