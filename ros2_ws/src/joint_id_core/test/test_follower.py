@@ -116,7 +116,7 @@ def test_biases_after_a_change_are_those_of_all_samples_since_then(monkeypatch):
     one = Knowledge.from_window(task(), fitted(), motion().window(0.0, WINDOW_S)).follower
     follow(one, heavier(), WINDOW_S, CHANGES_AT + 2.0 * WINDOW_S)
     assert one.explanation is not None and one.explanation.all_new
-    bias, count = one._effects.biases(one.memory)[0], sum(map(weight, range(len(one.memory.blocks))))
+    bias, count = one._refined._effects.biases(one.memory)[0], sum(map(weight, range(len(one.memory.blocks))))
     np.testing.assert_allclose(bias, one.memory.inverse @ np.full(len(bias), float(count)), rtol=0.1)
 
 

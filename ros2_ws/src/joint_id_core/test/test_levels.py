@@ -122,7 +122,7 @@ def test_doubted_levels_are_learned_anew_from_the_samples_since_then():
     tracker, levels, newest = follower.tracker, follower.levels, follower.memory.blocks[-1]
     levels.doubt(since=newest.begin.time)
     before, more = levels._information, noise_information(tracker, newest).matrix
-    follower._learn_noise(tracker, [newest], anew=True)
+    follower._refined._learn_noise(tracker, [newest], anew=True)
     kept = np.exp(-newest.duration / identifier.options.memory_s)
     np.testing.assert_allclose(levels._information, kept * before + more, rtol=1e-9)
 

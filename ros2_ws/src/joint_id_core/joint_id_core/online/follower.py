@@ -11,8 +11,8 @@ import numpy as np
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.online.block import Block
+from joint_id_core.online.checks import Background, at_once
 from joint_id_core.online.curvature import curvature
-from joint_id_core.online.effects import Effects
 from joint_id_core.online.learning import Explanation, learn
 from joint_id_core.online.levels import Levels
 from joint_id_core.online.memory import BLOCK_S, Change, Memory
@@ -20,13 +20,10 @@ from joint_id_core.online.newest_innovations import NewestInnovations
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.pending_change import PATIENT, PendingChange
 from joint_id_core.online.piece import Piece
-from joint_id_core.online.relearn import relearn
+from joint_id_core.online.refined_memory import RefinedMemory
 from joint_id_core.online.tracker import Tracker
 from joint_id_core.online.window import SlidingWindow
 
-LINEAR = 0.02  # change of a coordinate up to which the result of a block is kept,
-LINEAR_SIGMA = 0.3  # or in standard deviations
-SHARPER = 1.5  # smoothing of friction of a block over that of today up to which its result is kept
 JUMP = 300.0  # innovation, in standard deviations, from which a sensor jumped: the filter starts again
 YOUNG = 1.0  # window lengths of motion before which a disagreement is not taken for a change of the joint
 
@@ -50,9 +47,9 @@ class Follower:
         levels: noise levels, which follow the samples.
         make: returns a filter for a recording, at parameters z (k,); None if the recording cannot be used.
         age_s: time of motion in s that is in the memory already.
+        background: looks for other minima beside the recursion.
 
     Attributes:
-        memory: what is known of the parameters.
         tracker: the filter; None while the joint rests.
         found: what the newest samples say.
         explanation: the newest change that was taken into the memory; None if there is none.
@@ -72,8 +69,8 @@ class Follower:
         levels: Levels,
         make: Callable[[Recording, Array], Tracker | None],
         age_s: float = 0.0,
+        background: Background = at_once,
     ) -> None:
-        self.memory = memory
         self.tracker: Tracker | None = None
         self.found = Found.AGREES
         self.explanation: Explanation | None = None
@@ -84,11 +81,7 @@ class Follower:
         self.chi2: float | None = None
         self.noise_changed = False
         self._coordinates, self._options, self._make = coordinates, options, make
-        k = len(coordinates.unit)
-        self._nothing = np.zeros((k, k)), np.zeros(k)
-        self._shifted = np.zeros(len(coordinates.unit))  # the mean, by new noise levels, since the blocks were passed
-        self._effects = Effects(levels, coordinates.spread, options.memory_s)
-        self._before = self._effects, memory.inverse  # those before the newest change, and what the memory knew then
+        self._refined = RefinedMemory(memory, coordinates, options.memory_s, levels, background)
         self._block: Block | None = None  # the present one
         self._innovations = NewestInnovations(options.window_s)
         self._moved_since, self._moved_until = np.inf, -np.inf
@@ -96,17 +89,21 @@ class Follower:
         self._settled_s = 0.0  # time of motion in s since the explanation was taken
 
     @property
+    def memory(self) -> Memory:
+        """What is known of the parameters."""
+        return self._refined.memory
+
+    @property
     def levels(self) -> Levels:
         """What is known of the noise."""
-        return self._effects.levels
+        return self._refined.levels
 
     def begin(self, tracker: Tracker, pieces: Sequence[Piece]) -> None:
         """Take the pieces of a first window, and the filter that stands at its end."""
         self.tracker = tracker
         for piece in pieces:
             self.memory.add(piece, self._options.memory_s)
-        self._refine(tracker)
-        self._learn_noise(tracker, self.memory.blocks, anew=True)
+        self._refined.learn_all(tracker)
 
     def rest(self) -> None:
         """End a stretch of motion: the joint rests."""
@@ -159,27 +156,7 @@ class Follower:
 
     def now(self) -> tuple[Array, Array]:
         """Return estimate (k,) and covariance (k, k) with the samples of the present block."""
-        memory, block, wider, unit = self.memory, self._block, self._effects.wider, self._coordinates.unit
-        bias, excess = self._effects.biases(memory)
-        if block is not None and self.found is Found.AGREES:
-            mean, covariance, away = memory.with_block(block.matrix, block.vector, wider, bias, excess, block.z, unit)
-            if away <= LINEAR:
-                return mean, covariance
-            # too far for one linear step: wait for the end of the block
-        return memory.with_block(*self._nothing, wider, bias, excess, memory.mean, unit)[:2]
-
-    def _learn_noise(self, tracker: Tracker, new: Sequence[Piece], anew: bool) -> None:
-        """Learn the noise levels, and what noise of inputs and friction do, from new blocks that the memory describes.
-
-        For `anew` see `Effects.learn`. If levels moved far, what the blocks say is found anew.
-        """
-        memory = self.memory
-        more = self._effects.learn(tracker, memory, new, anew)
-        memory.shift(more)
-        self._shifted = self._shifted + memory.inverse @ more
-        if self.levels.moved(memory.blocks):
-            self._pass_again(tracker)
-        self._effects.apply(memory)
+        return self._refined.now(self._block if self.found is Found.AGREES else None)
 
     # --- blocks
 
@@ -200,19 +177,17 @@ class Follower:
         self.chi2 = self._innovations.chi2
         self.age_s += block.duration
         self._settled_s += block.duration
-        change = self._tested(self.tracker)
+        change = self._refined.tested(self.tracker)
         if change is None:
             self.tested_from = block.begin.time
             self.noise_changed = self._innovations.noise_changed
-            passed_again = self._refine(self.tracker)
-            self._learn_noise(self.tracker, self.memory.blocks[-1:] if passed_again else [block], anew=passed_again)
+            self._refined.learn(self.tracker, block)
         elif self.age_s < YOUNG * self._options.window_s:
             self.found = Found.WRONG_START
         else:
             self.found = Found.CHANGING
             if not self._reconsider(self.tracker):
-                self.memory.drop(len(change.blocks))
-                self._before = self._effects, self.memory.inverse
+                self._refined.drop(change)
                 change = self._less_sure(self.tracker, change)
                 self._pursue(self.tracker, PendingChange(change, list(change.blocks), self._coordinates, self._options))
 
@@ -238,56 +213,6 @@ class Follower:
         self._pending.guess = found, found.memory(self._coordinates.spread, self._options.memory_s)
         return True
 
-    def _tested(self, tracker: Tracker) -> Change | None:
-        """Test the newest blocks against the memory; return the change that they show.
-
-        The test is linear. Where little is known yet, the blocks may disagree only because of this, and one set of
-        parameters describes them all.
-        """
-        memory = self.memory
-        change = memory.test()
-        if change is None:
-            return None
-        z = tracker.z
-        learned = relearn(tracker, memory.blocks, *memory.before(), weights=memory.weights(self._options.memory_s))
-        if learned is not None:
-            other = memory.copy()
-            other.replace(learned.pieces, self._options.memory_s)
-            if other.test() is None:
-                self.memory, self._shifted = other, np.zeros_like(self._shifted)
-                return None
-        tracker.again(memory.blocks[-1:], z)
-        return change
-
-    def _refine(self, tracker: Tracker) -> bool:
-        """Move the reference to the estimate; if it moved far, pass the newest blocks through the filter again.
-
-        Returns whether they were passed again.
-        """
-        memory, unit = self.memory, self._coordinates.unit
-        mean = self._coordinates.clip(memory.mean)
-        sigma = np.sqrt(np.diag(memory.covariance))
-        tracker.sharpen(float(np.max(sigma / unit)))
-        least = np.maximum(LINEAR * unit, LINEAR_SIGMA * sigma)
-        blocks = memory.blocks
-        smoothest = max((block.smoothing for block in blocks), default=0.0)
-        away = np.abs(np.array([block.z for block in blocks]).reshape(-1, len(mean)) - mean)
-        far = np.any(away > least) or np.any(np.abs(self._shifted) > least)
-        if (smoothest > SHARPER * tracker.smoothing or far) and self._pass_again(tracker):
-            return True
-        tracker.move(mean)
-        return False
-
-    def _pass_again(self, tracker: Tracker) -> bool:
-        """Fit the newest blocks again; return whether that was possible."""
-        memory, memory_s = self.memory, self._options.memory_s
-        learned = relearn(tracker, memory.blocks, *memory.before(), weights=memory.weights(memory_s))
-        if learned is None:
-            return False
-        memory.replace(learned.pieces, memory_s)
-        self._shifted = np.zeros_like(self._shifted)
-        return True
-
     # --- changes
 
     def _pursue(self, tracker: Tracker, pending: PendingChange) -> None:
@@ -301,16 +226,12 @@ class Follower:
 
     def _take(self, tracker: Tracker, explanation: Explanation, memory: Memory) -> None:
         """Go on with the memory after a change."""
-        changed = (*explanation.change.names, *explanation.change.likely)
-        _, still_known = explanation.change.still_known(self._coordinates.spread)
-        effects, inverse = self._before
-        self._effects = effects.changed(changed, inverse, still_known)
-        self.memory, self.explanation, self.found = memory, explanation, Found.AGREES
-        self._shifted = np.zeros_like(self._shifted)
-        self._learn_noise(tracker, memory.blocks, anew=False)
+        self.explanation, self.found = explanation, Found.AGREES
         self.since = explanation.learned.pieces[0].begin.time
         self._pending = None
         self.lost_s = self._settled_s = 0.0
         self._innovations.clear()
         self.chi2 = None
-        self._refine(tracker)
+        changed = (*explanation.change.names, *explanation.change.likely)
+        _, still_known = explanation.change.still_known(self._coordinates.spread)
+        self._refined.replace(tracker, memory, changed, still_known)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from itertools import pairwise
 
@@ -70,6 +71,12 @@ class Tracker:
         self.shown_noise = shown_noise(data)
         self._smooth = self._sharpness.smoothed(1.0, self._p)
         self._use(self._smooth)
+
+    def copy(self) -> Tracker:
+        """Return one that runs by itself from here."""
+        other = copy(self)
+        other._p, other._unstored = self._p.copy(), room(self._sizes, 1)
+        return other
 
     def sharpen(self, sigma: float) -> None:
         """Take friction as sharp as suits the largest standard deviation `sigma` of a coordinate."""

@@ -1,0 +1,68 @@
+"""Profiles of a young memory, found beside the recursion, and what they add to its intervals."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+
+import numpy as np
+
+from joint_id_core.data.recording import Array
+from joint_id_core.estimators.innovations.belief import Coordinates
+from joint_id_core.online.checks import Background
+from joint_id_core.online.memory import Memory
+from joint_id_core.online.profile import LOWER, Axis, Profiles, profiled
+from joint_id_core.online.tracker import Tracker
+
+AFTER = (4, 8, 16)  # blocks of a memory after which its profiles are found; later little is hardly known
+
+
+class Profiling:
+    """Finds the profiles of a memory since its begin, a few times.
+
+    Args:
+        coordinates: of the k parameters.
+        memory_s: time constant of forgetting.
+        background: does the work.
+    """
+
+    def __init__(self, coordinates: Coordinates, memory_s: float, background: Background) -> None:
+        self._coordinates, self._memory_s, self._background = coordinates, memory_s, background
+        self._left = list(AFTER)
+        self._running: Future[Profiles | None] | None = None
+        self._axes: tuple[Axis, ...] = ()
+
+    def anew(self) -> Profiling:
+        """Return one for another memory."""
+        return Profiling(self._coordinates, self._memory_s, self._background)
+
+    def run(self, tracker: Tracker, memory: Memory) -> Array | None:
+        """Start to look for profiles if it is time for that; take those that were found.
+
+        Returns:
+            A minimum that is lower than that of the memory, shape (k,), once when it is found.
+        """
+        count = len(memory.blocks)
+        if self._running is None and self._left and count >= self._left[0]:
+            self._left = [more for more in self._left if more > count]
+            other, then = tracker.copy(), memory.copy()
+            self._running = self._background(lambda: profiled(other, then, self._coordinates, self._memory_s))
+        if self._running is None or not self._running.done():
+            return None
+        found, self._running = self._running.result(), None
+        if found is None:
+            return None
+        self._axes = found.axes
+        return found.z if found.lower > LOWER else None
+
+    def excess(self, inverse: Array) -> Array:
+        """Return what is added to the covariance of the memory, shape (k, k).
+
+        `inverse` (k, k) is that of its information matrix. What bends is of second order: it shrinks with the square of
+        the variance along each combination.
+        """
+        unit, found = self._coordinates.unit, np.zeros_like(inverse)
+        for axis in self._axes:
+            along = axis.along / unit
+            left = float(along @ inverse @ along) / axis.variance
+            found += axis.excess if left > 1.0 else left * left * axis.excess
+        return found

@@ -1,0 +1,173 @@
+"""A memory that stays true to its samples: they pass again where the linear memory no longer says what they say."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from joint_id_core.data.recording import Array
+from joint_id_core.estimators.innovations.belief import Coordinates
+from joint_id_core.online.block import Block
+from joint_id_core.online.checks import Background, at_once
+from joint_id_core.online.effects import Effects
+from joint_id_core.online.levels import Levels
+from joint_id_core.online.memory import Change, Memory
+from joint_id_core.online.piece import Piece
+from joint_id_core.online.profiling import Profiling
+from joint_id_core.online.relearn import relearn
+from joint_id_core.online.tracker import Tracker
+
+LINEAR = 0.02  # change of a coordinate up to which the result of a block is kept,
+LINEAR_SIGMA = 0.3  # or in standard deviations
+SHARPER = 1.5  # smoothing of friction of a block over that of today up to which its result is kept
+
+
+class RefinedMemory:
+    """A memory with what noise, smooth friction and a likelihood that is no parabola do to it.
+
+    Args:
+        memory: what is known.
+        coordinates: of its k parameters.
+        memory_s: time constant of forgetting.
+        levels: noise levels, which follow the samples.
+        background: looks for other minima beside the recursion.
+
+    Attributes:
+        memory: what is known; replaced by another one when the joint changes.
+    """
+
+    def __init__(
+        self,
+        memory: Memory,
+        coordinates: Coordinates,
+        memory_s: float,
+        levels: Levels,
+        background: Background = at_once,
+    ) -> None:
+        self.memory = memory
+        self._coordinates, self._memory_s = coordinates, memory_s
+        k = len(coordinates.unit)
+        self._nothing = np.zeros((k, k)), np.zeros(k)
+        self._shifted = np.zeros(k)  # the mean, by new noise levels, since the blocks were passed
+        self._effects = Effects(levels, coordinates.spread, memory_s)
+        self._before = self._effects, memory.inverse  # those before the newest change, and what the memory knew then
+        self._profiling = Profiling(coordinates, memory_s, background)
+
+    @property
+    def levels(self) -> Levels:
+        """What is known of the noise."""
+        return self._effects.levels
+
+    def now(self, block: Block | None) -> tuple[Array, Array]:
+        """Return estimate (k,) and covariance (k, k) with the samples of a block that is not complete."""
+        memory, wider, unit = self.memory, self._effects.wider, self._coordinates.unit
+        bias, excess = self._effects.biases(memory)
+        excess = excess + self._profiling.excess(memory.inverse)
+        if block is not None:
+            mean, covariance, away = memory.with_block(block.matrix, block.vector, wider, bias, excess, block.z, unit)
+            if away <= LINEAR:
+                return mean, covariance
+            # too far for one linear step: wait for the end of the block
+        return memory.with_block(*self._nothing, wider, bias, excess, memory.mean, unit)[:2]
+
+    def tested(self, tracker: Tracker) -> Change | None:
+        """Test the newest blocks against the memory; return the change that they show.
+
+        The test is linear. Where little is known yet, the blocks may disagree only because of this, and one set of
+        parameters describes them all.
+        """
+        memory = self.memory
+        change = memory.test()
+        if change is None:
+            return None
+        z = tracker.z
+        learned = relearn(tracker, memory.blocks, *memory.before(), weights=memory.weights(self._memory_s))
+        if learned is not None:
+            other = memory.copy()
+            other.replace(learned.pieces, self._memory_s)
+            if other.test() is None:
+                self.memory, self._shifted = other, np.zeros_like(self._shifted)
+                return None
+        tracker.again(memory.blocks[-1:], z)
+        return change
+
+    def learn(self, tracker: Tracker, block: Piece) -> None:
+        """Learn from a block that was added, and that the memory describes."""
+        passed_again = self.refine(tracker)
+        self._learn_noise(tracker, self.memory.blocks[-1:] if passed_again else [block], anew=passed_again)
+        self._search_on(tracker)
+
+    def learn_all(self, tracker: Tracker) -> None:
+        """Learn from all blocks of a first window."""
+        self.refine(tracker)
+        self._learn_noise(tracker, self.memory.blocks, anew=True)
+        self._search_on(tracker)
+
+    def drop(self, change: Change) -> None:
+        """Take back the blocks of a change, and keep what was known before it."""
+        self.memory.drop(len(change.blocks))
+        self._before = self._effects, self.memory.inverse
+
+    def replace(self, tracker: Tracker, memory: Memory, changed: Collection[int], still_known: Array) -> None:
+        """Go on with the memory since a change.
+
+        Noise and friction act on the other parameters as before; what they do to the changed ones is learned from all
+        samples since then. The precision of what is `still_known` (k, k) is that of the memory's begin.
+        """
+        effects, inverse = self._before
+        self._effects = effects.changed(list(changed), inverse, still_known)
+        self.memory, self._shifted = memory, np.zeros_like(self._shifted)
+        self._learn_noise(tracker, memory.blocks, anew=False)
+        self._profiling = self._profiling.anew()
+        self._search_on(tracker)
+        self.refine(tracker)
+
+    def refine(self, tracker: Tracker) -> bool:
+        """Move the reference to the estimate; if it moved far, pass the newest blocks through the filter again.
+
+        Returns whether they were passed again.
+        """
+        memory, unit = self.memory, self._coordinates.unit
+        mean = self._coordinates.clip(memory.mean)
+        sigma = np.sqrt(np.diag(memory.covariance))
+        tracker.sharpen(float(np.max(sigma / unit)))
+        least = np.maximum(LINEAR * unit, LINEAR_SIGMA * sigma)
+        blocks = memory.blocks
+        smoothest = max((block.smoothing for block in blocks), default=0.0)
+        away = np.abs(np.array([block.z for block in blocks]).reshape(-1, len(mean)) - mean)
+        far = np.any(away > least) or np.any(np.abs(self._shifted) > least)
+        if (smoothest > SHARPER * tracker.smoothing or far) and self._pass_again(tracker):
+            return True
+        tracker.move(mean)
+        return False
+
+    def _learn_noise(self, tracker: Tracker, new: Sequence[Piece], anew: bool) -> None:
+        """Learn the noise levels, and what noise of inputs and friction do, from new blocks that the memory describes.
+
+        For `anew` see `Effects.learn`. If levels moved far, what the blocks say is found anew.
+        """
+        memory = self.memory
+        more = self._effects.learn(tracker, memory, new, anew)
+        memory.shift(more)
+        self._shifted = self._shifted + memory.inverse @ more
+        if self.levels.moved(memory.blocks):
+            self._pass_again(tracker)
+        self._effects.apply(memory)
+
+    def _search_on(self, tracker: Tracker) -> None:
+        """Go on from a lower minimum, if one was found beside the recursion."""
+        lower = self._profiling.run(tracker, self.memory)
+        if lower is not None:
+            tracker.move(lower)
+            self._pass_again(tracker)
+
+    def _pass_again(self, tracker: Tracker) -> bool:
+        """Fit the newest blocks again; return whether that was possible."""
+        memory, memory_s = self.memory, self._memory_s
+        learned = relearn(tracker, memory.blocks, *memory.before(), weights=memory.weights(memory_s))
+        if learned is None:
+            return False
+        memory.replace(learned.pieces, memory_s)
+        self._shifted = np.zeros_like(self._shifted)
+        return True
