@@ -8,16 +8,17 @@ combinations (profile likelihood, Venzon & Moolgavkar, Applied Statistics 37, 19
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Coordinates
+from joint_id_core.estimators.innovations.search import APART, CLOSE
 from joint_id_core.online.memory import Memory
 from joint_id_core.online.piece import Piece
-from joint_id_core.online.relearn import Learned, relearn
+from joint_id_core.online.relearn import relearn
 from joint_id_core.online.symmetric import inverse_of, solve
 from joint_id_core.online.tracker import Tracker
 
@@ -41,7 +42,7 @@ class Axis:
     """
 
     along: Array
-    variance: Array
+    variance: float
     excess: Array
 
 
@@ -51,13 +52,24 @@ class Profiles:
 
     Attributes:
         z: the minimum, shape (k,).
-        lower: by how much its cost is lower than that of the estimate of the memory.
+        lower: whether it is another one than that of the memory, with a lower cost.
         axes: the combinations.
+        others: minima that are nearly as likely, and elsewhere.
     """
 
     z: Array
-    lower: float
+    lower: bool
     axes: tuple[Axis, ...]
+    others: tuple[Array, ...]
+
+
+@dataclass(frozen=True)
+class _Point:
+    """A minimum, shape (k,), what the blocks say there, and its cost."""
+
+    z: Array
+    pieces: list[Piece]
+    cost: float
 
 
 class _Valley:
@@ -68,11 +80,11 @@ class _Valley:
         self._weights = memory.weights(memory_s)
         self._mean, self._precision = memory.before()
 
-    def minimum(self, z: Array) -> tuple[Learned, float] | None:
-        """Return the minimum that is found from z (k,), and its cost; None if the path diverges."""
+    def minimum(self, z: Array) -> _Point | None:
+        """Return the minimum that is found from z (k,); None if the path diverges."""
         return self._found(z, self._mean, self._precision)
 
-    def held(self, z: Array, along: Array) -> tuple[Learned, float] | None:
+    def held(self, z: Array, along: Array) -> _Point | None:
         """Return the same where the combination `along` (k,) keeps its value at z."""
         pin = HELD * np.outer(along, along)
         precision = self._precision + pin
@@ -82,7 +94,7 @@ class _Valley:
         """Return the covariance of the parameters at a minimum, shape (k, k)."""
         return inverse_of(self._precision + np.tensordot(self._weights, [piece.matrix for piece in pieces], 1))
 
-    def _found(self, z: Array, mean: Array, precision: Array) -> tuple[Learned, float] | None:
+    def _found(self, z: Array, mean: Array, precision: Array) -> _Point | None:
         if self._tracker.again(self._blocks, z) is None:
             return None
         found = relearn(self._tracker, self._blocks, mean, precision, weights=self._weights)
@@ -90,10 +102,12 @@ class _Valley:
             return None
         of_samples = found.cost - (found.z - mean) @ precision @ (found.z - mean)
         away = found.z - self._mean
-        return found, float(of_samples + away @ self._precision @ away)
+        return _Point(found.z, found.pieces, float(of_samples + away @ self._precision @ away))
 
 
-def profiled(tracker: Tracker, memory: Memory, coordinates: Coordinates, memory_s: float) -> Profiles | None:
+def profiled(
+    tracker: Tracker, memory: Memory, coordinates: Coordinates, memory_s: float, others: Sequence[Array] = ()
+) -> Profiles | None:
     """Return the profiles of a memory; None if its blocks cannot be passed again.
 
     Args:
@@ -101,42 +115,55 @@ def profiled(tracker: Tracker, memory: Memory, coordinates: Coordinates, memory_
         memory: with the blocks since its begin.
         coordinates: of the parameters.
         memory_s: time constant of forgetting.
+        others: parameters near which there may be minima, shapes (k,).
     """
     valley = _Valley(tracker, memory, memory_s)
-    found = valley.minimum(coordinates.clip(memory.mean))
-    if found is None:
+    begun = valley.minimum(coordinates.clip(memory.mean))
+    if begun is None:
         return None
-    first, axes = found[1], list[Axis]()
-    other = valley.minimum(coordinates.clip(memory.before()[0]))
-    if other is not None and other[1] < first - LOWER:
-        found = other
+    there = [valley.minimum(coordinates.clip(z)) for z in (memory.before()[0], *others)]
+    found = [begun, *(one for one in there if one is not None)]
     for _ in range(1 + ANEW):
-        (best, cost), axes, lowest = found, [], None
-        unit = coordinates.unit
-        variances, directions = np.linalg.eigh(valley.covariance(best.pieces) / np.outer(unit, unit))
-        for k in np.flatnonzero(variances > UNSURE**2).tolist():
-            sigma, along, places = float(np.sqrt(variances[k])), directions[:, k], [(0.0, 0.0, best.z)]
-            for side in (sigma, -sigma):
-                for place, point, at in _walk(valley, best.z, coordinates, along, side):
-                    places.append((place / sigma, at - cost, point.z))
-                    if lowest is None or at < lowest[1]:
-                        lowest = point, at
-                    if at > min(cost, lowest[1]) + RISEN:
-                        break
-            axes.append(Axis(along, variances[k], _excess(places, unit * along * sigma)))
-        if lowest is None or lowest[1] > cost - LOWER:
+        best = min(found, key=lambda one: one.cost)
+        axes, lowest = _axes(valley, best, coordinates)
+        if lowest.cost > best.cost - LOWER:
             break
-        there = valley.minimum(lowest[0].z)
-        if there is None or there[1] > cost - LOWER:
+        lower = valley.minimum(lowest.z)
+        if lower is None or lower.cost > best.cost - LOWER:
             break
-        found = there
-    return Profiles(found[0].z, first - found[1], tuple(axes))
+        found.append(lower)
+    if best.cost > begun.cost - LOWER:
+        best = begun
+    covariance = valley.covariance(best.pieces)
+    apart = [one.z for one in found if one.cost < best.cost + CLOSE and _distance(one.z - best.z, covariance) > APART]
+    return Profiles(best.z, best is not begun, tuple(axes), tuple(apart))
+
+
+def _axes(valley: _Valley, best: _Point, coordinates: Coordinates) -> tuple[list[Axis], _Point]:
+    """Return the combinations that are hardly known at a minimum, and the lowest point of their profiles."""
+    axes, lowest, unit = list[Axis](), best, coordinates.unit
+    variances, directions = np.linalg.eigh(valley.covariance(best.pieces) / np.outer(unit, unit))
+    for k in np.flatnonzero(variances > UNSURE**2).tolist():
+        sigma, along, places = float(np.sqrt(variances[k])), directions[:, k], [(0.0, 0.0, best.z)]
+        for side in (sigma, -sigma):
+            for place, point in _walk(valley, best.z, coordinates, along, side):
+                places.append((place / sigma, point.cost - best.cost, point.z))
+                lowest = min(lowest, point, key=lambda one: one.cost)
+                if point.cost > lowest.cost + RISEN:
+                    break
+        axes.append(Axis(along, float(variances[k]), _excess(places, unit * along * sigma)))
+    return axes, lowest
+
+
+def _distance(away: Array, covariance: Array) -> float:
+    """Return a distance (k,) in standard deviations."""
+    return float(np.sqrt(away @ solve(covariance, away)))
 
 
 def _walk(
     valley: _Valley, z: Array, coordinates: Coordinates, along: Array, side: float
-) -> Iterator[tuple[float, Learned, float]]:
-    """Yield places along a combination, in its coordinate, with the minima over all others there and their costs.
+) -> Iterator[tuple[float, _Point]]:
+    """Yield places along a combination, in its coordinate, with the minima over all others there.
 
     `side` is a standard deviation with the sign of the direction.
     """
@@ -145,10 +172,10 @@ def _walk(
     for _ in range(FARTHEST):
         ahead = coordinates.clip(at + step * unit * along)
         found = valley.held(ahead, along / unit)
-        if found is None or not np.isfinite(found[1]):
+        if found is None or not np.isfinite(found.cost):
             return
-        at = found[0].z
-        yield float(along @ (at / unit) - begin), *found
+        at = found.z
+        yield float(along @ (at / unit) - begin), found
 
 
 def _excess(places: list[tuple[float, float, Array]], linear: Array) -> Array:

@@ -10,10 +10,11 @@ from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.online.checks import Background
 from joint_id_core.online.memory import Memory
-from joint_id_core.online.profile import LOWER, Axis, Profiles, profiled
+from joint_id_core.online.profile import Axis, Profiles, profiled
 from joint_id_core.online.tracker import Tracker
 
 AFTER = (4, 8, 16)  # blocks of a memory after which its profiles are found; later little is hardly known
+LATER = (32, 64)  # the same while other minima are nearly as likely
 
 
 class Profiling:
@@ -30,6 +31,8 @@ class Profiling:
         self._left = list(AFTER)
         self._running: Future[Profiles | None] | None = None
         self._axes: tuple[Axis, ...] = ()
+        self._others: tuple[Array, ...] = ()
+        self._apart = np.zeros((len(coordinates.unit), len(coordinates.unit)))  # mean square distance of the others
 
     def anew(self) -> Profiling:
         """Return one for another memory."""
@@ -44,25 +47,31 @@ class Profiling:
         count = len(memory.blocks)
         if self._running is None and self._left and count >= self._left[0]:
             self._left = [more for more in self._left if more > count]
-            other, then = tracker.copy(), memory.copy()
-            self._running = self._background(lambda: profiled(other, then, self._coordinates, self._memory_s))
+            other, then, others = tracker.copy(), memory.copy(), self._others
+            self._running = self._background(lambda: profiled(other, then, self._coordinates, self._memory_s, others))
         if self._running is None or not self._running.done():
             return None
         found, self._running = self._running.result(), None
         if found is None:
             return None
-        self._axes = found.axes
-        return found.z if found.lower > LOWER else None
+        self._axes, self._others = found.axes, found.others
+        if self._others:
+            self._left = self._left or [more for more in LATER if more > count]
+            away = np.array(self._others) - found.z
+            self._apart = away.T @ away / len(away)
+        else:
+            self._apart = np.zeros_like(self._apart)
+        return found.z if found.lower else None
 
     def excess(self, inverse: Array) -> Array:
         """Return what is added to the covariance of the memory, shape (k, k).
 
         `inverse` (k, k) is that of its information matrix. What bends is of second order: it shrinks with the square of
-        the variance along each combination.
+        the variance along each combination. The distance of other minima stays until they are less likely.
         """
-        unit, found = self._coordinates.unit, np.zeros_like(inverse)
+        unit, found = self._coordinates.unit, self._apart.copy()
         for axis in self._axes:
             along = axis.along / unit
-            left = float(along @ inverse @ along) / axis.variance
-            found += axis.excess if left > 1.0 else left * left * axis.excess
+            left = min(1.0, float(along @ inverse @ along) / axis.variance)
+            found += left * left * axis.excess
         return found
