@@ -115,7 +115,7 @@ def test_a_check_that_does_not_end_holds_up_nothing():
         return Future()
 
     found = run(motion(), OnlineIdentifier(MODEL, background=never))
-    assert len(waiting) == 3  # a check, a second look and a second opinion: no other one as long as the first one runs
+    assert len(waiting) == 4  # profiles, a check, a second look and a second opinion: no other one as long as one runs
     assert len(found) == len(run(motion(), OnlineIdentifier(MODEL)))
     assert all(e.converged for e in found)
     assert all(abs(z) < 4.0 for z in errors(found[-1]).values())

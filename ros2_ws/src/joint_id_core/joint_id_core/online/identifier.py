@@ -76,7 +76,7 @@ class OnlineIdentifier:
         _, free = self.settings.applied_to(model)
         self.model, self.options, self.estimator = model, options or OnlineOptions(), estimator
         coordinates, window_s = Coordinates(model, free, self.settings.priors), self.options.window_s
-        self._task = Task(model, self.settings, self.options, estimator, coordinates)
+        self._task = Task(model, self.settings, self.options, estimator, coordinates, background)
         self._watch, self._checks = MotionWatch(model, window_s), WindowChecks(window_s, background)
         self._window = SlidingWindow(window_s)  # samples in motion
         self._second_look = SecondLook(window_s, background)

@@ -60,7 +60,7 @@ class Knowledge:
         memory = Memory(mean, covariance, task.coordinates.spread)
         effect = None if last.checks is None else last.checks.levels
         levels = Levels(np.square(list(last.noise.values())), len(mean), noise_sigma, effect)
-        self.follower = Follower(memory, task.coordinates, task.options, levels, self._tracker, age_s)
+        self.follower = Follower(memory, task.coordinates, task.options, levels, self._tracker, age_s, task.background)
 
     @classmethod
     def from_window(cls, task: Task, fit: Estimate, recording: Recording) -> Knowledge:

@@ -33,6 +33,7 @@ class Profiling:
         self._axes: tuple[Axis, ...] = ()
         self._others: tuple[Array, ...] = ()
         self._apart = np.zeros((len(coordinates.unit), len(coordinates.unit)))  # mean square distance of the others
+        self._found: tuple[Array, Array] | None = None  # what `excess` returned, of which inverse
 
     def anew(self) -> Profiling:
         """Return one for another memory."""
@@ -54,7 +55,7 @@ class Profiling:
         found, self._running = self._running.result(), None
         if found is None:
             return None
-        self._axes, self._others = found.axes, found.others
+        self._axes, self._others, self._found = found.axes, found.others, None
         if self._others:
             self._left = self._left or [more for more in LATER if more > count]
             away = np.array(self._others) - found.z
@@ -69,9 +70,12 @@ class Profiling:
         `inverse` (k, k) is that of its information matrix. What bends is of second order: it shrinks with the square of
         the variance along each combination. The distance of other minima stays until they are less likely.
         """
+        if self._found is not None and self._found[0] is inverse:
+            return self._found[1]
         unit, found = self._coordinates.unit, self._apart.copy()
         for axis in self._axes:
             along = axis.along / unit
             left = min(1.0, float(along @ inverse @ along) / axis.variance)
             found += left * left * axis.excess
+        self._found = inverse, found
         return found

@@ -20,6 +20,7 @@ from joint_id_core.estimators.regression_starts import started
 from joint_id_core.estimators.shared.fit_data import FitData, UnusableError, prepare
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
+from joint_id_core.online.checks import Background, at_once
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.tracker import Tracker
 from joint_id_core.results.estimate import Estimate
@@ -27,13 +28,19 @@ from joint_id_core.results.estimate import Estimate
 
 @dataclass(frozen=True)
 class Task:
-    """What is identified, and how; `coordinates` are those of the free parameters."""
+    """What is identified, and how.
+
+    Attributes:
+        coordinates: of the free parameters.
+        background: does what must not delay the recursion.
+    """
 
     model: Model
     settings: ParameterSettings
     options: OnlineOptions
     estimator: Estimator
     coordinates: Coordinates
+    background: Background = at_once
 
     def started(self, recording: Recording, settings: ParameterSettings) -> Task:
         """Return the task with these settings and the start values of a window: see `estimators.regression_starts`."""
