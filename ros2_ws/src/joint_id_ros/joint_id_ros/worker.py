@@ -19,6 +19,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.online.identifier import OnlineIdentifier
 from joint_id_core.results.estimate import Estimate
 from joint_id_ros.raw_messages import RawMessage
+from joint_id_ros.sample_queue import SampleQueue
 from joint_id_ros.samples import to_recordings
 
 IDLE_S = 0.1  # time after which what has arrived is used even if it is little
@@ -28,9 +29,6 @@ GATHER, GATHER_S = 0.2, 0.02
 # A batch that takes longer holds fits of whole windows: other threads help, and each estimate is published at once.
 # Quick updates are slower with several threads, which take the interpreter from each other.
 LONG_S = 0.05
-LONGEST_STEP_NS = NANO  # a longer one between two samples is a pause or a clock that was set
-QUEUE_S = 10.0  # of samples at most wait for a running fit ...
-KEEP_S = 5.0  # ... and if they are more, the newest of them are kept
 GONE_S = 2.0  # a joint that the samples have not named for so long is not identified any more
 STOP_S = 2.0  # longest wait for the thread; launch and systemd kill a process that needs 5 s or more to end
 
@@ -71,7 +69,7 @@ class Worker:
     """One `OnlineIdentifier` per joint in a background thread; for fits of several joints, up to one thread per core.
 
     All samples that arrived during a fit go into one update. So if fits take longer than a hop, windows are skipped and
-    the results stay current. No more than `QUEUE_S` of samples wait; beyond that the oldest are left out.
+    the results stay current. No more samples wait than `SampleQueue` holds; beyond that the oldest are left out.
 
     Attributes:
         missed: number of hops without an estimate because a fit took too long.
@@ -100,19 +98,15 @@ class Worker:
         self.missed = self.left_out = 0
         self._hop_s = hop_s
         self._enough_ns = int(0.5 * gathered_s(hop_s) * NANO)  # readings at equal intervals find more and less
-        self._lock = threading.Lock()  # for the queue
-        self._last_stamp_ns: int | None = None
-        self._taken_ns = 0  # newest sample that is not in the queue any more
-        self._batch: _Batch | None = None  # guarded by the lock
-        self._newest_ns = 0  # age of the newest sample in the time that samples cover: a clock that is set adds nothing
+        self._queue = SampleQueue()
+        self._lock = threading.Lock()  # for the batch
+        self._batch: _Batch | None = None
         self._done_ns: dict[str, int] = {}  # newest sample that an identifier has taken, by joint
         self._named_ns: dict[str, int] = {}  # newest sample in which a joint was named
         self._known = tuple(known)
         self._longest_lag_s = 0.0
         self._make, self._wanted, self._expected, self._callbacks = make, tuple(joints), tuple(expected), callbacks
         self._identifiers: dict[str, OnlineIdentifier] = {}
-        self._pending: deque[tuple[int, RawMessage]] = deque()  # ages, as `_newest_ns`, and samples
-        self._new_run = False  # whether the next sample begins one
         self._origin_ns: int | None = None
         self._begun: dict[str, float] = {}
         self._working = False
@@ -123,7 +117,7 @@ class Worker:
     @property
     def backlog(self) -> int:
         """Number of samples that wait."""
-        return len(self._pending)
+        return len(self._queue)
 
     @property
     def busy_s(self) -> float:
@@ -133,29 +127,23 @@ class Worker:
     @property
     def idle(self) -> bool:
         """Whether every sample has been used."""
-        return not self._pending and not self._working
+        return not self._queue and not self._working
 
     @property
     def waiting(self) -> list[str]:
         """Joints whose newest samples have waited for longer than a hop."""
-        late_ns = self._newest_ns - int(self._hop_s * NANO)
+        late_ns = self._queue.newest_ns - int(self._hop_s * NANO)
         return sorted(joint for joint, done_ns in self._done_ns.copy().items() if done_ns < late_ns)
 
     def lag_s(self) -> float:
         """Return how far the identifiers were behind the newest sample at worst, in s, since the last call."""
-        now_s = max((self._newest_ns - done_ns for done_ns in self._done_ns.copy().values()), default=0) / NANO
+        now_s = max((self._queue.newest_ns - done_ns for done_ns in self._done_ns.copy().values()), default=0) / NANO
         longest, self._longest_lag_s = max(now_s, self._longest_lag_s), 0.0
         return longest
 
     def add(self, message: RawMessage) -> None:
         """Add a sample without error; samples must come in the order of their stamps."""
-        with self._lock:
-            step_ns = message.stamp_ns - (self._last_stamp_ns or message.stamp_ns)
-            self._last_stamp_ns = message.stamp_ns
-            self._newest_ns += min(max(step_ns, 0), LONGEST_STEP_NS)
-            self._pending.append((self._newest_ns, message))
-            many = self._newest_ns - self._pending[0][0] > QUEUE_S * NANO
-            count = self._shorten(self._newest_ns - int(KEEP_S * NANO)) if many else 0
+        count = self._queue.add(message)
         if count:
             self.left_out += count
             self._callbacks.problem(
@@ -163,14 +151,6 @@ class Worker:
                 f"{count} samples left out: they waited for fits, which are slower than the samples come. Identify "
                 "fewer joints, or take a longer hop_s",
             )
-
-    def _shorten(self, first_ns: int) -> int:
-        """Leave out the waiting samples before an age; return their number."""
-        count = 0
-        while self._pending[0][0] < first_ns:
-            self._pending.popleft()
-            count += 1
-        return count
 
     def wake(self) -> None:
         """Use the samples that were added, if these are enough; start threads that help if those before take long."""
@@ -182,15 +162,12 @@ class Worker:
                     helper = threading.Thread(target=self._fit_all, args=(batch,), name="identifier", daemon=True)
                     batch.helpers.append(helper)
                     helper.start()
-            enough = self._new_run or self._newest_ns - self._taken_ns >= self._enough_ns
-        if enough:
+        if self._queue.covers(self._enough_ns):
             self._arrived.set()
 
     def restart(self) -> None:
         """Forget all earlier samples: a new run begins with the next sample."""
-        with self._lock:
-            self._pending.clear()
-            self._new_run = True
+        self._queue.restart()
 
     def stop(self) -> None:
         """End the thread. A fit or a compilation that takes longer than `STOP_S` is abandoned."""
@@ -204,11 +181,8 @@ class Worker:
             self._arrived.clear()
             if self._stop.is_set():
                 return
-            with self._lock:
-                self._taken_ns = self._newest_ns
-                batch, new_run, self._working = list(self._pending), self._new_run, True
-                self._pending.clear()
-                self._new_run = False
+            self._working = True
+            batch, new_run = self._queue.take()
             if new_run:
                 self._identifiers.clear()
                 self._done_ns.clear()
@@ -273,7 +247,7 @@ class Worker:
                 return
             self._fit(joint, recording, origin_ns)
             self._done_ns[joint] = batch.newest_ns
-            self._longest_lag_s = max(self._longest_lag_s, (self._newest_ns - batch.newest_ns) / NANO)
+            self._longest_lag_s = max(self._longest_lag_s, (self._queue.newest_ns - batch.newest_ns) / NANO)
             if batch.long and not self._stop.is_set():
                 self._callbacks.publish()
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from joint_id_ros.raw_messages import RawMessage, Table
-from joint_id_ros.worker import GONE_S, KEEP_S, QUEUE_S, Callbacks, Worker
+from joint_id_ros.sample_queue import KEEP_S, QUEUE_S
+from joint_id_ros.worker import GONE_S, Callbacks, Worker
 
 PERIOD_NS = 10_000_000
 PATIENCE_S = 60.0
