@@ -154,7 +154,7 @@ def table(rows: Sequence[Row], machine: str) -> str:
 
 
 def _cells(rows: Sequence[Row], group: str) -> list[str]:
-    """Return how many values there are, rms error over sigma, coverage, and the median sigma as a share of the truth."""
+    """Return how many values there are, rms error over sigma, coverage, and the median sigma as share of the truth."""
     error, sigma, truth = (_all(getattr(row, name)[group] for row in rows) for name in ("errors", "sigmas", "truths"))
     z = error / sigma
     return [
