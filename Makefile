@@ -98,6 +98,7 @@ bench-speed: setup $(VENV)/.peers
 # Errors against their predicted sigma, coverage of the intervals, and the paper's methods on the same data.
 bench-stats: setup
 	$(RUN) python benchmarks/stats.py --json out/benchmarks/stats.json
+	$(RUN) python benchmarks/arm_stats.py --arms 60 --json out/benchmarks/arm_stats.json --write
 
 # Run lengths of the drift monitor: writes its tables into docs/reliability.md (twenty minutes).
 bench-drift: setup

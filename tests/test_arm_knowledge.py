@@ -34,6 +34,6 @@ def test_there_is_something_to_tell_while_the_arm_moves_though_nothing_is_believ
 def test_an_arm_is_not_learnt_with_a_gravity_that_the_torques_contradict():
     upside_down = Description(moving_arm.URDF, gravity=(0.0, 0.0, 9.81))
     arm = ArmKnowledge(upside_down, ArmIdentifierOptions(), lambda kind, text: None)
-    with pytest.raises(JointIdError, match=r"gravity acts along \S+,-9.8\d* .* \(base_gravity\)"):
+    with pytest.raises(JointIdError, match=r"gravity acts along \S+,-9.8\d* .* base_gravity\)"):
         arm.add(moving_arm.rigid(LEARN_S, 0))
     assert arm.follower.belief is None

@@ -110,7 +110,7 @@ def test_measured_blocks_are_written_and_the_rest_is_left():
     parts = ("targets", "joints", "links", "stiffness", "arm", "payload", "arm-followed", "arm-peers")
     fleet = {f"fleet-{part}" for part in ("robots", "emulator", "page", "participants")}
     others = {"changes", "steady", "peers", "soak", "robots", "batch", "batched", "batched-gpu", "bootstrap"}
-    others |= {"design-arm", "design-joint"}
+    others |= {"design-arm", "design-joint", "arm-stats"}
     assert names == others | {f"robots-{part}" for part in parts} | fleet
 
 

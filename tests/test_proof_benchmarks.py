@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import argparse
 
+import arm_stats
 import bootstrap
 import design
 import numpy as np
 import pytest
 from measured_blocks import add_options, rows_of
+
+from joint_id_core.arm.arm_estimate import Value
+from joint_id_core.results.verdict import Verdict
 
 
 def proof(converged: int) -> design.Row:
@@ -58,3 +62,24 @@ def test_the_joint_without_a_bias_obeys_the_model_of_the_fit():
     gained = (torque[:-1] - friction) / (p["J"] * bootstrap.RATE)
     assert np.count_nonzero(sliding) > 100 and np.ptp(np.sign(w)) == 2.0
     np.testing.assert_allclose(np.diff(w)[sliding], gained[sliding], atol=1e-9)
+
+
+def test_errors_over_sigma_count_what_is_estimated_and_all_base_parameters():
+    """Errors of 1 and 3 sigma; a value that is not estimated counts of base parameters only."""
+    values = [Value(2.0, 1.0, "", Verdict.ESTIMATED, ""), Value(4.0, 1.0, "", Verdict.PRIOR, "")]
+    pairs = [(value, 1.0) for value in values]
+    row = arm_stats.Row.of("ur5e", False, {arm_stats.BASE: pairs, "gains": pairs})
+    bent = arm_stats.Row("ur5e", True, row.errors, row.sigmas, row.truths, row.all)
+    lines = arm_stats.table([row, bent], "here").splitlines()
+    told = "| 2 of 2 | 2.24 | 0.500 | 1e+02 % |"
+    assert lines[-2:] == [f"| {arm_stats.BASE} {told}{told[1:]}", lines[-1]]
+    assert lines[-1] == "| gains | 1 of 2 | 1.00 | 1.000 | 1e+02 % | 1 of 2 | 1.00 | 1.000 | 1e+02 % |"
+
+
+def test_a_fit_of_a_simulated_arm_has_every_group_near_its_truth():
+    row = arm_stats.fitted(4)
+    assert row.bent and all(row.errors.values())
+    for group, errors in row.errors.items():
+        ratio = np.sqrt(np.mean((np.array(errors) / row.sigmas[group]) ** 2))
+        assert ratio < 2.5, group
+    assert row.all == {**row.all, arm_stats.BASE: 40, "payload, mass": 1, "payload, centre": 3, "gains": 6}

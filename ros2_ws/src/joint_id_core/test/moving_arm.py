@@ -23,6 +23,7 @@ LINK_VISCOUS = 0.3  # share of the viscous friction that acts on the link
 RATIO, RATE, FINER = 100.0, 500.0, 16  # samples/s, steps of the integrator in a sample
 LOOP = 2.0 * np.pi * 4.0  # rad/s, of the controllers
 SMOOTHING = 0.1  # rad/s at the motor, of Coulomb friction
+ELECTRICAL = {"R": 0.5, "L": 5e-4, "k_b": 0.1, "k_t": 0.1}  # of every motor: Ohm, H, V s/rad, Nm/A
 
 
 def link(name: str, mass: float, centre: tuple[float, float, float], size: float) -> str:
@@ -170,40 +171,49 @@ def point_to_point(moves: int, seed: int = 0) -> dict[str, Recording]:
     return _by_joint(np.arange(len(q)) / RATE, shown)
 
 
-def flexible(seconds: float, seed: int = 0, path: Callable[[Array, int], Motion] = at) -> dict[str, Recording]:
+def flexible(
+    seconds: float, seed: int = 0, path: Callable[[Array, int], Motion] = at, electrical: bool = False
+) -> dict[str, Recording]:
     """What both encoders and motor torques of all joints show, behind springs with dampers, by name.
 
-    A controller of each motor holds its torque over a sample. Motors, springs and links are integrated by Runge-Kutta.
+    A controller of each motor holds its torque over a sample; if `electrical`, its voltage, and voltages
+    and currents are shown. Motors, springs and links are integrated by Runge-Kutta.
     """
+    resistance, inductance, back_emf, constant = ELECTRICAL.values()
     count, h = round(seconds * RATE), 1.0 / (RATE * FINER)
     links, reference = _Links(), path(np.arange(count) / RATE, seed)
     rotor, damping = ROTOR / RATIO**2, DAMPING_S * STIFFNESS
     whole = rotor + links.inertia / RATIO**2
 
-    def rates(x: Array, torque: Array) -> Array:
-        theta, q, w, dq = x
+    def rates(x: Array, held: Array) -> Array:
+        theta, q, w, dq, current = x
+        torque = constant * current if electrical else held
         spring = STIFFNESS * (theta / RATIO - q) + damping * (w / RATIO - dq)
         friction = (1.0 - LINK_VISCOUS) * VISCOUS / RATIO**2 * w + COULOMB / RATIO * np.tanh(w / SMOOTHING)
         pushed = links.accelerated(q, dq, spring - LINK_VISCOUS * VISCOUS * dq)
-        return np.array([w, dq, (torque - friction - spring / RATIO) / rotor, pushed])
+        changes = (held - resistance * current - back_emf * w) / inductance if electrical else np.zeros_like(w)
+        return np.array([w, dq, (torque - friction - spring / RATIO) / rotor, pushed, changes])
 
-    x = np.array([RATIO * reference.q[0], reference.q[0], RATIO * reference.dq[0], reference.dq[0]])
-    states, torques = np.empty((count, *x.shape)), np.empty((count, len(JOINTS)))
+    x = np.array(
+        [RATIO * reference.q[0], reference.q[0], RATIO * reference.dq[0], reference.dq[0], np.zeros(len(JOINTS))]
+    )
+    states, inputs = np.empty((count, *x.shape)), np.empty((count, len(JOINTS)))
     for k in range(count):
         away, slower = RATIO * reference.q[k] - x[0], RATIO * reference.dq[k] - x[2]
         torque = whole * (RATIO * reference.ddq[k] + 2.0 * LOOP * slower + LOOP**2 * away)
-        states[k], torques[k] = x, torque
+        held = resistance / constant * torque + back_emf * x[2] if electrical else torque
+        states[k], inputs[k] = x, held
         for _ in range(FINER):
-            one = rates(x, torque)
-            two = rates(x + 0.5 * h * one, torque)
-            three = rates(x + 0.5 * h * two, torque)
-            x = x + h / 6.0 * (one + 2.0 * two + 2.0 * three + rates(x + h * three, torque))
+            one = rates(x, held)
+            two = rates(x + 0.5 * h * one, held)
+            three = rates(x + 0.5 * h * two, held)
+            x = x + h / 6.0 * (one + 2.0 * two + 2.0 * three + rates(x + h * three, held))
     noise = np.random.default_rng([seed, 2]).standard_normal((3, count, len(JOINTS)))
-    shown = {
-        "motor_position": states[:, 0] + 1e-3 * noise[0],
-        "link_position": states[:, 1] + 1e-5 * noise[1],
-        "torque": torques + 1e-3 * noise[2],
-    }
+    shown = {"motor_position": states[:, 0] + 1e-3 * noise[0], "link_position": states[:, 1] + 1e-5 * noise[1]}
+    if electrical:
+        shown |= {"voltage": inputs, "current": states[:, 4] + 0.01 * noise[2]}
+    else:
+        shown["torque"] = inputs + 1e-3 * noise[2]
     return _by_joint(np.arange(count) / RATE, shown)
 
 

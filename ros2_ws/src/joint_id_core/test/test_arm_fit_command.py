@@ -69,6 +69,15 @@ def test_the_command_prints_saves_and_writes_a_description(here):
     assert again == 0, err
 
 
+def test_joints_of_other_names_are_told_with_the_names_that_were_recorded(here):
+    Path("left.urdf").write_text(URDF.replace(f'"{JOINTS[0]}"', f'"left_{JOINTS[0]}"'))
+    code, _, err = here("arm", "fit", "left.urdf", "torques")
+    assert (
+        code == 2 and f"torques: no recording of left_{JOINTS[0]}, which left.urdf moves; it holds {JOINTS[0]}, " in err
+    )
+    assert "same names in a copy of the description" in err
+
+
 def test_the_combinations_of_masses_and_inertias_are_a_table(here):
     code, out, err = here("arm", "fit", "arm.urdf", "torques", "--parameters")
     assert code == 0, out + err

@@ -19,7 +19,7 @@ from joint_id_core.arm.arm_estimate import ArmEstimate
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.drift import STRETCH, drift
 from joint_id_core.arm.fit import fit_arm
-from joint_id_core.arm.friction import AT_REST, FASTEST, SLOPE, bend, usual_load
+from joint_id_core.arm.friction import AT_REST, FASTEST, SLOPE, Friction, bend, usual_load
 from joint_id_core.arm.regressor import Regressor
 from joint_id_core.arm.stacked import Stacked
 
@@ -166,3 +166,11 @@ def test_a_rest_that_another_torque_holds_is_out_of_the_band():
     found = fit_arm(ARM, [moving_arm.point_to_point(8, 0)], GAINS, pushed)
     by_name = {j.name: j.rest.held for j in found.joints}
     assert by_name["lift"] < 0.7 < by_name["turn"]
+
+
+def test_what_sticks_holds_no_less_with_a_small_load_and_more_with_a_large_one():
+    law = Friction(np.zeros(0), np.array([50.0, 0.0]))
+    values = np.array([4.0, 4.0, 10.0, 3.0, 0.0, 2.0, 0.06])  # damping, Coulomb friction, bends, growth
+    held = law.breakaway(values, np.array([[0.0, 0.0], [50.0, 0.0], [150.0, 100.0]]))
+    still = 3.0 + 2.0 * (1.0 - AT_REST)
+    np.testing.assert_allclose(held, [[10.0, still], [10.0, still], [16.0, still + 6.0]])

@@ -9,12 +9,12 @@ import pytest
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators import ParameterSettings, Regression, fit
+from joint_id_core.estimators import Regression, fit
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Status
 
 from . import moving_arm
-from .moving_arm import COULOMB, JOINTS, LINK_VISCOUS, RATIO, ROTOR, STIFFNESS, URDF, VISCOUS, Motion, joint, link
+from .moving_arm import COULOMB, JOINTS, ROTOR, URDF, VISCOUS, Motion, joint, link
 
 pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
 pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
@@ -23,7 +23,7 @@ from joint_id_core.arm.description import Description
 from joint_id_core.arm.loaded import Loaded, loaded
 from joint_id_core.arm.typical_inertia import typical_inertia
 
-RIGID, FLEXIBLE = build("rigid_joint"), build("harmonic_drive")
+RIGID = build("rigid_joint")
 
 
 def states(count: int, seed: int = 0) -> Motion:
@@ -204,29 +204,6 @@ def test_joints_may_be_sampled_at_other_instants_and_rates(rigid):
     here, there = (loaded(description, "lift", [r]).recordings[0] for r in (rigid, shifted))
     load = np.interp(there.time, here.time, here["external_torque"])
     assert np.abs(there["external_torque"] - load).max() < 0.3
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", JOINTS)
-def test_flexible_joints_are_found_while_all_of_them_move(flexible, name):
-    """The paper's Model 2 holds while other joints move, with a load that follows the pose."""
-    found, k = loaded(Description(URDF), name, [flexible]), JOINTS.index(name)
-    held = ParameterSettings({"N": RATIO, "k_2": 0.0, "tau_fq": 0.0}, fixed=["k_2", "tau_fq"])
-    estimate = fit(FLEXIBLE, found.recordings[0], held)
-    assert estimate.status in (Status.CONVERGED, Status.POOR_FIT)
-    truth = {
-        "J_m": ROTOR[k] / RATIO**2, "k_1": STIFFNESS[k], "J_q": found.inertia, "c_q": LINK_VISCOUS * VISCOUS[k],
-        "c_m": (1.0 - LINK_VISCOUS) * VISCOUS[k] / RATIO**2, "tau_fm": COULOMB[k] / RATIO,
-        "c_1": moving_arm.DAMPING_S * STIFFNESS[k],
-    }  # fmt: skip
-    for parameter, value in truth.items():
-        row = estimate[parameter]
-        assert abs(row.value - value) < 4.0 * row.std_dev, (parameter, row, value)
-
-
-@pytest.fixture(scope="module")
-def flexible() -> dict[str, Recording]:
-    return moving_arm.flexible(20.0)
 
 
 # --- bad input

@@ -63,7 +63,9 @@ def fit_arm(
     if not records:
         raise JointIdError("no recording without a payload: give at least one")
     if mass is not None and not payload:
-        raise JointIdError("the mass of a payload tells nothing without a recording in which the arm carries it")
+        raise JointIdError(
+            "the mass of a payload tells nothing without a recording in which the arm carries it: give one (--payload)"
+        )
     regressor, source = Regressor(description), description.source
     parts = [equations(regressor, record, gains, source) for record in records]
     check_gravity(description, regressor, parts)

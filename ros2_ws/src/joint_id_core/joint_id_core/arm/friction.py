@@ -65,9 +65,14 @@ class Friction:
         return replace(part.steady, columns=np.concatenate([part.columns, more], axis=2))
 
     def breakaway(self, values: Array, load: Array) -> Array:
-        """Return friction at standstill in Nm, (..., n), from parameters of friction (3 n + 1,) and a load (..., n)."""
+        """Return friction at standstill in Nm, (..., n), from parameters of friction (3 n + 1,) and a load (..., n).
+
+        What sticks does not hold less where the load is less than usual: of ten logs of a UR10e, the lift held 14 to
+        17 Nm in six that stop with no load on it, as with the usual one.
+        """
         coulomb, bend = values[len(self.usual) : -1].reshape(2, -1)
-        return np.maximum(0.0, coulomb + (1.0 - AT_REST) * bend + values[-1] * (load - self.usual))
+        more = np.maximum(0.0, load - self.usual)
+        return np.maximum(0.0, coulomb + (1.0 - AT_REST) * bend + values[-1] * more)
 
 
 def bend(dq: Array) -> Array:

@@ -50,7 +50,8 @@ def check_gravity(description: Description, regressor: Regressor, parts: Sequenc
         found, given = (",".join(f"{v:.3g}" for v in np.round(vector, 2)) for vector in (G / size * felt, taken))
         raise JointIdError(
             f"the torques say that gravity acts along {found} m/s^2 in the frame of the base of {description.source}, "
-            f"not along {given}: give the gravity of your base (base_gravity), or correct the signs of the torques"
+            f"not along {given}: give the gravity of your base (--base-gravity, base_gravity), or correct the signs "
+            "of the torques"
         )
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from joint_id_core.arm.autoregressive import autoregressive
 from joint_id_core.arm.equations import PAYLOAD, Equations
 from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError
@@ -79,17 +80,26 @@ class Stacked:
     def covariance(self, columns: Array, left: Array, sigma: Array) -> tuple[Array, float]:
         """Return the covariance of values with these columns (T, k) and residuals (T,), and the lag of their memory.
 
+        Of each standard deviation it is the larger one of two: what the residuals show, and what noise with their first
+        autocorrelation does.
+
         An equation that alone tells of a parameter leaves nothing, however wrong it is. So residuals are those of a fit
         without their own equation (MacKinnon & White, Journal of Econometrics 29, 1985).
         """
         weights = 1.0 / sigma[self.joint]
         weighted = columns * weights[:, None]
-        residuals = left * weights / free(weighted)
+        alone = free(weighted)
+        residuals = left * weights / alone
         scores, lag = weighted * residuals[:, None], 1.0
         for k in np.unique(self.pieces):
             some = scores[self.pieces == k]
             lag = max(lag, automatic_lag(some[:, np.any(some, axis=0)]))
-        return newey_west(weighted, residuals, self.pieces, lag), lag
+        shown = newey_west(weighted, residuals, self.pieces, lag)
+        whole = left * weights / np.sqrt(alone)  # a fit takes some of the noise for motion
+        modelled = np.diag(autoregressive(weighted, whole, self.joint, self.pieces, lag))
+        own = np.diag(shown)
+        wider = np.sqrt(np.maximum(1.0, modelled / np.where(own > 0.0, own, np.inf)))
+        return shown * np.outer(wider, wider), lag
 
 
 def of_joint(part: Equations, j: int, loaded: bool) -> tuple[Array, Array]:

@@ -43,7 +43,8 @@ def parsed(text: str, source: str) -> ET.Element:
         name, kind = joint.get("name", ""), joint.get("type", "")
         if kind not in (*MOVING, "fixed"):
             raise JointIdError(
-                f"{source}: joint {name!r} is {kind or 'of no type'}: known are {', '.join(MOVING)} and fixed"
+                f"{source}: joint {name!r} is {kind or 'of no type'}: known are {', '.join(MOVING)} and fixed: make it "
+                "fixed in a copy of the description if it stands still"
             )
         for end in ("parent", "child"):
             if end_of(joint, end) not in links:

@@ -74,12 +74,11 @@ def fit(
     )
     description = options.description(urdf)
     gains, spread = options.gains(description.joints)
-    there = (*description.joints, *description.fixed)
     with Progress() as progress:
         progress("reading the recordings")
-        records = [read(file, options.part, there) for file in files]
-        carried = [read(file, options.part, there) for file in loaded]
-        held_out = None if validate is None else read(validate, options.whole, there)
+        records = [read(file, options.part, description) for file in files]
+        carried = [read(file, options.part, description) for file in loaded]
+        held_out = None if validate is None else read(validate, options.whole, description)
         progress(f"fitting {len(description.joints)} joints")
         found = fit_arm(description, records, gains, held_out, carried, mass)
     if json:

@@ -13,6 +13,7 @@ import typer
 from joint_id_core.arm.gains import NAMES, Drive, Gains, gains_of
 from joint_id_core.assignments import texts_by_name
 from joint_id_core.cli.fit_options import BASE_GRAVITY_HELP, EndOption, MapOption, StartOption, Texts
+from joint_id_core.errors import JointIdError
 from joint_id_core.jobs.given import Part, described, joints_of
 from joint_id_core.jobs.robot_file import robot_settings
 from joint_id_core.models.per_joint import parse
@@ -61,13 +62,22 @@ class ArmOptions:
         return Part(self.part.mapping, None, None)
 
 
-def read(file: Path, part: Part, joints: Sequence[str]) -> dict[str, Recording]:
+def read(file: Path, part: Part, description: Description) -> dict[str, Recording]:
     """Read all joints of the robot that a file holds.
 
     Raises:
-        JointIdError: it holds one joint without a name.
+        JointIdError: it holds one joint without a name, or joints of other names in place of some.
     """
-    return {name: part.read(file, name) for name in joints_of(file, part.mapping) if name in joints}
+    names, known = joints_of(file, part.mapping), (*description.joints, *description.fixed)
+    missing = [name for name in description.joints if name not in names]
+    others = [name for name in names if name not in known]
+    if missing and others:
+        raise JointIdError(
+            f"{file}: no recording of {', '.join(missing)}, which {description.source} moves; it holds "
+            f"{', '.join(others)}, which the description has not: if these are the same joints, give them the same "
+            "names in a copy of the description; otherwise record all joints"
+        )
+    return {name: part.read(file, name) for name in names if name in known}
 
 
 def _drive(robot: str | None, joint: str) -> Drive:

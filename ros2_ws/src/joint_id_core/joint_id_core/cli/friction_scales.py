@@ -37,7 +37,7 @@ def friction_scales(
     gains, _ = options.gains(description.joints)
     with Progress() as progress:
         progress("reading the recordings")
-        records = [read(file, options.part, description.joints) for file in files]
+        records = [read(file, options.part, description) for file in files]
         progress(f"fitting {len(description.joints)} joints twice")
         text = f"{found(description, records, gains)}\n"
     if out is None:

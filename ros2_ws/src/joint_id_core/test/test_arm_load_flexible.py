@@ -1,0 +1,69 @@
+"""Flexible joints of an arm that all move: the paper's Models 2 and 3 beneath the load that its description gives."""
+
+from __future__ import annotations
+
+import pytest
+
+from joint_id_core.data.recording import Recording
+from joint_id_core.estimators import ParameterSettings, fit
+from joint_id_core.models import build
+from joint_id_core.results.estimate import Status
+
+from . import moving_arm
+from .moving_arm import COULOMB, JOINTS, LINK_VISCOUS, RATIO, ROTOR, STIFFNESS, URDF, VISCOUS
+
+pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
+pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
+
+from joint_id_core.arm.description import Description
+from joint_id_core.arm.loaded import loaded
+
+FLEXIBLE, ELECTROMECHANICAL = build("harmonic_drive"), build("electromechanical")
+pytestmark = pytest.mark.long
+
+
+@pytest.mark.parametrize("name", JOINTS)
+def test_flexible_joints_are_found_while_all_of_them_move(flexible, name):
+    """The paper's Model 2 holds while other joints move, with a load that follows the pose."""
+    found, k = loaded(Description(URDF), name, [flexible]), JOINTS.index(name)
+    held = ParameterSettings({"N": RATIO, "k_2": 0.0, "tau_fq": 0.0}, fixed=["k_2", "tau_fq"])
+    estimate = fit(FLEXIBLE, found.recordings[0], held)
+    assert estimate.status in (Status.CONVERGED, Status.POOR_FIT)
+    truth = {
+        "J_m": ROTOR[k] / RATIO**2, "k_1": STIFFNESS[k], "J_q": found.inertia, "c_q": LINK_VISCOUS * VISCOUS[k],
+        "c_m": (1.0 - LINK_VISCOUS) * VISCOUS[k] / RATIO**2, "tau_fm": COULOMB[k] / RATIO,
+        "c_1": moving_arm.DAMPING_S * STIFFNESS[k],
+    }  # fmt: skip
+    for parameter, value in truth.items():
+        row = estimate[parameter]
+        assert abs(row.value - value) < 4.0 * row.std_dev, (parameter, row, value)
+
+
+@pytest.fixture(scope="module")
+def flexible() -> dict[str, Recording]:
+    return moving_arm.flexible(20.0)
+
+
+@pytest.mark.parametrize("name", ["turn", "lift", "tilt"])
+def test_flexible_joints_with_their_motors_are_found_while_all_of_them_move(electrical, name):
+    """The paper's Model 3 does, from voltages; it starts from a data sheet, and the inertia of the description."""
+    found, k = loaded(Description(URDF), name, [electrical]), JOINTS.index(name)
+    truth = {
+        "R": 0.5, "k_b": 0.1, "k_t": 0.1, "J_m": ROTOR[k] / RATIO**2, "k_1": STIFFNESS[k], "J_q": found.inertia,
+        "c_q": LINK_VISCOUS * VISCOUS[k], "c_m": (1.0 - LINK_VISCOUS) * VISCOUS[k] / RATIO**2,
+        "tau_fm": COULOMB[k] / RATIO, "c_1": moving_arm.DAMPING_S * STIFFNESS[k],
+    }  # fmt: skip
+    start = {n: 1.1 * truth[n] for n in ("R", "k_b", "k_t")} | {"J_m": 1.2 * truth["J_m"], "J_q": found.inertia}
+    held = {"N": RATIO, "k_2": 0.0, "L": moving_arm.ELECTRICAL["L"], "c_b": 0.0}
+    settings = ParameterSettings({**start, **held}, fixed=["k_2"], freed=["J_m", "J_q"])
+    estimate = fit(ELECTROMECHANICAL, found.recordings[0], settings)
+    assert estimate.status in (Status.CONVERGED, Status.POOR_FIT)
+    for parameter, value in truth.items():
+        row = estimate[parameter]
+        assert abs(row.value - value) < 4.0 * row.std_dev, (parameter, row, value)
+        assert row.std_dev < (1.0 if parameter == "c_1" else 0.05) * value, (parameter, row)
+
+
+@pytest.fixture(scope="module")
+def electrical() -> dict[str, Recording]:
+    return moving_arm.flexible(12.0, electrical=True)
