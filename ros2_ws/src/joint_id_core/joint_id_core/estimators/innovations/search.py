@@ -220,5 +220,5 @@ def _lowest(ends: list[Minimum]) -> tuple[Minimum, bool]:
 
 def _same(one: Minimum, other: Minimum) -> bool:
     """Return whether two starts reached the same minimum: by cost, or within one sigma if an iteration stalled."""
-    sigma = np.sqrt(np.diag(one.inverse + other.inverse))
+    sigma = np.sqrt(np.maximum(np.diag(one.inverse + other.inverse), 0.0))  # rounding makes a flat valley negative
     return abs(one.cost - other.cost) < SAME_COST or bool(np.all(np.abs(one.z - other.z) < sigma))
