@@ -10,7 +10,7 @@ may still be large.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -156,6 +156,8 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
             break
         taken.append(best)
         sizes.append(size)
+        if candidates[best].sensor and size > SIGNIFICANT:
+            candidates[best] = _rightly_named(recursion, coordinates, found, last, candidates[best])
     if not taken:
         return none
     torques = [k for k in taken if not candidates[k].sensor]
@@ -167,6 +169,23 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
         bias = found.inverse @ attenuation(recursion, coordinates, found, {sensor: level}, last)
         excess += np.outer(bias, bias)
     return Misfit(tuple((candidates[k], size) for k, size in zip(taken, sizes, strict=True)), excess)
+
+
+def _rightly_named(recursion: Recursion, coordinates: Coordinates, found: Minimum, last: Pass, shape: Shape) -> Shape:
+    """Return `shape`, noise of the drive's sensor, with the name of what else looks like it if it is that.
+
+    A controller that knows more of the motion than is recorded answers to a disturbance before the filter has seen it.
+    Then a drive below the foreseen one goes with a push forwards in the sample before. Noise of a sample has the other
+    sign there: what is foreseen for the next sample goes on from it, and it has not moved the joint.
+    """
+    before = np.append(shape.course[1:], 0.0)
+    cross, _, score = recursion.disturbances(last, np.array([shape.channel]), before[:, None])
+    slope = coordinates.slope(found.z)
+    if score[0] - (slope * cross[:, 0]) @ found.inverse @ (slope * last.gradient) < 0.0:
+        return shape
+    name = recursion.data.model.input_names[shape.channel]
+    text = f"a recorded {name} that answers to motion which the recorded signals do not show yet"
+    return replace(shape, name=text, advice="record all sensors that the controller reads")
 
 
 def _most_significant(M: Array, a: Array, total: Array, possible: list[int], taken: list[int]) -> tuple[int, float]:
