@@ -104,6 +104,7 @@ def _fit(
     """Return the estimate of one recording, as if its load were measured."""
     from joint_id_core.estimators.between_samples import fitted_between  # loads NumPy, as the next
     from joint_id_core.estimators.cross_check import cross_checked_whole
+    from joint_id_core.estimators.late_signal import with_late_signal
     from joint_id_core.estimators.one_encoder import hides_compliance
     from joint_id_core.estimators.regression_starts import started
     from joint_id_core.estimators.shared.data_check import concerning, noted, refused
@@ -123,7 +124,8 @@ def _fit(
         again = partial(estimator.fit, model, settings=settings, progress=progress)
         estimate = fitted_between(estimate, model, recording, again)
         estimate = cross_checked_whole(estimate, model, recording, settings)
-        estimate = with_signal_faults(estimate, model, recording, settings)
+        late = with_late_signal(estimate, model, recording, again)
+        estimate = with_signal_faults(estimate, model, recording, settings) if late is estimate else late
     if estimate.status.unusable:
         return estimate
     return with_held_values(noted(estimate, found, model, recording), model, settings)

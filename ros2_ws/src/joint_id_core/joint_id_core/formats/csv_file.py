@@ -21,7 +21,7 @@ from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats import robot_log
 from joint_id_core.formats.column_names import TIME
-from joint_id_core.formats.csv_header import COMMENTS, Header, cells, find_header, is_number, lines, opened
+from joint_id_core.formats.csv_header import COMMENTS, Header, cells, find_header, is_number, lines
 from joint_id_core.formats.mapping import plan
 from joint_id_core.formats.mapping import taken as in_words
 from joint_id_core.formats.overlooked import tell, tell_empty
@@ -93,12 +93,18 @@ def write_csv(path: str | Path, recording: Recording) -> None:
 
 def _numbers(path: Path, header: Header) -> Array | None:
     """Return all cells as numbers (rows, columns), read by NumPy; None if a cell or a line is not as it expects."""
-    try:
-        with opened(path) as file, warnings.catch_warnings(action="ignore"):  # no rows: said below
-            table = np.loadtxt(file, delimiter=header.delimiter, skiprows=header.line, comments=COMMENTS, ndmin=2)
-    except (ValueError, OSError, EOFError):
-        return None
-    return table if len(table) and table.shape[1] == len(header.names) else None
+    # NumPy reads a file that it opens itself in larger pieces; with comments it takes every line apart in Python.
+    for comments in (None, COMMENTS):
+        try:
+            with warnings.catch_warnings(action="ignore"):  # no rows: said below
+                table = np.loadtxt(
+                    path, delimiter=header.delimiter, skiprows=header.line, comments=comments, ndmin=2,
+                    encoding="utf-8-sig",
+                )  # fmt: skip
+        except (ValueError, OSError, EOFError):
+            continue
+        return table if len(table) and table.shape[1] == len(header.names) else None
+    return None
 
 
 def _table(path: Path, header: Header) -> tuple[list[list[str]], list[int]]:

@@ -1,0 +1,58 @@
+"""Signals of joints with a voltage that are late: the fit says which one, and by how much."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from joint_id_core.data.recording import Recording
+from joint_id_core.estimators import fit
+from joint_id_core.models import build
+from joint_id_core.results.estimate import Status
+from joint_id_core.simulation import simulate_motion
+
+DC, WHOLE = build("dc_motor"), build("electromechanical")
+
+
+def later(recording: Recording, name: str, seconds: float) -> Recording:
+    return recording.with_channels({name: np.interp(recording.time - seconds, recording.time, recording[name])})
+
+
+@pytest.fixture(scope="module")
+def whole() -> Recording:
+    return simulate_motion(WHOLE, 2.0, values={"k_1": 6500.0, "R": 0.6})
+
+
+def test_a_late_encoder_of_the_link_is_no_damping_of_the_gear(whole):
+    """The fit converges with four times the damping of the gear; only the likelihood tells."""
+    found = fit(WHOLE, later(whole, "link_position", 0.004))
+    assert found.status is Status.POOR_FIT
+    assert found.message.startswith("Link_position is about 4 ms (2 samples) late against the other signals")
+    assert found["c_1"].value > 2.0 * WHOLE.values()["c_1"]
+
+
+def test_a_good_recording_of_a_whole_joint_has_no_late_signal(whole):
+    found = fit(WHOLE, whole)
+    assert found.converged and "against the other signals" not in found.message
+
+
+@pytest.mark.parametrize(
+    ("name", "late", "said"),
+    [
+        ("voltage", 0.004, "Voltage is about 4 ms (2 samples) late"),
+        ("voltage", -0.006, "Voltage is about 6 ms (3 samples) early"),
+        ("current", 0.004, "Current is about 4 ms (2 samples) late"),
+        ("motor_velocity", -0.002, "Motor_velocity is about 2 ms (1 sample) early"),
+    ],
+)
+def test_a_late_signal_of_a_motor_is_named(name, late, said):
+    found = fit(DC, later(simulate_motion(DC, 3.0, values={"R": 0.6}), name, late))
+    assert found.status is Status.POOR_FIT and found.message.startswith(said), found.message
+
+
+@pytest.mark.parametrize("friction", ["coulomb_viscous", "stribeck", "eyring"])
+@pytest.mark.parametrize("rate", [200.0, 1000.0])
+def test_friction_of_another_law_is_no_late_signal(friction, rate):
+    for seed in (1, 2):
+        found = fit(DC, simulate_motion(build("dc_motor", friction=friction), 3.0, rate, seed=seed))
+        assert "against the other signals" not in found.message
