@@ -27,6 +27,11 @@ def run(folder: Path, *words: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
 
 
+def test_a_group_without_a_command_shows_its_commands(tmp_path):
+    done = run(tmp_path, "arm")
+    assert done.returncode == BAD_INPUT and "\n  friction-scales " in done.stderr and "\n  fit " in done.stderr
+
+
 @pytest.fixture
 def log(tmp_path):
     formats.write(tmp_path / "log.csv", motion(4.0))
@@ -49,6 +54,9 @@ def log(tmp_path):
         (("info", "a" * 300 + ".csv"), "File name too long"),
         (("fit", "LOG", "--save", "no/such/e.json"), "the estimate cannot be written"),
         (("report", "LOG", "-o", "."), "cannot be written"),
+        (("report", "LOG", "-o", "page.pdf"), "the report is a page of HTML, which a browser can print"),
+        (("fit", "LOG", "--plot", ""), "not the name of a picture"),
+        (("simulate", "rigid_joint", "--out", "x", "--joint", ""), "--joint is empty"),
         (("simulate", "rigid_joint", "--out", "no/such/x.csv"), "cannot be written"),
         (("simulate", "rigid_joint", "--out", "x.csv", "--seed", "-1"), "--seed -1: give a number from 0 on"),
         (("simulate", "rigid_joint", "--out", "x.csv", "--joint", "elbow"), "a CSV file holds no name of a joint"),

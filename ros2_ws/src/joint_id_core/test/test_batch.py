@@ -190,7 +190,7 @@ def test_only_a_part_and_one_joint_of_each_recording(tmp_path, run, in_this_proc
     assert code == 1 and "has no joint 'elbow'" in rows(tmp_path / "none.parquet")[0]["message"] and err
 
 
-@pytest.mark.parametrize("content", [b"", b"PAR1 half", b"no table at all" * 100])
+@pytest.mark.parametrize("content", [b"", b"PAR1 half", bytes(1000)])
 def test_a_half_written_table_is_kept_aside(tmp_path, content):
     (bag,) = write_bags(tmp_path, 1)
     output = tmp_path / "out.parquet"
@@ -218,6 +218,17 @@ def test_a_table_of_something_else_is_left_alone(tmp_path):
     with pytest.raises(JointIdError, match="a table that joint-id batch did not write"):
         run_here([bag], output)
     assert parquet.read_table(output).to_pydict() == {"a": [1]}
+
+
+def test_a_file_that_is_no_table_is_left_alone(tmp_path, run):
+    (bag,) = write_bags(tmp_path, 1)
+    output = tmp_path / "out.parquet"
+    output.write_text("time_s,torque\n0,1\n")
+    with pytest.raises(JointIdError, match="a file that is no table"):
+        run_here([bag], output)
+    assert output.read_text() == "time_s,torque\n0,1\n"
+    code, _, err = run("batch", bag, "-o", tmp_path / "log.csv", *COMMAND)
+    assert code == 2 and "end its name in .parquet" in err and not (tmp_path / "log.csv").exists()
 
 
 def test_a_damaged_part_is_kept_aside_and_its_recording_done_again(tmp_path):

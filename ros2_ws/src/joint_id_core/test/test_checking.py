@@ -319,3 +319,36 @@ def test_sides_that_turn_in_opposite_directions_are_named(motor, link):
     assert any(f"{motor} and {link} turn in opposite directions: reverse the sign" in text for text in found)
     for offset in (0.0, 20.0, -20.0):
         assert not any("opposite" in f.text for f in findings(two_sides(1.0, motor, link, offset)))
+
+
+@pytest.mark.parametrize(
+    ("name", "step", "said"),
+    [
+        ("link_position", 0.01, "Channel link_position goes in steps of 0.01 rad"),
+        ("link_velocity", 0.05, "Channel link_velocity goes in steps of 0.05 rad/s"),
+        ("torque", 1.0, "Channel torque goes in steps of 1 Nm"),
+    ],
+)
+def test_a_signal_of_few_steps_is_named_and_not_taken_for_a_fast_motion(name, step, said):
+    recording = good()
+    coarse = recording.with_channels({name: np.round(recording[name] / step) * step})
+    texts = [f.text for f in findings(coarse)]
+    assert any(text.startswith(said) for text in texts), texts
+    assert not any("samples/s are few" in text for text in texts)
+
+
+def test_commands_in_equal_steps_and_fine_encoders_are_not_coarse():
+    recording = good()
+    stairs = np.floor(recording.time / 0.05) % 20
+    fine = np.round(recording["link_position"] / 1e-4) * 1e-4
+    other = recording.with_channels({"torque": stairs, "link_position": fine, "reference_position": np.round(fine, 1)})
+    assert not [f for f in findings(other) if "goes in steps of" in f.text]
+
+
+def test_a_velocity_that_is_zero_between_motions_in_both_directions_is_named():
+    recording = good()
+    still = recording["link_velocity"].copy()
+    turn = int(np.flatnonzero(np.diff(np.sign(still)))[2])
+    still[turn - 60 : turn + 60] = 0.0
+    texts = [f.text for f in findings(recording.with_channels({"link_velocity": still}))]
+    assert any(f"link_velocity stands still in samples {turn - 60} to {turn + 59}" in text for text in texts), texts

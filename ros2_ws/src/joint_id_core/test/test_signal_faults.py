@@ -64,13 +64,19 @@ def test_good_recordings_have_no_fault(model, rate):
         lambda r: r.with_channels({"link_position": r["link_position"] + 0.02}),
         lambda r: r.with_channels({"link_position": r["link_position"] + 0.005 * r.time}),
         lambda r: r.with_channels({"link_position": r["link_position"] + 1e-3 * np.sin(r["link_position"] + 1.0)}),
-        lambda r: r.with_channels({"torque": -r["torque"]}),
         lambda r: r.with_channels({"torque": np.clip(r["torque"], -0.1, 0.1)}),
     ],
-    ids=["offset", "drift", "eccentric disc", "sign", "clipped"],
+    ids=["offset", "drift", "eccentric disc", "clipped"],
 )
 def test_what_is_wrong_otherwise_is_not_taken_for_one_of_these(good, other):
     assert side_fault(other(good), "torque", N) == ""
+
+
+def test_a_torque_of_the_wrong_sign_is_named(good):
+    wrong = scaled("torque", -1.0)(good)
+    assert "acts against the motion: its sign is wrong (--map torque=-1*COLUMN)" in side_fault(wrong, "torque", N)
+    for model in ("harmonic_drive", "motor_side"):
+        assert "The torque acts against the motion" in fit(build(model), wrong).message
 
 
 def test_two_encoders_that_both_move_are_needed(good):

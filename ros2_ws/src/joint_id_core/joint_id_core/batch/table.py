@@ -20,6 +20,7 @@ from joint_id_core.results.history import Known
 from joint_id_core.results.status import Status
 from joint_id_core.results.verdict import Verdict
 
+PARQUET = b"PAR1"  # how such a file begins
 BLOCK = 2000  # rows that are in memory at once
 
 
@@ -62,10 +63,14 @@ def opened(file: BinaryIO, name: str) -> Any:
     """Return a table that a batch wrote (`pyarrow.parquet.ParquetFile`).
 
     Raises:
-        JointIdError: it is a whole table of another kind.
+        JointIdError: it is a whole table of another kind, or no table at all.
         ValueError: it is damaged, or half-written.
     """
     parquet = libraries()
+    begin = file.read(len(PARQUET))
+    if begin.strip(b"\0") and begin != PARQUET[: len(begin)]:  # no accident makes this of a table
+        raise JointIdError(f"{name}: a file that is no table (Parquet): give another name, or move it away")
+    file.seek(0)
     try:
         table = parquet.ParquetFile(file)
     except JointIdError:

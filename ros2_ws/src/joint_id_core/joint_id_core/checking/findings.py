@@ -7,6 +7,7 @@ from collections.abc import Collection
 from joint_id_core.checking.burst import bursts
 from joint_id_core.checking.circuit import circuit
 from joint_id_core.checking.clipping import cut_off
+from joint_id_core.checking.coarse import COARSE, coarse
 from joint_id_core.checking.command import unfollowed
 from joint_id_core.checking.constant import constant_channels
 from joint_id_core.checking.direction import directions
@@ -27,7 +28,7 @@ LEAST = 50  # samples; fewer show nothing
 CHECKS = (
     time_units, position_units, torque_units, slower_source, constant_channels, velocities, low_rate, uneven_stamps,
     outliers, repeated, zeros, jumps, frozen, cut_off, standing, twist_offset, directions, unfollowed, circuit,
-    bursts,
+    bursts, coarse,
 )  # fmt: skip
 
 
@@ -41,13 +42,13 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
         rest = {name: values for name, values in recording.channels.items() if name not in large}
         recording = recording.trusted(recording.time, rest, recording.derived)
     found += [finding for check in CHECKS for finding in check(recording)]
-    faulty = {name for f in found if f.about == SAMPLES for name in f.channels}
+    faulty = {name for f in found if f.about in (SAMPLES, COARSE) for name in f.channels}
     told = [f for f in found if not _follows(f, faulty)]
     return tuple(sorted(told, key=lambda f: not f.fatal))
 
 
 def _follows(finding: Finding, faulty: Collection[str]) -> bool:
-    """Return whether a finding may only follow from faulty samples of channels."""
+    """Return whether a finding may only follow from faulty or coarse samples of channels."""
     if finding.about in ("twist", "drift"):
         return any(name in faulty for name in finding.channels)
     return finding.about == "rate" and all(name in faulty for name in finding.channels)

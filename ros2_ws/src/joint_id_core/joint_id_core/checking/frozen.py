@@ -54,7 +54,8 @@ def _unnamed_runs(time: Array, x: Array, is_position: bool) -> NDArray[np.int64]
     first, last = runs.T
     inside = (first > 0) & (last < len(x) - 1)
     begin, length = late_steps(time, x)  # see `repeats`
-    named = np.isin(last, begin - 1 + length) | (inside & (x[first] == 0.0))  # see `rows.zeros`
+    alike = x[np.maximum(first - 1, 0)] * x[np.minimum(last + 1, len(x) - 1)] > 0.0
+    named = np.isin(last, begin - 1 + length) | (inside & (x[first] == 0.0) & alike)  # see `rows.zeros`
     if is_position:
         named |= np.isin(last, sudden(time, x))  # see `jumps`
     return runs[(last - first < len(x) - 1) & ~named]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json as json_text
 from dataclasses import asdict
+from pathlib import PurePath
 from typing import Annotated, Any, Optional
 
 import typer
@@ -63,6 +64,8 @@ def batch(
 
     if jobs is not None and dask is not None:
         raise JointIdError("--jobs and --dask exclude each other: the number of workers is that of the cluster")
+    if (ending := PurePath(output).suffix.lower()) not in ("", ".parquet", ".pq"):
+        raise JointIdError(f"-o {output}: the table is not {ending} but Parquet: end its name in .parquet")
     solver = estimators.build(estimator, **estimator_options)
     ModelOptions(**model_options)  # wrong values are said first
     job = options.job((), joint, model_options, solver)

@@ -33,8 +33,11 @@ class OneLineErrors(TyperGroup):
         except JointIdError as error:
             complain(str(error))
         except UsageError as error:
-            help_ = " ".join(filter(None, ("joint-id", ctx.invoked_subcommand, "--help")))
-            complain(f"{error.format_message()} See {help_}")  # type: ignore[attr-defined]  # see UsageError
+            said, help_ = str(error), " ".join(filter(None, ("joint-id", ctx.invoked_subcommand, "--help")))
+            if said.startswith("Usage:"):  # a group of commands without a command shows its help
+                print(said, file=sys.stderr)
+            else:
+                complain(f"{error.format_message()} See {help_}")  # type: ignore[attr-defined]  # see UsageError
         except MemoryError:
             complain("not enough memory: take less of the recording (--start, --end), or a computer with more of it")
         except BrokenPipeError:  # a reader such as head has seen enough

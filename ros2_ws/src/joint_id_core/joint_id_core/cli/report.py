@@ -135,8 +135,10 @@ def _require_writable(path: Path) -> None:
     """Check, before a long fit, that the page can be written.
 
     Raises:
-        JointIdError: it cannot.
+        JointIdError: it cannot, or its name is that of another kind of file.
     """
+    if path.suffix.lower() not in ("", ".html", ".htm"):
+        raise JointIdError(f"{path}: the report is a page of HTML, which a browser can print: end its name in .html")
     try:
         existed = path.exists()
         path.open("a").close()

@@ -40,6 +40,8 @@ def simulate(
         raise JointIdError(f"{out} exists already: remove it or choose another name")
     if out.suffix.lower() in OTHERS:
         raise JointIdError(f"{out}: a simulation is written as .csv, or else as a bag directory: give such a name")
+    if joint == "":
+        raise JointIdError("--joint is empty: give a name, or leave it out")
     if joint is not None and out.suffix.lower() == ".csv":
         raise JointIdError(f"{out}: a CSV file holds no name of a joint: leave --joint out, or write a bag")
     if seed < 0:

@@ -18,6 +18,7 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.innovations.filtered import filtered
 from joint_id_core.estimators.shared.fit_data import prepare
+from joint_id_core.estimators.shared.motor_constants import unequal_constants
 from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
@@ -108,6 +109,8 @@ def _late_signal(estimate: Estimate, model: Model, recording: Recording, fit: Ca
         if late == last:
             break
     if late == 0 or found.status is not Status.CONVERGED or labels * (before - trial.cost(name, late)) < SURE:
+        return ""
+    if unequal_constants(model, found):  # swapped channels, for example
         return ""
     return _text(name, late, recording.period)
 

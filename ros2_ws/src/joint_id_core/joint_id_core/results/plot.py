@@ -32,6 +32,8 @@ def require_writable(path: Path) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
     except ImportError:
         raise JointIdError("a plot needs matplotlib, which is not installed: pip install matplotlib") from None
+    if not path.name:
+        raise JointIdError(f"{path}: not the name of a picture: give one, such as fit.png")
     folder = path.absolute().parent
     if not folder.is_dir():
         raise JointIdError(f"{path}: its folder {folder} does not exist: create it")

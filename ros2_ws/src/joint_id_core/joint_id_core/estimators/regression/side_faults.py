@@ -68,6 +68,7 @@ def side_fault(recording: Recording, drive: str, ratio: float) -> str:
     shown, rest = _best(lambda n: left(y, equation.columns(n)), equation.ratio, MOST_SCALE * abs(equation.ratio))
     wrong = abs(shown / ratio - 1.0) >= SCALE and equation.twist(shown) < equation.twist(ratio)
     found.append(Fault(rest, _ratio_text(shown, ratio) if wrong else ""))
+    found.append(Fault(left(-y, columns), _sign_text(drive)))
     change = change_of(equation.time[equation.index], y, columns)
     if change is not None:
         found.append(Fault(change.left, change.text(equation.time[0], drive)))
@@ -125,6 +126,10 @@ def _link_text(late: float) -> str:
         f"the link's encoder is {_when(late)} against the motor's and the drive: take a model with delays (--delays), "
         "or correct its times"
     )
+
+
+def _sign_text(drive: str) -> str:
+    return f"the {drive} acts against the motion: its sign is wrong (--map {drive}=-1*COLUMN)"
 
 
 def _ratio_text(shown: float, ratio: float) -> str:
