@@ -297,6 +297,13 @@ def test_a_command_that_the_link_does_not_follow_is_named(wrong):
     assert "reference_position" in found.text and not found.fatal
 
 
+def test_a_joint_that_is_held_still_has_no_command_to_follow():
+    record, rng = good(), np.random.default_rng(1)
+    held = {"link_position": 1e-4 * rng.standard_normal(len(record)), "torque": record["torque"]}
+    held["reference_position"] = 1e-6 * rng.standard_normal(len(record))
+    assert not [f for f in findings(Recording(record.time, held)) if f.about == "command"]
+
+
 def test_a_torque_that_no_robot_has_may_be_in_another_unit():
     (found,) = findings(scaled("torque", 1e5 / np.abs(good()["torque"]).max()))
     assert "if it is in mNm, multiply it by 0.001" in found.text and not found.fatal

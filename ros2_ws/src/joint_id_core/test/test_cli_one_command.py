@@ -147,4 +147,4 @@ def test_a_joint_that_a_log_does_not_have_is_named_and_what_all_joints_lack_is_s
     code, out = run_here("fit", robot_log, "--joint", "elbow_joint")
     assert code == 2 and "no joint 'elbow_joint': it holds shoulder_pan_joint, shoulder_lift_joint" in out
     code, out = run_here("fit", robot_log)
-    assert code == 2 and out.count("needs k_t") == 1 and "(--robot ur10e)" in out
+    assert code == 2 and out.count("needs k_t") == 1 and "(--robot ur3e, ur5e, ur10e)" in out

@@ -77,7 +77,20 @@ def test_recordings_without_dates_keep_the_order_of_their_files(tmp_path):
     done = CliRunner().invoke(app, ["history", str(tmp_path), "--plot", str(tmp_path / "out.png"), "--json"])
     (told,) = json.loads(done.stdout)["courses"]
     assert told["values"] == pytest.approx([10.3, 10.1, 10.2])
-    assert "no dates" in told["trend"] and not any(told["days"])
+    assert "no trend" in told["trend"] and "a file" in told["trend"] and not any(told["days"])
+    assert told["slope_a_day"] is None
+
+
+def test_wear_is_told_of_recordings_without_dates_too_and_files_can_be_named(tmp_path):
+    files = [tmp_path / f"week{k}.json" for k in (1, 2, 3, 4)]
+    for k, file in enumerate(files):
+        replace(estimate(0, 10.0 + 0.5 * k, 0.1), origin=0).save(file)
+    done = CliRunner().invoke(app, ["history", *map(str, files)])
+    assert done.exit_code == 0 and "+4.7 % ± 0.42 % a file, 11.2 sigma: a trend" in done.stdout
+    assert "without dates: their estimates are taken in the order of the files" in done.stdout
+    two = CliRunner().invoke(app, ["history", *map(str, files[:2])])
+    assert "fewer than 3 estimates" in two.stdout
+    assert CliRunner().invoke(app, ["history", str(files[0]), str(tmp_path / "no.json")]).stderr.count("no.json") == 1
 
 
 def test_a_folder_without_estimates_is_said(tmp_path):

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from joint_id_core.checking.finding import Finding
+from joint_id_core.checking.signals import goes
 from joint_id_core.data.recording import Array, Recording
 
 COMMAND = "reference_position"
@@ -23,9 +24,11 @@ def follows(command: Array, angle: Array) -> bool:
 
 
 def unfollowed(recording: Recording) -> Iterator[Finding]:
-    """Find a command that the link does not follow."""
+    """Find a command that the link does not follow; a joint that is held still has none."""
     names = ("link_position", COMMAND)
-    if all(recording.measured(n) for n in names) and not follows(recording[COMMAND], recording["link_position"]):
+    if not all(recording.measured(n) for n in names) or not any(goes(n, recording[n]) for n in names):
+        return
+    if not follows(recording[COMMAND], recording["link_position"]):
         yield Finding(
             f"The link does not follow {COMMAND}, or it is missing in many samples: check its unit (rad at the link) "
             "and its joint; it is not used",

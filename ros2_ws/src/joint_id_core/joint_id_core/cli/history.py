@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
 
@@ -18,7 +20,10 @@ if TYPE_CHECKING:
 
 
 def history(
-    source: Annotated[str, typer.Argument(help="folder with estimates, from fit --save; or a table, from batch")],
+    sources: Annotated[
+        list[str],
+        typer.Argument(help="folder with estimates, from fit --save; or these files; or a table, from batch"),
+    ],
     plot: Annotated[Optional[Path], typer.Option(help="save a picture, a row a joint")] = None,
     json: JsonOption = False,
 ) -> None:
@@ -35,10 +40,10 @@ def history(
 
     if plot is not None:
         require_writable(plot)
-    rows = _of_folder(Path(source)) if Path(source).is_dir() else _of_table(source)
+    rows = _of_table(sources[0]) if len(sources) == 1 and not _is_json(sources[0]) else _of_files(map(Path, sources))
     found = courses(rows)
     if not found:
-        raise JointIdError(f"{source}: no good estimate in it: save some with joint-id fit FILE --save NAME.json")
+        raise JointIdError(f"{', '.join(sources)}: no good estimate in it: save some with joint-id fit FILE --save NAME.json")
     outliers = apart(found)
     if json:
         print_json({"courses": [_as_dict(c) for c in found], "apart": [asdict(a) for a in outliers]})
@@ -52,12 +57,18 @@ def history(
         save(plot, found)
 
 
-def _of_folder(folder: Path) -> list[Known]:
+def _is_json(source: str) -> bool:
+    """Return whether it is a folder, or a file of one estimate."""
+    return Path(source).is_dir() or source.lower().endswith(".json")
+
+
+def _of_files(sources: Iterable[Path]) -> list[Known]:
     from joint_id_core.results.estimate import Estimate
     from joint_id_core.results.history import known
 
     estimates = []
-    for path in sorted(folder.rglob("*.json"), key=_in_order):
+    paths = {path for source in sources for path in (source.rglob("*.json") if source.is_dir() else (source,))}
+    for path in sorted(paths, key=_in_order):
         try:
             estimates.append(Estimate.load(path))
         except JointIdError as error:
@@ -88,6 +99,6 @@ def _of_table(source: str) -> list[Known]:
 def _as_dict(c: Course) -> dict[str, object]:
     return {
         "robot": c.robot, "joint": c.label, "name": c.name, "unit": c.unit, "days": c.days.tolist(),
-        "values": c.values.tolist(), "std_devs": c.std_devs.tolist(), "slope_a_day": c.slope,
-        "slope_std_dev": c.slope_std_dev, "trend": c.trend,
+        "values": c.values.tolist(), "std_devs": c.std_devs.tolist(), "slope_a_day": c.slope if c.dated else math.nan,
+        "slope_std_dev": c.slope_std_dev if c.dated else math.nan, "trend": c.trend,
     }  # fmt: skip

@@ -236,6 +236,6 @@ class Model:
             if values[p.name] != values[p.name]:
                 raise JointIdError(
                     f"model {self.name} needs {p.name} ({p.meaning}, {p.unit}), which has no default: "
-                    f"give it, e.g. --set {p.name}=..., or name a robot whose file has it (--robot ur10e)"
+                    f"give it, e.g. --set {p.name}=..., or name a robot whose file has it (--robot ur3e, ur5e, ur10e)"
                 )
         return values

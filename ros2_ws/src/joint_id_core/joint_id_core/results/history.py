@@ -42,8 +42,8 @@ class Course:
         robot: name of the robot, "" where it is not known; label: of the joint, with the model if it has several.
         days: since the first one, shape (n,), NaN if one of the recordings has no date.
         values, std_devs: in `unit`, shape (n,).
-        slope, slope_std_dev: of a weighted straight line, in `unit` a day; NaN if a line says nothing. The standard
-            deviation follows from those of the values, or from their scatter (with the quantile of Student's t) where
+        slope, slope_std_dev: of a weighted straight line, in `unit` a day, without dates in `unit` a file; NaN if a
+            line says nothing. The standard deviation follows from those of the values, or from their scatter (with the quantile of Student's t) where
             that is wider.
     """
 
@@ -67,14 +67,12 @@ class Course:
     @property
     def trend(self) -> str:
         """The verdict in words."""
-        if not self.dated:
-            return "in the order of the files: the recordings have no dates"
         if math.isnan(self.slope):
-            return f"fewer than {FEWEST} estimates at different times"
+            return f"fewer than {FEWEST} estimates" + (" at different times" if self.dated else "")
         mean = abs(float(np.average(self.values, weights=self.std_devs**-2)))
         share = 100.0 / mean if mean else math.inf
         sigmas = abs(self.slope) / self.slope_std_dev
-        size = f"{share * self.slope:+.2g} % ± {share * self.slope_std_dev:.2g} % a day, {sigmas:.1f} sigma"
+        size = f"{share * self.slope:+.2g} % ± {share * self.slope_std_dev:.2g} % a {'day' if self.dated else 'file'}, {sigmas:.1f} sigma"
         return f"{size}: {'a trend' if sigmas > SURE else f'no trend beyond {SURE:g} sigma'}"
 
 
@@ -112,7 +110,7 @@ def courses(rows: Sequence[Known]) -> list[Course]:
         ordered = sorted(values_at, key=lambda at: at[0] if dated else 0.0)  # equal ones keep their order
         seconds, values, sigmas = np.array(ordered).T
         days = (seconds - seconds[0]) / DAY_S if dated else np.full(len(seconds), np.nan)
-        line = _line(days, values, sigmas)
+        line = _line(days if dated else np.arange(len(days), dtype=float), values, sigmas)
         found.append(Course(joint, name, units[name], days, values, sigmas, *line, robot, model, label))
     return found
 
@@ -124,7 +122,7 @@ def _instant(estimate: Estimate) -> float:
 
 def _line(days: Array, values: Array, sigmas: Array) -> tuple[float, float]:
     """Return slope and standard deviation of a weighted line; NaN for too few instants."""
-    if len(np.unique(days)) < FEWEST or np.isnan(days).any():
+    if len(np.unique(days)) < FEWEST:
         return math.nan, math.nan
     weights = sigmas**-2
     middle = np.average(days, weights=weights)
@@ -145,4 +143,6 @@ def table(found: Sequence[Course]) -> str:
     for c, name in zip(found, names, strict=True):
         first, last = (f"{c.values[k]:.4g} ± {c.std_devs[k]:.2g}" for k in (0, -1))
         lines.append(f"  {name:<{width}}{c.name:<10}{len(c.days):>3}{first:>20}{last:>20}  {c.unit:<11}{c.trend}")
+    if not all(c.dated for c in found):
+        lines.append("recordings without dates: their estimates are taken in the order of the files")
     return "\n".join(lines)
