@@ -94,7 +94,10 @@ def _late_link(equation: MotorEquation, y: Array, ratio: float) -> tuple[float, 
     def size(late: float) -> float:
         return left(y, equation.columns(ratio, late))
 
-    late = min(_best(size, middle, reach, beyond=longest)[0], max(twist.late, 0.0))
+    found = _best(size, middle, reach, beyond=longest)[0]
+    late = min(found, max(twist.late, 0.0))
+    if OTHERS * size(found) < size(late):  # a spring that is not linear tells it better than the twist
+        late = found
     return late, size(late)
 
 
