@@ -359,3 +359,13 @@ def test_a_velocity_that_is_zero_between_motions_in_both_directions_is_named():
     still[turn - 60 : turn + 60] = 0.0
     texts = [f.text for f in findings(recording.with_channels({"link_velocity": still}))]
     assert any(f"link_velocity stands still in samples {turn - 60} to {turn + 59}" in text for text in texts), texts
+
+
+@pytest.mark.parametrize("step", [1e-6, 1e-4])
+def test_samples_that_come_many_at_a_time_are_named_and_not_taken_for_a_high_rate(step):
+    recording = good()
+    burst = np.arange(len(recording)) % 5
+    times = recording.time - 0.002 * burst + step * burst
+    texts = [f.text for f in findings(Recording(times, recording.channels))]
+    assert any(text.startswith("Samples come many at a time") for text in texts), texts
+    assert not any("samples/s are few" in text for text in texts)

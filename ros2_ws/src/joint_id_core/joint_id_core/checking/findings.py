@@ -17,7 +17,7 @@ from joint_id_core.checking.jumps import jumps
 from joint_id_core.checking.rate import low_rate
 from joint_id_core.checking.repeats import repeated
 from joint_id_core.checking.rows import outliers, zeros
-from joint_id_core.checking.stamps import uneven_stamps
+from joint_id_core.checking.stamps import STAMPS, uneven_stamps
 from joint_id_core.checking.standing import slower_source, standing
 from joint_id_core.checking.twist import twist_offset
 from joint_id_core.checking.units import position_units, time_units, too_large, torque_units
@@ -43,7 +43,8 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
         recording = recording.trusted(recording.time, rest, recording.derived)
     found += [finding for check in CHECKS for finding in check(recording)]
     faulty = {name for f in found if f.about in (SAMPLES, COARSE) for name in f.channels}
-    told = [f for f in found if not _follows(f, faulty)]
+    stamped = any(f.about == STAMPS for f in found)  # then no rate is known
+    told = [f for f in found if not _follows(f, faulty) and not (stamped and f.about == "rate")]
     return tuple(sorted(told, key=lambda f: not f.fatal))
 
 

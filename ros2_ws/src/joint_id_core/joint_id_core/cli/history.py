@@ -43,7 +43,9 @@ def history(
     rows = _of_table(sources[0]) if len(sources) == 1 and not _is_json(sources[0]) else _of_files(map(Path, sources))
     found = courses(rows)
     if not found:
-        raise JointIdError(f"{', '.join(sources)}: no good estimate in it: save some with joint-id fit FILE --save NAME.json")
+        raise JointIdError(
+            f"{', '.join(sources)}: no good estimate in it: save some with joint-id fit FILE --save NAME.json"
+        )
     outliers = apart(found)
     if json:
         print_json({"courses": [_as_dict(c) for c in found], "apart": [asdict(a) for a in outliers]})

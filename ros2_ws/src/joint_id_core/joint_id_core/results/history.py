@@ -43,8 +43,8 @@ class Course:
         days: since the first one, shape (n,), NaN if one of the recordings has no date.
         values, std_devs: in `unit`, shape (n,).
         slope, slope_std_dev: of a weighted straight line, in `unit` a day, without dates in `unit` a file; NaN if a
-            line says nothing. The standard deviation follows from those of the values, or from their scatter (with the quantile of Student's t) where
-            that is wider.
+            line says nothing. The standard deviation follows from those of the values, or from their scatter (with the
+            quantile of Student's t) where that is wider.
     """
 
     joint: str
@@ -72,7 +72,8 @@ class Course:
         mean = abs(float(np.average(self.values, weights=self.std_devs**-2)))
         share = 100.0 / mean if mean else math.inf
         sigmas = abs(self.slope) / self.slope_std_dev
-        size = f"{share * self.slope:+.2g} % ± {share * self.slope_std_dev:.2g} % a {'day' if self.dated else 'file'}, {sigmas:.1f} sigma"
+        each = "day" if self.dated else "file"
+        size = f"{share * self.slope:+.2g} % ± {share * self.slope_std_dev:.2g} % a {each}, {sigmas:.1f} sigma"
         return f"{size}: {'a trend' if sigmas > SURE else f'no trend beyond {SURE:g} sigma'}"
 
 

@@ -185,7 +185,9 @@ def _rightly_named(recursion: Recursion, coordinates: Coordinates, found: Minimu
         return shape
     name = recursion.data.model.input_names[shape.channel]
     text = f"a recorded {name} that answers to motion which the recorded signals do not show yet"
-    return replace(shape, name=text, advice="record all sensors that the controller reads, and the drive without a filter")
+    return replace(
+        shape, name=text, advice="record all sensors that the controller reads, and the drive without a filter"
+    )
 
 
 def _most_significant(M: Array, a: Array, total: Array, possible: list[int], taken: list[int]) -> tuple[int, float]:
