@@ -37,21 +37,17 @@ def sudden(time: Array, x: Array) -> NDArray[np.int64]:
     """Return the samples before jumps."""
     if len(x) < 4 * REACH:
         return np.zeros(0, dtype=np.int64)
-    step, speed = np.diff(x), np.abs(np.diff(x) / np.diff(time))
-    windows = np.lib.stride_tricks.sliding_window_view(speed, REACH)  # windows[k] is speed[k : k + REACH]
-    most = windows.max(axis=1)
-    k = np.arange(REACH, len(step) - REACH)
-    around = np.maximum(most[k - REACH], most[k + 1]) * np.diff(time)[k]
-    moved = np.abs(step[step != 0.0])
-    resolution = float(moved.min()) if len(moved) else 0.0
-    size = np.abs(step[k])
-    found = k[
-        (size > FASTER * around)
-        & (size > STEPS * max(noise(x), resolution))
-        & (size > LEAST_SHARE * float(np.ptp(x)))
-        & (x[k] != 0.0)
-        & (x[k + 1] != 0.0)
-    ]
+    step = np.diff(x)
+    size = np.abs(step)
+    resolution = float(np.min(size, where=size > 0.0, initial=np.inf))
+    least = max(
+        STEPS * noise(x), STEPS * resolution if np.isfinite(resolution) else 0.0, LEAST_SHARE * float(np.ptp(x))
+    )
+    k = np.flatnonzero(size > least)  # few: what is around is looked at for these alone
+    k = k[(k >= REACH) & (k < len(step) - REACH) & (x[k] != 0.0) & (x[k + 1] != 0.0)]
+    beside = k[:, None] + np.array([n for n in range(-REACH, REACH + 1) if n])
+    speed = np.abs(step[beside]) / (time[beside + 1] - time[beside])
+    found = k[size[k] > FASTER * speed.max(axis=1, initial=0.0) * (time[k + 1] - time[k])]
     back = np.array([np.abs(x[j + 2 : j + 2 + REACH] - x[j]).min() < BACK * abs(step[j]) for j in found], dtype=bool)
     came = np.array([np.abs(x[j - REACH : j] - x[j + 1]).min() < BACK * abs(step[j]) for j in found], dtype=bool)
     return found[~(back | came)]
