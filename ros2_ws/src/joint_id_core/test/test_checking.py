@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from joint_id_core import formats
 from joint_id_core.checking.findings import findings
+from joint_id_core.checking.signals import highest_frequency
 from joint_id_core.checking.velocity import compared
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import Regression, fit
@@ -369,3 +370,12 @@ def test_samples_that_come_many_at_a_time_are_named_and_not_taken_for_a_high_rat
     texts = [f.text for f in findings(Recording(times, recording.channels))]
     assert any(text.startswith("Samples come many at a time") for text in texts), texts
     assert not any("samples/s are few" in text for text in texts)
+
+
+def test_a_spectrum_needs_little_memory_for_long_recordings_and_bursts():
+    """The steps of time are a microsecond within a burst: even instants as close would be 10^10 in a day."""
+    time = 10.0 * (np.arange(50_000) // 5) + 1e-6 * (np.arange(50_000) % 5)
+    assert highest_frequency(time, np.sin(2.0 * np.pi * 0.003 * time), 1) == pytest.approx(0.003, rel=0.1)
+    long = np.arange(600_000) / 500.0
+    values = np.where(long > 600.0, 1.0, 1e-3) * np.sin(2.0 * np.pi * 3.0 * long)
+    assert highest_frequency(long, values, 1) == pytest.approx(3.0, abs=0.1)

@@ -16,6 +16,8 @@ GOES = {"position": 0.01, "velocity": 0.1}
 # White noise spans 6 to 9 standard deviations.
 MOVES = 25.0  # span over noise from which a channel moves
 ABOVE_NOISE = 25.0  # power of a frequency over the median of the noise, from which it is of the motion: noise rarely is
+LONGEST = 2**18  # samples of a spectrum: of ten million it took 1.6 GB
+FINEST = 10.0  # times as many even instants as samples, at most
 SHARE = 0.99  # of the power of the velocity that lies below the highest frequency of the motion
 
 
@@ -81,8 +83,14 @@ def highest_frequency(time: Array, values: Array, times: int) -> float:
         time: instants in s, shape (T,).
         values: without NaN, shape (T,).
         times: how often `values` is to be differentiated to be a velocity.
+
+    Of a long recording the part with most motion tells.
     """
-    period = float(np.median(np.diff(time)))
+    if len(time) > LONGEST:
+        first = max(range(0, len(time) - LONGEST + 1, LONGEST), key=lambda k: float(np.ptp(values[k : k + LONGEST])))
+        time, values = time[first : first + LONGEST], values[first : first + LONGEST]
+    # samples may come many at a time, with hardly a step between them
+    period = max(float(np.median(np.diff(time))), float(time[-1] - time[0]) / (FINEST * len(time)))
     even = np.arange(time[0], time[-1], period)
     row = np.interp(even, time, values)
     row = row - np.linspace(row[0], row[-1], len(row)) if times else row - row.mean()
