@@ -65,8 +65,9 @@ def test_good_recordings_have_no_fault(model, rate):
         lambda r: r.with_channels({"link_position": r["link_position"] + 0.005 * r.time}),
         lambda r: r.with_channels({"link_position": r["link_position"] + 1e-3 * np.sin(r["link_position"] + 1.0)}),
         lambda r: r.with_channels({"torque": np.clip(r["torque"], -0.1, 0.1)}),
+        lambda r: r.with_channels({"torque": np.where(np.abs(r.time - 2.0) < 0.4, r["torque"][800], r["torque"])}),
     ],
-    ids=["offset", "drift", "eccentric disc", "clipped"],
+    ids=["offset", "drift", "eccentric disc", "clipped", "frozen"],
 )
 def test_what_is_wrong_otherwise_is_not_taken_for_one_of_these(good, other):
     assert side_fault(other(good), "torque", N) == ""

@@ -64,7 +64,9 @@ def change_of(time: Array, y: Array, columns: Array) -> Change | None:
         values = np.linalg.lstsq(np.column_stack([scaled, np.where(after, torque, 0.0)]), y, rcond=None)[0]
         torque, factor = basis @ values[:-1], factor + float(values[-1])
     rest = y - torque * np.where(after, factor, 1.0)
-    if 1.0 - float(rest @ rest) / float(left @ left) < EXPLAINS or abs(factor - 1.0) < LEAST or factor <= 0.0:
+    if 1.0 - float(rest @ rest) / float(left @ left) < EXPLAINS or abs(factor - 1.0) < LEAST:
+        return None
+    if factor <= 0.0:  # no gain: a drive that froze looks so
         return None
     return Change(at, factor, float(rest @ rest) / float(y @ y))
 
