@@ -24,7 +24,8 @@ from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, Status
 
-SURE = 20.0  # difference of -2 log likelihood from which a signal is late: e^10 to 1
+SURE = 20.0  # difference of -2 log likelihood from which a signal may be late: e^10 to 1
+EACH = 0.1  # the same a label: less is explained by anything that a model lacks, as friction that sticks
 OTHERS = 0.5  # share of that difference below which that of any other signal must be
 MOST = 12  # samples by which a signal is late at most
 ROUNDS = 3  # of fits, each with the lag that the one before found
@@ -39,10 +40,11 @@ class _Trial:
     recording: Recording
     estimate: Estimate
 
-    def cost(self, name: str, late: int) -> float:
+    def cost(self, name: str, late: int, step: bool = True) -> float:
         """Return -2 log likelihood a label, with a signal that is taken to be `late` samples late.
 
-        The samples at both ends, which only some of these recordings have, are left out.
+        It is that after a `step` of Gauss-Newton, or that of the estimate itself. The samples at both ends, which only
+        some of these recordings have, are left out.
         """
         recording = corrected(self.recording, name, late)
         data = prepare(self.model, recording, ParameterSettings.of_estimate(self.estimate), leave_out_rests=True)
@@ -51,7 +53,8 @@ class _Trial:
         scale = 1.0 / np.sqrt(np.maximum(np.diag(found.hessian), 1e-300))
         g = scale * found.gradient
         H = found.hessian * np.outer(scale, scale) + RIDGE * np.eye(len(g))
-        cost = (found.cost - g @ np.linalg.solve(H, g)) / max(int(data.present.sum()), 1)
+        gained = float(g @ np.linalg.solve(H, g)) if step else 0.0
+        cost = (found.cost - gained) / max(int(data.present.sum()), 1)
         return float(cost) if np.isfinite(cost) else np.inf
 
     def least(self, name: str, lags: range) -> int:
@@ -99,7 +102,7 @@ def _late_signal(estimate: Estimate, model: Model, recording: Recording, fit: Ca
     gains = {(n, late): labels * (before - trial.cost(n, late)) for n in names for late in (-1, 1)}
     name, way = max(gains, key=lambda key: gains[key])
     others = [gain for (n, _), gain in gains.items() if n != name]
-    if gains[name, way] < SURE or max(others) > OTHERS * gains[name, way]:
+    if gains[name, way] < SURE or max(*others, 0.0) > OTHERS * gains[name, way] or gains[name, -way] > 0.0:
         return ""
     late = trial.least(name, range(way, way * MOST, way))
     for _ in range(ROUNDS):
@@ -108,7 +111,9 @@ def _late_signal(estimate: Estimate, model: Model, recording: Recording, fit: Ca
         last, late = late, trial.least(name, range(max(late - 2, 1 - MOST), min(late + 3, MOST)))
         if late == last:
             break
-    if late == 0 or found.status is not Status.CONVERGED or labels * (before - trial.cost(name, late)) < SURE:
+    if late == 0 or found.status is not Status.CONVERGED:
+        return ""
+    if before - trial.cost(name, late, step=False) < EACH:
         return ""
     if unequal_constants(model, found):  # swapped channels, for example
         return ""
