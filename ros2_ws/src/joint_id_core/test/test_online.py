@@ -10,16 +10,19 @@ import pytest
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators import ParameterSettings, fit
+from joint_id_core.estimators import Innovations, ParameterSettings, fit
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.shared.stillness import STILL_S
+from joint_id_core.models import build
 from joint_id_core.online import OnlineIdentifier, OnlineOptions
 from joint_id_core.online.checks import in_thread
 from joint_id_core.online.published import published, said
 from joint_id_core.online.window import SlidingWindow
+from joint_id_core.pages.contents import windows
 from joint_id_core.results.estimate import Status
 from joint_id_core.simulation.excitation import multisine
-from joint_id_core.simulation.sensors import Sensors
+from joint_id_core.simulation.plants import MotionOptions, PositionControl
+from joint_id_core.simulation.sensors import Sensors, ur_robot_sensors
 from joint_id_core.simulation.simulator import simulate
 
 from .online_motion import MODEL, RATE, TRUTH, batches, motion
@@ -55,6 +58,22 @@ def test_warm_windows_agree_with_cold_fits_of_the_same_samples():
         for name in e.free:
             assert abs(e[name].value - cold[name].value) < 0.2 * cold[name].std_dev, name
             assert e[name].std_dev == pytest.approx(cold[name].std_dev, rel=0.1)
+
+
+def test_an_input_that_only_a_filter_derives_is_missed_while_samples_arrive_and_not_in_a_report():
+    """Each window derived it by itself, and nothing more was learned after the first one."""
+    model, known = build("motor_side", actuation="current"), ParameterSettings({"k_t": PositionControl.K_T, "N": 101.0})
+    plant, sensors, rng = PositionControl({}, MotionOptions(), 0), ur_robot_sensors(101.0), np.random.default_rng(0)
+    shown = ("link_position", "motor_velocity", "current")
+    rows = [
+        [float(sensors.reading(n, row[n], rng)) for n in shown] for row in (plant.tick(1 / 500) for _ in range(3000))
+    ]
+    record = Recording(np.arange(3000) / 500.0, dict(zip(shown, np.array(rows).T, strict=True)))
+    found = run(record, OnlineIdentifier(model, known))
+    assert {e.status for e in found} == {Status.MISSING_SIGNAL}
+    assert "has no link_velocity" in found[-1].message and "StreamingFilter" in found[-1].message
+    course = windows(model, record, known, Innovations())
+    assert len({e["J_m"].value for e in course}) == len(course) > 5
 
 
 def test_memory_narrows_as_the_square_root_of_what_was_seen():

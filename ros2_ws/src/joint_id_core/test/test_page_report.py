@@ -58,6 +58,17 @@ def test_no_curve_runs_across_a_gap(page):
     assert inside and all(measured[k] is None and predicted[k] is None for k in inside)
 
 
+def test_a_signal_that_comes_seldom_is_a_curve_all_the_same(tmp_path, run_here):
+    """A robot sends the temperature of a joint twice a second, and samples 500 times."""
+    record = motion(4.0)
+    seldom = np.where(np.arange(len(record)) % 100 == 0, 27.0 + 0.1 * record.time, np.nan)
+    formats.write(tmp_path / "warm.csv", record.with_channels({"temperature": seldom}))
+    assert run_here("report", "warm.csv", "-o", "warm.html")[0] == 0
+    text = (tmp_path / "warm.html").read_text()
+    time, shown = next(p for p in plots(text) if p["title"].startswith("temperature"))["data"]
+    assert len(time) == 10 and None not in shown
+
+
 @needs_browser
 @pytest.mark.parametrize("width", [1100, 390])
 def test_a_browser_draws_every_plot_without_a_word_in_its_console(page, width):

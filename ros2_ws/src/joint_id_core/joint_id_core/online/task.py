@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -17,13 +18,13 @@ from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.innovations.fit import fit_innovations
 from joint_id_core.estimators.one_encoder import hides_compliance
 from joint_id_core.estimators.regression_starts import started
-from joint_id_core.estimators.shared.fit_data import FitData, UnusableError, prepare
+from joint_id_core.estimators.shared.fit_data import FitData, UnusableError, absent, prepare, unusable
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.online.checks import Background, at_once
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.tracker import Tracker
-from joint_id_core.results.estimate import Estimate
+from joint_id_core.results.estimate import Estimate, Status
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,11 @@ class Task:
     def fit(self, recording: Recording, previous: Estimate | None) -> Estimate:
         """Fit a window by itself; innovations begin their search at the fit of a `previous` window."""
         if isinstance(self.estimator, Innovations):
+            lacking = absent(self.model, recording)
+            if lacking:
+                return unusable(
+                    self.model, self.estimator.name, _not_derived(lacking, self.model, recording), recording
+                )
             hidden = None
             if previous is None:
                 hidden = hides_compliance(self.model, self.estimator.name, recording, self.settings)
@@ -92,3 +98,11 @@ class Task:
         kernel = compile_model(self.model, "tanh", data.freed, last.cell)
         levels = np.square([last.noise[n] for n in data.noise_names])
         return Tracker(data, kernel, self.coordinates, z, levels, last.substeps, frozenset(self.settings.values))
+
+
+def _not_derived(lacking: Sequence[str], model: Model, recording: Recording) -> UnusableError:
+    return UnusableError(
+        Status.MISSING_SIGNAL,
+        f"{recording.source} has no {' and no '.join(lacking)}, input of model {model.name}: while samples arrive it "
+        "is not derived from a position; let them pass the filter first (node filter, in Python StreamingFilter)",
+    )

@@ -10,6 +10,7 @@ import numpy as np
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import Estimator, Innovations, ParameterSettings, Regression, fit
+from joint_id_core.estimators.shared.fit_data import with_inputs
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate
 
@@ -63,6 +64,7 @@ def windows(
         return []
     from joint_id_core.online import OnlineIdentifier, OnlineOptions
 
+    recording = with_inputs(model, recording)
     hop = max(WINDOW_S / 4.0, recording.duration / HOPS)
     size = max(1, round(hop / recording.period))
     identifier = OnlineIdentifier(model, settings, OnlineOptions(max(WINDOW_S, 2.0 * hop), hop), solver)

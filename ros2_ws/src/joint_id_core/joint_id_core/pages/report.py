@@ -23,6 +23,7 @@ from joint_id_core.results.verdict import Verdict
 
 WIDE = 1.96  # standard deviations, half of a 95 % interval
 TOO_WIDE = 0.3  # standard deviation over the value
+SPARSE = 0.5  # share of known samples from which a signal is one that comes seldom, as a temperature does
 MOST_SUSPECTS = 50  # samples that are shown
 NO_TREND = (Verdict.FIXED, Verdict.NOT_EXCITED)
 
@@ -135,7 +136,10 @@ def _inputs(page: Page, estimate: Estimate, recording: Recording, origin: float)
     for name in recording.channels:
         if recording.measured(name) and name not in shown:
             label = f"{name.replace('_', ' ')} [{CHANNELS[name].unit}]"
-            yield page.figure(plot(label, time, {name: recording[name]}, most=page.points))
+            known = np.isfinite(recording[name])
+            if np.mean(known) > SPARSE:  # gaps stay gaps; but single samples that come seldom are no line
+                known[:] = True
+            yield page.figure(plot(label, time[known], {name: recording[name][known]}, most=page.points))
 
 
 def _windows(page: Page, contents: Contents, origin: float) -> Iterator[str]:

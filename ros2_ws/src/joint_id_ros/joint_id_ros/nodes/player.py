@@ -34,7 +34,7 @@ LINGER_S = 60.0  # longest wait at the end for slow readers
 CLOCK_S = 0.01  # shortest time between two messages on /clock, in s of wall time
 
 # Topics that joint_id's nodes compute again from the bag, or that belong to the recorded run.
-COMPUTED = ("joint_samples", "joint_params", "diagnostics", "clock", "rosout", "parameter_events")
+COMPUTED = ("joint_samples", "joint_params", "diagnostics", "clock", "rosout", "parameter_events", "transition_event")
 
 
 class PlayerNode(Node):

@@ -135,6 +135,16 @@ class FitData:
         return replace(self, **rows)
 
 
+def with_inputs(model: Model, recording: Recording) -> Recording:
+    """Return a recording with derived velocities and accelerations, if the model has an input that it lacks."""
+    return complete(recording) if absent(model, recording) else recording
+
+
+def absent(model: Model, recording: Recording) -> list[str]:
+    """Return the inputs of a model that a recording lacks, but for those that may be missing."""
+    return [n for n in model.input_names if n not in recording and n not in model.optional_inputs]
+
+
 def prepare(
     model: Model, recording: Recording, settings: ParameterSettings | None = None, leave_out_rests: bool = False
 ) -> FitData:
@@ -156,8 +166,7 @@ def prepare(
             f"{recording.source} has {len(recording)} samples in this window, a fit needs {MIN_SAMPLES}: "
             "record longer or widen the window",
         )
-    if any(n not in recording for n in model.input_names if n not in model.optional_inputs):
-        recording = complete(recording)
+    recording = with_inputs(model, recording)
     columns = []
     for name in model.input_names:
         if name in recording and any_finite(recording[name]):
