@@ -14,7 +14,7 @@ from joint_id_core.online.effects import Effects
 from joint_id_core.online.levels import Levels
 from joint_id_core.online.memory import Change, Memory
 from joint_id_core.online.piece import Piece
-from joint_id_core.online.profiling import Profiling
+from joint_id_core.online.profile_search import ProfileSearch
 from joint_id_core.online.relearn import relearn
 from joint_id_core.online.tracker import Tracker
 
@@ -52,7 +52,7 @@ class RefinedMemory:
         self._shifted = np.zeros(k)  # the mean, by new noise levels, since the blocks were passed
         self._effects = Effects(levels, coordinates.spread, memory_s)
         self._before = self._effects, memory.inverse  # those before the newest change, and what the memory knew then
-        self._profiling = Profiling(coordinates, memory_s, background)
+        self._profiles = ProfileSearch(coordinates, memory_s, background)
 
     @property
     def levels(self) -> Levels:
@@ -63,7 +63,7 @@ class RefinedMemory:
         """Return estimate (k,) and covariance (k, k) with the samples of a block that is not complete."""
         memory, wider, unit = self.memory, self._effects.wider, self._coordinates.unit
         bias, excess = self._effects.biases(memory)
-        excess = excess + self._profiling.excess(memory.inverse)
+        excess = excess + self._profiles.excess(memory.inverse)
         if block is not None:
             mean, covariance, away = memory.with_block(block.matrix, block.vector, wider, bias, excess, block.z, unit)
             if away <= LINEAR:
@@ -119,7 +119,7 @@ class RefinedMemory:
         self._effects = effects.changed(list(changed), inverse, still_known)
         self.memory, self._shifted = memory, np.zeros_like(self._shifted)
         self._learn_noise(tracker, memory.blocks, anew=False)
-        self._profiling = self._profiling.anew()
+        self._profiles = self._profiles.anew()
         self._search_on(tracker)
         self.refine(tracker)
 
@@ -157,7 +157,7 @@ class RefinedMemory:
 
     def _search_on(self, tracker: Tracker) -> None:
         """Go on from a lower minimum, if one was found beside the recursion."""
-        lower = self._profiling.run(tracker, self.memory)
+        lower = self._profiles.run(tracker, self.memory)
         if lower is not None:
             tracker.move(lower)
             self._pass_again(tracker)

@@ -9,15 +9,15 @@ import numpy as np
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.online.checks import Background
+from joint_id_core.online.likelihood_profile import Axis, Profiles, profiled
 from joint_id_core.online.memory import Memory
-from joint_id_core.online.profile import Axis, Profiles, profiled
 from joint_id_core.online.tracker import Tracker
 
 AFTER = (4, 8, 16)  # blocks of a memory after which its profiles are found; later little is hardly known
 LATER = (32, 64)  # the same while other minima are nearly as likely
 
 
-class Profiling:
+class ProfileSearch:
     """Finds the profiles of a memory since its begin, a few times.
 
     Args:
@@ -35,9 +35,9 @@ class Profiling:
         self._apart = np.zeros((len(coordinates.unit), len(coordinates.unit)))  # mean square distance of the others
         self._found: tuple[Array, Array] | None = None  # what `excess` returned, of which inverse
 
-    def anew(self) -> Profiling:
+    def anew(self) -> ProfileSearch:
         """Return one for another memory."""
-        return Profiling(self._coordinates, self._memory_s, self._background)
+        return ProfileSearch(self._coordinates, self._memory_s, self._background)
 
     def run(self, tracker: Tracker, memory: Memory) -> Array | None:
         """Start to look for profiles if it is time for that; take those that were found.

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from joint_id_core.online.checks import at_once
+from joint_id_core.online.likelihood_profile import profiled
 from joint_id_core.online.memory import Memory
 from joint_id_core.online.piece import Piece, Samples, State
-from joint_id_core.online.profile import profiled
-from joint_id_core.online.profiling import Profiling
+from joint_id_core.online.profile_search import ProfileSearch
 
 MEMORY_S = 1e9
 SPREAD = np.full(2, 100.0)
@@ -104,14 +104,14 @@ def two(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def test_a_lower_minimum_is_told_once_and_another_one_widens_until_it_is_not_likely():
     valley, memory = known(two, [0.1, 0.0])
-    profiling = Profiling(COORDINATES, MEMORY_S, at_once)
+    search = ProfileSearch(COORDINATES, MEMORY_S, at_once)
     told, excess = {}, {}
     for count in range(1, 33):
-        z = profiling.run(valley, memory)
+        z = search.run(valley, memory)
         if z is not None:
             told[count], valley.z = z, z
             memory.replace(count * [valley.piece()], MEMORY_S)
-        excess[count] = profiling.excess(memory.inverse)[0, 0]
+        excess[count] = search.excess(memory.inverse)[0, 0]
         memory.add(valley.piece(), MEMORY_S)
     assert list(told) == [4] and told[4][0] == pytest.approx(2.0, abs=0.01)
     assert excess[3] == 0.0
@@ -121,10 +121,10 @@ def test_a_lower_minimum_is_told_once_and_another_one_widens_until_it_is_not_lik
 
 def test_what_bends_shrinks_with_the_square_of_the_variance():
     valley, memory = known(bent(0.5, 0.05, 1.0), [0.0, 0.0])
-    profiling = Profiling(COORDINATES, MEMORY_S, at_once)
+    search = ProfileSearch(COORDINATES, MEMORY_S, at_once)
     for _ in range(3):
         memory.add(valley.piece(), MEMORY_S)
-    profiling.run(valley, memory)
-    now, later = (profiling.excess(memory.inverse / count)[1, 1] for count in (1, 10))
+    search.run(valley, memory)
+    now, later = (search.excess(memory.inverse / count)[1, 1] for count in (1, 10))
     assert later == pytest.approx(0.01 * now, rel=1e-3)
-    assert profiling.anew().excess(memory.inverse).max() == 0.0
+    assert search.anew().excess(memory.inverse).max() == 0.0
