@@ -109,10 +109,12 @@ def _fit(
     from joint_id_core.estimators.regression_starts import started
     from joint_id_core.estimators.shared.data_check import concerning, noted, refused
     from joint_id_core.estimators.shared.held_values import with_held_values
+    from joint_id_core.estimators.shared.long_record import fitted_part, with_part
     from joint_id_core.estimators.signal_faults import with_signal_faults
 
     found = concerning(model, recording)
     bad = refused(model, estimator.name, found, recording)
+    whole, recording = recording, fitted_part(model, recording)
     if bad is None and isinstance(estimator, Innovations):
         bad = hides_compliance(model, estimator.name, recording, settings)
     if bad is not None:
@@ -128,7 +130,8 @@ def _fit(
         estimate = with_signal_faults(estimate, model, recording, settings) if late is estimate else late
     if estimate.status.unusable:
         return estimate
-    return with_held_values(noted(estimate, found, model, recording), model, settings)
+    estimate = with_held_values(noted(estimate, found, model, recording), model, settings)
+    return with_part(estimate, recording, whole)
 
 
 def require_types(model: object, recording: object, settings: object, estimator: object) -> None:
