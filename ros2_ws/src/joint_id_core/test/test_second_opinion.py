@@ -11,7 +11,7 @@ import pytest
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import ParameterSettings, fit
-from joint_id_core.estimators.cross_check import Opinion, Second
+from joint_id_core.estimators.opinion import Opinion, Second
 from joint_id_core.models import build
 from joint_id_core.online import OnlineIdentifier, OnlineOptions, second_opinion
 from joint_id_core.online.checks import at_once

@@ -54,7 +54,8 @@ def gravity_helps(recording: Recording) -> float:
 
     0 without the signals that it needs.
     """
-    from joint_id_core.estimators.regression.fit import regressed  # loads SciPy
+    from joint_id_core.estimators.regression.fit import regressed  # loads SciPy, as the next
+    from joint_id_core.estimators.shared.long_record import fitted_part
 
     drive = next((d for d in DRIVES if recording.measured(d)), None)
     if drive is None or not recording.measured("link_position"):
@@ -63,7 +64,8 @@ def gravity_helps(recording: Recording) -> float:
     names += [n for n in ("external_torque",) if n in recording]  # it may be computed
     channels = {n: recording[n] for n in names} | {"torque": recording[drive]}
     seen = Recording(recording.time, channels, source=recording.source)
+    rigid = RigidJoint()
     try:
-        return regressed(RigidJoint(), seen, ParameterSettings(), Regression())[0].helps[GRAVITY]
+        return regressed(rigid, fitted_part(rigid, seen), ParameterSettings(), Regression())[0].helps[GRAVITY]
     except JointIdError:
         return 0.0

@@ -24,7 +24,7 @@ def started(model: Model, recording: Recording, settings: ParameterSettings | No
     That is by more than the spread of their prior. Other parameters of the same group get the same factor. An offset of
     the torque that its prior does not allow becomes one of the encoders. What the user has set stays.
     """
-    from joint_id_core.estimators.cross_check import suits
+    from joint_id_core.estimators.opinion import suits
 
     settings = settings or ParameterSettings()
     if model.twist_offset is None or not suits(model):

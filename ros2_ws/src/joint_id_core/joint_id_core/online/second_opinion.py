@@ -11,8 +11,9 @@ from functools import partial
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators.between_samples import fitted_between, takes_mean
-from joint_id_core.estimators.cross_check import Opinion, judged, second_opinion, suits
+from joint_id_core.estimators.cross_check import judged
 from joint_id_core.estimators.innovations.fit import fit_innovations
+from joint_id_core.estimators.opinion import Opinion, second_opinion, suits
 from joint_id_core.estimators.shared.mean_drive import CHANGES
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
