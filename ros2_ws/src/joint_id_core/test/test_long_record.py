@@ -48,8 +48,8 @@ def test_of_a_longer_one_stretches_come_from_all_of_the_motion():
 
 
 def test_rests_are_left_out_before_motion_is():
-    moves = np.zeros(4 * MOST, dtype=bool)
-    moves[1000:1800] = moves[5000:5600] = True
+    moves = np.zeros(10 * MOST, dtype=bool)
+    moves[3000:3600] = moves[15000:15400] = True
     whole = record(len(moves), moves)
     part = fitted_part(RIGID, whole)
     rows = np.searchsorted(whole.time, part.time)

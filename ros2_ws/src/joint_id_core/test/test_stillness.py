@@ -87,6 +87,30 @@ def test_a_fast_joint_surely_moves():
     assert not surely_moves("current", q, PERIOD, 1e-5)
 
 
+def swings_once(length_s: float, slow: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position, motor velocity and motion of a joint that swings for 1.5 s; else it stands, or goes on slowly."""
+    time = np.arange(round(length_s / PERIOD)) * PERIOD
+    phase = np.clip((time - 5.0) / 1.5, 0.0, 1.0)
+    q = 0.3 * np.sin(np.pi * phase) ** 2 + 0.5 * slow * (1.0 - np.cos(time))
+    return q, 101.0 * np.gradient(q, PERIOD), (phase > 0.0) & (phase < 1.0)
+
+
+@given(length_s=st.floats(15.0, 60.0), seed=st.integers(0, 20))
+def test_a_joint_that_rests_nearly_all_of_the_time_is_found_at_rest(length_s, seed):
+    q, w, moving = swings_once(length_s)
+    found = still(LABELS, measured(q, w, seed), PERIOD)
+    assert found[np.convolve(moving, np.ones(201), "same") == 0].mean() > 0.95
+    assert not found[moving & (np.abs(w) > 2.0)].any()
+
+
+@pytest.mark.parametrize("label", LABELS)
+def test_a_slow_motion_that_noise_hides_beside_a_fast_one_is_no_rest(label):
+    q, w, moving = swings_once(30.0, slow=0.03)
+    values, noise = (q, 1e-3) if label == "link_position" else (w, 5.0)
+    seen = values + noise * np.random.default_rng(0).standard_normal(len(values))
+    assert not still((label,), seen[:, None], PERIOD)[~moving].any()
+
+
 def test_a_coarse_encoder_says_nothing_about_rest():
     q = np.round(0.3 * np.sin(3.0 * TIME) / 0.01) * 0.01
     y = q[:, None]

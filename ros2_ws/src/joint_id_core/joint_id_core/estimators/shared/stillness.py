@@ -176,11 +176,32 @@ def _ranges(values: Array, count: int) -> Array:
 def _hidden(name: str, values: Array, size: Array, slack: float) -> bool:
     """Return whether the noise of a label hides the motion of this record, in which the joint moves.
 
-    `size` are the ranges of its stretches.
+    `size` (T - count + 1,) are the ranges of its stretches. Where few of them are large, the joint may rest for most of
+    the time: then those that are not calm are large, and it goes nowhere in those that are.
     """
     if BLIND * slack <= _ninetieth(size):
         return False
-    return not bool(_calm(name, slack, np.ptp(values, keepdims=True), values, len(values))[0])
+    if _calm(name, slack, np.ptp(values, keepdims=True), values, len(values))[0]:
+        return False
+    count = len(values) - len(size) + 1
+    calm = _calm(name, slack, size, values, count)
+    if calm.all() or BLIND * slack > _ninetieth(size[~calm]):
+        return True
+    if name.endswith("_position"):
+        return _goes_on(values, calm, BLIND * slack, SLOW * CHANNELS[name].scale * STILL_S / count)
+    noise = slack / (NOISY * math.sqrt(count)) + SLOW * CHANNELS[name].scale  # of the mean of a stretch at rest
+    return bool(np.sqrt(np.mean(_means(values, count)[calm] ** 2)) > 0.5 * BLIND * noise)
+
+
+def _goes_on(values: Array, calm: NDArray[np.bool_], far: float, creep: float) -> bool:
+    """Return whether values (T,) go further than `far` while one stretch after the other is calm.
+
+    `calm` belongs to the stretches that begin at the first samples; `creep` a sample is no motion.
+    """
+    edges = np.flatnonzero(np.diff(calm.view(np.int8), prepend=0, append=0))
+    lengths = edges[1::2] - edges[::2]
+    ranges = np.maximum.reduceat(values, edges)[::2] - np.minimum.reduceat(values, edges)[::2]
+    return bool((ranges > far + creep * lengths).any())
 
 
 def _ninetieth(values: Array) -> float:
@@ -212,8 +233,13 @@ def _calm(name: str, slack: float, size: Array, values: Array, count: int) -> ND
     speed = SLOW * CHANNELS[name].scale
     if name.endswith("_position"):
         return np.asarray(size <= slack + speed * STILL_S)
-    mean = np.convolve(values, np.full(count, 1.0 / count), "valid")
+    mean = _means(values, count)
     return np.asarray((size <= slack + speed) & (np.abs(mean) <= 0.5 * slack / np.sqrt(count) + speed))
+
+
+def _means(values: Array, count: int) -> Array:
+    """Return the mean of every stretch of `count` samples of values (T,), shape (T - count + 1,)."""
+    return np.convolve(values, np.full(count, 1.0 / count), "valid")
 
 
 def _resolution(row: Array) -> float:
