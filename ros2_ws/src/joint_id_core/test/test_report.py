@@ -77,7 +77,7 @@ def test_table_has_value_deviation_unit_verdict_and_start_of_every_parameter():
     assert "%" not in zero and "not_excited" in zero, "no share of nothing"
     assert any("link_position" in line and "1e-05" in line for line in lines)
     assert any("input torque" in line and "0.1" in line for line in lines)
-    assert "500 samples, 2 s of motion; 17 iterations, 2 steps a sample" in lines[-1]
+    assert "500 samples, 2 s of recording; 17 iterations, 2 steps a sample" in lines[-1]
 
 
 def test_correlations_are_named_strongest_first():

@@ -117,6 +117,12 @@ def taken(plan_: Mapping[str, Product]) -> list[str]:
     ]
 
 
+def unread(path: Place, found: Collection[str], mapping: Mapping[str, str]) -> list[str]:
+    """Return the columns that are not read; arguments and errors as of `plan`."""
+    used = {name for product in plan(path, found, mapping).values() for name in product.names}
+    return [column for column in found if column not in used]
+
+
 def _example(found: Collection[str]) -> str:
     """Return example options that map the user's own columns."""
     own = _own(found)

@@ -43,7 +43,7 @@ def table(estimate: Estimate) -> str:
     pairs = correlations(estimate)
     if pairs:
         lines += ["", "  strongly correlated: " + ", ".join(f"{a} and {b} ({r:+.3f})" for a, b, r in pairs)]
-    span = f"{estimate.samples} samples, {estimate.end - estimate.start:.3g} s of motion"
+    span = f"{estimate.samples} samples, {estimate.end - estimate.start:.3g} s of recording"
     warmth = "" if math.isnan(estimate.temperature) else f" at {estimate.temperature:.1f} deg C"
     lines += ["", f"  {span}{warmth}; {estimate.iterations} iterations, {estimate.substeps} steps a sample, "
               f"{estimate.elapsed_s:.3g} s"]  # fmt: skip
