@@ -103,6 +103,7 @@ def _fit(
 ) -> Estimate:
     """Return the estimate of one recording, as if its load were measured."""
     from joint_id_core.estimators.between_samples import fitted_between  # loads NumPy, as the next
+    from joint_id_core.estimators.constancy import with_constancy
     from joint_id_core.estimators.cross_check import cross_checked_whole
     from joint_id_core.estimators.late_signal import with_late_signal
     from joint_id_core.estimators.one_encoder import hides_compliance
@@ -128,6 +129,7 @@ def _fit(
         estimate = cross_checked_whole(estimate, model, recording, settings)
         late = with_late_signal(estimate, model, recording, again)
         estimate = with_signal_faults(estimate, model, recording, settings) if late is estimate else late
+        estimate = with_constancy(estimate, model, recording, settings)
     if estimate.status.unusable:
         return estimate
     estimate = with_held_values(noted(estimate, found, model, recording), model, settings)

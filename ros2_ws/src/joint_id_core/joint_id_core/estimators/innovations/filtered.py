@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from joint_id_core.cell.kernel import Kernel
+from joint_id_core.cell.rollout import Steps
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.noise import NoiseLevels
 from joint_id_core.estimators.innovations.recursion import Pass, Recursion
@@ -27,11 +28,16 @@ def filtered(
         substeps: as in `Estimate.substeps`.
         others: inputs, each of shape (T, inputs).
     """
+    levels, steps = levels_and_steps(data, kernel, noise, substeps)
+    recursion = Recursion(data, kernel)
+    passes = (recursion, *map(recursion.with_inputs, others))
+    return [one.run(data.p[recursion.index], levels, steps) for one in passes]
+
+
+def levels_and_steps(data: FitData, kernel: Kernel, noise: Mapping[str, float], substeps: int) -> tuple[Array, Steps]:
+    """Return noise variances, shape (labels + inputs,), and integrator steps of a pass; arguments as of `filtered`."""
     rough = NoiseLevels.of(data).rough
     levels = np.array(
         [v if not noise.get(n, 0.0) > 0.0 else noise[n] ** 2 for n, v in zip(data.noise_names, rough, strict=True)]
     )
-    steps = steps_of(data, kernel, data.p, rough_states(data), max(1, substeps))
-    recursion = Recursion(data, kernel)
-    passes = (recursion, *map(recursion.with_inputs, others))
-    return [one.run(data.p[recursion.index], levels, steps) for one in passes]
+    return levels, steps_of(data, kernel, data.p, rough_states(data), max(1, substeps))

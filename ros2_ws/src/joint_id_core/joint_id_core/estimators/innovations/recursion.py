@@ -199,6 +199,16 @@ class Recursion:
         self._require_latest(result)
         return np.asarray(np.einsum("tkp,tk->tp", self._J, result.residuals)[:, self._columns])
 
+    def information(self, result: Pass, edges: NDArray[np.int64]) -> Array:
+        """Return the Gauss-Newton matrix of each block of samples, shape (blocks, free, free), which begin at `edges`.
+
+        Raises:
+            JointIdError: `result` is not the latest pass.
+        """
+        self._require_latest(result)
+        blocks = np.split(self._J[:, :, self._columns], edges[1:])
+        return np.array([np.einsum("tkp,tkq->pq", J, J, optimize=True) for J in blocks])
+
     def renewed(self, result: Pass) -> Pass:
         """Return `result` as the latest pass: run it again if another pass came after it.
 
