@@ -14,8 +14,23 @@ from joint_id_core.estimators import ParameterSettings, build
 from joint_id_core.jobs.fit_job import FitJob
 
 MODEL = jid.build("rigid_joint")
+COMMAND = ("--model", "rigid_joint", "--estimator", "regression")  # the quickest fits there are
 # Differ from run to run: computing time, and a version of the file that a storage makes up.
 ITS_OWN = ("elapsed_s",)
+# A module whose work ends its process at two of the recordings.
+CRASHING = """
+import os
+import signal
+
+from joint_id_core.batch.work import Work
+
+
+class Crashing(Work):
+    def rows(self, found):
+        if found.place.endswith(("a_1", "a_4")):
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().rows(found)
+"""
 
 
 def recordings(count: int, rate: float = 125.0) -> list[jid.Recording]:

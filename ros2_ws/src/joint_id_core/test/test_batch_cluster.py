@@ -14,8 +14,7 @@ from joint_id_core.batch.recordings import find
 from joint_id_core.batch.run import run
 from joint_id_core.errors import JointIdError
 
-from .many_recordings import rows, run_here, work, write_bags
-from .test_batch import CRASHING
+from .many_recordings import CRASHING, rows, run_here, work, write_bags
 
 distributed = pytest.importorskip("distributed")
 
