@@ -33,6 +33,9 @@ $(WS)/install/.built: $(VENV)/.installed $(BUILD_INPUTS) $(BUILD_TOOLS)
 	@sh setup/build.sh $(VENV)
 	@touch $@
 
+# Linear algebra takes one core a process: threads of tests that run side by side would wait for each other.
+test test-long test-haswell: export OMP_NUM_THREADS := 1
+
 # Everything that users rely on, quick tests first. Those whose nodes stream at 500 Hz or run against a clock come last.
 # Nodes wait more than they compute, so three of their tests run at once.
 test: setup

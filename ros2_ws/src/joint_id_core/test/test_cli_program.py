@@ -83,9 +83,20 @@ def test_annotations_are_those_that_typer_of_ubuntu_reads():
         ("joint-id fit --actu", {"--actuation"}),
     ],
 )
-def test_the_tab_key_completes_commands_options_and_their_values(words, offered):
+def test_the_tab_key_completes_commands_options_and_their_values(monkeypatch, run, words, offered):
     """As bash asks for it."""
-    asked = {"_JOINT_ID_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+    for name, value in asked_for(words).items():
+        monkeypatch.setenv(name, value)
+    assert set(run()[1].split()) == offered
+
+
+def asked_for(words: str) -> dict[str, str]:
+    """What bash sets to ask for words that continue these."""
+    return {"_JOINT_ID_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+
+
+def test_so_does_the_real_program():
     command = [sys.executable, "-c", "from joint_id_core.cli import main; main()"]
-    done = subprocess.run(command, env=os.environ | asked, capture_output=True, text=True, check=False)
-    assert set(done.stdout.split()) == offered, done.stderr
+    env = os.environ | asked_for("joint-id fit --model ha")
+    done = subprocess.run(command, env=env, capture_output=True, text=True, check=False)
+    assert done.stdout.split() == ["harmonic_drive"], done.stderr
