@@ -4,6 +4,7 @@ import signal
 
 import numpy as np
 import pytest
+from node_process import Program
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.formats import write_bag
@@ -18,6 +19,12 @@ from joint_id_ros.qos import LATEST
 NANO = 10**9
 # Parameters that this motion shows well; the cubic stiffness k_2 is hardly seen in steps.
 CLEAR = ("R", "k_b", "k_t", "c_m", "tau_fm", "c_1", "k_1", "c_q")
+
+
+@pytest.fixture
+def kind():
+    """As users start them."""
+    return Program
 
 
 def assert_near(estimate, truth, names):

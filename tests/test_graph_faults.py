@@ -10,7 +10,8 @@ import os
 
 import pytest
 import rclpy
-from conftest import Probe, Process
+from conftest import Probe
+from node_process import Process
 from rclpy.context import Context
 from robot_messages import NANO, stamp
 from ros_domain import own_domain

@@ -5,11 +5,17 @@ import socket
 
 import numpy as np
 import pytest
+from node_process import Program
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.formats import write_bag
 
 NODES = ("sim", "filter", "identifier", "player", "driver", "identify", "emulated_motion")
+
+
+@pytest.fixture
+def kind():
+    return Program
 
 
 @pytest.fixture
