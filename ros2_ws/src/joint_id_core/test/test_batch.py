@@ -21,12 +21,6 @@ from .many_recordings import COMMAND, CRASHING, recordings, rows, run_here, work
 SPACE = "/cell_3/ur5e"
 
 
-@pytest.fixture
-def in_this_process(monkeypatch):
-    """Commands work in this process, which spares the start of others."""
-    monkeypatch.setattr("joint_id_core.batch.run.on_cores", lambda w, found, _: cores.here(w, found))
-
-
 def test_every_joint_is_a_row_with_what_was_found_and_where_it_came_from(tmp_path, run):
     write_bags(tmp_path / "ur_1", 1, 2)
     shutil.copytree(tmp_path / "ur_1", tmp_path / "ur_2")

@@ -121,7 +121,7 @@ def robot_log(tmp_path):
     return "robot.csv"
 
 
-def test_a_log_of_a_robot_is_read_joint_by_joint(robot_log, run_here):
+def test_a_log_of_a_robot_is_read_joint_by_joint(robot_log, run_here, in_this_process):
     code, out = run_here("fit", robot_log, "--robot", "arm.yaml")
     rows = [line.split() for line in out.splitlines() if line.startswith("  shoulder") and ":" not in line]
     assert [row[:3] for row in rows] == [
