@@ -13,7 +13,7 @@ BUILD_TOOLS := setup/build.sh setup/launchers.py setup/drop_missing_includes.cma
 PACKAGES := $(wildcard $(WS)/src/joint_id_core/joint_id_core $(WS)/src/joint_id_ros/joint_id_ros)
 UNIT_TESTS := $(wildcard $(WS)/src/joint_id_core/test)
 NODE_TESTS := $(wildcard $(WS)/src/joint_id_ros/test tests)
-TIMED_TESTS := tests/test_chain.py tests/test_demo.py tests/test_driver.py tests/test_driver_faults.py
+TIMED_TESTS := tests/test_demo.py tests/test_driver.py tests/test_driver_faults.py tests/test_chain.py tests/test_demo_end.py
 
 .PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-graph bench-cancel bench-speed bench-stats bench-drift bench-online bench-robots bench-batch bench-fleet clean
 all: setup
@@ -41,7 +41,7 @@ test test-long test-haswell: export OMP_NUM_THREADS := 1
 test: setup
 	$(RUN) python -m pytest -n 2 --dist worksteal --durations=10 -m "not long" $(UNIT_TESTS)
 	$(RUN) python -m pytest -n 3 --dist loadfile --durations=10 -m "not long" $(NODE_TESTS) $(TIMED_TESTS:%=--ignore=%)
-	$(RUN) python -m pytest -n 3 --dist loadfile --durations=10 $(TIMED_TESTS)
+	$(RUN) python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --durations=10 -m "not long" $(TIMED_TESTS)
 
 # The tests marked "long": what takes minutes, and what guards only benchmarks/ and the study of the paper.
 test-long: setup $(VENV)/.paper

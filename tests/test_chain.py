@@ -21,12 +21,6 @@ NANO = 10**9
 CLEAR = ("R", "k_b", "k_t", "c_m", "tau_fm", "c_1", "k_1", "c_q")
 
 
-@pytest.fixture
-def kind():
-    """As users start them."""
-    return Program
-
-
 def assert_near(estimate, truth, names):
     """Each parameter within 5 of its own standard deviations, which are below 5 %."""
     assert estimate.status == JointEstimate.CONVERGED, estimate.message
@@ -101,7 +95,8 @@ def test_a_bag_gives_the_same_as_the_live_joint_at_any_speed(start, probe, tmp_p
     assert player.wait() == 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("kind", [Program])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
 def test_a_signal_in_the_middle_of_the_work_ends_every_node_with_exit_code_0(start, probe, number):
     samples = probe.collect(JointSamples, "joint_samples")
     nodes = [start("identifier"), start("filter"), start("sim", wait_subscribers=1)]
