@@ -17,7 +17,7 @@ from .moving_arm import CARRYING, COULOMB, JOINTS, MASS, URDF, VISCOUS
 pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
 pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
 
-SECONDS = 15.0
+SECONDS = 12.0
 
 
 @pytest.fixture(scope="module")
