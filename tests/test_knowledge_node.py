@@ -31,11 +31,12 @@ def joint(probe, start, tmp_path):
     return Samples(probe, start, tmp_path / "state.json")
 
 
-def test_kill_9_costs_at_most_two_seconds_of_knowledge(joint):
+@pytest.mark.parametrize("times", [1, pytest.param(3, marks=pytest.mark.long)])
+def test_kill_9_costs_at_most_two_seconds_of_knowledge(joint, times):
     rng = np.random.default_rng()
     joint.begin()
     joint.identify()
-    for _ in range(2):
+    for _ in range(times):
         joint.send_in_real_time(rng.uniform(0.2, 1.5))
         joint.kill()
         joint.probe.spin(0.2)
