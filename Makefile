@@ -47,7 +47,7 @@ test: setup
 	$(RUN) python -m pytest -n 4 --dist loadfile --no-loadscope-reorder --durations=10 -m "not long" $(LONG_FILES) $(OTHER_FILES)
 	$(RUN) python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --durations=10 -m "not long" $(TIMED_TESTS)
 
-# The tests marked "long": what takes minutes, and what guards only benchmarks/ and the study of the paper.
+# The tests marked "long" (25 minutes): what costs most for what it tells, and what guards only benchmarks/ and the study of the paper.
 test-long: setup $(VENV)/.paper
 	$(RUN) python -m pytest -n 2 --dist loadfile --durations=10 -m long $(UNIT_TESTS) $(NODE_TESTS)
 

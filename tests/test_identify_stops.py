@@ -19,8 +19,9 @@ def bench(start, probe, robot, tmp_path):
     return Bench(start, probe, robot, tmp_path)
 
 
-def test_a_cancel_stops_the_motion_and_leaves_a_readable_bag(bench):
-    for _ in range(2):  # the node lives on
+@pytest.mark.parametrize("times", [1, pytest.param(3, marks=pytest.mark.long)])
+def test_a_cancel_stops_the_motion_and_leaves_a_readable_bag(bench, times):
+    for _ in range(times):  # the node lives on
         bench.orders.clear()
         handle = bench.send()
         bench.go()
