@@ -47,9 +47,11 @@ test: setup
 	$(RUN) python -m pytest -n 4 --dist loadfile --no-loadscope-reorder --durations=10 -m "not long" $(LONG_FILES) $(OTHER_FILES)
 	$(RUN) python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --durations=10 -m "not long" $(TIMED_TESTS)
 
-# The tests marked "long" (25 minutes): what costs most for what it tells, and what guards only benchmarks/ and the study of the paper.
+# The tests marked "long" (25 minutes): what costs most for what it tells, and what guards only benchmarks/
+# and the study of the paper; then ten times as many examples of Hypothesis.
 test-long: setup $(VENV)/.paper
 	$(RUN) python -m pytest -n 2 --dist loadfile --durations=10 -m long $(UNIT_TESTS) $(NODE_TESTS)
+	MORE_EXAMPLES=10 $(RUN) python -m pytest -n 2 -m "hypothesis and not long" $(UNIT_TESTS)
 
 # The numeric unit tests as on a processor without AVX-512, as most laptops are: LAPACK, sums and kernels round differently there.
 NUMERIC_TESTS := batch changes combinations drift esdirk fit_data fleet follower gauss_newton held_out hop information innovations innovations_verdicts instruments \

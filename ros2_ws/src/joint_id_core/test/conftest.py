@@ -12,9 +12,10 @@ from joint_id_core.emulator.controller import Controller
 from joint_id_core.emulator.robots import build_joints
 
 from .emulator_line import Line
+from .examples import TIMES
 
 # No test depends on the speed of the computer, and the first example may load compiled functions.
-settings.register_profile("joint_id", deadline=None)
+settings.register_profile("joint_id", deadline=None, max_examples=40 * TIMES)
 settings.load_profile("joint_id")
 
 

@@ -16,6 +16,7 @@ from joint_id_core.estimators.shared.oscillation import fastest_oscillation, slo
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Status
 
+from .examples import TIMES
 from .faulty_recordings import (
     MODEL,
     TRUTH,
@@ -45,7 +46,7 @@ def test_a_torque_that_is_early_or_late_is_named(seconds, text):
         assert f"The drive seems to be {text} against the motion" in drive_notes(estimate)[0]
 
 
-@settings(max_examples=40, derandomize=True)
+@settings(max_examples=15 * TIMES, derandomize=True)
 @given(st.integers(0, 10_000), st.floats(-0.03, 0.03), st.sampled_from([1000, 500, 250]))
 def test_the_lag_of_a_velocity_is_as_uncertain_as_it_says(seed, late, rate):
     record = good(rate, seed)
