@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ from joint_id_core.emulator.process import EmulatorProcess
 from joint_id_ros.qos import REPLAY, STREAM_IN
 
 AGAIN_S = 5.0  # a service is asked again after that
+DEMO = Path(__file__).resolve().parent.parent / "demo/demo.py"
 DEMO_S = 300.0  # a limit for a demo that hangs, not a measure of speed
 REACHED = {"configure": "inactive", "activate": "active", "deactivate": "inactive", "cleanup": "unconfigured",
            "shutdown": "finalized"}  # fmt: skip
@@ -234,9 +235,8 @@ def demo(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
     """Start the demo with everything that it writes in a temporary folder; ended at the latest with the test."""
     started: list[subprocess.Popen[str]] = []
 
-    def begin(*arguments: str) -> subprocess.Popen[str]:
-        program = Path(__file__).resolve().parent.parent / "demo/demo.py"
-        command = [sys.executable, program, "--out", tmp_path / "out", "--picture", tmp_path / "demo.png"]
+    def begin(*arguments: str, program: Sequence[str] = (str(DEMO),)) -> subprocess.Popen[str]:
+        command = [sys.executable, *program, "--out", tmp_path / "out", "--picture", tmp_path / "demo.png"]
         pipe = subprocess.PIPE
         started.append(subprocess.Popen([*command, *arguments], stdout=pipe, stderr=subprocess.STDOUT, text=True))
         return started[-1]

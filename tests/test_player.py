@@ -89,7 +89,7 @@ def test_a_node_on_simulated_time_lives_in_the_time_of_the_bag(start, probe, bag
     start("filter", use_sim_time=True)
     probe.until(lambda: probe.count_publishers("joint_samples"), "the filter")
     arrays = probe.collect_headers()
-    start("player", bag=bag, rate=2.0)
+    start("player", bag=bag, rate=4.0)
     probe.until(lambda: len(samples) > COUNT - 200, "samples")
     assert stamps(samples) == recorded()[: len(samples)]
     inside = [t for name, t in arrays if name == "/filter" and t > 0.0]

@@ -152,6 +152,7 @@ def test_a_killed_recording_is_shown_and_fitted(source, tmp_path):
     assert f"{count} samples" in joint_id("info", bag).stdout
 
 
+@pytest.mark.long
 def test_a_disk_that_is_full(source, tmp_path):
     """A file system of 300 kB, mounted for this process alone; without the right to mount, see the next test."""
     disk, out = tmp_path / "disk", tmp_path / "out"
