@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import runpy
 import signal
 import subprocess
 import sys
 from multiprocessing import get_context
+from multiprocessing.forkserver import ensure_running
 from pathlib import Path
 
+import pytest
 from ament_index_python.packages import get_package_prefix
 
 PATIENCE_S = 180.0  # a limit for tests that hang, not a measure of speed: the first fit of a model compiles it
 STOP_S = 20.0  # until a node that should end is killed
-# Imports are most of what a node computes before it is at work. No thread, and nothing of DDS, is there before a fork.
+# Imports and kernels are most of what a node computes before it is at work. The process that loads them has no threads,
+# and nothing of DDS.
 FORKS = get_context("forkserver")
-FORKS.set_forkserver_preload(
-    ["joint_id_ros.running", "rclpy.executors", "rclpy.signals", "diagnostic_msgs.msg", "lifecycle_msgs.srv"]
-    + [f"joint_id_ros.nodes.{name}" for name in ("driver", "emulated_motion", "filter", "identifier", "identify")]
-    + [f"joint_id_ros.nodes.{name}" for name in ("arm_identifier", "fleet", "player", "sim", "watch", "watch_fleet")]
-)
+FORKS.set_forkserver_preload(["loaded_nodes"])
+
+
+@functools.cache
+def _load() -> None:
+    """Start that process; it looks for modules where the environment says."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", str(Path(__file__).parent), prepend=os.pathsep)
+        ensure_running()
 
 
 class Process:
@@ -33,6 +41,7 @@ class Process:
         self._begin(script, environment, arguments)
 
     def _begin(self, script: str, environment: dict[str, str], arguments: list[str]) -> None:
+        _load()
         self._process = FORKS.Process(target=_run, args=(script, str(self._output), environment, arguments))
         self._process.start()
 

@@ -5,6 +5,7 @@ import signal
 import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from node_process import Program
 from robot_messages import NANO, stamp
 from running_graph import RATE, WINDOW_S, Motion, instant
 
@@ -14,6 +15,12 @@ from joint_id_ros.qos import LATEST
 HOP_S = 0.5  # the default
 COMPILING = "compiling model rigid_joint (only the first start of a model does that; others load it)"
 OPTIONS = {"model": "rigid_joint", "actuation": "torque"}
+
+
+@pytest.fixture
+def kind():
+    """Nothing is loaded before it starts."""
+    return Program
 
 
 @pytest.fixture
