@@ -97,7 +97,11 @@ def test_a_full_disk_is_named_and_what_is_there_stays(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "words", [("fit", "--estimator", "regression", "--save", "é.json"), ("report", "-o", "é.html")]
+    "words",
+    [
+        ("fit", "--estimator", "regression", "--save", "é.json"),
+        pytest.param(("report", "-o", "é.html"), marks=pytest.mark.long),
+    ],
 )
 def test_a_locale_without_the_characters_loses_no_result(tmp_path, log, words):
     (tmp_path / log).rename(tmp_path / "mesuré.csv")

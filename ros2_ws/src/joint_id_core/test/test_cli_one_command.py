@@ -82,7 +82,7 @@ def test_a_model_that_does_not_describe_the_motion_is_left_out_and_said(tmp_path
     assert "harmonic_drive was tried and left out: " in out
 
 
-def test_every_joint_of_a_bag_is_a_row(tmp_path, run_here):
+def test_every_joint_of_a_bag_is_a_row(tmp_path, run_here, in_this_process):
     one = motion(4.0)
     formats.write_bag(tmp_path / "bag", {"shoulder": one, "elbow": motion(4.0, seed=1)})
     code, out = run_here("fit", "bag", "--set", "N=1")
