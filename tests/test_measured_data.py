@@ -111,6 +111,7 @@ def test_ur3e_shoulder_predicts_the_current_of_the_held_out_half(tmp_path):
     assert gravity == pytest.approx(16.0, rel=0.15), "Nm, as known from a rough fit of this log"
 
 
+@pytest.mark.long
 def test_ur3e_shoulder_is_repeatable_or_called_poor():
     """The moving shoulder strains the model: its stiffness agrees between the halves, or the fit is not a success."""
     model = ("--model", "motor_side", "--set", "k_t=0.1005", "--map", "motor_velocity=101*actual_qd_1")

@@ -208,7 +208,7 @@ def test_of_the_axes_of_a_kuka_the_late_encoders_are_named_and_nothing_else(part
     assert named and all(re.match("the link's encoder is (2[.][7-9]|3|3[.]1) ms late", text) for text in named), named
 
 
-@pytest.mark.parametrize("axis", [1, 2, 3])
+@pytest.mark.parametrize("axis", [1, *(pytest.param(k, marks=pytest.mark.long) for k in (2, 3))])
 def test_nothing_of_a_kuka_that_is_called_good_is_far_off(axis):
     """Its residual torque has a memory: a fit that takes it for white found a motor inertia 22 sigma off."""
     for run in "AB":
