@@ -15,8 +15,8 @@ UNIT_TESTS := $(wildcard $(WS)/src/joint_id_core/test)
 NODE_TESTS := $(wildcard $(WS)/src/joint_id_ros/test tests)
 # Whose nodes stream at 500 Hz or run against a clock; the longest file first, in both lists.
 TIMED_TESTS := $(addprefix tests/test_,demo.py driver.py driver_faults.py chain.py demo_end.py)
-LONG_FILES := $(addprefix tests/test_,graph_faults.py identify_stops.py fleet.py identifier_node.py knowledge_node.py launch.py \
-	identify_node.py arm_identifier_node.py examples.py player.py stopping.py)
+LONG_FILES := $(addprefix tests/test_,graph_faults.py identify_stops.py fleet.py identifier_node.py identifier_start.py \
+	knowledge_node.py launch.py identify_node.py arm_identifier_node.py examples.py player.py stopping.py)
 OTHER_FILES := $(filter-out $(TIMED_TESTS) $(LONG_FILES),$(wildcard $(NODE_TESTS:%=%/test_*.py)))
 
 .PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-graph bench-cancel bench-speed bench-stats bench-drift bench-online bench-robots bench-batch bench-fleet clean
@@ -51,7 +51,7 @@ test: setup
 # and the study of the paper; then ten times as many examples of Hypothesis.
 test-long: setup $(VENV)/.paper
 	$(RUN) python -m pytest -n 2 --dist loadfile --durations=10 -m long $(UNIT_TESTS) $(NODE_TESTS)
-	MORE_EXAMPLES=10 $(RUN) python -m pytest -n 2 -m "hypothesis and not long" $(UNIT_TESTS)
+	MORE_EXAMPLES=10 $(RUN) python -m pytest -n 2 -m "hypothesis and not long" $(UNIT_TESTS) $(NODE_TESTS)
 
 # The numeric unit tests as on a processor without AVX-512, as most laptops are: LAPACK, sums and kernels round differently there.
 NUMERIC_TESTS := batch changes combinations drift esdirk fit_data fleet follower gauss_newton held_out hop information innovations innovations_verdicts instruments \

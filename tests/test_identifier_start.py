@@ -64,7 +64,9 @@ def test_kernels_are_compiled_once_and_before_the_node_is_active(cold, start, pr
     assert "loading the kernels of model rigid_joint" in again.text and "compiling" not in again.text
 
 
-@pytest.mark.parametrize(("managed", "number"), [(False, signal.SIGTERM), (True, signal.SIGINT)])
+@pytest.mark.parametrize(
+    ("managed", "number"), [(False, signal.SIGTERM), pytest.param(True, signal.SIGINT, marks=pytest.mark.long)]
+)
 def test_a_signal_ends_the_node_while_it_compiles(cold, start, probe, number, managed):
     process = start("identifier", model="electromechanical", autostart=not managed)
     if managed:
