@@ -61,7 +61,7 @@ def numbers_of(reader, links, held):
     return assert_only_held_back(measured(links), [sample[1:13] for sample in reader.samples], held)
 
 
-@pytest.mark.parametrize("seconds", [5, pytest.param(30, marks=pytest.mark.long)])
+@pytest.mark.parametrize("seconds", [5, pytest.param(20, marks=pytest.mark.long)])
 def test_samples_at_500_hz_are_published_without_a_loss_and_unchanged(start, probe, robot, seconds):
     machine = robot()
     links = probe.collect(JointState, "link_states")
