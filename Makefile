@@ -13,7 +13,11 @@ BUILD_TOOLS := setup/build.sh setup/launchers.py setup/drop_missing_includes.cma
 PACKAGES := $(wildcard $(WS)/src/joint_id_core/joint_id_core $(WS)/src/joint_id_ros/joint_id_ros)
 UNIT_TESTS := $(wildcard $(WS)/src/joint_id_core/test)
 NODE_TESTS := $(wildcard $(WS)/src/joint_id_ros/test tests)
-TIMED_TESTS := tests/test_chain.py tests/test_demo.py tests/test_driver.py tests/test_driver_faults.py
+# Whose nodes stream at 500 Hz or run against a clock; the longest file first, in both lists.
+TIMED_TESTS := $(addprefix tests/test_,demo.py driver.py driver_faults.py chain.py demo_end.py)
+LONG_FILES := $(addprefix tests/test_,graph_faults.py identify_stops.py fleet.py identifier_node.py identifier_start.py \
+	knowledge_node.py launch.py identify_node.py arm_identifier_node.py examples.py player.py stopping.py)
+OTHER_FILES := $(filter-out $(TIMED_TESTS) $(LONG_FILES),$(wildcard $(NODE_TESTS:%=%/test_*.py)))
 
 .PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-graph bench-cancel bench-speed bench-stats bench-drift bench-online bench-robots bench-batch bench-fleet clean
 all: setup
@@ -33,19 +37,24 @@ $(WS)/install/.built: $(VENV)/.installed $(BUILD_INPUTS) $(BUILD_TOOLS)
 	@sh setup/build.sh $(VENV)
 	@touch $@
 
+# Linear algebra takes one core a process: threads of tests that run side by side would wait for each other.
+test test-long test-haswell: export OMP_NUM_THREADS := 1
+
 # Everything that users rely on, quick tests first. Those whose nodes stream at 500 Hz or run against a clock come last.
-# Nodes wait more than they compute, so three of their tests run at once.
+# Nodes wait more than they compute, so four of their tests run at once.
 test: setup
 	$(RUN) python -m pytest -n 2 --dist worksteal --durations=10 -m "not long" $(UNIT_TESTS)
-	$(RUN) python -m pytest -n 3 --dist loadfile --durations=10 -m "not long" $(NODE_TESTS) $(TIMED_TESTS:%=--ignore=%)
-	$(RUN) python -m pytest -n 3 --dist loadfile --durations=10 $(TIMED_TESTS)
+	$(RUN) python -m pytest -n 4 --dist loadfile --no-loadscope-reorder --durations=10 -m "not long" $(LONG_FILES) $(OTHER_FILES)
+	$(RUN) python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --durations=10 -m "not long" $(TIMED_TESTS)
 
-# The tests marked "long": what takes minutes, and what guards only benchmarks/ and the study of the paper.
+# The tests marked "long" (25 minutes): what costs most for what it tells, and what guards only benchmarks/
+# and the study of the paper; then ten times as many examples of Hypothesis.
 test-long: setup $(VENV)/.paper
 	$(RUN) python -m pytest -n 2 --dist loadfile --durations=10 -m long $(UNIT_TESTS) $(NODE_TESTS)
+	MORE_EXAMPLES=10 $(RUN) python -m pytest -n 2 -m "hypothesis and not long" $(UNIT_TESTS) $(NODE_TESTS)
 
 # The numeric unit tests as on a processor without AVX-512, as most laptops are: LAPACK, sums and kernels round differently there.
-NUMERIC_TESTS := batch changes combinations drift esdirk fit_data fleet follower gauss_newton held_out hop information innovations instruments \
+NUMERIC_TESTS := batch changes combinations drift esdirk fit_data fleet follower gauss_newton held_out hop information innovations innovations_verdicts instruments \
 	levels memory messages motion_watch \
 	misfit noise one_encoder online online_checks presliding processor ranking recursion regression resume rounding second_look starts stillness translate whiteness
 test-haswell: setup

@@ -7,16 +7,16 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 import rclpy
-from ament_index_python.packages import get_package_prefix
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
+from node_process import PATIENCE_S, Process
 from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -30,62 +30,14 @@ from joint_id_core.emulator.process import EmulatorProcess
 from joint_id_ros.qos import REPLAY, STREAM_IN
 
 AGAIN_S = 5.0  # a service is asked again after that
+DEMO = Path(__file__).resolve().parent.parent / "demo/demo.py"
+DEMO_S = 300.0  # a limit for a demo that hangs, not a measure of speed
 REACHED = {"configure": "inactive", "activate": "active", "deactivate": "inactive", "cleanup": "unconfigured",
            "shutdown": "finalized"}  # fmt: skip
-PATIENCE_S = 180.0  # a limit for tests that hang, not a measure of speed: the first fit of a model compiles it
 
 
 # Shells let their background jobs ignore SIGINT, and so would every process that these start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-class Process:
-    """A console script of joint_id_ros in its own process."""
-
-    def __init__(self, name: str, output: Path, environment: dict[str, str], arguments: list[str]) -> None:
-        script = Path(get_package_prefix("joint_id_ros")) / "lib/joint_id_ros" / name
-        self.name, self._output = name, output
-        with output.open("w") as file:
-            self._popen = subprocess.Popen(
-                [sys.executable, str(script), *arguments], stdout=file, stderr=subprocess.STDOUT, env=environment
-            )
-
-    @property
-    def text(self) -> str:
-        """What the process has printed so far."""
-        return self._output.read_text(errors="replace")
-
-    @property
-    def pid(self) -> int:
-        """Number of the process."""
-        return self._popen.pid
-
-    @property
-    def running(self) -> bool:
-        """Whether the process is there."""
-        return self._popen.poll() is None
-
-    def loaded(self, library: str) -> bool:
-        """Whether it has loaded a library with this in its path."""
-        return library in Path(f"/proc/{self._popen.pid}/maps").read_text()
-
-    def signal(self, number: signal.Signals) -> None:
-        """Send a signal to this process alone."""
-        self._popen.send_signal(number)
-
-    def wait(self) -> int:
-        """Exit code, once it has ended."""
-        return self._popen.wait(PATIENCE_S)
-
-    def stop(self) -> None:
-        """End it, however it feels."""
-        if self.running:
-            self._popen.send_signal(signal.SIGINT)
-            try:
-                self._popen.wait(20.0)
-            except subprocess.TimeoutExpired:
-                self._popen.kill()
-                self._popen.wait()
 
 
 class Source:
@@ -226,7 +178,13 @@ def domain() -> Iterator[int]:
 
 
 @pytest.fixture
-def start(tmp_path: Path, domain: int) -> Iterator[Callable[..., Process]]:
+def kind() -> type[Process]:
+    """How nodes are started; `Program` in the files that are about their start or end."""
+    return Process
+
+
+@pytest.fixture
+def start(tmp_path: Path, domain: int, kind: type[Process]) -> Iterator[Callable[..., Process]]:
     """Start nodes: `start("filter", "--ros-args", ..., gear_ratio=50.0)`; parameters are keywords."""
     processes: list[Process] = []
     environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
@@ -236,7 +194,7 @@ def start(tmp_path: Path, domain: int) -> Iterator[Callable[..., Process]]:
         for key, value in parameters.items():
             arguments += ["-p", f"{key}:={_yaml(value)}"]
         output = tmp_path / f"{len(processes)}_{name}.log"
-        processes.append(Process(name, output, environment, ["--ros-args", *arguments] if arguments else []))
+        processes.append(kind(name, output, environment, ["--ros-args", *arguments] if arguments else []))
         return processes[-1]
 
     yield begin
@@ -270,6 +228,24 @@ def probe(domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Probe]:
     yield node
     node.destroy_node()
     context.try_shutdown()
+
+
+@pytest.fixture
+def demo(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Start the demo with everything that it writes in a temporary folder; ended at the latest with the test."""
+    started: list[subprocess.Popen[str]] = []
+
+    def begin(*arguments: str, program: Sequence[str] = (str(DEMO),)) -> subprocess.Popen[str]:
+        command = [sys.executable, *program, "--out", tmp_path / "out", "--picture", tmp_path / "demo.png"]
+        pipe = subprocess.PIPE
+        started.append(subprocess.Popen([*command, *arguments], stdout=pipe, stderr=subprocess.STDOUT, text=True))
+        return started[-1]
+
+    yield begin
+    for process in started:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+            process.communicate(timeout=DEMO_S)
 
 
 def _yaml(value: object) -> str:

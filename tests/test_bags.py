@@ -1,17 +1,15 @@
 """The recordings in bags/: any rosbag2 reader takes them, and a fit finds the truth that is beside them."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from ament_index_python.packages import get_package_prefix
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
+from joint_id_core.cli import app
 from joint_id_core.models import MODELS, build
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -65,7 +63,7 @@ def test_truth_has_every_parameter_of_the_model_with_its_unit(bag):
     }
 
 
-def test_fit_from_wrong_start_values_finds_the_truth(bag):
+def test_fit_from_wrong_start_values_finds_the_truth(bag, capsys):
     path, truth = bag
     true = {name: row["value"] for name, row in truth["parameters"].items()}
     options = {"actuation": truth["actuation"]} if "actuation" in truth else {}
@@ -73,13 +71,14 @@ def test_fit_from_wrong_start_values_finds_the_truth(bag):
     rng = np.random.default_rng(0)
     start = {p.name: true[p.name] * FACTOR ** rng.uniform(-1.0, 1.0) for p in table if not p.fixed}
     start |= {"k_t": true["k_t"]} if "k_t" not in start else {}
-    program = Path(get_package_prefix("joint_id_core")) / "lib/joint_id_core/joint-id"
-    command = [sys.executable, program, "fit", path, "--model", truth["model"], "--json"]
+    command = ["fit", str(path), "--model", truth["model"], "--json"]
     for name, value in start.items():
         command += ["--set", f"{name}={value!r}"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    rows = {row["name"]: row for row in json.loads(done.stdout)["parameters"]}
+    with pytest.raises(SystemExit) as end:
+        app(command, prog_name="joint-id")
+    out, err = capsys.readouterr()
+    assert end.value.code == 0, err
+    rows = {row["name"]: row for row in json.loads(out)["parameters"]}
     for p in table:
         if not p.fixed:
             row, error = rows[p.name], abs(rows[p.name]["value"] - true[p.name])

@@ -4,6 +4,7 @@ import signal
 
 import numpy as np
 import pytest
+from node_process import Program
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.formats import write_bag
@@ -94,7 +95,8 @@ def test_a_bag_gives_the_same_as_the_live_joint_at_any_speed(start, probe, tmp_p
     assert player.wait() == 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("kind", [Program])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
 def test_a_signal_in_the_middle_of_the_work_ends_every_node_with_exit_code_0(start, probe, number):
     samples = probe.collect(JointSamples, "joint_samples")
     nodes = [start("identifier"), start("filter"), start("sim", wait_subscribers=1)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import importlib
 import importlib.util
 import re
@@ -32,7 +33,10 @@ def load_generator() -> ModuleType:
 
 @pytest.fixture(scope="module")
 def generator() -> ModuleType:
-    return load_generator()
+    """The script, which makes its tables once for all pages."""
+    module = load_generator()
+    module.tables = functools.cache(module.tables)  # type: ignore[attr-defined]
+    return module
 
 
 def anchors(page: Path) -> set[str]:

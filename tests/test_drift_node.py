@@ -111,7 +111,8 @@ def test_a_parameter_that_leaves_its_baseline_is_told_until_it_is_back(start, pr
             assert STRETCH_S - HOP_S < seconds(drift.since) < worn_s
     probe.until(lambda: probe.told("identifier", "above its baseline"), "a warning")
     warning = probe.told("identifier", "above its baseline")
-    assert warning.level == b"\x01" and "elbow: c is" in warning.message
+    assert "elbow: c is" in warning.message
+    assert warning.level >= b"\x01"  # an error, if this computer has too much to do as well
     assert {v.key: v.value for v in warning.values}["joints with a baseline"] == "elbow"
 
     publish(samples, found, 2)

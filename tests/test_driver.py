@@ -18,7 +18,7 @@ from joint_id_core.rtde.fields import PORT
 from joint_id_msgs.msg import RobotSignals
 
 HOST = "127.0.0.1"
-SECONDS, RATE = 20, 500
+RATE = 500
 MOTOR_POSITIONS = [f"output_double_register_{k}" for k in range(24, 30)]
 DRIVER_MODULES = ("nodes/driver.py", "options/driver.py", "robot_signals.py", "robot_health.py")
 PAUSE_S = 20.0  # a busy machine may hold up the emulator for longer than the 0.5 s that count as a stall by default
@@ -61,7 +61,8 @@ def numbers_of(reader, links, held):
     return assert_only_held_back(measured(links), [sample[1:13] for sample in reader.samples], held)
 
 
-def test_20_s_at_500_hz_are_published_without_a_loss_and_unchanged(start, probe, robot):
+@pytest.mark.parametrize("seconds", [5, pytest.param(20, marks=pytest.mark.long)])
+def test_samples_at_500_hz_are_published_without_a_loss_and_unchanged(start, probe, robot, seconds):
     machine = robot()
     links = probe.collect(JointState, "link_states")
     motors = probe.collect(JointState, "motor_states")
@@ -78,7 +79,7 @@ def test_20_s_at_500_hz_are_published_without_a_loss_and_unchanged(start, probe,
         extra_fields=["joint_temperatures", "target_qdd"],
         stall_s=PAUSE_S,
     )
-    probe.until(lambda: len(links) > (SECONDS + 1) * RATE, f"{SECONDS} s of samples")
+    probe.until(lambda: len(links) > (seconds + 1) * RATE, f"{seconds} s of samples")
     after = probe.get_clock().now().nanoseconds
     # The three topics were found one after the other: compare from the instant from which all three came.
     first = max(nanoseconds(topic[0]) for topic in (links, motors, extra))
@@ -88,7 +89,7 @@ def test_20_s_at_500_hz_are_published_without_a_loss_and_unchanged(start, probe,
     held = int(report.get(WAITS, 0))
     numbers = numbers_of(reader, links, held)
     rows = list(zip((reader.samples[k] for k in numbers), links, motors, extra, strict=False))
-    assert len(rows) >= SECONDS * RATE
+    assert len(rows) >= seconds * RATE
     for sample, link, motor, more in rows:
         assert sample[1:7] == tuple(link.position)
         assert [RATIO * v for v in sample[13:19]] == list(motor.velocity)
@@ -262,9 +263,12 @@ def test_either_client_publishes_true_samples_and_sends_nothing_but_requests_to_
     reader = Reader(machine.port, ("actual_q", "actual_current"))
     start("driver", robot_ip=host, client=client)
     probe.until(lambda: len(links) > 2 * RATE, "samples")
+    published = measured(links)
+    # The thread that reads may be later than the driver.
+    probe.until(lambda: published[-1] in [sample[1:] for sample in reader.samples], "the same samples")
     reader.close()
     wire.close()
-    assert set(measured(links)) <= {sample[1:] for sample in reader.samples}
+    assert set(published) <= {sample[1:] for sample in reader.samples}
     assert {b"O", b"S"} <= set(wire.kinds) <= {b"V", b"v", b"O", b"S", b"P"}
 
 

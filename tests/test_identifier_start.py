@@ -5,6 +5,7 @@ import signal
 import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from node_process import Program
 from robot_messages import NANO, stamp
 from running_graph import RATE, WINDOW_S, Motion, instant
 
@@ -14,6 +15,12 @@ from joint_id_ros.qos import LATEST
 HOP_S = 0.5  # the default
 COMPILING = "compiling model rigid_joint (only the first start of a model does that; others load it)"
 OPTIONS = {"model": "rigid_joint", "actuation": "torque"}
+
+
+@pytest.fixture
+def kind():
+    """Nothing is loaded before it starts."""
+    return Program
 
 
 @pytest.fixture
@@ -57,7 +64,9 @@ def test_kernels_are_compiled_once_and_before_the_node_is_active(cold, start, pr
     assert "loading the kernels of model rigid_joint" in again.text and "compiling" not in again.text
 
 
-@pytest.mark.parametrize(("managed", "number"), [(False, signal.SIGTERM), (True, signal.SIGINT)])
+@pytest.mark.parametrize(
+    ("managed", "number"), [(False, signal.SIGTERM), pytest.param(True, signal.SIGINT, marks=pytest.mark.long)]
+)
 def test_a_signal_ends_the_node_while_it_compiles(cold, start, probe, number, managed):
     process = start("identifier", model="electromechanical", autostart=not managed)
     if managed:

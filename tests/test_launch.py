@@ -122,6 +122,7 @@ def test_a_replay_of_a_bad_bag_ends_all_nodes_and_tells(launch, tmp_path):
     assert "player has ended with exit code 2" in text and "bad.mcap" in text
 
 
+@pytest.mark.long
 def test_a_replay_with_a_wrong_option_ends_all_nodes_and_tells(launch, tmp_path):
     process = launch("replay", bag=BAG, model="rigid_joint", set="mass=3")
     assert process.wait(120.0) == 1

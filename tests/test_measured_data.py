@@ -5,15 +5,15 @@ The data are not part of the project; they are expected beside it, in ../shared/
 
 from __future__ import annotations
 
+import io
 import json
-import os
-import shutil
-import subprocess
-import sys
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from joint_id_core.cli import app
 
 DATA = Path(__file__).resolve().parents[2] / "shared/data"
 EMPS = DATA / "emps"
@@ -24,13 +24,12 @@ pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"measured data are no
 
 
 def fit(*arguments: object, expect: tuple[int, ...] = (0,)) -> dict[str, Any]:
-    """Run `joint-id fit ... --json` in a process of its own and return what it printed."""
-    program = shutil.which("joint-id", path=os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"])))
-    assert program is not None, "the console script joint-id is not installed"
-    command = [program, "fit", *map(str, arguments), "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=540, check=False)
-    assert done.returncode in expect, done.stderr
-    return dict(json.loads(done.stdout))
+    """Run `joint-id fit ... --json` in this process and return what it printed."""
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err), pytest.raises(SystemExit) as end:
+        app(["fit", *map(str, arguments), "--json"], prog_name="joint-id")
+    assert end.value.code in expect, err.getvalue()
+    return dict(json.loads(out.getvalue()))
 
 
 def by_name(result: dict[str, Any]) -> dict[str, dict[str, Any]]:
@@ -112,6 +111,7 @@ def test_ur3e_shoulder_predicts_the_current_of_the_held_out_half(tmp_path):
     assert gravity == pytest.approx(16.0, rel=0.15), "Nm, as known from a rough fit of this log"
 
 
+@pytest.mark.long
 def test_ur3e_shoulder_is_repeatable_or_called_poor():
     """The moving shoulder strains the model: its stiffness agrees between the halves, or the fit is not a success."""
     model = ("--model", "motor_side", "--set", "k_t=0.1005", "--map", "motor_velocity=101*actual_qd_1")

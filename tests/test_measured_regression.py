@@ -5,6 +5,7 @@ The data are not part of the project; they are expected beside it, in ../shared/
 
 from __future__ import annotations
 
+import functools
 import re
 from itertools import combinations
 from pathlib import Path
@@ -15,7 +16,7 @@ import scipy.io
 from robots.recordings import kuka
 
 from joint_id_core.checking.findings import findings
-from joint_id_core.data.recording import Recording
+from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators import Innovations, ParameterSettings, Regression, fit
 from joint_id_core.estimators.regression.side_faults import side_fault
 from joint_id_core.estimators.regression_starts import started
@@ -32,9 +33,14 @@ ALL_JOINTS = ("ur-20_02_12-40sec_12harm", "ur-20_02_12-50sec_12harm", "ur-20_02_
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"measured data are not there: {DATA}")
 
 
-def ur10e(name: str, joint: int, load: bool = False) -> Recording:
+@functools.cache
+def ur10e_table(name: str) -> Array:
     table = np.genfromtxt(UR10E / f"{name}.csv", delimiter=",")
-    table = table[np.concatenate([[True], np.diff(table[:, 0]) > 0.0])]  # some stamps repeat
+    return table[np.concatenate([[True], np.diff(table[:, 0]) > 0.0])]  # some stamps repeat
+
+
+def ur10e(name: str, joint: int, load: bool = False) -> Recording:
+    table = ur10e_table(name)
     torque = PER_AMPERE[joint] * table[:, 12 + joint]
     channels = {"link_position": table[:, joint], "torque": torque}
     if load:
@@ -86,11 +92,14 @@ def test_recordings_with_all_joints_moving_agree_within_their_intervals():
     assert np.mean(agree) > 0.8
 
 
-def test_joints_whose_load_the_others_change_are_poor_fits():
+@pytest.mark.parametrize(
+    "names", [ALL_JOINTS[:1], pytest.param(ALL_JOINTS[1:], marks=pytest.mark.long)], ids=["one log", "two more"]
+)
+def test_joints_whose_load_the_others_change_are_poor_fits(names):
     """Lift, elbow and first wrist, by either estimator: on the lift J is 17.5 kg m2, and was 100 and more."""
     for joint in (2, 3, 4):
         for estimator in (Regression(), Innovations()):
-            for name in ALL_JOINTS:
+            for name in names:
                 result = fit(build("rigid_joint", gravity=True), ur10e(name, joint), estimator=estimator)
                 assert result.status is Status.POOR_FIT, (joint, estimator, name, str(result))
 
@@ -152,9 +161,8 @@ def test_no_lag_of_a_robots_current_is_invented():
 
 
 def test_the_late_velocities_of_a_kuka_are_named_and_those_of_a_ur_are_not():
+    table = ur10e_table(ALL_JOINTS[0])
     for joint in range(1, 7):
-        table = np.genfromtxt(UR10E / f"{ALL_JOINTS[0]}.csv", delimiter=",")
-        table = table[np.concatenate([[True], np.diff(table[:, 0]) > 0.0])]
         channels = {"link_position": table[:, joint], "link_velocity": table[:, 6 + joint]}
         assert not findings(Recording(table[:, 0], channels))
     kuka = scipy.io.loadmat(DATA / "kuka_kr300/trajectory_A.mat", squeeze_me=True, struct_as_record=False)
@@ -187,20 +195,20 @@ def test_stiffness_of_a_kuka_is_the_published_one_or_not_known(axis, published):
         assert abs(stiffness.value - published) < min(0.3 * published, 2.0 * stiffness.std_dev)
 
 
-def test_of_the_axes_of_a_kuka_the_late_encoders_are_named_and_nothing_else():
+@pytest.mark.parametrize("parts", [1, pytest.param(2, marks=pytest.mark.long)], ids=["whole", "halves"])
+def test_of_the_axes_of_a_kuka_the_late_encoders_are_named_and_nothing_else(parts):
     """Published: they are 2.7 to 3.1 ms late."""
     found = []
     for run in "AB":
         for axis in range(1, 7):
             ratio, recording = kuka(run, axis)
-            half = len(recording) // 2
-            for part in (recording, recording.slice(0, half), recording.slice(half, len(recording))):
-                found.append(side_fault(part, "torque", ratio))
+            count = len(recording) // parts
+            found += [side_fault(recording.slice(k * count, (k + 1) * count), "torque", ratio) for k in range(parts)]
     named = [text for text in found if text]
     assert named and all(re.match("the link's encoder is (2[.][7-9]|3|3[.]1) ms late", text) for text in named), named
 
 
-@pytest.mark.parametrize("axis", [1, 2, 3])
+@pytest.mark.parametrize("axis", [1, *(pytest.param(k, marks=pytest.mark.long) for k in (2, 3))])
 def test_nothing_of_a_kuka_that_is_called_good_is_far_off(axis):
     """Its residual torque has a memory: a fit that takes it for white found a motor inertia 22 sigma off."""
     for run in "AB":

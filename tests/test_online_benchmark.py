@@ -83,6 +83,7 @@ def test_records_share_what_was_before_and_differ_after(monkeypatch):
     assert np.abs(q[id(heavy)] - q[id(same)])[~before].max() > 1e-3
 
 
+@pytest.mark.long
 def test_noise_of_the_link_encoder_does_not_bias_a_model_that_takes_the_link_for_known():
     """Without the correction for noise of inputs these errors are 4.6 standard deviations (rms)."""
     it, off = joint("motor_side"), []

@@ -158,6 +158,7 @@ def test_both_encoders_of_an_axis_have_the_same_motion():
 
 
 @with_data
+@pytest.mark.long
 def test_every_joint_of_every_case_is_recorded():
     for case in CASES:
         for joint in case.joints:

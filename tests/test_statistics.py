@@ -78,6 +78,7 @@ def test_a_friction_law_that_is_a_little_wrong_is_noticed(cache):
     assert found.misfit > right.misfit
 
 
+@pytest.mark.long
 def test_estimates_of_a_sliding_window_hold_the_truth(cache):
     """Four motions, 31 estimates each: 0.93 of the intervals in the long run, 0.05 is the scatter between motions."""
     found = online.measure(range(1000, 1004), cache, workers=1)

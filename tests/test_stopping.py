@@ -5,11 +5,17 @@ import socket
 
 import numpy as np
 import pytest
+from node_process import Program
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.formats import write_bag
 
 NODES = ("sim", "filter", "identifier", "player", "driver", "identify", "emulated_motion")
+
+
+@pytest.fixture
+def kind():
+    return Program
 
 
 @pytest.fixture
@@ -40,7 +46,7 @@ def test_a_signal_ends_the_node_with_exit_code_0(start, probe, parameters, name,
     assert "rror" not in process.text
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.long)])
 def test_a_signal_ends_a_driver_that_waits_for_the_answer_of_a_mute_host(start, probe, number):
     with socket.create_server(("127.0.0.1", 0)) as host:
         # No try ends by itself before the signal comes.
@@ -52,7 +58,7 @@ def test_a_signal_ends_a_driver_that_waits_for_the_answer_of_a_mute_host(start, 
     assert "not configured: " not in process.text
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
 def test_a_signal_during_start_leaves_no_traceback(start, probe, number):
     process = start("filter")
     # before that it is the interpreter that starts, and says in its own way that it was interrupted

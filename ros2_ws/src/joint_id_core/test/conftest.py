@@ -6,14 +6,16 @@ import pytest
 from hypothesis import settings
 from typer.testing import CliRunner
 
+from joint_id_core.batch import cores
 from joint_id_core.cli import app, output
 from joint_id_core.emulator.controller import Controller
 from joint_id_core.emulator.robots import build_joints
 
 from .emulator_line import Line
+from .examples import TIMES
 
 # No test depends on the speed of the computer, and the first example may load compiled functions.
-settings.register_profile("joint_id", deadline=None)
+settings.register_profile("joint_id", deadline=None, max_examples=40 * TIMES)
 settings.load_profile("joint_id")
 
 
@@ -46,6 +48,12 @@ def run_here(tmp_path, monkeypatch):
         return result.exit_code, result.output
 
     return call
+
+
+@pytest.fixture
+def in_this_process(monkeypatch):
+    """Commands fit many recordings or joints in this process, which spares the start of others."""
+    monkeypatch.setattr("joint_id_core.batch.run.on_cores", lambda work, found, _: cores.here(work, found))
 
 
 @pytest.fixture

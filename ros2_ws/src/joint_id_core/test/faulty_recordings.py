@@ -8,6 +8,7 @@ import numpy as np
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.models import build
+from joint_id_core.results.estimate import Estimate
 from joint_id_core.simulation.excitation import multisine
 from joint_id_core.simulation.sensors import Sensors
 from joint_id_core.simulation.simulator import simulate
@@ -94,6 +95,11 @@ def clipped(low: float, high: float) -> Recording:
     """A torque that is cut off at these quantiles, as by a converter behind its noise."""
     torque = good()["torque"]
     return good().with_channels({"torque": np.clip(torque, *np.quantile(torque, [low, high]))})
+
+
+def drive_notes(estimate: Estimate) -> list[str]:
+    """What a fit says of a drive that is early, late or of the wrong sign."""
+    return [n for n in estimate.notes if "against the motion" in n]
 
 
 TIME = np.arange(4000) / 500

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pyarrow.parquet as parquet
+import pytest
 
 import joint_id_core as jid
 from joint_id_core import formats
@@ -14,8 +15,23 @@ from joint_id_core.estimators import ParameterSettings, build
 from joint_id_core.jobs.fit_job import FitJob
 
 MODEL = jid.build("rigid_joint")
+COMMAND = ("--model", "rigid_joint", "--estimator", "regression")  # the quickest fits there are
 # Differ from run to run: computing time, and a version of the file that a storage makes up.
 ITS_OWN = ("elapsed_s",)
+# A module whose work ends its process at two of the recordings.
+CRASHING = """
+import os
+import signal
+
+from joint_id_core.batch.work import Work
+
+
+class Crashing(Work):
+    def rows(self, found):
+        if found.place.endswith(("a_1", "a_4")):
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().rows(found)
+"""
 
 
 def recordings(count: int, rate: float = 125.0) -> list[jid.Recording]:
@@ -47,3 +63,11 @@ def rows(output) -> list[dict]:
     """The rows of a table, without what differs from run to run."""
     found = parquet.read_table(output).to_pylist() if not isinstance(output, bytes) else []
     return [{name: value for name, value in row.items() if name not in ITS_OWN} for row in found]
+
+
+def assert_same(found: list[dict], expected: list[dict]) -> None:
+    """The same fits of the same recordings; another number of threads may round otherwise."""
+    for one, other in zip(found, expected, strict=True):
+        assert one["recording"] == other["recording"] and one["status"] == other["status"] == "converged"
+        for p, q in zip(one["parameters"], other["parameters"], strict=True):
+            assert p["value"] == pytest.approx(q["value"], rel=1e-6, abs=1e-9)

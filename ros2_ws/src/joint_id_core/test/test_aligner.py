@@ -12,6 +12,8 @@ from joint_id_core.alignment.aligner import Aligner, Columns
 from joint_id_core.alignment.inputs import InputOptions
 from joint_id_core.errors import JointIdError
 
+from .examples import TIMES
+
 PERIOD_NS = 2_000_000
 BEGIN = 1_700_000_000 * 10**9
 INPUTS = InputOptions(effort_source="current", join_wait_s=0.0)
@@ -96,7 +98,7 @@ def test_a_stray_message_of_another_topic_far_ahead_costs_nothing():
 GOOD = BEGIN + 3 * DAY_NS  # begin of the good messages: far from the stamps of all others
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=15 * TIMES)
 @given(
     st.lists(
         st.tuples(

@@ -23,8 +23,8 @@ def folder(tmp_path_factory):
     """A folder with two bags of the arm and its description."""
     place = tmp_path_factory.mktemp("arm")
     (place / "arm.urdf").write_text(URDF)
-    formats.write_bag(place / "moves", moving_arm.rigid(12.0))
-    formats.write_bag(place / "again", moving_arm.rigid(8.0, seed=7))
+    formats.write_bag(place / "moves", moving_arm.rigid(8.0))
+    formats.write_bag(place / "again", moving_arm.rigid(5.0, seed=7))
     formats.write_bag(place / "five", {n: r for n, r in moving_arm.rigid(2.0).items() if n != "tilt"})
     return place
 

@@ -116,6 +116,7 @@ def test_a_payload_is_found_and_so_is_its_end():
     assert np.abs(off(follower.belief)).max() < 4.5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("late", [0.25, 0.375], ids=["early in a stretch", "late in a stretch"])
 def test_payloads_that_follow_one_another_are_told_each(late):
     masses, ends = (0.0, 1.0, MASS, 0.0, 1.0), np.array([LEARN, 37.0, 45.0, 53.0, 58.0]) + late

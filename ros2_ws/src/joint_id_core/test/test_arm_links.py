@@ -136,9 +136,23 @@ def noisy(seed: int, size: float, off: float = 1.0) -> tuple[np.ndarray, np.ndar
     return TRUTH + off * noise, spread @ spread.T + np.diag((0.1 * scale) ** 2)
 
 
-@settings(max_examples=25, deadline=None)
-@given(st.integers(0, 10**6), st.floats(-4.0, -0.5), st.floats(0.0, 2.0))
+ANY = (st.integers(0, 10**6), st.floats(-4.0, -0.5), st.floats(0.0, 2.0))
+
+
+@settings(max_examples=6, deadline=None)
+@given(*ANY)
 def test_bodies_exist_whatever_was_estimated(seed, size, off):
+    assert_bodies(seed, size, off)
+
+
+@pytest.mark.long
+@settings(max_examples=60, deadline=None)
+@given(*ANY)
+def test_many_bodies_exist_whatever_was_estimated(seed, size, off):
+    assert_bodies(seed, size, off)
+
+
+def assert_bodies(seed, size, off):
     values, covariance = noisy(seed, 10.0**size, 10.0**off)
     rotors = np.where(np.random.default_rng(seed).random(len(JOINTS)) < 0.7, ROTOR, 0.0)
     links = consistent_links(TRUE, values, covariance, rotors.tolist())

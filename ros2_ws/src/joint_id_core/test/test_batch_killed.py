@@ -11,11 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from .many_recordings import rows, run_here, write_bags
+from .many_recordings import COMMAND, assert_same, rows, run_here, write_bags
 
 PATIENCE_S = 300.0  # a limit for what hangs
-COMMAND = (sys.executable, "-c", "from joint_id_core.cli import main; main()", "batch", "--model", "rigid_joint",
-           "--estimator", "regression", "--jobs", "2")  # fmt: skip
+PROGRAM = (sys.executable, "-c", "from joint_id_core.cli import main; main()", "batch", *COMMAND)
 # Ends its process at the `number`-th part, or table, of which only a piece is on the disk.
 KILLED = """
 import os, signal, sys
@@ -54,11 +53,13 @@ def alive(pid: int) -> bool:
         return False
 
 
-def test_a_killed_batch_leaves_no_process_and_goes_on(tmp_path):
+def test_a_killed_batch_leaves_no_process_and_goes_on(tmp_path, run, in_this_process):
     write_bags(tmp_path / "logs", 8)
     undisturbed, output = tmp_path / "undisturbed.parquet", tmp_path / "out.parquet"
-    subprocess.run([*COMMAND, tmp_path / "logs", "-o", undisturbed], check=True, timeout=PATIENCE_S)
-    process = subprocess.Popen([*COMMAND, str(tmp_path / "logs"), "-o", str(output)], stderr=subprocess.DEVNULL)
+    assert run("batch", *COMMAND, tmp_path / "logs", "-o", undisturbed)[0] == 0
+    process = subprocess.Popen(
+        [*PROGRAM, "--jobs", "2", str(tmp_path / "logs"), "-o", str(output)], stderr=subprocess.DEVNULL
+    )
     parts = Path(f"{output}.parts")
     until(lambda: parts.exists() and len(list(parts.glob("*.json"))) > 1, "two recordings are finished")
     own = children(process.pid)
@@ -68,12 +69,10 @@ def test_a_killed_batch_leaves_no_process_and_goes_on(tmp_path):
     until(lambda: not any(map(alive, own)), "the processes of the batch end with it")
     before = {p.name: p.read_bytes() for p in parts.glob("*.json")}
     assert 1 < len(before) < 8
-    done = subprocess.run(
-        [*COMMAND, tmp_path / "logs", "-o", output], check=True, timeout=PATIENCE_S, capture_output=True, text=True
-    )
-    assert f"{8 - len(before)} recordings fitted, {len(before)} were finished before" in done.stdout
-    assert rows(output) == rows(undisturbed) and len(rows(output)) == 8
-    assert not parts.exists()
+    code, out, _ = run("batch", *COMMAND, tmp_path / "logs", "-o", output)
+    assert code == 0 and f"{8 - len(before)} recordings fitted, {len(before)} were finished before" in out
+    assert_same(rows(output), rows(undisturbed))
+    assert len(rows(output)) == 8 and not parts.exists()
 
 
 @pytest.mark.long

@@ -27,6 +27,12 @@ CPU = torch.device("cpu")
 CLOSE = 1e-9  # relative to the largest number of an array
 CASES = [(name, {}) for name in MODELS] + [("motor_side", {"delays": True}), ("rigid_joint", {"friction": "stribeck"})]
 IDS = [f"{name}{'-'.join(map(str, options))}" for name, options in CASES]
+MOST = ("rigid_joint", "motor_side", "electromechanical")  # those that share least; the others in `make test-long`
+
+
+def quick(*case):
+    """A case of a model, marked."""
+    return pytest.param(*case, marks=() if case[0] in MOST else pytest.mark.long)
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -71,7 +77,7 @@ def points(recursion, count, rng):
     return free, levels
 
 
-@pytest.mark.parametrize(("name", "options"), CASES, ids=IDS)
+@pytest.mark.parametrize(("name", "options"), [quick(*case) for case in CASES], ids=IDS)
 def test_a_batch_of_filters_equals_the_compiled_kernel(name, options):
     """Records of different lengths with own integrator steps; every element with own parameters and noise levels."""
     rng = np.random.default_rng(3)
@@ -94,7 +100,7 @@ def test_a_batch_of_filters_equals_the_compiled_kernel(name, options):
 
 
 @pytest.mark.parametrize("friction", ["tanh", "sign"])
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", map(quick, MODELS))
 def test_a_batch_of_simulations_equals_the_compiled_kernel(name, friction):
     recursion, rng = problem(name, {}, 1, samples=60), np.random.default_rng(5)
     data = recursion.data

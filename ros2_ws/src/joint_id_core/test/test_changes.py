@@ -87,7 +87,7 @@ def worst(estimate, truth) -> float:
 
 @pytest.mark.parametrize(
     ("names", "factor"),
-    [(("J_q",), 2.0), (FRICTION, 1.2), (FRICTION, 0.8), (("k_1", "k_2"), 0.9)],
+    [(("J_q",), 2.0), (FRICTION, 1.2), pytest.param(FRICTION, 0.8, marks=pytest.mark.long), (("k_1", "k_2"), 0.9)],
     ids=["load picked up", "friction rises", "friction falls", "softer gear"],
 )
 def test_a_change_is_said_and_right_within_two_windows(names, factor):

@@ -18,6 +18,8 @@ from joint_id_core.results.estimate import Status
 from joint_id_core.simulation import simulate_motion
 from joint_id_core.simulation.excitation import harmonics, multisine
 
+from .examples import TIMES
+
 MODEL = build("dc_motor")
 RPM = 30.0 / np.pi
 
@@ -49,7 +51,7 @@ def test_what_contradicts_the_circuit_is_refused_and_named(good, change, told):
     assert estimate.status is Status.BAD_DATA and told in estimate.message.lower()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20 * TIMES, deadline=None)
 @given(
     st.floats(0.05, 5.0), st.floats(0.02, 0.5), st.floats(1e-5, 1e-3), st.floats(1.0, 40.0),
     st.integers(0, 99), st.floats(0.0, 0.2),

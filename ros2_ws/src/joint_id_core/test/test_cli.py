@@ -1,19 +1,11 @@
 """What a user of `joint-id` relies on: results on stdout, one line on stderr, exit codes."""
 
-import importlib.metadata
-import inspect
 import json
-import os
-import subprocess
-import sys
-import types
-import typing
 
 import numpy as np
 import pytest
 
-from joint_id_core import cli, formats
-from joint_id_core.cli import app
+from joint_id_core import formats
 from joint_id_core.data.recording import Recording
 from joint_id_core.models import MODELS, build
 
@@ -231,80 +223,3 @@ def test_data_that_cannot_be_fitted_are_bad_input(tmp_path, run, samples, says):
     assert json.loads(out)["status"] == says
     assert err.count("\n") == 1
     assert says in err
-
-
-def test_commands_of_other_packages_appear_when_installed_and_a_broken_one_is_left_out(monkeypatch, capsys):
-    class Good:
-        name, value = "wave", "other:wave"
-
-        def load(self):
-            def wave():
-                """Wave a hand."""
-                print("waved")
-
-            return wave
-
-    class Broken(Good):
-        name, value = "broken", "other:broken"
-
-        def load(self):
-            raise ImportError("no module named other")
-
-    monkeypatch.setattr(cli, "entry_points", lambda group: [Good(), Broken()] if group == cli.GROUP else [])
-    monkeypatch.setattr(sys, "argv", ["joint-id", "wave"])
-    monkeypatch.setattr(app, "registered_commands", list(app.registered_commands))
-    with pytest.raises(SystemExit) as end:
-        cli.main()
-    out, err = capsys.readouterr()
-    assert (end.value.code, out) == (0, "waved\n")
-    assert "command broken is left out" in err
-
-
-def test_help_of_the_real_command_loads_nothing_heavy():
-    code = (
-        "import sys, atexit\n"
-        "atexit.register(lambda: print(*sorted({m.split('.')[0] for m in sys.modules}), file=sys.stderr))\n"
-        "from joint_id_core.cli import main\n"
-        "sys.argv = ['joint-id', '--help']\n"
-        "main()"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
-    assert done.returncode == 0
-    for command in ("simulate", "info", "fit"):
-        assert command in done.stdout
-    assert not {"numpy", "numba", "torch", "scipy", "sympy", "matplotlib", "rclpy", "rosbags"} & set(
-        done.stderr.split()
-    )
-
-
-def test_version_and_short_help(run):
-    code, out, _ = run("--version")
-    assert code == 0 and out == f"joint-id {importlib.metadata.version('joint-id-core')}\n"
-    assert run("fit", "-h")[1] == run("fit", "--help")[1]
-
-
-def test_annotations_are_those_that_typer_of_ubuntu_reads():
-    """Typer 0.9 knows Optional[X], not X | None."""
-    for command in app.registered_commands:
-        for parameter in inspect.signature(command.callback, eval_str=True).parameters.values():
-            kind = typing.get_args(parameter.annotation)[0]
-            assert not isinstance(kind, types.UnionType), f"{command.callback.__name__}: {parameter}"
-
-
-@pytest.mark.parametrize(
-    ("words", "offered"),
-    [
-        ("joint-id fi", {"fit"}),
-        ("joint-id fit --model ha", {"harmonic_drive"}),
-        ("joint-id fit --friction ", {"coulomb_viscous", "stribeck", "eyring"}),
-        ("joint-id report --estimator ", {"innovations", "regression", "hpinn"}),
-        ("joint-id simulate el", {"electromechanical"}),
-        ("joint-id fit --actu", {"--actuation"}),
-    ],
-)
-def test_the_tab_key_completes_commands_options_and_their_values(words, offered):
-    """As bash asks for it."""
-    asked = {"_JOINT_ID_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
-    command = [sys.executable, "-c", "from joint_id_core.cli import main; main()"]
-    done = subprocess.run(command, env=os.environ | asked, capture_output=True, text=True, check=False)
-    assert set(done.stdout.split()) == offered, done.stderr

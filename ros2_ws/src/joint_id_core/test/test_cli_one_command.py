@@ -82,7 +82,7 @@ def test_a_model_that_does_not_describe_the_motion_is_left_out_and_said(tmp_path
     assert "harmonic_drive was tried and left out: " in out
 
 
-def test_every_joint_of_a_bag_is_a_row(tmp_path, run_here):
+def test_every_joint_of_a_bag_is_a_row(tmp_path, run_here, in_this_process):
     one = motion(4.0)
     formats.write_bag(tmp_path / "bag", {"shoulder": one, "elbow": motion(4.0, seed=1)})
     code, out = run_here("fit", "bag", "--set", "N=1")
@@ -121,7 +121,7 @@ def robot_log(tmp_path):
     return "robot.csv"
 
 
-def test_a_log_of_a_robot_is_read_joint_by_joint(robot_log, run_here):
+def test_a_log_of_a_robot_is_read_joint_by_joint(robot_log, run_here, in_this_process):
     code, out = run_here("fit", robot_log, "--robot", "arm.yaml")
     rows = [line.split() for line in out.splitlines() if line.startswith("  shoulder") and ":" not in line]
     assert [row[:3] for row in rows] == [

@@ -93,7 +93,7 @@ def test_an_update_of_twenty_robots_is_small():
 
 
 @pytest.mark.skipif(browser.PROGRAM is None, reason=browser.MISSING)
-@pytest.mark.parametrize("width", [1100, 390])
+@pytest.mark.parametrize("width", [1100, pytest.param(390, marks=pytest.mark.long)])
 def test_a_browser_shows_twenty_robots_filters_and_tells_of_one_joint(tmp_path, width):
     view, feed, ended = twenty(), Feed(), threading.Event()
     answers = {"/joint": lambda query: view.joint(query["robot"], query["joint"])}

@@ -87,7 +87,7 @@ def test_the_command_reads_a_bag_and_prints_calls_that_can_be_pasted(arm, run, t
 
 def test_a_joint_that_does_not_move_keeps_the_scale_of_the_robot(arm, run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    moving = record(6.0)
+    moving = record(4.0)
     still = moving[STILL]
     held = {**still.channels, "link_position": np.full(len(still), 0.2)}
     formats.write_bag("moves", {**moving, STILL: Recording(still.time, held, source="arm", joint=STILL)})

@@ -51,7 +51,7 @@ def test_a_late_signal_of_a_motor_is_named(name, late, said):
 
 
 @pytest.mark.parametrize("friction", ["coulomb_viscous", "stribeck", "eyring"])
-@pytest.mark.parametrize("rate", [200.0, 1000.0])
+@pytest.mark.parametrize("rate", [200.0, pytest.param(1000.0, marks=pytest.mark.long)])
 def test_friction_of_another_law_is_no_late_signal(friction, rate):
     for seed in (1, 2):
         found = fit(DC, simulate_motion(build("dc_motor", friction=friction), 3.0, rate, seed=seed))

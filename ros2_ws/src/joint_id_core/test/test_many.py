@@ -36,7 +36,10 @@ def one_thread():
     torch.set_num_threads(before)
 
 
-@pytest.mark.parametrize("device", ["cpu", "torch"])
+@pytest.mark.parametrize(
+    "device",
+    ["cpu", pytest.param("torch", marks=pytest.mark.long)],  # test_batched.py has the passes of torch
+)
 def test_a_batch_ends_where_the_engine_ends_from_the_same_start(outcome, device):
     stages, found = outcome.stages, outcome.minimum
     rng = np.random.default_rng(2)

@@ -15,6 +15,8 @@ from joint_id_core.estimators.shared.stillness import STILL_S, still, sure_speed
 from joint_id_core.models import build
 from joint_id_core.online.motion import MotionWatch
 
+from .examples import TIMES
+
 PERIOD = 2e-3
 REST_S = 0.051  # no multiple of the period
 NOISE = {"link_position": 1e-5, "motor_velocity": 0.1}
@@ -49,7 +51,7 @@ def handed_on(recording, sizes, noise=NOISE):
     return np.array(marks), np.array(behind)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=15 * TIMES, deadline=None)
 @given(
     rests=st.lists(st.floats(0.0, 0.4), max_size=3),
     sizes=st.lists(st.integers(1, 40), min_size=1, max_size=4),

@@ -46,10 +46,11 @@ def last_estimate(joint, course, seed):
     return [e for e in found if e is not None][-1]
 
 
-def test_noise_in_the_recorded_current_biases_no_inertia_beyond_its_sigma(motion):
+@pytest.mark.parametrize("seeds", [range(1), pytest.param(range(1, 4), marks=pytest.mark.long)], ids=["one", "more"])
+def test_noise_in_the_recorded_current_biases_no_inertia_beyond_its_sigma(motion, seeds):
     joints, courses = motion
     off = []
-    for seed in range(2):
+    for seed in seeds:
         for i, joint in enumerate(joints):
             estimate = last_estimate(joint, courses[:, :, i], seed)
             assert estimate.converged

@@ -70,7 +70,7 @@ def test_a_signal_that_comes_seldom_is_a_curve_all_the_same(tmp_path, run_here):
 
 
 @needs_browser
-@pytest.mark.parametrize("width", [1100, 390])
+@pytest.mark.parametrize("width", [390, pytest.param(1100, marks=pytest.mark.long)])
 def test_a_browser_draws_every_plot_without_a_word_in_its_console(page, width):
     seen = browser.opened(page, width)
     count = len(plots(page.read_text()))

@@ -80,7 +80,7 @@ def test_a_torque_of_the_wrong_sign_is_named(good):
         assert "The torque acts against the motion" in fit(build(model), wrong).message
 
 
-@pytest.mark.parametrize("late", [0.002, 0.005, 0.008])
+@pytest.mark.parametrize("late", [0.005, *(pytest.param(s, marks=pytest.mark.long) for s in (0.002, 0.008))])
 def test_a_late_link_of_a_spring_that_is_not_linear_is_found_beside_its_twist(late):
     """The twist alone says 0.2 ms too little, at which four times as much is left as a fault may leave."""
     recording = simulate_motion(build("motor_side"), 3.0, values={"k_1": 8000.0, "J_m": 8e-5}, seed=3)
@@ -94,7 +94,7 @@ def test_two_encoders_that_both_move_are_needed(good):
     assert side_fault(still, "torque", N) == side_fault(one, "torque", N) == ""
 
 
-@pytest.mark.parametrize("ratio", [100.0, 50.0])
+@pytest.mark.parametrize("ratio", [50.0, pytest.param(100.0, marks=pytest.mark.long)])
 def test_a_fit_with_a_wrong_gear_ratio_says_which_one_it_is(good, ratio):
     found = fit(MODEL, good, ParameterSettings({"N": ratio}))
     assert found.status in (Status.POOR_FIT, Status.DIVERGED)

@@ -162,10 +162,11 @@ def write_for_ever(path, pipe):
         os.write(pipe, number.to_bytes(8, "little"))
 
 
-def test_kill_9_at_50_random_moments_leaves_a_whole_file_of_the_last_write(file):
+@pytest.mark.parametrize("times", [5, pytest.param(50, marks=pytest.mark.long)])
+def test_kill_9_at_random_moments_leaves_a_whole_file_of_the_last_write(file, times):
     """A file of six joints; the kill falls into any part of a write."""
     rng = random.Random()
-    for _ in range(50):
+    for _ in range(times):
         reader, writer = os.pipe()
         child = os.fork()
         if child == 0:

@@ -15,6 +15,7 @@ from joint_id_core import formats
 from joint_id_core.errors import JointIdError
 
 from .bag_parts import JOINT_STATE, joint_state, recording
+from .examples import TIMES
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 CHUNK = 40  # messages
@@ -94,7 +95,7 @@ def test_what_is_complete_is_read_and_said(tmp_path, written, chunks, caplog):
     assert_beginning(formats.read(bag / "bag_0.mcap"), chunks * CHUNK)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60, deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=15 * TIMES, deadline=None)
 @given(share=st.floats(0, 1))
 def test_a_file_cut_anywhere_gives_its_beginning_or_one_clear_line(tmp_path, written, share):
     sizes, data = written
@@ -111,7 +112,7 @@ def test_a_file_cut_anywhere_gives_its_beginning_or_one_clear_line(tmp_path, wri
         assert_beginning(found, complete)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150, deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40 * TIMES, deadline=None)
 @given(place=st.floats(0, 1), bit=st.integers(0, 7), tail=st.binary(max_size=40))
 def test_a_damaged_byte_never_becomes_a_wrong_number(tmp_path, plain, place, bit, tail):
     """Power may fail while the file is written, so that bytes are wrong; the checksums of the chunks show it."""

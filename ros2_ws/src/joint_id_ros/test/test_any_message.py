@@ -20,11 +20,12 @@ from joint_id_ros.nodes.identifier import IdentifierNode
 
 from .odd_messages import NUMBERS, odd_messages
 
+pytestmark = pytest.mark.hypothesis  # of the functions in these tests
 TOPICS = {topic.name: topic for topic in (*RAW, CONDITIONS)}
 BEGIN = 200 * 10**9  # later than all stamps of odd messages but the largest, which are another run
 PERIOD_NS = 2_000_000
 FUZZ = settings(
-    deadline=None, max_examples=60, derandomize=True,
+    deadline=None, max_examples=25 * int(os.environ.get("MORE_EXAMPLES", "1")), derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )  # fmt: skip
 

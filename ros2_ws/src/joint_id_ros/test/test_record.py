@@ -59,7 +59,7 @@ def messages(bag: Path) -> dict[str, list]:
     return found
 
 
-@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("stop", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
 def test_every_message_before_the_signal_is_in_the_bag(node, tmp_path, stop):
     states = node.create_publisher(JointState, "link_states", 2000)
     loose = node.create_publisher(JointState, "motor_states", BEST_EFFORT)

@@ -128,9 +128,10 @@ def has_messages(bag):
 @pytest.mark.parametrize("batch", [pytest.param(k, marks=pytest.mark.long if k else []) for k in range(10)])
 def test_a_kill_at_any_moment_costs_at_most_two_seconds(source, tmp_path, batch):
     chance = random.Random(batch)
-    lost = kill_at_random(source, tmp_path, [chance.uniform(0.1, 6.0) for _ in range(5)])
+    count = 5 if batch else 3
+    lost = kill_at_random(source, tmp_path, [chance.uniform(0.1, 6.0) for _ in range(count)])
     # The median: on a busy computer a recorder may come late once.
-    assert sorted(lost)[2] <= LOSS_S, lost
+    assert sorted(lost)[count // 2] <= LOSS_S, lost
 
 
 def test_a_killed_recording_is_shown_and_fitted(source, tmp_path):
@@ -151,6 +152,7 @@ def test_a_killed_recording_is_shown_and_fitted(source, tmp_path):
     assert f"{count} samples" in joint_id("info", bag).stdout
 
 
+@pytest.mark.long
 def test_a_disk_that_is_full(source, tmp_path):
     """A file system of 300 kB, mounted for this process alone; without the right to mount, see the next test."""
     disk, out = tmp_path / "disk", tmp_path / "out"
