@@ -86,10 +86,10 @@ def sticking(seed: int) -> Recording:
 
 
 def without(monkeypatch, record_of, seeds):
-    """Estimates with the bias of smoothed friction in their intervals, and without it."""
-    known = [fit(MODEL, record_of(seed)) for seed in seeds]
+    """Estimates with the bias of smoothed friction in their intervals, and without it; of the estimator by itself."""
+    known = [Innovations().fit(MODEL, record_of(seed)) for seed in seeds]
     monkeypatch.setattr(checks, "smoothing_bias", lambda stages, found: np.zeros_like(found.hessian))
-    return known, [fit(MODEL, record_of(seed)) for seed in seeds]
+    return known, [Innovations().fit(MODEL, record_of(seed)) for seed in seeds]
 
 
 def test_the_interval_of_a_joint_that_sticks_contains_the_bias_of_smooth_friction(monkeypatch):

@@ -120,7 +120,7 @@ def pull_of(data: FitData, coordinates: Coordinates, estimate: Estimate) -> Pull
     inverse = np.linalg.pinv(information + np.diag(coordinates.spread**-2.0), hermitian=True)
     pulls = scores @ inverse
     variances = np.einsum("ij,kjl,li->ki", inverse, shares, inverse)
-    expected = variances.sum(axis=0)
+    expected = np.maximum(variances.sum(axis=0), 0.0)  # of a parameter that nothing shows, rounding is left
     scatter = (pulls**2).sum(axis=0) * BLOCKS / (BLOCKS - 1)
     # Blocks that tell more than others count for more: so many degrees of freedom has the scatter.
     with np.errstate(divide="ignore", invalid="ignore"):
