@@ -157,6 +157,14 @@ def test_a_resumed_belief_weighs_a_payload_from_the_beginning():
 
 
 @pytest.mark.long
+def test_friction_that_may_have_changed_again_before_it_settled_is_compared_with_that_before_all_of_it():
+    follower = ArmFollower(JOINTS, 30.0)
+    first, again = object(), object()
+    follower._open_friction(first, 10.0, 20.0)
+    follower._open_friction(again, 13.0, 26.0)
+    assert follower._opened == (first, 10.0, 26.0)  # and it settles from the last one
+
+
 def test_another_friction_is_told():
     arm = moving_arm.rigid(LEARN + 3 * AFTER, 1)
     time = arm["bend"].time

@@ -170,7 +170,8 @@ def test_a_rest_that_another_torque_holds_is_out_of_the_band():
 
 def test_what_sticks_holds_no_less_with_a_small_load_and_more_with_a_large_one():
     law = Friction(np.zeros(0), np.array([50.0, 0.0]))
-    values = np.array([4.0, 4.0, 10.0, 3.0, 0.0, 2.0, 0.06])  # damping, Coulomb friction, bends, growth
+    # damping, Coulomb friction, bends, gears that yield, growth
+    values = np.array([4.0, 4.0, 10.0, 3.0, 0.0, 2.0, *4 * [9.0], 0.06])
     held = law.breakaway(values, np.array([[0.0, 0.0], [50.0, 0.0], [150.0, 100.0]]))
     still = 3.0 + 2.0 * (1.0 - AT_REST)
     np.testing.assert_allclose(held, [[10.0, still], [10.0, still], [16.0, still + 6.0]])

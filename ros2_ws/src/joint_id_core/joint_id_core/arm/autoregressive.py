@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from joint_id_core.arm.equations import KEPT, RATE
-from joint_id_core.arm.noise import noise_of
+from joint_id_core.arm.noise import Noise, noise_of
 from joint_id_core.data.recording import Array
 
 
@@ -35,11 +35,16 @@ def autoregressive(
     middle = np.zeros((columns.shape[1], columns.shape[1]))
     for j in np.unique(joint):
         noise = noise_of(residuals[joint == j], lag)
-        rho = math.exp(-KEPT / RATE / noise.memory) if noise.memory > 0.0 else 0.0
         for k in np.unique(pieces[joint == j]):
-            some = scaled[pieces == k]
-            # the autocovariance rho^|i - j| is a filter forwards, and one backwards
-            ahead, behind = (lfilter([1.0], [1.0, -rho], rows, axis=0) for rows in (some, some[::-1]))
-            middle += noise.std_dev**2 * some.T @ (ahead + behind[::-1] - some)
+            middle += of_products(scaled[pieces == k], noise)
     inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
-    return np.asarray(inverse @ (0.5 * (middle + middle.T)) @ inverse / np.outer(size, size))
+    return np.asarray(inverse @ middle @ inverse / np.outer(size, size))
+
+
+def of_products(columns: Array, noise: Noise) -> Array:
+    """Return the covariance (k, k) of the sums of columns (T, k) times a noise; instants are `KEPT / RATE` apart."""
+    rho = math.exp(-KEPT / RATE / noise.memory) if noise.memory > 0.0 else 0.0
+    # the autocovariance rho^|i - j| is a filter forwards, and one backwards
+    ahead, behind = (lfilter([1.0], [1.0, -rho], rows, axis=0) for rows in (columns, columns[::-1]))
+    middle = noise.std_dev**2 * columns.T @ (ahead + behind[::-1] - columns)
+    return np.asarray(0.5 * (middle + middle.T))

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.arm.equations import PAYLOAD, Equations
+from joint_id_core.arm.gear import doubted
 from joint_id_core.data.recording import Array
 
 WANDER, WANDER_S = 0.05, 600.0  # of the friction of a joint, its standard deviation after a time of motion in s
@@ -129,6 +130,16 @@ class Belief:
     def friction(self) -> slice:
         """Place of the parameters of friction."""
         return slice(self.base + PAYLOAD, len(self.values) - self.count)
+
+    @property
+    def gears(self) -> NDArray[np.intp]:
+        """Places of the parameters of gears that yield, (2 n,): see `gear`."""
+        return self.friction.start + np.arange(KINDS * self.count, (KINDS + 2) * self.count)
+
+    @property
+    def told_covariance(self) -> Array:
+        """The covariance (P, P) with what gears may do otherwise than straight springs."""
+        return doubted(self.values, self.covariance, self.gears)
 
     def friction_of(self, joint: int) -> NDArray[np.intp]:
         """Return the places of the parameters of friction of a joint."""

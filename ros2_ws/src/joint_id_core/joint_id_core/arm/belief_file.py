@@ -17,7 +17,7 @@ from joint_id_core.arm.regressor import Regressor
 from joint_id_core.errors import JointIdError
 from joint_id_core.text_file import write_text
 
-FORMAT, VERSION = "joint_id arm knowledge", 1
+FORMAT, VERSION = "joint_id arm knowledge", 2
 ARRAYS = ("values", "covariance", "sigma", "colour", "mean", "torque", "drift")
 
 

@@ -56,6 +56,7 @@ class Equations:
         y: torque at the link in Nm, shape (R, n).
         columns: torques by unit parameters, shape (R, n, P): `base` base parameters, `PAYLOAD` of a payload on the last
             link, viscous friction, Coulomb friction, and what `friction` adds.
+        precision: 1 / variance of each parameter about 0 that is known beforehand, shape (P,); 0 if nothing is.
         q, dq: positions in rad and velocities in rad/s, shape (R, n).
         used: whether an equation counts: the torque is known, and the joint does not rest, shape (R, n).
         rests: whether the torque is known, and the joint rests, shape (R, n).
@@ -68,6 +69,7 @@ class Equations:
     time: Array
     y: Array
     columns: Array
+    precision: Array
     q: Array
     dq: Array
     used: NDArray[np.bool_]
@@ -180,8 +182,8 @@ def unchecked(
     moving = float(np.count_nonzero(used.any(axis=1))) / RATE
     unfiltered = Unfiltered(inertial, dq, known)
     return Equations(
-        time[kept], y[kept], columns[kept], q[kept], dq[kept], used[kept], (told & rests)[kept], moving, base, loaded,
-        unfiltered=unfiltered,
+        time[kept], y[kept], columns[kept], np.zeros(columns.shape[2]), q[kept], dq[kept], used[kept],
+        (told & rests)[kept], moving, base, loaded, unfiltered=unfiltered,
     )  # fmt: skip
 
 

@@ -18,6 +18,7 @@ from joint_id_core.arm.drift import drift
 from joint_id_core.arm.equations import PAYLOAD, Equations, equations
 from joint_id_core.arm.friction import Friction
 from joint_id_core.arm.gains import Gains
+from joint_id_core.arm.gear import doubted
 from joint_id_core.arm.gravity import check_gravity
 from joint_id_core.arm.judged import base_parameters, friction, rotor
 from joint_id_core.arm.links import consistent_links
@@ -102,6 +103,8 @@ class _Fitted:
         self._loaded = any(part.loaded for part in parts)
         self._friction = Friction.from_values(regressor, self._whole(Stacked.of(parts).weighed()[0]))
         self._parts = [self._friction.added(part) for part in parts]
+        self.covariance: Array
+        self._lag: float
         self._friction_at = self._base + PAYLOAD * self._loaded
         table = self._with_what_data_ask_for(Stacked.of(self._parts))
         places = (self._friction_at + np.arange(2 * self._count)).reshape(2, -1)
@@ -110,6 +113,7 @@ class _Fitted:
         whole = left / np.sqrt(free(table.columns / table.scatter(left)[table.joint][:, None]))
         self._noise = [noise_of(whole[table.joint == j], self._lag) for j in range(self._count)]
         changes = drift(table, left, places, self.values[places], self._lag)
+        self.covariance = doubted(self.values, self.covariance, self._friction_at + self._friction.gears)
         self.covariance[places, places] += (changes[:, None] * self.values[places]) ** 2 / len(parts)
         self._lefts = [self._left(part) for part in self._parts]
         self._band = Band.of(self._lefts)
@@ -117,7 +121,7 @@ class _Fitted:
     def _with_what_data_ask_for(self, table: Stacked) -> Stacked:
         """Solve, again without bends and growth with the load that may be 0, and return the equations of that."""
         self._solve(table)
-        more = np.arange(self._friction_at + 2 * self._count, len(self.values))
+        more = self._friction_at + self._friction.bends_and_growth
         size, sigma = np.abs(self.values[more]), np.sqrt(np.diag(self.covariance)[more])
         self._by_load = float(self.values[-1]), float(sigma[-1])
         size[-1] = self.values[-1]  # friction does not fall with the load
@@ -133,7 +137,7 @@ class _Fitted:
         """Find values, their covariance, and the lag in equations over which residuals remember."""
         self.values, sigma = table.weighed()
         left = table.y - table.columns @ self.values
-        self.covariance, self._lag = table.covariance(table.columns, left, sigma)
+        self.covariance, self._lag = table.covariance(table.columns, left, sigma, table.precision)
         self._seen = np.any(table.columns != 0.0, axis=0)
 
     def _whole(self, values: Array) -> Array:

@@ -121,7 +121,7 @@ class ArmFollower:
         self._due = LEARN_S
         self._held: deque[Equations] = deque()
         self._rival: Rival | None = None
-        self._opened: deque[tuple[Belief, float]] = deque()  # before friction that may have changed, and when
+        self._opened: tuple[Belief, float, float] | None = None  # see `_open_friction`
         self._young: Young | None = None  # payload
         self._lost: list[Equations] = []  # newest stretches, that nothing explains
 
@@ -249,10 +249,19 @@ class ArmFollower:
         self._rival = self._rival.after(part, self.belief)
         self.belief = self.belief.after(part)
         if self._rival.lead > SURE:
-            self._opened.append((self._rival.before, self._rival.time))
+            self._open_friction(self._rival.before, self._rival.time, self.belief.duration)
             self.belief, self._rival = self._rival.belief, None
-        while self._opened and self.belief.duration > self._opened[0][0].duration + SETTLED_S:
-            self._tell_friction(*self._opened.popleft())
+        if self._opened is not None and self.belief.duration > self._opened[2] + SETTLED_S:
+            (before, time, _), self._opened = self._opened, None
+            self._tell_friction(before, time)
+
+    def _open_friction(self, before: Belief, time: float, motion: float) -> None:
+        """Note a belief before friction that may have changed at an instant in s, and the motion in s by now.
+
+        If it may have changed again before it settled, that is one change: values in between are those of seconds.
+        """
+        first = (before, time) if self._opened is None else self._opened[:2]
+        self._opened = (*first, motion)
 
     def _tell_friction(self, before: Belief, time: float) -> None:
         """Note of which joints the friction is clearly another one than before an instant in s."""
@@ -276,8 +285,8 @@ class ArmFollower:
             opened = partial(with_other_friction, joints=[j])
             parts, before = self._lost[1:], self.belief  # it may have changed in the first one
             if explains(opened(before), parts):
-                self._opened.append((before, float(parts[0].time[0])))
                 self.belief = opened(before)
+                self._open_friction(before, float(parts[0].time[0]), before.duration)
                 self._begin_to_follow()
                 for one in parts:
                     self._believe(one)
@@ -285,7 +294,7 @@ class ArmFollower:
         if motion < PATIENCE_S:
             return False
         self.belief, self._learning, self._due = None, True, LEARN_S
-        for kept in (self._lost, self._first, self._held, self._opened, self.changes):
+        for kept in (self._lost, self._first, self._held, self.changes):
             kept.clear()
-        self._rival = self._young = None
+        self._rival = self._young = self._opened = None
         return True

@@ -14,8 +14,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from joint_id_core.arm.equations import KEPT, PAYLOAD, SLOW, Equations, below_band
+from joint_id_core.arm import gear
+from joint_id_core.arm.equations import KEPT, PAYLOAD, RATE, SLOW, Equations, below_band
 from joint_id_core.arm.regressor import Regressor
 from joint_id_core.data.recording import Array
 
@@ -40,6 +42,17 @@ class Friction:
     rigid: Array
     usual: Array
 
+    @property
+    def bends_and_growth(self) -> NDArray[np.intp]:
+        """Places of the parameters of bends, and at the end of the growth with the load, from damping on."""
+        count = len(self.usual)
+        return np.append(np.arange(2 * count, 3 * count), 5 * count)
+
+    @property
+    def gears(self) -> NDArray[np.intp]:
+        """Places of those of gears that yield: see `gear`."""
+        return np.arange(3 * len(self.usual), 5 * len(self.usual))
+
     @classmethod
     def from_values(cls, regressor: Regressor, values: Array) -> Friction:
         """Return it from values of the inertial parameters of an arm and its payload, (base + PAYLOAD,) or more."""
@@ -55,22 +68,25 @@ class Friction:
         return rigid
 
     def added(self, part: Equations) -> Equations:
-        """Return equations away from reversals, with columns for the bend of every joint, and for the load."""
+        """Return equations away from reversals, with columns for bends, gears that yield, and growth with the load."""
         whole = part.unfiltered
         assert whole is not None, "a part of a recording"
-        load = np.abs(whole.inertial @ self.of(part))
-        own = bend(whole.dq)[:, :, None] * np.eye(load.shape[1])
-        columns = np.concatenate([own, ((load - self.usual) * np.tanh(whole.dq / SLOW))[:, :, None]], axis=2)
+        load, count = whole.inertial @ self.of(part), len(self.usual)
+        own = bend(whole.dq)[:, :, None] * np.eye(count)
+        growth = ((np.abs(load) - self.usual) * np.tanh(whole.dq / SLOW))[:, :, None]
+        columns = np.concatenate([own, gear.rates(load, whole.known, RATE), growth], axis=2)
         more = below_band(columns, whole.known)[::KEPT]
-        return replace(part.steady, columns=np.concatenate([part.columns, more], axis=2))
+        precision = np.concatenate([part.precision, np.zeros(count), gear.precision(count), [0.0]])
+        return replace(part.steady, columns=np.concatenate([part.columns, more], axis=2), precision=precision)
 
     def breakaway(self, values: Array, load: Array) -> Array:
-        """Return friction at standstill in Nm, (..., n), from parameters of friction (3 n + 1,) and a load (..., n).
+        """Return friction at standstill in Nm, (..., n), from all parameters from damping on, and a load (..., n).
 
         What sticks does not hold less where the load is less than usual: of ten logs of a UR10e, the lift held 14 to
         17 Nm in six that stop with no load on it, as with the usual one.
         """
-        coulomb, bend = values[len(self.usual) : -1].reshape(2, -1)
+        count = len(self.usual)
+        coulomb, bend = values[count : 3 * count].reshape(2, -1)
         more = np.maximum(0.0, load - self.usual)
         return np.maximum(0.0, coulomb + (1.0 - AT_REST) * bend + values[-1] * more)
 

@@ -50,7 +50,7 @@ def payload(follower: ArmFollower, regressor: Regressor) -> Payload | None:
     if belief is None or not belief.carries:
         return None
     place = belief.payload
-    return payload_of(regressor.last_link, belief.values[place], belief.covariance[place, place])
+    return payload_of(regressor.last_link, belief.values[place], belief.told_covariance[place, place])
 
 
 def payload_text(follower: ArmFollower, regressor: Regressor) -> str:
@@ -70,7 +70,8 @@ def _of_joint(follower: ArmFollower, belief: Belief, regressor: Regressor, j: in
     """Return the estimate of a joint of an arm that is known."""
     name = regressor.joints[j]
     places = np.array([j, *belief.friction_of(j)[:2], belief.offsets.start + j])
-    sigma, seen = np.sqrt(np.diag(belief.covariance)[places]), belief.seen[places]
+    told = belief.told_covariance[np.ix_(places, places)]
+    sigma, seen = np.sqrt(np.diag(told)), belief.seen[places]
     values = [float(value) for value in belief.values[places]]
     quantities = [rotor(regressor, j, values[0], float(sigma[0]), bool(seen[0]))]
     for k, parameter in ((1, "c"), (2, "tau_f")):
@@ -84,7 +85,7 @@ def _of_joint(follower: ArmFollower, belief: Belief, regressor: Regressor, j: in
     deviations = np.array([row.std_dev for row in rows])
     free = [k for k in range(len(rows)) if np.isfinite(deviations[k])]
     scale = deviations[free] / sigma[free]
-    covariance = belief.covariance[np.ix_(places[free], places[free])] * np.outer(scale, scale)
+    covariance = told[np.ix_(free, free)] * np.outer(scale, scale)
     r_squared = float(belief.r_squared[j])
     status, notes = _status(follower, name, r_squared), []
     if status is Status.NO_MOTION:
@@ -98,8 +99,7 @@ def _of_joint(follower: ArmFollower, belief: Belief, regressor: Regressor, j: in
         )
     changes = _changes(follower, belief, name, j)
     notes += [change.text for change in changes]
-    told = rows[0].reason
-    notes += [f"J_r: {told}."] if told else []
+    notes += [f"J_r: {rows[0].reason}."] if rows[0].reason else []
     return Estimate(
         MODEL, ESTIMATOR, status, " ".join(notes[:2]) or "Converged.", tuple(rows), tuple(rows[k].name for k in free),
         covariance, nrmse={"torque": float(np.sqrt(max(0.0, 1.0 - r_squared)))},

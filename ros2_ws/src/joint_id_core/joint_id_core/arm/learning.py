@@ -23,7 +23,7 @@ def learned(parts: Sequence[Equations]) -> Belief:
     table = Stacked.of([whole])
     values, sigma = table.weighed()
     left = table.y - table.columns @ values
-    covariance, lag = table.covariance(table.columns, left, sigma)
+    covariance, lag = table.covariance(table.columns, left, sigma, table.precision)
     count, own = table.count, len(values)
     weighted = table.columns / sigma[table.joint, None]
     white = np.linalg.pinv(weighted.T @ weighted, hermitian=True)
@@ -38,7 +38,7 @@ def learned(parts: Sequence[Equations]) -> Belief:
     place = np.concatenate([np.arange(whole.base), np.arange(whole.base + PAYLOAD, own + PAYLOAD)])
     all_values, all_covariance, seen = np.zeros(size), np.zeros((size, size)), np.zeros(size, dtype=bool)
     all_values[place], seen[place] = values, shown
-    spread = covariance + np.diag(np.where(shown, 0.0, UNKNOWN**2))
+    spread = covariance + np.diag(np.where(shown | (table.precision > 0.0), 0.0, UNKNOWN**2))
     means, offsets, noise = np.zeros((count, own)), np.zeros(count), np.full(count, UNKNOWN**2)
     mean, torque = np.zeros(count), np.zeros(count)
     for j in range(count):

@@ -92,16 +92,17 @@ def gains_from_mass(parts: Sequence[Equations], mass: float) -> tuple[Array, Arr
     share, place = np.ones(n), np.arange(len(values))
     shared = (place < first + PAYLOAD) | (place == place[-1])  # parameters that are not of a joint alone
     of_joint = table.joint[:, None] == np.arange(n)
+    precision = np.append(np.broadcast_to(table.precision, len(values))[free], np.zeros(n))
     for _ in range(ITERATIONS):
         rigid = table.columns[:, shared] @ values[shared]
         scaled = np.where(shared, share[table.joint, None], 1.0) * table.columns
         left = table.y - scaled @ values
         sigma = table.scatter(left)
         columns = np.concatenate([scaled[:, free], np.where(of_joint, rigid[:, None], 0.0)], axis=1)
-        step = solved(columns / sigma[table.joint, None], left / sigma[table.joint])
-        values[free] += step[:-n]
-        share = share + step[-n:]
-        if np.abs(step[-n:]).max() < SETTLED:
-            spread = np.sqrt(np.diag(table.covariance(columns, left, sigma)[0])[-n:])
+        y = left + columns @ np.append(values[free], share)
+        new = solved(columns / sigma[table.joint, None], y / sigma[table.joint], precision)
+        step, share, values[free] = new[-n:] - share, new[-n:], new[:-n]
+        if np.abs(step).max() < SETTLED:
+            spread = np.sqrt(np.diag(table.covariance(columns, left, sigma, precision)[0])[-n:])
             return 1.0 / share, spread / share**2
     raise JointIdError("no torque constants with which the payload has this mass: check the mass and the recordings")

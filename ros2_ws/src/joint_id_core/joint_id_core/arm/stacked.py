@@ -29,6 +29,7 @@ class Stacked:
             viscous and Coulomb friction.
         joint, pieces: of each, the number of the joint, and of recording and joint, (T,).
         count: of joints, n.
+        precision: 1 / variance of each parameter about 0 that is known beforehand, (P,) or 0.
     """
 
     y: Array
@@ -36,6 +37,7 @@ class Stacked:
     joint: NDArray[np.intp]
     pieces: NDArray[np.int64]
     count: int
+    precision: Array | float = 0.0
 
     @classmethod
     def of(cls, parts: Sequence[Equations]) -> Stacked:
@@ -54,7 +56,10 @@ class Stacked:
             )
         lengths = [len(pair[0]) for pair in tables]
         pieces = np.repeat(np.arange(len(rows)), lengths)
-        return cls(y, columns, np.repeat([j for _, j in rows], lengths), pieces, count)
+        known = parts[0].precision
+        if not loaded:
+            known = np.delete(known, place_of_payload(parts[0]))
+        return cls(y, columns, np.repeat([j for _, j in rows], lengths), pieces, count, known)
 
     def without(self, places: NDArray[np.intp]) -> Stacked:
         """Return the same with some parameters that are 0."""
@@ -67,7 +72,7 @@ class Stacked:
         values, sigma = np.zeros(self.columns.shape[1]), np.ones(self.count)
         for _ in range(WEIGHINGS):
             weights = 1.0 / sigma[self.joint]
-            values = solved(self.columns * weights[:, None], self.y * weights)
+            values = solved(self.columns * weights[:, None], self.y * weights, self.precision)
             sigma = self.scatter(self.y - self.columns @ values)
         return values, sigma
 
@@ -77,8 +82,12 @@ class Stacked:
         sigma = np.sqrt(squares / np.maximum(counts, 1))
         return np.where(sigma > 0.0, sigma, 1.0)
 
-    def covariance(self, columns: Array, left: Array, sigma: Array) -> tuple[Array, float]:
+    def covariance(
+        self, columns: Array, left: Array, sigma: Array, precision: Array | float = 0.0
+    ) -> tuple[Array, float]:
         """Return the covariance of values with these columns (T, k) and residuals (T,), and the lag of their memory.
+
+        `precision` is that of these values, (k,) or 0.
 
         Of each standard deviation it is the larger one of two: what the residuals show, and what noise with their first
         autocorrelation does.
@@ -94,24 +103,29 @@ class Stacked:
         for k in np.unique(self.pieces):
             some = scores[self.pieces == k]
             lag = max(lag, automatic_lag(some[:, np.any(some, axis=0)]))
-        shown = newey_west(weighted, residuals, self.pieces, lag)
+        shown = known_before(newey_west(weighted, residuals, self.pieces, lag), weighted, precision)
         whole = left * weights / np.sqrt(alone)  # a fit takes some of the noise for motion
-        modelled = np.diag(autoregressive(weighted, whole, self.joint, self.pieces, lag))
-        own = np.diag(shown)
+        modelled = autoregressive(weighted, whole, self.joint, self.pieces, lag)
+        modelled, own = np.diag(known_before(modelled, weighted, precision)), np.diag(shown)
         wider = np.sqrt(np.maximum(1.0, modelled / np.where(own > 0.0, own, np.inf)))
         return shown * np.outer(wider, wider), lag
 
 
 def of_joint(part: Equations, j: int, loaded: bool) -> tuple[Array, Array]:
     """Return torques (T,) and columns (T, P) of the equations of a joint; with those of a payload if `loaded`."""
-    used, first = part.used[:, j], part.base
+    used, place = part.used[:, j], place_of_payload(part)
     columns = part.columns[used, j]
     if not loaded:
-        return part.y[used, j], np.delete(columns, np.s_[first : first + PAYLOAD], axis=1)
+        return part.y[used, j], np.delete(columns, place, axis=1)
     if not part.loaded:
         columns = columns.copy()
-        columns[:, first : first + PAYLOAD] = 0.0
+        columns[:, place] = 0.0
     return part.y[used, j], columns
+
+
+def place_of_payload(part: Equations) -> slice:
+    """Return the place of the parameters of a payload."""
+    return slice(part.base, part.base + PAYLOAD)
 
 
 def free(weighted: Array) -> Array:
@@ -127,10 +141,30 @@ def centred(values: Array) -> Array:
     return values - values.mean(axis=0) if len(values) else values
 
 
-def solved(table: Array, y: Array) -> Array:
-    """Return least squares; 0 for columns that are zero, and the shortest solution where columns depend."""
+def known_before(covariance: Array, columns: Array, precision: Array | float) -> Array:
+    """Return a covariance (k, k) of least squares with columns (T, k) as it is with what is known beforehand, (k,).
+
+    With information G of the columns and L beforehand, errors are (G + L)^-1 (G e - L x): e of least squares, and x of
+    what is known beforehand, which has the covariance L^-1.
+    """
+    if not np.any(precision):
+        return covariance
+    size = np.linalg.norm(columns, axis=0)
+    size = np.where(size > 0.0, size, 1.0)
+    information, before = (columns / size).T @ (columns / size), np.diag(precision / size**2)
+    inverse = np.linalg.pinv(information + before, hermitian=True)
+    middle = information @ (covariance * np.outer(size, size)) @ information + before
+    return np.asarray(inverse @ middle @ inverse / np.outer(size, size))
+
+
+def solved(table: Array, y: Array, precision: Array | float = 0.0) -> Array:
+    """Return least squares; 0 for columns that are zero, and the shortest solution where columns depend.
+
+    `precision`: 1 / variance of each parameter about 0 that is known beforehand, in the units of the table.
+    """
     size = np.linalg.norm(table, axis=0)
     scale = np.where(size > 0.0, size, 1.0)
     scaled = table / scale  # normal equations, which take a hundredth of the time: base parameters hardly depend
-    found = np.linalg.lstsq(scaled.T @ scaled, scaled.T @ y, rcond=ROUNDED)[0] / scale
+    normal = scaled.T @ scaled + np.diag(np.broadcast_to(precision / scale**2, len(scale)))
+    found = np.linalg.lstsq(normal, scaled.T @ y, rcond=ROUNDED)[0] / scale
     return np.asarray(np.where(size > 0.0, found, 0.0))

@@ -36,10 +36,10 @@ def explained_by(
     regressor = Regressor(description)
     bodies, joints = _mjcf(path, regressor) if path.suffix.lower() in OF_MUJOCO else _urdf(path, regressor)
     base = regressor.composition @ np.concatenate([joints[0], bodies.ravel()])
-    more = np.zeros(len(regressor.joints) + 1)  # of friction beyond viscous and Coulomb friction, which no file holds
-    values = np.concatenate([base, np.zeros(PAYLOAD), *joints[1:], more])
+    values = np.concatenate([base, np.zeros(PAYLOAD), *joints[1:]])
     friction = Friction.from_values(regressor, values)
     part = friction.added(equations(regressor, recording, gains, description.source))
+    values = np.append(values, np.zeros(part.columns.shape[2] - len(values)))  # of what no file holds
     return tuple(explained([Left.of(part, friction, values)]).tolist())
 
 

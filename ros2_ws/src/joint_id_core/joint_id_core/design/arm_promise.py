@@ -33,7 +33,8 @@ class Promise:
     """What a fit will tell.
 
     Attributes:
-        values: that are taken: base parameters (rotors first), damping, Coulomb friction, bends, growth, shape (P,).
+        values: that are taken: base parameters (rotors first), damping, Coulomb friction, bends, gears that yield (0:
+            that they are stiff is not known, and makes the others less known), growth, shape (P,).
         std_dev: of each, shape (P,); NaN where the motion shows nothing.
         effect: root mean square in Nm of the torque that each makes, over the joint where it makes most of the noise
             there, shape (P,).
@@ -56,11 +57,11 @@ def promise(regressor: Regressor, trajectory: Trajectory, prior: ArmPrior) -> Pr
     """
     part = _equations(regressor, trajectory)
     base, count = part.base, len(regressor.joints)
-    values = np.concatenate([prior.values(regressor)[:-1], prior.bend, [prior.growth]])
-    first = base + 2 * count
-    table = Stacked.of([part])
+    values = np.concatenate([prior.values(regressor)[:-1], prior.bend, np.zeros(2 * count), [prior.growth]])
+    first, table = base + 2 * count, Stacked.of([part])
+    more = np.append(np.arange(first, first + count), len(values) - 1)  # bends and growth
     whole = _covariance(part, table, prior, np.zeros(0, dtype=np.intp))
-    weak, least = _weak(values, whole, first, prior)
+    weak, least = _weak(values, whole, more, prior)
     sigma = np.sqrt(np.diag(_covariance(part, table, prior, weak)) + _by_chance(whole, weak, least))
     straight = np.sqrt(np.diag(_covariance(part, table, prior, np.arange(first, first + count))))
     seen = np.any(table.columns != 0.0, axis=0)
@@ -98,12 +99,11 @@ def _equations(regressor: Regressor, trajectory: Trajectory) -> Equations:
     return Friction.from_values(regressor, values).added(part)
 
 
-def _weak(values: Array, covariance: Array, first: int, prior: ArmPrior) -> tuple[Places, Array]:
-    """Return places of bends and growth, from `first` on, that a fit leaves out, and the sizes that it would keep.
+def _weak(values: Array, covariance: Array, more: Places, prior: ArmPrior) -> tuple[Places, Array]:
+    """Return which places of bends and growth, `more`, a fit leaves out, and the sizes that it would keep.
 
     A bend that is not known is kept.
     """
-    more = np.arange(first, len(values))
     sigma = np.sqrt(np.diag(covariance)[more])
     least = np.maximum(SURE * sigma, np.append(BENT * prior.coulomb, 0.0))
     out = np.abs(values[more]) <= least
@@ -137,5 +137,6 @@ def _covariance(part: Equations, table: Stacked, prior: ArmPrior, without: Place
         alike = np.exp(-np.abs(instants[:, None] - instants) / max(memory, FORGETS_S))
         whole += own.T @ own
         middle += own.T @ alike @ own
-    inverse = np.linalg.pinv(whole, hermitian=True, rcond=1e-13)
-    return np.asarray(inverse @ middle @ inverse / np.outer(scale, scale))
+    before = np.diag(table.precision / scale**2)
+    inverse = np.linalg.pinv(whole + before, hermitian=True, rcond=1e-13)
+    return np.asarray(inverse @ (middle + before) @ inverse / np.outer(scale, scale))
