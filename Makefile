@@ -44,7 +44,7 @@ test test-long test-haswell: export OMP_NUM_THREADS := 1
 # Nodes wait more than they compute, so four of their tests run at once.
 test: setup
 	$(RUN) python -m pytest -n 2 --dist worksteal --durations=10 -m "not long" $(UNIT_TESTS)
-	$(RUN) python -m pytest -n 4 --dist loadfile --no-loadscope-reorder --durations=10 -m "not long" $(LONG_FILES) $(OTHER_FILES)
+	$(RUN) python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --durations=10 -m "not long" $(LONG_FILES) $(OTHER_FILES)
 	$(RUN) python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --durations=10 -m "not long" $(TIMED_TESTS)
 
 # The tests marked "long" (25 minutes): what costs most for what it tells, and what guards only benchmarks/

@@ -52,12 +52,12 @@ def test_emps_has_the_published_parameters(emps, name, published):
     """Within 1 % of the published values; M, F_v, F_c and the offset.
 
     The standard deviations hold what this model lacks: friction that rises at low speed moves viscous and Coulomb
-    friction by some percent, and the message says so.
+    friction by some percent, and the message says so. They are the scatter between parts of the recording.
     """
     found = by_name(emps)[name]
     assert found["verdict"] == "estimated"
     assert abs(found["value"] - published) < 0.01 * abs(published), found
-    assert 0.0 < found["std_dev"] < 0.06 * abs(published)
+    assert 0.0 < found["std_dev"] < 0.07 * abs(published)
     assert "The residuals show friction at the link that changes at low speed" in emps["message"]
     assert "--friction stribeck" in emps["message"]
 

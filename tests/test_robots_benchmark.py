@@ -178,4 +178,4 @@ def test_links_of_an_arm_are_plausible_and_its_files_predict_as_the_fit_does():
     assert found.links.off < 1.5 and not found.links.doubts
     mjcf, urdf = whole_arm.by_files(description, found, other)
     for joint, whole, without_rotor in zip(found.joints, mjcf, urdf, strict=True):
-        assert whole > joint.held_out - 0.005 and without_rotor < whole
+        assert whole > joint.held_out - 0.005 and without_rotor < whole + 1e-9  # a URDF has the first rotor, too
