@@ -13,14 +13,20 @@ def children(pid):
     return [int(child) for task in Path(f"/proc/{pid}/task").glob("*/children") for child in task.read_text().split()]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
-def test_a_signal_ends_every_node(demo, number):
+def at_work(demo):
+    """A demo with its nodes, by process id."""
     process = demo("--duration", "600")
     end = time.monotonic() + DEMO_S
     while len(nodes := children(process.pid)) < 4:
         assert process.poll() is None, process.communicate()[0]
         assert time.monotonic() < end
         time.sleep(0.05)
+    return process, nodes
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
+def test_a_signal_ends_every_node(demo, number):
+    process, nodes = at_work(demo)
     process.send_signal(number)
     text, _ = process.communicate(timeout=DEMO_S)
     assert process.returncode == 130, text
@@ -29,13 +35,9 @@ def test_a_signal_ends_every_node(demo, number):
 
 
 def test_nodes_end_even_when_the_demo_is_killed(demo):
-    process = demo("--duration", "600")
-    end = time.monotonic() + DEMO_S
-    while len(nodes := children(process.pid)) < 4:
-        assert process.poll() is None, process.communicate()[0]
-        assert time.monotonic() < end
-        time.sleep(0.05)
+    process, nodes = at_work(demo)
     process.kill()
+    end = time.monotonic() + DEMO_S
     while left := [pid for pid in nodes if running(pid)]:
         assert time.monotonic() < end, left
         time.sleep(0.05)

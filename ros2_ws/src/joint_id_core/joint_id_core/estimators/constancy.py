@@ -19,12 +19,12 @@ from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.filtered import levels_and_steps
 from joint_id_core.estimators.innovations.recursion import Recursion
 from joint_id_core.estimators.shared.fit_data import FitData, prepare
-from joint_id_core.estimators.shared.intervals import interval_text
+from joint_id_core.estimators.shared.intervals import widened
 from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate
-from joint_id_core.results.verdict import MAGNITUDE, Verdict
+from joint_id_core.results.verdict import Verdict
 
 BLOCKS = 8
 CHANCE = 1e-3  # of a correct model that one of its parameters seems to scatter, or to differ between the halves
@@ -81,13 +81,9 @@ def with_constancy(
     rows = {row.name: row for row in estimate.parameters}
     for name, sigma, changed in zip(estimate.free, after.tolist(), wider.tolist(), strict=True):
         row = rows[name]
-        if changed and row.verdict is Verdict.ESTIMATED:
-            wide = model.parameter(name).positive and sigma > MAGNITUDE * row.value
-            said = interval_text(row.value, sigma)
-            said = f"it lies below about {row.value + 2.0 * sigma:.2g}, more is not known" if wide else said
-            rows[name] = replace(row, std_dev=sigma, verdict=Verdict.PRIOR if wide else row.verdict, reason=said)
-        elif changed:
-            rows[name] = replace(row, std_dev=sigma)
+        if changed:
+            estimated = row.verdict is Verdict.ESTIMATED
+            rows[name] = widened(model, row, sigma) if estimated else replace(row, std_dev=sigma)
     scale = after / before
     notes = estimate.notes
     if told := _told(estimate, found, slope):

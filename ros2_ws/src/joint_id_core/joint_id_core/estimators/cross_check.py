@@ -16,13 +16,13 @@ import numpy as np
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators.opinion import Opinion, Second, second_opinion
 from joint_id_core.estimators.regression.estimator import Regression
-from joint_id_core.estimators.shared.intervals import between, interval_text
+from joint_id_core.estimators.shared.intervals import between, interval_text, widened
 from joint_id_core.estimators.shared.mean_drive import CHANGES
 from joint_id_core.estimators.shared.sentences import listed, message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, Status
-from joint_id_core.results.verdict import MAGNITUDE, Verdict
+from joint_id_core.results.verdict import Verdict
 
 APART = 3.0  # standard deviations from which two values disagree: with six parameters, 2 would be too few
 CAUSE = (
@@ -167,12 +167,8 @@ def _as_wide(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
         first = rows[second.name]
         if first.verdict is not Verdict.ESTIMATED or not second.wide > first.std_dev:
             continue
-        magnitude = model.parameter(second.name).positive and second.wide > MAGNITUDE * first.value
-        said = interval_text(first.value, second.wide)
-        said = f"it lies below about {first.value + 2.0 * second.wide:.2g}, more is not known" if magnitude else said
-        verdict = Verdict.PRIOR if magnitude else first.verdict
         scale[estimate.free.index(second.name)] = second.wide / first.std_dev
-        rows[second.name] = replace(first, std_dev=second.wide, verdict=verdict, reason=said)
+        rows[second.name] = widened(model, first, second.wide)
         wider.append(second.name)
     if not wider:
         return replace(estimate, parameters=tuple(rows.values()))

@@ -17,6 +17,14 @@ def interval_text(value: float, sigma: float) -> str:
     return f"95 % interval {value - WIDTH * sigma:.4g} to {value + WIDTH * sigma:.4g}"
 
 
+def widened(model: Model, row: ParameterEstimate, sigma: float) -> ParameterEstimate:
+    """Return a parameter with a larger standard deviation: `prior` if only its order of magnitude is left."""
+    magnitude = model.parameter(row.name).positive and sigma > MAGNITUDE * row.value
+    said = interval_text(row.value, sigma)
+    said = f"it lies below about {row.value + 2.0 * sigma:.2g}, more is not known" if magnitude else said
+    return replace(row, std_dev=sigma, verdict=Verdict.PRIOR if magnitude else row.verdict, reason=said)
+
+
 def between(
     model: Model, first: ParameterEstimate, second: tuple[float, float], reason: str
 ) -> ParameterEstimate:  # fmt: skip
