@@ -14,6 +14,7 @@ from joint_id_core.estimators.innovations import (
     estimator,
     gauss_newton,
     misfit,
+    missing_torques,
     recursion,
     search,
     stages,
@@ -86,7 +87,9 @@ def test_constants_in_the_theory() -> None:
         f"From {misfit.LIKELY:g} on the bias counts; above {misfit.SIGNIFICANT:g} the message names",
         f"At most {words[misfit.MOST]} shapes are taken together",
         f"can take more than {100 * (1 - misfit.OWN_SHARE):g} % of it",
-        f"its last {words[len(misfit.FORESEEN) - 1]} samples do not foresee",
+        f"unless its size is above {misfit.CERTAIN:g}",
+        f"changes a positive parameter by more than {'half' if misfit.LARGE == 0.5 else '?'}",
+        f"its last {words[len(missing_torques.FORESEEN) - 1]} samples do not foresee",
         f"from {misfit.CREDIBLE:g} standard deviations on the bias counts; "
         f"above {misfit.SIGNIFICANT:g} the message says",
         f"over {whiteness.LAGS} lags, with",

@@ -45,16 +45,16 @@ DATA = prepare(MODEL, recorded())
     verdicts=st.lists(st.sampled_from(Verdict), min_size=40, max_size=40),
     warnings=st.lists(st.sampled_from(["", "the first thing", "another thing"]), max_size=5),
     settled=st.booleans(),
-    doubt=st.sampled_from(["", "only one start led anywhere"]),
+    doubts=st.sampled_from([(), ("only one start led anywhere",)]),
     together=st.sampled_from(["", "this model shows only a + b = 3: hold one of these parameters"]),
 )
-def test_every_judgement_is_readable(residual, coloured, levels, nrmse, verdicts, warnings, settled, doubt, together):
+def test_every_judgement_is_readable(residual, coloured, levels, nrmse, verdicts, warnings, settled, doubts, together):
     e = np.ones((300, 2)) if coloured else np.random.default_rng(0).standard_normal((300, 2))
     found = SimpleNamespace(
         last=SimpleNamespace(residuals=residual * e), levels=np.array(levels[: len(DATA.noise_names)]), settled=settled
     )
     rows = {f"parameter_{k}": Shown(v, "why", together if k < 2 else "") for k, v in enumerate(verdicts)}
-    judged = judge(DATA, found, dict(zip(DATA.labels, nrmse, strict=True)), rows, warnings, doubt)
+    judged = judge(DATA, found, dict(zip(DATA.labels, nrmse, strict=True)), rows, warnings, doubts)
     readable(judged.message)
     assert " ".join(judged.notes).startswith(judged.message)
     for note in judged.notes:

@@ -7,14 +7,18 @@ import functools
 import numpy as np
 import pytest
 
+from joint_id_core.data.recording import Recording
 from joint_id_core.design.plant import controller_of
 from joint_id_core.estimators import fit
 from joint_id_core.estimators.innovations import checks
 from joint_id_core.estimators.innovations.misfit import Misfit
 from joint_id_core.models import build
+from joint_id_core.results.estimate import Status
 from joint_id_core.simulation.excitation import position_reference
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
 from joint_id_core.simulation.sensors import Sensors
+
+from .gear_with_play import CALM, moved
 
 PLAIN, STRIBECK = build("harmonic_drive"), build("harmonic_drive", friction="stribeck")
 TRUTH = PLAIN.values()
@@ -103,3 +107,36 @@ def test_a_controller_that_knows_more_than_is_recorded_is_no_noise_of_the_torque
     assert "does not move the joint" not in estimate.message
     assert "answers to motion which the recorded signals do not show yet" in estimate.message
     assert "record all sensors that the controller reads" in estimate.message
+
+
+@pytest.mark.parametrize("reference", [position_reference(), CALM], ids=["excited", "calm"])
+def test_a_little_play_in_the_gear_is_named_and_in_the_intervals(reference):
+    """A tenth of a milliradian to each side: the spring looks softer, and friction moves from one side to the other."""
+    estimate = fit(PLAIN, moved(1e-4, reference, 1))
+    assert estimate.converged and "play in the gear" in estimate.message
+    assert abs(estimate["k_1"].value / TRUTH["k_1"] - 1.0) > 0.05, "else there is nothing to find"
+    for name in estimate.free:
+        assert abs(estimate[name].value - TRUTH[name]) < 3.0 * estimate[name].std_dev, name
+
+
+@pytest.mark.parametrize("half", [2.5e-4, 1e-3])
+@pytest.mark.parametrize("reference", [position_reference(), CALM], ids=["excited", "calm"])
+def test_much_play_in_the_gear_is_no_good_fit(reference, half):
+    estimate = fit(PLAIN, moved(half, reference, 1))
+    off = abs(estimate["k_1"].value - TRUTH["k_1"]) / estimate["k_1"].std_dev
+    assert "play in the gear" in " ".join(estimate.notes)
+    assert estimate.status is Status.POOR_FIT or off < 3.0
+
+
+def test_the_motor_half_of_a_joint_shows_play_too():
+    recording = moved(1e-4, position_reference(), 3)
+    shown = ("link_position", "motor_velocity", "torque")
+    estimate = fit(build("motor_side"), Recording(recording.time, {name: recording[name] for name in shown}))
+    assert "play in the gear" in " ".join(estimate.notes)
+    assert abs(estimate["k_1"].value - TRUTH["k_1"]) < 3.0 * estimate["k_1"].std_dev
+
+
+@pytest.mark.parametrize("model", ["harmonic_drive", "motor_side"])
+def test_a_gear_without_play_shows_none(model):
+    for reference in (position_reference(), CALM):
+        assert "play" not in " ".join(fit(build(model), moved(0.0, reference, 2)).notes)

@@ -12,7 +12,7 @@ from joint_id_core.comparison import comparing
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.estimators.innovations.belief import Coordinates
-from joint_id_core.estimators.innovations.misfit import shapes
+from joint_id_core.estimators.innovations.missing_torques import shapes
 from joint_id_core.estimators.innovations.verdicts import verdicts
 from joint_id_core.estimators.innovations.whiteness import LAGS, memory
 from joint_id_core.estimators.shared.fit_data import prepare
@@ -222,4 +222,4 @@ def test_a_joint_that_stands_still_shows_no_load_that_goes_with_its_angle(angle)
     for offset in np.linspace(0.0, 1e-3, 50):
         states = np.column_stack([np.full(300, angle + offset), recording["torque"]])
         (load,) = (s for s in shapes(data, states, data.p) if s.name.startswith("a load"))
-        assert not load.course.any()
+        assert not any(course.any() for _, course in load.parts)

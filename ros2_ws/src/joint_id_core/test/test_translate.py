@@ -123,14 +123,15 @@ def test_noise_statistics_in_python_and_compiled(monkeypatch):
     y[2, 1] = np.nan
     K, F, C, J = (rng.normal(size=(T, *shape)) for shape in ((m, n), (n, n + 1), (m, n), (m, p)))
     label, begin = np.array([1, 0]), np.array([0, -1, -1, 1, -1, -1])
-    channel, courses = np.zeros(8, dtype=np.int64), rng.normal(size=(T, 8))
+    columns = noise.DISTURBANCES
+    channel, courses = np.zeros(columns, dtype=np.int64), rng.normal(size=(T, columns))
     both = []
     for run in (lambda f: f, as_machine_code):
         score, info, shared = np.empty(3), np.empty((3, 3)), np.empty((p, 3))
         run(noise.noise_information)(y, label, begin, e, S, K, F, C, J, score, info, shared)
         step, level = np.empty(3), np.ones(3)
         length = run(noise.bounded_step)(score, info, level, 0.9 * level, 1.5 * level, 20.0, 1e-3, step)
-        cross, total, moved = np.empty((p, 8)), np.empty((8, 8)), np.empty(8)
+        cross, total, moved = np.empty((p, columns)), np.empty((columns, columns)), np.empty(columns)
         run(noise.disturbances)(y, label, begin, e, S, K, F, C, J, channel, courses, cross, total, moved)
         both.append((score, info, shared, step, length, cross, total, moved))
     for python, machine in zip(*both, strict=True):

@@ -55,6 +55,7 @@ class Checks:
         nrmse: as in `Estimate`.
         together: by parameter that enters only in combination with others, what is known instead and what to do.
         levels: how the intervals depend on the noise levels; None if it is not known. Files do not hold it.
+        doubt: why the model cannot be what moved the joint; empty if no check says so. Files do not hold it.
     """
 
     texts: tuple[str, ...]
@@ -62,6 +63,7 @@ class Checks:
     nrmse: Mapping[str, float]
     together: Mapping[str, str]
     levels: LevelEffect | None = field(default=None, compare=False, repr=False)
+    doubt: str = ""
 
 
 @dataclass(frozen=True)

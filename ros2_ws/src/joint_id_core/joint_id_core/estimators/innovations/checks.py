@@ -45,7 +45,12 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
     covariance = (found.covariance + of_levels) * np.outer(wider, wider) + excess + np.outer(bias, bias)
     together = in_combination(data, p, covariance * np.outer(slope, slope))
     predictions = free_runs(stages.kernel, data, last.states, p, last.steps, stages.options.horizon_s)
-    return Checks(texts, excess, nrmse(data, predictions), together, levels), covariance, bias, predictions
+    return (
+        Checks(texts, excess, nrmse(data, predictions), together, levels, missing.doubt),
+        covariance,
+        bias,
+        predictions,
+    )
 
 
 def in_combination(data: FitData, p: Array, covariance: Array) -> dict[str, str]:

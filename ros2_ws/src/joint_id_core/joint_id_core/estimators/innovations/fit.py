@@ -77,7 +77,8 @@ def estimate_of(outcome: Outcome, begun: float) -> Estimate:
     covariance = covariance_z * np.outer(slope, slope)
     rows = verdicts(model, data.free, covariance_z, coordinates, z, checks.together)
     pull = prior_pull(model, data.free, coordinates, stages.cost.belief, z, covariance_z)
-    judged = judge(data, found, checks.nrmse, rows, (pull, *checks.texts), outcome.doubt)
+    doubts = tuple(filter(None, (outcome.doubt, checks.doubt)))
+    judged = judge(data, found, checks.nrmse, rows, (pull, *checks.texts), doubts)
     sigma = np.sqrt(found.levels)
     return Estimate(
         model=model.name, estimator="innovations", status=judged.status, message=judged.message,

@@ -189,11 +189,11 @@ def judge(
     nrmse: Mapping[str, float],
     rows: Mapping[str, Shown],
     warnings: Sequence[str] = (),
-    doubt: str = "",
+    doubts: Sequence[str] = (),
 ) -> Judgement:
     """Decide how the fit ended: converged, not converged, or converged to a model that does not describe the data.
 
-    `warnings` are added to the notes, the most useful first. A `doubt` about the minimum makes the fit a poor one.
+    `warnings` are added to the notes, the most useful first. `doubts` make the fit a poor one.
     """
     residuals = explained(data, found.last.residuals)
     reasons = idle_drives(data, found.levels[len(data.labels) :])
@@ -202,8 +202,7 @@ def judge(
         worst = max(poor, key=lambda n: poor[n])
         reasons.append(missed(f"the predictions of {worst}", poor[worst]))
     reasons += residuals.reasons
-    if doubt:
-        reasons.append(doubt)
+    reasons += doubts
     if not found.settled:
         status, said = Status.MAX_ITERATIONS, [Status.MAX_ITERATIONS.advice, *reasons]
     elif reasons:

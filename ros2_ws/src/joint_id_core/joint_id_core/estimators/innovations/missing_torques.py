@@ -1,0 +1,104 @@
+"""Torques that joint models most often lack, as shapes over time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from joint_id_core.data.recording import Array
+from joint_id_core.data.signals import side_of
+from joint_id_core.estimators.shared.fit_data import FitData
+
+FORESEEN = (-1.0, 1.0, 0.5, 0.0, -0.5)  # straight line through the last four samples, minus the present one
+ROUNDING = 1e-12  # range over largest value below which a signal is constant
+NEAR_ZERO = 0.2  # twist at which a gear with play is taken to be on one side, as a fraction of its rms
+LOW_SPEED = 0.1  # Stribeck velocity of the low-speed shape, as a fraction of the rms speed
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A torque that the model may lack.
+
+    Attributes:
+        name: name in messages.
+        advice: what the user can try.
+        parts: index of each input that it acts on, and its values over time there, shape (T,), up to a common factor.
+        sensor: True for noise of the input's sensor, which does not move the joint; its size is then positive.
+    """
+
+    name: str
+    advice: str
+    parts: tuple[tuple[int, Array], ...]
+    sensor: bool = False
+
+
+def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
+    """Return torques that the model may lack, along the filtered `states` (T, n), with all parameters `p` (P,)."""
+    model, value = data.model, dict(zip(data.model.parameter_names, p.tolist(), strict=True))
+    names, inputs = model.state_names, model.input_names
+    known = dict(zip((*inputs, *names), np.concatenate([data.u, states], axis=1).T.copy(), strict=True))
+    drive = inputs.index(model.torque_drive) if model.torque_drive is not None else None
+    load = inputs.index(model.load) if model.load is not None else drive
+    found = []
+    for velocity, smoothing in model.smoothing.items():
+        side = side_of(velocity)
+        channel = drive if side == "motor" and drive is not None else load
+        if channel is None:
+            continue
+        w = known[velocity]
+        size = np.abs(w)
+        speed = math.sqrt(float(w @ w) / len(w)) or 1.0
+        rise = np.tanh(w / max(value[smoothing], 0.01 * speed)) * np.exp(size * (-1.0 / (LOW_SPEED * speed)))
+        text = f"friction at the {side} that changes at low speed"
+        found.append(Shape(text, "try --friction stribeck", ((channel, rise),)))
+        text = f"friction at the {side} that bends with speed"
+        found.append(Shape(text, "try --friction eyring", ((channel, w * size),)))
+    if "link_position" in names and load is not None and not model.has_gravity:
+        q = known["link_position"]
+        found.append(Shape("a load that goes with the angle", "try --gravity", ((load, _around_mean(q)),)))
+    if drive is not None and not model.has_torque_offset:
+        found.append(Shape("a constant torque", "try --offsets", ((drive, np.ones(len(states))),)))
+    if drive is not None:
+        # Noise of the drive itself is independent of the recorded signal; noise of a sensor is part of that signal.
+        # The expected value is predicted from past samples only: later samples contain the controller's reaction to
+        # the drive's own noise.
+        name, values = inputs[drive], known[inputs[drive]]
+        surprise = np.zeros(len(values))
+        surprise[len(FORESEEN) - 1 :] = np.correlate(values, FORESEEN[::-1], "valid")
+        text, advice = f"noise in the recorded {name} that does not move the joint", f"record the commanded {name}"
+        found.append(Shape(text, advice, ((drive, surprise),), sensor=True))
+    if drive is not None and model.stiffness is not None and {"motor_position", "link_position"} <= known.keys():
+        found += _of_the_gear(data, known, value, drive)
+    return found
+
+
+def _of_the_gear(data: FitData, known: dict[str, Array], value: dict[str, float], drive: int) -> list[Shape]:
+    """Return torques that the spring of a gear may lack: these push the motor, and the link the other way."""
+    model, ratio = data.model, data.model.gear_ratio(value)
+    load = None if model.load is None else model.input_names.index(model.load)
+    twist = known["motor_position"] / ratio - known["link_position"]
+    twist = _around_mean(twist) if model.twist_offset is None else twist - value[model.twist_offset]
+    side = np.tanh(twist / (NEAR_ZERO * math.sqrt(float(twist @ twist) / len(twist)) or 1.0))
+
+    def pushing(torque: Array) -> tuple[tuple[int, Array], ...]:
+        at_motor = (drive, torque / (ratio * (model.torque_constant(value) or 1.0)))
+        return (at_motor,) if load is None else (at_motor, (load, torque))
+
+    name, advice = "play in the gear", "let a load keep the gear on one side"
+    slope = value[str(model.stiffness)] + 0.0 * twist
+    if model.cubic_stiffness is not None:
+        slope += 3.0 * value[model.cubic_stiffness] * twist * twist
+    # A little play, at the stiffness that was found; and much of it, in whose place the spring became soft.
+    found = [Shape(name, advice, pushing(slope * side)), Shape(name, advice, pushing(side))]
+    if model.cubic_stiffness is not None and model.cubic_stiffness not in data.free:
+        text = "a spring that is not linear as the model has it"
+        found.append(Shape(text, f"try --free {model.cubic_stiffness}", pushing(twist * twist * twist)))
+    return found
+
+
+def _around_mean(course: Array) -> Array:
+    """Return a signal minus its mean; zero if it is constant, so that rounding does not look like a shape."""
+    away = course - course.mean()
+    return away if np.ptp(course) > ROUNDING * np.max(np.abs(course)) else np.zeros_like(course)
