@@ -24,8 +24,10 @@ from joint_id_core.estimators.innovations.recursion import Pass, Recursion
 LIKELY = 2.0  # size of a shape in standard deviations from which its bias counts; with a correct model 5 % reach it
 CREDIBLE = 3.0  # the same for sensor noise, whose bias does not shrink with the size that is found
 SIGNIFICANT = 4.0  # size from which the user is told; by chance it happens once in 16,000 tests
-OWN_SHARE = 0.15  # least fraction of the information on a shape that the parameters do not explain as well,
-CERTAIN = 8.0  # unless it has this size: the bias of a shape that parameters resemble is large
+OWN_SHARE = 0.15  # least fraction of the information on a shape that the parameters do not explain as well
+CERTAIN = (
+    8.0  # size from which a shape of the gear counts without that: parameters take its place, far from their values
+)
 FAR_MORE = 2.0  # size of a shape over that of another one of its name from which it takes its place
 LARGE = 0.5  # change of a positive parameter by such a shape, over its value, from which no interval contains it
 MOST = 2  # most shapes that are used together: with more they cancel each other, and their bias grows without limit
@@ -88,7 +90,7 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
     taken: list[int] = []
     sizes: list[float] = []
     for _ in range(min(MOST, len(possible))):
-        best, size = _most_significant(M, a, np.diag(total), possible, taken)
+        best, size = _most_significant(candidates, M, a, np.diag(total), possible, taken)
         if size < LIKELY:
             break
         taken.append(best)
@@ -106,13 +108,13 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
         bias = found.inverse @ attenuation(recursion, coordinates, found, {sensor: level}, last)
         excess += np.outer(bias, bias)
     sized = tuple((candidates[k], size) for k, size in zip(taken, sizes, strict=True))
-    certain = [shape.name for shape, size in sized if size > CERTAIN]
+    certain = [shape.name for shape, size in sized if shape.of_gear and size > CERTAIN]
     doubt = _doubt(recursion, coordinates, found, certain, np.sqrt(np.diag(excess))) if certain else ""
     return Misfit(sized, excess, doubt)
 
 
 def _doubt(recursion: Recursion, coordinates: Coordinates, found: Minimum, certain: list[str], shift: Array) -> str:
-    """Return why shapes that are beyond doubt are too large for a bias that is linear in their size, else nothing."""
+    """Return why shapes of the gear are too large for a bias that is linear in their size, else nothing."""
     name, moved = _most_moved(recursion, coordinates, found, shift)
     if moved < LARGE:
         return ""
@@ -161,7 +163,9 @@ def _rightly_named(recursion: Recursion, coordinates: Coordinates, found: Minimu
     )
 
 
-def _most_significant(M: Array, a: Array, total: Array, possible: list[int], taken: list[int]) -> tuple[int, float]:
+def _most_significant(
+    candidates: Sequence[Shape], M: Array, a: Array, total: Array, possible: list[int], taken: list[int]
+) -> tuple[int, float]:
     """Return index and size in standard deviations of the shape that explains most in addition to those taken."""
     rest = [k for k in possible if k not in taken]
     sizes = []
@@ -172,6 +176,7 @@ def _most_significant(M: Array, a: Array, total: Array, possible: list[int], tak
         else:
             information, score = M[k, k], a[k]
         size = abs(score) / np.sqrt(information) if information > ROUNDING * total[k] > 0.0 else 0.0
-        sizes.append(size if information > OWN_SHARE * total[k] or size > CERTAIN else 0.0)
+        counts = information > OWN_SHARE * total[k] or (candidates[k].of_gear and size > CERTAIN)
+        sizes.append(size if counts else 0.0)
     best = int(np.argmax(sizes))
     return rest[best], float(sizes[best])

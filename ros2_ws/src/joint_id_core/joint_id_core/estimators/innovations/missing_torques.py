@@ -26,12 +26,14 @@ class Shape:
         advice: what the user can try.
         parts: index of each input that it acts on, and its values over time there, shape (T,), up to a common factor.
         sensor: True for noise of the input's sensor, which does not move the joint; its size is then positive.
+        of_gear: True for play, in whose place other parameters go far from their values.
     """
 
     name: str
     advice: str
     parts: tuple[tuple[int, Array], ...]
     sensor: bool = False
+    of_gear: bool = False
 
 
 def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
@@ -91,7 +93,8 @@ def _of_the_gear(data: FitData, known: dict[str, Array], value: dict[str, float]
     if model.cubic_stiffness is not None:
         slope += 3.0 * value[model.cubic_stiffness] * twist * twist
     # A little play, at the stiffness that was found; and much of it, in whose place the spring became soft.
-    found = [Shape(name, advice, pushing(slope * side)), Shape(name, advice, pushing(side))]
+    found = [Shape(name, advice, pushing(slope * side), of_gear=True)]
+    found.append(Shape(name, advice, pushing(side), of_gear=True))
     if model.cubic_stiffness is not None and model.cubic_stiffness not in data.free:
         text = "a spring that is not linear as the model has it"
         found.append(Shape(text, f"try --free {model.cubic_stiffness}", pushing(twist * twist * twist)))
