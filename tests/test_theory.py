@@ -87,8 +87,9 @@ def test_constants_in_the_theory() -> None:
         f"From {misfit.LIKELY:g} on the bias counts; above {misfit.SIGNIFICANT:g} the message names",
         f"At most {words[misfit.MOST]} shapes are taken together",
         f"can take more than {100 * (1 - misfit.OWN_SHARE):g} % of it",
-        f"if its size is above {misfit.CERTAIN:g}",
-        f"changes a positive parameter by more than {'half' if misfit.LARGE == 0.5 else '?'}",
+        f"if their size is above {misfit.CERTAIN:g}",
+        f"stiffness by more than {'half' if misfit.LARGE == 0.5 else '?'}",
+        f"{'half' if missing_torques.REACH == 0.5 else '?'} of its rms",
         f"its last {words[len(missing_torques.FORESEEN) - 1]} samples do not foresee",
         f"from {misfit.CREDIBLE:g} standard deviations on the bias counts; "
         f"above {misfit.SIGNIFICANT:g} the message says",

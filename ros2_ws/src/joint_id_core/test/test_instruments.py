@@ -20,9 +20,11 @@ from joint_id_core.results.verdict import Verdict
 from .controlled_joint import TRUTH as RIGID_TRUTH
 from .controlled_joint import controlled
 from .flexible_joint import TRUTH, flexible, late, stiffer
+from .gear_with_play import CALM, moved
 from .online_motion import batches
 
 MODEL, DELAYED = build("motor_side"), build("motor_side", delays=True)
+PLAY_TRUTH = build("harmonic_drive").values()
 FRICTION = ParameterSettings({"w_sm": TRUTH["w_sm"]})
 
 
@@ -131,6 +133,20 @@ def test_what_is_beyond_instruments_keeps_its_value_and_is_named():
     found = regressed(flexible(0), FRICTION.with_values({"c_1": 7.0}))
     assert found["c_1"].verdict is Verdict.FIXED and found["c_1"].value == 7.0
     assert any("c_1" in note and "cannot tell" in note for note in found.notes)
+
+
+def test_a_gear_that_the_instruments_do_not_show_leaves_nothing_of_the_motor_known():
+    """In calm motion the twist goes with friction: what is left holds the link as well, twice the motor's inertia."""
+    recording = moved(0.0, CALM, 1)
+    found = fit(MODEL, recording, estimator=Regression())
+    assert found.status is Status.UNINFORMATIVE
+    assert {row.verdict for row in found.parameters if row.name in found.free} == {Verdict.NOT_EXCITED}
+    assert "together with that of the link" in found["J_m"].reason
+    both = fit(MODEL, recording)
+    assert both.converged
+    for name in ("J_m", "c_m", "tau_fm"):
+        true = PLAY_TRUTH[name]
+        assert abs(both[name].value - true) < 3.0 * both[name].std_dev < 0.3 * true, name
 
 
 def test_a_delay_against_the_drive_is_refused():

@@ -18,6 +18,7 @@ from joint_id_core.simulation.excitation import position_reference
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
 from joint_id_core.simulation.sensors import Sensors
 
+from . import gear_with_hysteresis
 from .gear_with_play import CALM, moved
 
 PLAIN, STRIBECK = build("harmonic_drive"), build("harmonic_drive", friction="stribeck")
@@ -140,3 +141,22 @@ def test_the_motor_half_of_a_joint_shows_play_too():
 def test_a_gear_without_play_shows_none(model):
     for reference in (position_reference(), CALM):
         assert "play" not in " ".join(fit(build(model), moved(0.0, reference, 2)).notes)
+
+
+@pytest.mark.parametrize("reach", [1e-4, 1e-3])
+@pytest.mark.parametrize("model", ["harmonic_drive", "motor_side"])
+def test_hysteresis_of_the_gear_is_named_and_in_the_intervals(model, reach):
+    """Half a newton metre: the fit takes it for a third more damping, or for a stiffer spring."""
+    recording = gear_with_hysteresis.moved(0.5, reach, position_reference(), 1)
+    estimate = fit(build(model), recording)
+    assert "hysteresis of the gear" in " ".join(estimate.notes)
+    for name in set(estimate.free) & TRUTH.keys():
+        assert abs(estimate[name].value - TRUTH[name]) < 3.0 * estimate[name].std_dev, name
+
+
+def test_a_gear_without_hysteresis_shows_none():
+    recording = gear_with_hysteresis.moved(0.0, 1e-3, position_reference(), 1)
+    estimate = fit(PLAIN, recording)
+    assert estimate.converged and "hysteresis" not in " ".join(estimate.notes)
+    for name in estimate.free:
+        assert abs(estimate[name].value - TRUTH[name]) < 3.0 * estimate[name].std_dev, name

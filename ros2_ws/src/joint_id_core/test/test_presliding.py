@@ -9,7 +9,7 @@ import pytest
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import Regression, fit
-from joint_id_core.estimators.regression.presliding import hysteresis
+from joint_id_core.estimators.shared.hysteresis import hysteresis
 from joint_id_core.models import build
 from joint_id_core.simulation.excitation import build_multisine, harmonics
 

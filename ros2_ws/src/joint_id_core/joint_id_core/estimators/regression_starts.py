@@ -35,7 +35,7 @@ def started(model: Model, recording: Recording, settings: ParameterSettings | No
         fitted = regressed(model, recording, settings, Regression())
     except JointIdError:
         return settings
-    if any(f.fault for f in fitted):
+    if any(f.fault or f.blind for f in fitted):
         return settings
     found = {
         n: value

@@ -9,7 +9,7 @@ may still be large.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,7 +29,7 @@ CERTAIN = (
     8.0  # size from which a shape of the gear counts without that: parameters take its place, far from their values
 )
 FAR_MORE = 2.0  # size of a shape over that of another one of its name from which it takes its place
-LARGE = 0.5  # change of a positive parameter by such a shape, over its value, from which no interval contains it
+LARGE = 0.5  # change of the stiffness by such a shape, over its value, from which no interval contains it
 MOST = 2  # most shapes that are used together: with more they cancel each other, and their bias grows without limit
 TINY = 1e-300
 ROUNDING = 1e-12  # range over largest value below which a signal is constant
@@ -78,59 +78,108 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
     projected = cross.T @ found.inverse
     M = total - projected @ cross
     a = scale * score - projected @ (slope * last.gradient)
-    enough = CREDIBLE * np.sqrt(np.maximum(np.diag(M), 0.0))
-    alone = np.abs(a) / np.sqrt(np.maximum(np.diag(M), TINY))
-    kept: dict[str, int] = {}  # shapes of one name stand for the same: the first, if another one does not say far more
-    for k, shape in enumerate(candidates):
-        if shape.sensor and a[k] <= enough[k]:
-            continue
-        if shape.name not in kept or alone[k] > FAR_MORE * alone[kept[shape.name]]:
-            kept[shape.name] = k
-    possible = list(kept.values())
-    taken: list[int] = []
-    sizes: list[float] = []
-    for _ in range(min(MOST, len(possible))):
-        best, size = _most_significant(candidates, M, a, np.diag(total), possible, taken)
-        if size < LIKELY:
-            break
-        taken.append(best)
-        sizes.append(size)
-        if candidates[best].sensor and size > SIGNIFICANT:
-            candidates[best] = _rightly_named(recursion, coordinates, found, last, candidates[best])
+    test = _Test(candidates, M, a, np.diag(total), found.inverse @ cross)
+    possible = test.possible()
+    taken = test.select(possible)
     if not taken:
         return none
-    torques = [k for k in taken if not candidates[k].sensor]
-    bias = found.inverse @ cross[:, torques] @ np.linalg.solve(M[np.ix_(torques, torques)], a[torques])
+    bias = test.bias(taken)
     excess = np.outer(bias, bias)
-    for k in set(taken).difference(torques):
+    if any(candidates[k].of_gear for k in taken):
+        # What these took the place of may be there as well: intervals are never smaller for a shape that was found.
+        bias = test.bias(test.select([k for k in possible if not candidates[k].of_gear]))
+        excess += np.outer(bias, bias)
+    for k in [k for k in taken if candidates[k].sensor]:
         ((sensor, _),) = candidates[k].parts
         level = float(found.levels[len(data.labels) + sensor])
         bias = found.inverse @ attenuation(recursion, coordinates, found, {sensor: level}, last)
         excess += np.outer(bias, bias)
-    sized = tuple((candidates[k], size) for k, size in zip(taken, sizes, strict=True))
-    certain = [shape.name for shape, size in sized if shape.of_gear and size > CERTAIN]
+        if taken[k] > SIGNIFICANT:
+            candidates[k] = _rightly_named(recursion, coordinates, found, last, candidates[k])
+    certain = [candidates[k].name for k, size in taken.items() if candidates[k].of_gear and size > CERTAIN]
     doubt = _doubt(recursion, coordinates, found, certain, np.sqrt(np.diag(excess))) if certain else ""
-    return Misfit(sized, excess, doubt)
+    return Misfit(tuple((candidates[k], size) for k, size in taken.items()), excess, doubt)
+
+
+@dataclass(frozen=True)
+class _Test:
+    """Scores of the shapes, with what the parameters explain of them taken away.
+
+    Attributes:
+        candidates: the shapes, D of them, each scaled to information 1.
+        M, a: information (D, D) and score (D,).
+        total: information before that was taken away, shape (D,).
+        shift: of the coordinates by a shape of size 1, shape (k, D).
+    """
+
+    candidates: Sequence[Shape]
+    M: Array
+    a: Array
+    total: Array
+    shift: Array
+
+    def possible(self) -> list[int]:
+        """Return the shapes that may be taken.
+
+        Noise of a sensor only counts if it is credible. Shapes of one name stand for the same thing: it is the first
+        one, if another one does not say far more.
+        """
+        root = np.sqrt(np.maximum(np.diag(self.M), TINY))
+        kept: dict[str, int] = {}
+        for k, shape in enumerate(self.candidates):
+            if shape.sensor and self.a[k] <= CREDIBLE * root[k]:
+                continue
+            size, before = abs(self.a[k]) / root[k], kept.get(shape.name)
+            if before is None or size > FAR_MORE * abs(self.a[before]) / root[before]:
+                kept[shape.name] = k
+        return list(kept.values())
+
+    def select(self, possible: Sequence[int]) -> dict[int, float]:
+        """Return the shapes that are taken, with their sizes in standard deviations, the most significant first."""
+        taken: dict[int, float] = {}
+        while len(taken) < min(MOST, len(possible)):
+            best, size = self._most_significant([k for k in possible if k not in taken], list(taken))
+            if size < LIKELY:
+                break
+            taken[best] = size
+        return taken
+
+    def bias(self, taken: Iterable[int]) -> Array:
+        """Return the bias of the coordinates by the torques among the shapes that are taken, shape (k,)."""
+        torques = [k for k in taken if not self.candidates[k].sensor]
+        return np.asarray(self.shift[:, torques] @ np.linalg.solve(self.M[np.ix_(torques, torques)], self.a[torques]))
+
+    def _most_significant(self, rest: Sequence[int], taken: list[int]) -> tuple[int, float]:
+        """Return the shape that explains most in addition to those taken, and its size in standard deviations."""
+        M, a, sizes = self.M, self.a, list[float]()
+        for k in rest:
+            information, score = M[k, k], a[k]
+            if taken:
+                block = np.linalg.solve(M[np.ix_(taken, taken)], np.column_stack([M[taken, k], a[taken]]))
+                information, score = information - M[k, taken] @ block[:, 0], score - M[k, taken] @ block[:, 1]
+            size = abs(score) / np.sqrt(information) if information > ROUNDING * self.total[k] > 0.0 else 0.0
+            own = information > OWN_SHARE * self.total[k] or (self.candidates[k].of_gear and size > CERTAIN)
+            sizes.append(float(size) if own else 0.0)
+        best = int(np.argmax(sizes))
+        return rest[best], sizes[best]
 
 
 def _doubt(recursion: Recursion, coordinates: Coordinates, found: Minimum, certain: list[str], shift: Array) -> str:
-    """Return why shapes of the gear are too large for a bias that is linear in their size, else nothing."""
-    name, moved = _most_moved(recursion, coordinates, found, shift)
+    """Return why shapes of the gear are too large for a bias that is linear in their size, else nothing.
+
+    That bias is a `shift` of the coordinates (k,).
+    """
+    data = recursion.data
+    if data.model.stiffness not in data.free:
+        return ""
+    at = data.free.index(data.model.stiffness)
+    moved = coordinates.slope(found.z)[at] * shift[at] / max(float(coordinates.values(found.z)[at]), TINY)
     if moved < LARGE:
         return ""
     return (
-        f"the residuals show {' and '.join(certain)}, which changes {name} by about {100.0 * moved:.0f} %: "
+        f"the residuals show {' and '.join(certain)}, which changes {data.free[at]} by about {100.0 * moved:.0f} %: "
         "too much for a model that lacks it"
     )
-
-
-def _most_moved(recursion: Recursion, coordinates: Coordinates, found: Minimum, shift: Array) -> tuple[str, float]:
-    """Return the positive parameter that a shift of the coordinates (k,) changes most, and by which share of it."""
-    data, values = recursion.data, coordinates.values(found.z)
-    positive = np.array([data.model.parameter(name).lower >= 0.0 for name in data.free])
-    share = np.where(positive, coordinates.slope(found.z) * shift / np.maximum(np.abs(values), TINY), 0.0)
-    most = int(np.argmax(share))
-    return data.free[most], float(share[most])
 
 
 def _responses(recursion: Recursion, last: Pass, candidates: Sequence[Shape]) -> tuple[Array, Array, Array]:
@@ -161,22 +210,3 @@ def _rightly_named(recursion: Recursion, coordinates: Coordinates, found: Minimu
     return replace(
         shape, name=text, advice="record all sensors that the controller reads, and the drive without a filter"
     )
-
-
-def _most_significant(
-    candidates: Sequence[Shape], M: Array, a: Array, total: Array, possible: list[int], taken: list[int]
-) -> tuple[int, float]:
-    """Return index and size in standard deviations of the shape that explains most in addition to those taken."""
-    rest = [k for k in possible if k not in taken]
-    sizes = []
-    for k in rest:
-        if taken:
-            block = np.linalg.solve(M[np.ix_(taken, taken)], np.column_stack([M[taken, k], a[taken]]))
-            information, score = M[k, k] - M[k, taken] @ block[:, 0], a[k] - M[k, taken] @ block[:, 1]
-        else:
-            information, score = M[k, k], a[k]
-        size = abs(score) / np.sqrt(information) if information > ROUNDING * total[k] > 0.0 else 0.0
-        counts = information > OWN_SHARE * total[k] or (candidates[k].of_gear and size > CERTAIN)
-        sizes.append(size if counts else 0.0)
-    best = int(np.argmax(sizes))
-    return rest[best], float(sizes[best])

@@ -10,10 +10,12 @@ import numpy as np
 from joint_id_core.data.recording import Array
 from joint_id_core.data.signals import side_of
 from joint_id_core.estimators.shared.fit_data import FitData
+from joint_id_core.estimators.shared.hysteresis import hysteresis
 
 FORESEEN = (-1.0, 1.0, 0.5, 0.0, -0.5)  # straight line through the last four samples, minus the present one
 ROUNDING = 1e-12  # range over largest value below which a signal is constant
 NEAR_ZERO = 0.2  # twist at which a gear with play is taken to be on one side, as a fraction of its rms
+REACH = 0.5  # twist over which the hysteresis of a gear turns, as a fraction of its rms
 LOW_SPEED = 0.1  # Stribeck velocity of the low-speed shape, as a fraction of the rms speed
 
 
@@ -26,7 +28,7 @@ class Shape:
         advice: what the user can try.
         parts: index of each input that it acts on, and its values over time there, shape (T,), up to a common factor.
         sensor: True for noise of the input's sensor, which does not move the joint; its size is then positive.
-        of_gear: True for play, in whose place other parameters go far from their values.
+        of_gear: True for play and hysteresis, in whose place other parameters go far from their values.
     """
 
     name: str
@@ -88,6 +90,7 @@ def _of_the_gear(data: FitData, known: dict[str, Array], value: dict[str, float]
         at_motor = (drive, torque / (ratio * (model.torque_constant(value) or 1.0)))
         return (at_motor,) if load is None else (at_motor, (load, torque))
 
+    turned = hysteresis(twist, REACH * math.sqrt(float(twist @ twist) / len(twist)) or 1.0)
     name, advice = "play in the gear", "let a load keep the gear on one side"
     slope = value[str(model.stiffness)] + 0.0 * twist
     if model.cubic_stiffness is not None:
@@ -95,6 +98,9 @@ def _of_the_gear(data: FitData, known: dict[str, Array], value: dict[str, float]
     # A little play, at the stiffness that was found; and much of it, in whose place the spring became soft.
     found = [Shape(name, advice, pushing(slope * side), of_gear=True)]
     found.append(Shape(name, advice, pushing(side), of_gear=True))
+    found.append(
+        Shape("hysteresis of the gear", f"a part of {model.gear_damping} is that", pushing(turned), of_gear=True)
+    )
     if model.cubic_stiffness is not None and model.cubic_stiffness not in data.free:
         text = "a spring that is not linear as the model has it"
         found.append(Shape(text, f"try --free {model.cubic_stiffness}", pushing(twist * twist * twist)))

@@ -148,7 +148,8 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
         solution, lag = samples.solve(positive, options.lag_s), None
         if sides is not None:
             solution, lag = sides.doubted(equation.names, samples.y, tables, solution)
-        found.append(tested(samples, solution, positive, moved, band_hz, lag))
+        gear = [sides is not None and n in (model.stiffness, model.cubic_stiffness) for n in equation.names]
+        found.append(tested(samples, solution, positive, moved, band_hz, lag, gear))
     if not found:
         raise UnusableError(
             Status.MISSING_SIGNAL,

@@ -121,6 +121,7 @@ class Fitted:
         late: by how many s the drive is late against the motion; None if it cannot be told.
         encoders: how late the link's encoder is; None without motion on both sides of the gear.
         positive: True for parameters that cannot be negative, shape (k,).
+        gear: True for stiffnesses of a gear with motion on both sides, shape (k,).
     """
 
     samples: Samples
@@ -132,6 +133,7 @@ class Fitted:
     late: Shift | None
     encoders: Lag | None = None
     positive: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    gear: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -177,8 +179,11 @@ class Fitted:
 
     @property
     def blind(self) -> bool:
-        """Whether the torque of the gear is missing, as its instruments do not show it: the rest then tells nothing."""
-        return self.encoders is not None and bool(self.solution.unseen.any()) and not self._explains
+        """Whether the torque of the gear is missing, as its instruments do not show it.
+
+        Inertia and friction of the motor then contain those of the link.
+        """
+        return bool(self.gear.any() and self.solution.unseen[self.gear].all())
 
     @property
     def _explains(self) -> bool:

@@ -35,9 +35,9 @@ TOLD = 0.05  # doubt over the value from which its reason is told
 
 def tested(
     samples: Samples, solution: Solution, positive: Sequence[bool], motion: Motion, band_hz: float,
-    encoders: Lag | None = None,
+    encoders: Lag | None = None, gear: Sequence[bool] = (),
 ) -> Fitted:  # fmt: skip
-    """Return a solution with what tells whether its equation is that of the motion."""
+    """Return a solution with what tells whether its equation is that of the motion; `gear` as in `Fitted`."""
     y, columns, rows = samples.y, samples.columns, samples.rows
     fast, loose = samples.fast, at_speed(motion, rows.index, STUCK)
     tools = None if samples.tools is None else samples.tools.part(fast)
@@ -52,7 +52,9 @@ def tested(
             gravity = share_explained(y[fast], columns[fast], more[fast])
     at = samples.time[rows.index[fast]]
     late = drive_shift(samples.time, samples.drive, at, y[fast], columns[fast], band_hz)
-    return Fitted(samples, solution, gravity, later, memory, helps, late, encoders, np.array(positive, dtype=bool))
+    return Fitted(
+        samples, solution, gravity, later, memory, helps, late, encoders, *(np.array(v, bool) for v in (positive, gear))
+    )
 
 
 def estimates(model: Model, fitted: Fitted, starts: Mapping[str, float]) -> dict[str, ParameterEstimate]:
@@ -75,6 +77,10 @@ def row(model: Model, name: str, fitted: Fitted, j: int, start: float) -> Parame
         value, sigma = start, float("nan")
         if fitted.samples.tools is not None:
             value, reason = 0.0, f"{reason}: taken as 0"
+    elif fitted.blind:
+        said = interval_text(value, sigma)
+        verdict, reason = Verdict.NOT_EXCITED, f"together with that of the link, as the motor feels it: {said}"
+        value, sigma = start, float("nan")
     elif solution.below[j]:
         pulled = f"{solution.unbounded[j]:.3g} ± {solution.wide[j]:.2g} {q.unit}"
         verdict, reason = Verdict.AT_BOUND, f"the data pull it below 0, to {pulled}"

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.regression.equations import Motion
 from joint_id_core.estimators.regression.least_squares import Solution
+from joint_id_core.estimators.shared.hysteresis import hysteresis
 from joint_id_core.models import Model
 
 # Distances over which friction turns, as shares of the travel: from 0.5 mrad to 50 mrad on a UR10e.
@@ -38,21 +39,6 @@ def turning(motion: Motion, model: Model) -> Array:
         direction, travel = np.sign(motion.x[velocity]), float(np.nanmax(position) - np.nanmin(position))
         columns += [(hysteresis(position, reach * travel) - direction)[:, None] for reach in REACHES]
     return np.hstack(columns)
-
-
-def hysteresis(position: Array, reach: float) -> Array:
-    """Return Dahl's friction over its level along a position (T,), which approaches 1 exponentially over `reach`."""
-    step = np.nan_to_num(np.diff(position, prepend=position[:1]))
-    sign = np.sign(step)
-    state, found = 0.0, np.zeros(len(position))
-    begins = np.flatnonzero(np.diff(sign, prepend=np.nan) != 0.0)
-    for begin, end in zip(begins, [*begins[1:], len(position)], strict=True):
-        way = np.abs(np.cumsum(step[begin:end]))
-        found[begin:end] = sign[begin] - (sign[begin] - state) * np.exp(-way / reach)
-        if sign[begin] == 0.0:
-            found[begin:end] = state
-        state = found[end - 1]
-    return found
 
 
 def with_inertia(found: Solution, other: Solution, inertia: NDArray[np.bool_], positive: NDArray[np.bool_]) -> Solution:
