@@ -25,9 +25,7 @@ LIKELY = 2.0  # size of a shape in standard deviations from which its bias count
 CREDIBLE = 3.0  # the same for sensor noise, whose bias does not shrink with the size that is found
 SIGNIFICANT = 4.0  # size from which the user is told; by chance it happens once in 16,000 tests
 OWN_SHARE = 0.15  # least fraction of the information on a shape that the parameters do not explain as well
-CERTAIN = (
-    8.0  # size from which a shape of the gear counts without that: parameters take its place, far from their values
-)
+CERTAIN = 8.0  # size from which one that parameters take the place of counts without that
 FAR_MORE = 2.0  # size of a shape over that of another one of its name from which it takes its place
 LARGE = 0.5  # change of the stiffness by such a shape, over its value, from which no interval contains it
 MOST = 2  # most shapes that are used together: with more they cancel each other, and their bias grows without limit
@@ -83,11 +81,14 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
     taken = test.select(possible)
     if not taken:
         return none
-    bias = test.bias(taken)
-    excess = np.outer(bias, bias)
-    if any(candidates[k].of_gear for k in taken):
-        # What these took the place of may be there as well: intervals are never smaller for a shape that was found.
-        bias = test.bias(test.select([k for k in possible if not candidates[k].of_gear]))
+    together = {frozenset(taken)}
+    if replaced := [k for k in taken if candidates[k].replaced]:
+        # Together they may cancel each other; and what they took the place of may be there as well.
+        together |= {frozenset([k]) for k in replaced}
+        together.add(frozenset(test.select([k for k in possible if not candidates[k].replaced])))
+    excess = np.zeros_like(found.hessian)
+    for some in sorted(together, key=sorted):
+        bias = test.bias(some)
         excess += np.outer(bias, bias)
     for k in [k for k in taken if candidates[k].sensor]:
         ((sensor, _),) = candidates[k].parts
@@ -96,7 +97,7 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
         excess += np.outer(bias, bias)
         if taken[k] > SIGNIFICANT:
             candidates[k] = _rightly_named(recursion, coordinates, found, last, candidates[k])
-    certain = [candidates[k].name for k, size in taken.items() if candidates[k].of_gear and size > CERTAIN]
+    certain = [candidates[k].name for k, size in taken.items() if candidates[k].replaced and size > CERTAIN]
     doubt = _doubt(recursion, coordinates, found, certain, np.sqrt(np.diag(excess))) if certain else ""
     return Misfit(tuple((candidates[k], size) for k, size in taken.items()), excess, doubt)
 
@@ -146,7 +147,7 @@ class _Test:
 
     def bias(self, taken: Iterable[int]) -> Array:
         """Return the bias of the coordinates by the torques among the shapes that are taken, shape (k,)."""
-        torques = [k for k in taken if not self.candidates[k].sensor]
+        torques = sorted(k for k in taken if not self.candidates[k].sensor)
         return np.asarray(self.shift[:, torques] @ np.linalg.solve(self.M[np.ix_(torques, torques)], self.a[torques]))
 
     def _most_significant(self, rest: Sequence[int], taken: list[int]) -> tuple[int, float]:
@@ -158,14 +159,14 @@ class _Test:
                 block = np.linalg.solve(M[np.ix_(taken, taken)], np.column_stack([M[taken, k], a[taken]]))
                 information, score = information - M[k, taken] @ block[:, 0], score - M[k, taken] @ block[:, 1]
             size = abs(score) / np.sqrt(information) if information > ROUNDING * self.total[k] > 0.0 else 0.0
-            own = information > OWN_SHARE * self.total[k] or (self.candidates[k].of_gear and size > CERTAIN)
+            own = information > OWN_SHARE * self.total[k] or (self.candidates[k].replaced and size > CERTAIN)
             sizes.append(float(size) if own else 0.0)
         best = int(np.argmax(sizes))
         return rest[best], sizes[best]
 
 
 def _doubt(recursion: Recursion, coordinates: Coordinates, found: Minimum, certain: list[str], shift: Array) -> str:
-    """Return why shapes of the gear are too large for a bias that is linear in their size, else nothing.
+    """Return why certain shapes are too large for a bias that is linear in their size, else nothing.
 
     That bias is a `shift` of the coordinates (k,).
     """

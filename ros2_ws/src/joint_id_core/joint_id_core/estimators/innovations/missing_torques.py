@@ -15,7 +15,7 @@ from joint_id_core.estimators.shared.hysteresis import hysteresis
 FORESEEN = (-1.0, 1.0, 0.5, 0.0, -0.5)  # straight line through the last four samples, minus the present one
 ROUNDING = 1e-12  # range over largest value below which a signal is constant
 NEAR_ZERO = 0.2  # twist at which a gear with play is taken to be on one side, as a fraction of its rms
-REACH = 0.5  # twist over which the hysteresis of a gear turns, as a fraction of its rms
+REACH = 0.5  # twist over which hysteresis of a gear, or friction, turns, as a fraction of its rms
 LOW_SPEED = 0.1  # Stribeck velocity of the low-speed shape, as a fraction of the rms speed
 
 
@@ -28,14 +28,14 @@ class Shape:
         advice: what the user can try.
         parts: index of each input that it acts on, and its values over time there, shape (T,), up to a common factor.
         sensor: True for noise of the input's sensor, which does not move the joint; its size is then positive.
-        of_gear: True for play and hysteresis, in whose place other parameters go far from their values.
+        replaced: True for play, hysteresis and the like, in whose place parameters go far from their values.
     """
 
     name: str
     advice: str
     parts: tuple[tuple[int, Array], ...]
     sensor: bool = False
-    of_gear: bool = False
+    replaced: bool = False
 
 
 def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
@@ -74,12 +74,15 @@ def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
         text, advice = f"noise in the recorded {name} that does not move the joint", f"record the commanded {name}"
         found.append(Shape(text, advice, ((drive, surprise),), sensor=True))
     if drive is not None and model.stiffness is not None and {"motor_position", "link_position"} <= known.keys():
-        found += _of_the_gear(data, known, value, drive)
+        found += _with_a_spring(data, known, value, drive)
     return found
 
 
-def _of_the_gear(data: FitData, known: dict[str, Array], value: dict[str, float], drive: int) -> list[Shape]:
-    """Return torques that the spring of a gear may lack: these push the motor, and the link the other way."""
+def _with_a_spring(data: FitData, known: dict[str, Array], value: dict[str, float], drive: int) -> list[Shape]:
+    """Return torques that a joint with a spring may lack; those of the spring push the motor, and the link backwards.
+
+    After a reversal the spring unwinds. Friction that turns over such a distance looks like a stiffer one.
+    """
     model, ratio = data.model, data.model.gear_ratio(value)
     load = None if model.load is None else model.input_names.index(model.load)
     twist = known["motor_position"] / ratio - known["link_position"]
@@ -90,17 +93,24 @@ def _of_the_gear(data: FitData, known: dict[str, Array], value: dict[str, float]
         at_motor = (drive, torque / (ratio * (model.torque_constant(value) or 1.0)))
         return (at_motor,) if load is None else (at_motor, (load, torque))
 
-    turned = hysteresis(twist, REACH * math.sqrt(float(twist @ twist) / len(twist)) or 1.0)
+    reach = REACH * math.sqrt(float(twist @ twist) / len(twist)) or 1.0
+    turned = hysteresis(twist, reach)
     name, advice = "play in the gear", "let a load keep the gear on one side"
     slope = value[str(model.stiffness)] + 0.0 * twist
     if model.cubic_stiffness is not None:
         slope += 3.0 * value[model.cubic_stiffness] * twist * twist
     # A little play, at the stiffness that was found; and much of it, in whose place the spring became soft.
-    found = [Shape(name, advice, pushing(slope * side), of_gear=True)]
-    found.append(Shape(name, advice, pushing(side), of_gear=True))
+    found = [Shape(name, advice, pushing(slope * side), replaced=True)]
+    found.append(Shape(name, advice, pushing(side), replaced=True))
     found.append(
-        Shape("hysteresis of the gear", f"a part of {model.gear_damping} is that", pushing(turned), of_gear=True)
+        Shape("hysteresis of the gear", f"a part of {model.gear_damping} is that", pushing(turned), replaced=True)
     )
+    sides = [("motor", drive, ratio)] if load is None else [("motor", drive, ratio), ("link", load, 1.0)]
+    for name, channel, turns in sides:
+        at, direction = known[f"{name}_position"], np.sign(known[f"{name}_velocity"])
+        text = f"friction at the {name} that turns over some distance"
+        late = hysteresis(at, turns * reach) - direction
+        found.append(Shape(text, "no friction law has that", ((channel, late),), replaced=True))
     if model.cubic_stiffness is not None and model.cubic_stiffness not in data.free:
         text = "a spring that is not linear as the model has it"
         found.append(Shape(text, f"try --free {model.cubic_stiffness}", pushing(twist * twist * twist)))
