@@ -53,6 +53,7 @@ class Knowledge:
     ) -> None:
         self.last = last
         self.still: dict[str, float] | None = None
+        self._lasting = None if last.checks is None or last.checks.lasting is None else last
         self.changes = Changes(last.free, task.coordinates, task.options.window_s)
         self._words: tuple[tuple[object, ...], Said] | None = None  # with what they tell of
         self._same: tuple[tuple[object, ...], object, Estimate] | None = None  # at rest, with what it tells of
@@ -105,8 +106,24 @@ class Knowledge:
             return True
         if checked.doubted:
             self.follower.levels.doubt(since=fit.start)
-        self.last = replace(fit, noise={n: fit.noise[n] for n in last.noise})
+        self.last = self._with_lasting(replace(fit, noise={n: fit.noise[n] for n in last.noise}))
         return True
+
+    def _with_lasting(self, fit: Estimate) -> Estimate:
+        """Return a fit of a window with what an earlier one has found of the joint, if this one does not show it.
+
+        Play or hysteresis of the gear are still there in motion that hides them. They are forgotten as the rest is.
+        """
+        assert fit.checks is not None
+        before = self._lasting
+        if fit.checks.lasting is not None:
+            self._lasting = fit
+            return fit
+        if before is None or fit.end - before.end > self._task.options.memory_s:
+            return fit
+        assert before.checks is not None and before.checks.lasting is not None
+        texts, excess = (before.checks.texts[0], *fit.checks.texts), fit.checks.excess + before.checks.lasting
+        return replace(fit, checks=replace(fit.checks, texts=texts, excess=excess))
 
     def late_sensor(self, recording: Recording) -> Late | None:
         """Return the sensor whose delay explains a window of a joint that is as it was; None if there is none."""

@@ -56,6 +56,8 @@ class Checks:
         together: by parameter that enters only in combination with others, what is known instead and what to do.
         levels: how the intervals depend on the noise levels; None if it is not known. Files do not hold it.
         doubt: why the model cannot be what moved the joint; empty if no check says so. Files do not hold it.
+        lasting: part of `excess` that stands for a property of the joint, which other motion may hide; None if there is
+            none. Files do not hold it.
     """
 
     texts: tuple[str, ...]
@@ -64,6 +66,7 @@ class Checks:
     together: Mapping[str, str]
     levels: LevelEffect | None = field(default=None, compare=False, repr=False)
     doubt: str = ""
+    lasting: Array | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True)

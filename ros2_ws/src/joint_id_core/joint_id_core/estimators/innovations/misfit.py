@@ -41,11 +41,13 @@ class Misfit:
         found: the shapes, each with its size in standard deviations.
         excess: squares of their bias, to add to the covariance of the coordinates, shape (k, k).
         doubt: why the estimates cannot be used; empty if the intervals contain what is missing.
+        lasting: `excess` if a property of the joint is significant, which other motion may hide; else None.
     """
 
     found: tuple[tuple[Shape, float], ...]
     excess: Array
     doubt: str = ""
+    lasting: Array | None = None
 
     @property
     def text(self) -> str:
@@ -97,9 +99,11 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
         excess += np.outer(bias, bias)
         if taken[k] > SIGNIFICANT:
             candidates[k] = _rightly_named(recursion, coordinates, found, last, candidates[k])
-    certain = [candidates[k].name for k, size in taken.items() if candidates[k].replaced and size > CERTAIN]
+    certain = [candidates[k].name for k in replaced if taken[k] > CERTAIN]
+    lasting = excess if any(taken[k] > SIGNIFICANT for k in replaced) else None
     doubt = _doubt(recursion, coordinates, found, certain, np.sqrt(np.diag(excess))) if certain else ""
-    return Misfit(tuple((candidates[k], size) for k, size in taken.items()), excess, doubt)
+    sized = tuple((candidates[k], size) for k, size in taken.items())
+    return Misfit(sized, excess, doubt, lasting)
 
 
 @dataclass(frozen=True)
@@ -122,13 +126,13 @@ class _Test:
     def possible(self) -> list[int]:
         """Return the shapes that may be taken.
 
-        Noise of a sensor only counts if it is credible. Shapes of one name stand for the same thing: it is the first
-        one, if another one does not say far more.
+        Noise of a sensor only counts if it is credible, and play or hysteresis if they are not negative. Shapes of one
+        name stand for the same thing: it is the first one, if another one does not say far more.
         """
         root = np.sqrt(np.maximum(np.diag(self.M), TINY))
         kept: dict[str, int] = {}
         for k, shape in enumerate(self.candidates):
-            if shape.sensor and self.a[k] <= CREDIBLE * root[k]:
+            if (shape.sensor and self.a[k] <= CREDIBLE * root[k]) or (shape.replaced and self.a[k] <= 0.0):
                 continue
             size, before = abs(self.a[k]) / root[k], kept.get(shape.name)
             if before is None or size > FAR_MORE * abs(self.a[before]) / root[before]:

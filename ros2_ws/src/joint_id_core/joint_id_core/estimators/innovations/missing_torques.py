@@ -28,7 +28,8 @@ class Shape:
         advice: what the user can try.
         parts: index of each input that it acts on, and its values over time there, shape (T,), up to a common factor.
         sensor: True for noise of the input's sensor, which does not move the joint; its size is then positive.
-        replaced: True for play, hysteresis and the like, in whose place parameters go far from their values.
+        replaced: True for play, hysteresis and the like, in whose place parameters go far from their values. Their size
+            is positive, too.
     """
 
     name: str
@@ -94,7 +95,6 @@ def _with_a_spring(data: FitData, known: dict[str, Array], value: dict[str, floa
         return (at_motor,) if load is None else (at_motor, (load, torque))
 
     reach = REACH * math.sqrt(float(twist @ twist) / len(twist)) or 1.0
-    turned = hysteresis(twist, reach)
     name, advice = "play in the gear", "let a load keep the gear on one side"
     slope = value[str(model.stiffness)] + 0.0 * twist
     if model.cubic_stiffness is not None:
@@ -102,14 +102,13 @@ def _with_a_spring(data: FitData, known: dict[str, Array], value: dict[str, floa
     # A little play, at the stiffness that was found; and much of it, in whose place the spring became soft.
     found = [Shape(name, advice, pushing(slope * side), replaced=True)]
     found.append(Shape(name, advice, pushing(side), replaced=True))
-    found.append(
-        Shape("hysteresis of the gear", f"a part of {model.gear_damping} is that", pushing(turned), replaced=True)
-    )
-    sides = [("motor", drive, ratio)] if load is None else [("motor", drive, ratio), ("link", load, 1.0)]
-    for name, channel, turns in sides:
-        at, direction = known[f"{name}_position"], np.sign(known[f"{name}_velocity"])
+    name, advice = "hysteresis of the gear", f"a part of {model.gear_damping} is that"
+    found.append(Shape(name, advice, pushing(-hysteresis(twist, reach)), replaced=True))
+    friction = [("motor", drive, -ratio)] if load is None else [("motor", drive, -ratio), ("link", load, 1.0)]
+    for name, channel, turns in friction:
+        direction = np.sign(known[f"{name}_velocity"])
+        late = math.copysign(1.0, turns) * (hysteresis(known[f"{name}_position"], abs(turns) * reach) - direction)
         text = f"friction at the {name} that turns over some distance"
-        late = hysteresis(at, turns * reach) - direction
         found.append(Shape(text, "no friction law has that", ((channel, late),), replaced=True))
     if model.cubic_stiffness is not None and model.cubic_stiffness not in data.free:
         text = "a spring that is not linear as the model has it"
