@@ -26,7 +26,8 @@ class Shape:
     Attributes:
         name: name in messages.
         advice: what the user can try.
-        parts: index of each input that it acts on, and its values over time there, shape (T,), up to a common factor.
+        parts: where it acts (as in `Recursion.disturbances`), and its values over time there, shape (T,), up to a
+            common factor.
         sensor: True for noise of the input's sensor, which does not move the joint; its size is then positive.
         replaced: True for play, hysteresis and the like, in whose place parameters go far from their values. Their size
             is positive, too.
@@ -46,10 +47,11 @@ def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
     known = dict(zip((*inputs, *names), np.concatenate([data.u, states], axis=1).T.copy(), strict=True))
     drive = inputs.index(model.torque_drive) if model.torque_drive is not None else None
     load = inputs.index(model.load) if model.load is not None else drive
+    motor = len(inputs) if drive is None and model.motor_inertias else drive  # see `Recursion.disturbances`
     found = []
     for velocity, smoothing in model.smoothing.items():
         side = side_of(velocity)
-        channel = drive if side == "motor" and drive is not None else load
+        channel = motor if side == "motor" else load
         if channel is None:
             continue
         w = known[velocity]
@@ -74,12 +76,12 @@ def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
         surprise[len(FORESEEN) - 1 :] = np.correlate(values, FORESEEN[::-1], "valid")
         text, advice = f"noise in the recorded {name} that does not move the joint", f"record the commanded {name}"
         found.append(Shape(text, advice, ((drive, surprise),), sensor=True))
-    if drive is not None and model.stiffness is not None and {"motor_position", "link_position"} <= known.keys():
-        found += _with_a_spring(data, known, value, drive)
+    if motor is not None and model.stiffness is not None and {"motor_position", "link_position"} <= known.keys():
+        found += _with_a_spring(data, known, value, motor)
     return found
 
 
-def _with_a_spring(data: FitData, known: dict[str, Array], value: dict[str, float], drive: int) -> list[Shape]:
+def _with_a_spring(data: FitData, known: dict[str, Array], value: dict[str, float], motor: int) -> list[Shape]:
     """Return torques that a joint with a spring may lack; those of the spring push the motor, and the link backwards.
 
     After a reversal the spring unwinds. Friction that turns over such a distance looks like a stiffer one.
@@ -91,7 +93,7 @@ def _with_a_spring(data: FitData, known: dict[str, Array], value: dict[str, floa
     side = np.tanh(twist / (NEAR_ZERO * math.sqrt(float(twist @ twist) / len(twist)) or 1.0))
 
     def pushing(torque: Array) -> tuple[tuple[int, Array], ...]:
-        at_motor = (drive, torque / (ratio * (model.torque_constant(value) or 1.0)))
+        at_motor = (motor, torque / (ratio * (model.torque_constant(value) or 1.0)))
         return (at_motor,) if load is None else (at_motor, (load, torque))
 
     reach = REACH * math.sqrt(float(twist @ twist) / len(twist)) or 1.0
@@ -104,7 +106,7 @@ def _with_a_spring(data: FitData, known: dict[str, Array], value: dict[str, floa
     found.append(Shape(name, advice, pushing(side), replaced=True))
     name, advice = "hysteresis of the gear", f"a part of {model.gear_damping} is that"
     found.append(Shape(name, advice, pushing(-hysteresis(twist, reach)), replaced=True))
-    friction = [("motor", drive, -ratio)] if load is None else [("motor", drive, -ratio), ("link", load, 1.0)]
+    friction = [("motor", motor, -ratio)] if load is None else [("motor", motor, -ratio), ("link", load, 1.0)]
     for name, channel, turns in friction:
         direction = np.sign(known[f"{name}_velocity"])
         late = math.copysign(1.0, turns) * (hysteresis(known[f"{name}_position"], abs(turns) * reach) - direction)

@@ -158,8 +158,9 @@ class Recursion:
 
         Args:
             result: the latest pass.
-            channel: index of the input that each disturbance is added to, shape (D,).
-            course: disturbance of size 1 over time, in the unit of the input, shape (T, D).
+            channel: index of the input that each disturbance is added to, shape (D,); the number of inputs stands for a
+                torque at the motor, of a model whose drive is a voltage.
+            course: disturbance of size 1 over time, in the unit of the input or in Nm, shape (T, D).
 
         Returns:
             sum s d' (free, D), sum d d' (D, D), and sum d r (D,).
@@ -174,11 +175,22 @@ class Recursion:
         padded, inputs = np.zeros((len(a.time), most)), np.zeros(most, dtype=np.int64)
         padded[:, :count], inputs[:count] = course, channel
         cross, total, score = np.empty((self._J.shape[2], most)), np.empty((most, most)), np.empty(most)
+        F = self._F if channel.max(initial=0) < a.u.shape[1] else self._with_motor(result)
         self.kernel.gains.disturbances(
-            a.y, a.label_states, self._begin, result.errors, result.variances, self._K, self._F, self._C, self._J,
+            a.y, a.label_states, self._begin, result.errors, result.variances, self._K, F, self._C, self._J,
             inputs, padded, cross, total, score,
         )  # fmt: skip
         return cross[self._columns, :count], total[:count, :count], score[:count]
+
+    def _with_motor(self, result: Pass) -> Array:
+        """Return the derivatives of the next state, with one more column: by a torque at the motor in Nm."""
+        model, step = self.data.model, np.append(np.diff(self.data.time), 0.0)
+        rate = 1.0 / self.values(result.free)[model.parameter_names.index(model.motor_inertias[-1])]
+        column = np.zeros((*self._F.shape[:2], 1))
+        for name, by in (("motor_velocity", step * rate), ("motor_position", 0.5 * step * step * rate)):
+            if name in model.state_names:
+                column[:, model.state_names.index(name), 0] = by
+        return np.concatenate([self._F, column], axis=2)
 
     def since(self, result: Pass, first: int) -> tuple[Array, Array]:
         """Return Gauss-Newton matrix and gradient as in `Pass`, but only of the samples from `first` on.
