@@ -26,10 +26,15 @@ ANGLES = ("motor_position", "link_position")
 def with_signal_faults(
     estimate: Estimate, model: Model, recording: Recording, settings: ParameterSettings | None
 ) -> Estimate:
-    """Return a bad estimate of a model with both sides of a gear, with its fault first; others as they are."""
+    """Return an estimate of a model with both sides of a gear with the fault first that explains why it is bad.
+
+    One that converged, but whose residuals are not those of its model, is a poor fit if there is such a fault. Others
+    stay as they are.
+    """
     known = (*model.state_names, *model.input_names)
     drive = next((n for n in ("torque", "current") if n in known and recording.measured(n)), None)
-    if estimate.status not in BAD or drive is None or not all(n in known for n in ANGLES):
+    doubted = estimate.converged and estimate.checks is not None and any(estimate.checks.texts)
+    if not (estimate.status in BAD or doubted) or drive is None or not all(n in known for n in ANGLES):
         return estimate
     settings = settings or ParameterSettings()
     try:
@@ -41,8 +46,11 @@ def with_signal_faults(
         return estimate
     if not told:
         return estimate
-    notes = (sentence(told), *(note for note in estimate.notes if note != sentence(told)))
-    return replace(estimate, notes=notes, message=message(notes))
+    others = [note for note in estimate.notes if note not in (sentence(told), sentence(Status.CONVERGED.advice))]
+    notes = (sentence(told), *([sentence(Status.POOR_FIT.advice)] if doubted else []), *others)
+    return replace(
+        estimate, status=Status.POOR_FIT if doubted else estimate.status, notes=notes, message=message(notes)
+    )
 
 
 def _of_both(model: Model, recording: Recording, settings: ParameterSettings, drive: str) -> str:

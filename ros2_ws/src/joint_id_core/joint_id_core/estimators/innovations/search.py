@@ -118,6 +118,7 @@ class Search:
         minimum must also have been reached from two starts, and the data must tell all parameters.
         """
         stages, data = self.stages, self.stages.data
+        stages.effort.work = stages.effort.searched = 0  # that of a warm start which failed is no work of this search
         measured = len(data.labels) == len(data.model.states)  # usually one minimum
         tolerance = None if measured else TOLERANCE  # the costs of several minima are compared
         ends: list[Minimum] = []
