@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from joint_id_core.data.recording import Recording
-from joint_id_core.estimators import Innovations, constancy, fit
+from joint_id_core.estimators import Innovations, Regression, constancy, fit
 from joint_id_core.estimators.constancy import Pull, with_constancy
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Status, Verdict
 from joint_id_core.simulation.excitation import multisine
 from joint_id_core.simulation.sensors import Sensors
-from joint_id_core.simulation.simulator import simulate
+from joint_id_core.simulation.simulator import JointSimulator, simulate
 
 from .friction_record import TRUTH
 
@@ -91,3 +91,34 @@ def test_an_estimate_that_is_not_converged_stays_as_it_is(loaded):
     recording = joined(*loaded)
     alone = replace(Innovations().fit(RIGID, recording), status=Status.POOR_FIT)
     assert with_constancy(alone, RIGID, recording, None) is alone
+
+
+@pytest.mark.parametrize("name", ["c", "tau_f"])
+def test_friction_that_drifts_is_in_the_interval_of_a_regression_and_named(name):
+    """Its residuals have a long memory, but their covariance left both ends 6 standard deviations away."""
+    found = fit(RIGID, drifting({name: 0.3 * TRUTH[name]}, 1), estimator=Regression())
+    row = found[name]
+    for true in (TRUTH[name], 1.3 * TRUTH[name]):
+        assert abs(row.value - true) < 2.5 * row.std_dev
+    assert f"{name} about" in found.message and "halves of the recording" in found.message
+    for other in {"J", "c", "tau_f"} - {name}:
+        assert abs(found[other].value - TRUTH[other]) < 3.0 * found[other].std_dev < 0.05 * TRUTH[other]
+
+
+def test_a_regression_of_a_joint_that_stays_the_same_names_no_halves():
+    told = [n for seed in range(8) for n in fit(RIGID, drifting({}, 10 + seed), estimator=Regression()).notes]
+    assert not any("halves" in note for note in told)
+
+
+def drifting(change: dict[str, float], seed: int) -> Recording:
+    """Half a minute of a joint whose parameters change by so much from begin to end, in steps of 0.1 s."""
+    time, rng = np.arange(6000) / 200, np.random.default_rng(seed)
+    torque = multisine(time, 25.0, (0.3, 0.7, 1.3, 2.1), seed=5)
+    pushed, angle, joint = torque + 0.1 * rng.standard_normal(len(time)), [], JointSimulator(RIGID, TRUTH)
+    for k, (now, push) in enumerate(zip(time.tolist(), pushed.tolist(), strict=True)):
+        if change and k % 20 == 0:
+            joint.change(TRUTH | {n: TRUTH[n] + by * now / time[-1] for n, by in change.items()})
+        angle.append(joint.state["link_position"])
+        joint.advance(1 / 200, {"torque": push})
+    seen = np.array(angle) + 1e-5 * rng.standard_normal(len(time))
+    return Recording(time, {"link_position": seen, "torque": torque}, source="drifting")

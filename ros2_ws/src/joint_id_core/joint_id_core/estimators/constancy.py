@@ -20,7 +20,7 @@ from joint_id_core.estimators.innovations.filtered import levels_and_steps
 from joint_id_core.estimators.innovations.recursion import Recursion
 from joint_id_core.estimators.shared.fit_data import FitData, prepare
 from joint_id_core.estimators.shared.intervals import widened
-from joint_id_core.estimators.shared.sentences import message, sentence
+from joint_id_core.estimators.shared.sentences import message, of_halves, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate
@@ -133,13 +133,6 @@ def _told(estimate: Estimate, found: Pull, slope: Array) -> str:
     shown = [k for k in np.argsort(-size)[:2] if size[k] > SIGNIFICANT]
     if not shown:
         return ""
-    parts = []
-    for k in shown:
-        value, apart = estimate.values[estimate.free[k]], float(found.halves[k] * slope[k])
-        parts.append(
-            f"{estimate.free[k]} about {value + apart:.3g} in the first half and {value - apart:.3g} in the second"
-        )
-    return (
-        f"the halves of the recording ask for different values, {'; '.join(parts)}, which the standard deviations "
-        "contain: the joint or its load changed, or something acts that the model lacks; fit parts (--start, --end)"
-    )
+    values = estimate.values
+    apart = {estimate.free[k]: float(found.halves[k] * slope[k]) for k in shown}
+    return of_halves((name, values[name] + half, values[name] - half) for name, half in apart.items())

@@ -129,6 +129,6 @@ def second_opinion(
 def _seconds(fitted: Fitted) -> list[Second]:
     """Return what a regression knows of each parameter."""
     found, torque = fitted.solution, np.sqrt(np.mean(fitted.samples.columns**2, axis=0) / np.mean(fitted.samples.y**2))
-    doubt = np.broadcast_to(found.doubt, torque.shape)
+    doubt = np.broadcast_to(np.hypot(found.doubt, found.changes), torque.shape)
     rows = zip(fitted.names, *(part.tolist() for part in (found.unbounded, found.sigma, torque, doubt)), strict=True)
     return [Second(*row) for row in rows if np.isfinite(row[2])]

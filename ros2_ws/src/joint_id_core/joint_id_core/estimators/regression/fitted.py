@@ -13,6 +13,7 @@ from joint_id_core.checking.shift import Shift
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.regression.encoder_lag import Lag
 from joint_id_core.estimators.regression.equations import Equation
+from joint_id_core.estimators.regression.halves import with_halves
 from joint_id_core.estimators.regression.instruments import Tools
 from joint_id_core.estimators.regression.least_squares import (
     ACCURACY,
@@ -43,6 +44,8 @@ MOST_GRAVITY = 0.5  # share of what is left that a load with the angle explains,
 LATE = 0.75  # samples
 LEFT = 0.2  # share of what is left unexplained, which is left with the best shift
 SURELY = 4.0  # standard deviations below zero, from which the sign of the drive is wrong
+TOLD = 0.05  # half of the difference between the halves of a recording, over the value, from which the user is told
+TINY = 1e-300
 LITTLE = 0.005  # share of the torque that may be left unexplained, whatever would explain it
 
 
@@ -83,15 +86,19 @@ class Samples:
 
         If friction that turns over some distance predicts new samples better, inertia is that of a fit with it, since
         without it the inertia would be too small. The other parameters are those that describe the motion without it.
-        Half of what it changes of the inertia is in doubt, and what it changes of the others if it matters.
+        Half of what it changes of the inertia is in doubt, and what it changes of the others if it matters. Without
+        instruments, the covariance contains how far both halves of the recording are apart.
         """
-        ask = partial(solve, positive=positive, pieces=self.rows.pieces, lag=lag_s / self.step, accuracy=self.accuracy)
-        found, turn = ask(self.y, self.columns, tools=self.tools), self.turn
+        ask = partial(solve, positive=positive, lag=lag_s / self.step, accuracy=self.accuracy)
+        pieces = self.rows.pieces
+        found, turn = ask(self.y, self.columns, pieces=pieces, tools=self.tools), self.turn
         inertia = np.array([n == self.equation.inertia for n in self.equation.names])
-        if turn is None or not inertia.any():
+        if turn is not None and inertia.any():
+            other = ask(without(self.y[:, None], turn)[:, 0], without(self.columns, turn), pieces=pieces)
+            found = with_inertia(found, other, inertia, np.array(positive))
+        if self.tools is not None:
             return found
-        other = ask(without(self.y[:, None], turn)[:, 0], without(self.columns, turn))
-        return with_inertia(found, other, inertia, np.array(positive))
+        return with_halves(found, len(pieces), lambda part: ask(self.y[part], self.columns[part], pieces=pieces[part]))
 
     @cached_property
     def turn(self) -> Array | None:
@@ -148,6 +155,16 @@ class Fitted:
             return known
         cross = encoders.sigma * encoders.effect[:, None]
         return np.block([[known, cross], [cross.T, np.array([[encoders.sigma**2]])]])
+
+    @property
+    def changed(self) -> list[tuple[str, float, float]]:
+        """Parameters that differ most between the halves of the recording, at most two, with their values in both."""
+        halves, changes = self.solution.halves, np.broadcast_to(self.solution.changes, len(self.names))
+        if halves is None:
+            return []
+        size = changes / np.maximum(np.abs(self.solution.values), TINY)
+        order = [int(k) for k in np.argsort(-size)[:2] if size[k] > TOLD]
+        return [(self.names[k], float(halves[0, k]), float(halves[1, k])) for k in order]
 
     @property
     def opposite(self) -> float:

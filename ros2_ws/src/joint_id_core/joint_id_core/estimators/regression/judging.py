@@ -25,7 +25,7 @@ from joint_id_core.estimators.regression.missing import (
     share_predicted,
 )
 from joint_id_core.estimators.shared.intervals import interval_text
-from joint_id_core.estimators.shared.sentences import listed, sentence
+from joint_id_core.estimators.shared.sentences import listed, of_halves, sentence
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import ParameterEstimate, Status
 from joint_id_core.results.verdict import MAGNITUDE, Verdict
@@ -122,6 +122,8 @@ def judge(
         said.append(
             "after reversals friction turns over some distance, which no law has; the inertia is that beside it"
         )
+    if changed := [change for f in fitted for change in f.changed]:
+        said.insert(1, of_halves(changed))
     if held:
         said.append(f"held, because a regression cannot tell them: {listed(held)}")
     if dropped:

@@ -29,6 +29,8 @@ class Solution:
         held: True for positive parameters that least squares makes negative, shape (k,); their values are zero.
         unbounded, sigma: values and standard deviations without these bounds, shape (k,).
         doubt: what the model lacks may change of them, shape (k,): in the covariance, not in `sigma`.
+        changes: half of what they change between the halves of the recording, shape (k,): as `doubt`.
+        halves: their values in both halves, shape (2, k), NaN where these are the same.
         unseen: True for parameters whose column is zero or follows from the others, shape (k,).
         r_squared: share of the mean square of y about its mean that is explained.
         lag: memory of the residuals in samples.
@@ -43,11 +45,13 @@ class Solution:
     r_squared: float
     lag: float
     doubt: Array | float = 0.0
+    changes: Array | float = 0.0
+    halves: Array | None = None
 
     @property
     def wide(self) -> Array:
-        """Standard deviations without the bounds of positive parameters, with the doubt, shape (k,)."""
-        return np.hypot(self.sigma, self.doubt)
+        """Standard deviations without the bounds of positive parameters, with doubt and changes, shape (k,)."""
+        return np.hypot(np.hypot(self.sigma, self.doubt), self.changes)
 
     @property
     def below(self) -> NDArray[np.bool_]:

@@ -34,6 +34,17 @@ def missed(what: str, nrmse: float) -> str:
     return f"{what} miss by {100.0 * nrmse:.3g} % of its variation"
 
 
+def of_halves(values: Iterable[tuple[str, float, float]]) -> str:
+    """Say that the halves of a recording ask for other values, from name, value in the first half and in the second."""
+    parts = [
+        f"{name} about {first:.3g} in the first half and {second:.3g} in the second" for name, first, second in values
+    ]
+    return (
+        f"the halves of the recording ask for different values, {'; '.join(parts)}, which the standard deviations "
+        "contain: the joint or its load changed, or something acts that the model lacks; fit parts (--start, --end)"
+    )
+
+
 def times(ratio: float) -> str:
     """Return a ratio in words: "3.2 times", or "more than 1000 times"."""
     if ratio > MOST_TIMES:
