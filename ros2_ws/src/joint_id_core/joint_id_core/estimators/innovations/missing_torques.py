@@ -112,6 +112,9 @@ def _with_a_spring(data: FitData, known: dict[str, Array], value: dict[str, floa
         late = math.copysign(1.0, turns) * (hysteresis(known[f"{name}_position"], abs(turns) * reach) - direction)
         text = f"friction at the {name} that turns over some distance"
         found.append(Shape(text, "no friction law has that", ((channel, late),), replaced=True))
+        grows = math.copysign(1.0, turns) * np.abs(slope * twist) * direction
+        text = f"friction at the {name} that grows with the load"
+        found.append(Shape(text, "no friction law has that", ((channel, grows),), replaced=True))
     if model.cubic_stiffness is not None and model.cubic_stiffness not in data.free:
         text = "a spring that is not linear as the model has it"
         found.append(Shape(text, f"try --free {model.cubic_stiffness}", pushing(twist * twist * twist)))
