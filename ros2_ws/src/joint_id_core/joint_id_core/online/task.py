@@ -18,7 +18,8 @@ from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.innovations.fit import fit_innovations
 from joint_id_core.estimators.one_encoder import hides_compliance
 from joint_id_core.estimators.regression_starts import started
-from joint_id_core.estimators.shared.fit_data import FitData, UnusableError, absent, prepare, unusable
+from joint_id_core.estimators.shared.derived_inputs import absent
+from joint_id_core.estimators.shared.fit_data import FitData, UnusableError, prepare, unusable
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.online.checks import Background, at_once

@@ -10,7 +10,7 @@ import numpy as np
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import Estimator, Innovations, ParameterSettings, Regression, fit
-from joint_id_core.estimators.shared.fit_data import with_inputs
+from joint_id_core.estimators.shared.derived_inputs import with_inputs
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from joint_id_core.data.recording import Array, Recording, any_finite
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.shared.computed_load import LOAD, computed
+from joint_id_core.estimators.shared.derived_inputs import with_inputs
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.estimators.shared.stillness import held_still, still_in_record, still_link, wound_up
-from joint_id_core.filtering.offline import complete
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions, Status, Verdict
 
@@ -133,16 +133,6 @@ class FitData:
         """Return the data of the samples from `first` to before `last`."""
         rows = {name: getattr(self, name)[first:last] for name in ("time", "u", "y", "gap", "rest")}
         return replace(self, **rows)
-
-
-def with_inputs(model: Model, recording: Recording) -> Recording:
-    """Return a recording with derived velocities and accelerations, if the model has an input that it lacks."""
-    return complete(recording) if absent(model, recording) else recording
-
-
-def absent(model: Model, recording: Recording) -> list[str]:
-    """Return the inputs of a model that a recording lacks, but for those that may be missing."""
-    return [n for n in model.input_names if n not in recording and n not in model.optional_inputs]
 
 
 def prepare(

@@ -225,7 +225,7 @@ def seen_by(labels: tuple[str, ...], y: Array, period: float, noise: Mapping[str
 
 def _slack(row: Array) -> float:
     """Return the range of a signal at rest: that of its noise and its resolution."""
-    return float(NOISY * np.sqrt(rough_noise(row)) + 2.0 * _resolution(row))
+    return float(NOISY * np.sqrt(rough_noise(row)) + 2.0 * resolution(row))
 
 
 def _calm(name: str, slack: float, size: Array, values: Array, count: int) -> NDArray[np.bool_]:
@@ -242,7 +242,7 @@ def _means(values: Array, count: int) -> Array:
     return np.convolve(values, np.full(count, 1.0 / count), "valid")
 
 
-def _resolution(row: Array) -> float:
+def resolution(row: Array) -> float:
     """Return the smallest step of a quantised signal; 0 if its values hardly ever repeat."""
     steps = np.abs(row[1:] - row[:-1])
     moved = steps[steps > 0.0]
