@@ -20,6 +20,7 @@ from joint_id_core.online.checks import Background, WindowChecks, at_once
 from joint_id_core.online.follower import BLOCK_S, YOUNG, Found
 from joint_id_core.online.hops import Hops
 from joint_id_core.online.knowledge import Knowledge
+from joint_id_core.online.lasting import Lasting
 from joint_id_core.online.motion import MotionWatch
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.published import DISAGREE, at_rest, forgotten, too_short, with_computed_load, with_note
@@ -86,7 +87,7 @@ class OnlineIdentifier:
         self._alone: Estimate | None = None  # newest fit that converged, where there is no memory
         self._situation = Situation.STARTING
         self._known: Knowledge | None = None  # None while STARTING or RESTARTING
-        self._trial = Trial(window_s)
+        self._trial, self._lasting = Trial(window_s), Lasting(self.options.memory_s)
 
     @property
     def remembers(self) -> bool:
@@ -114,7 +115,7 @@ class OnlineIdentifier:
             raise JointIdError("no estimate is continued without a memory: take innovations, and a memory_s above 0")
         state, self._task = known_of(self._task, estimate, gone_s), self._task.continued(estimate)
         now = as_of_now(self._task, state, estimate)
-        self._known = Knowledge(self._task, now, *state, YOUNG * self.options.window_s, NOISE_SIGMA)
+        self._known = Knowledge(self._task, now, *state, YOUNG * self.options.window_s, NOISE_SIGMA, self._lasting)
         self._enter(Situation.RESUMED)
         self._second_look.end()
         return now
@@ -271,7 +272,7 @@ class OnlineIdentifier:
         if look is None or not look.fit.converged or look.fit.free != known.last.free:
             return known
         if apart(look.fit, known.follower.now(), self._task.coordinates):
-            known = self._known = Knowledge.from_window(self._task, look.fit, look.samples)
+            known = self._known = Knowledge.from_window(self._task, look.fit, look.samples, self._lasting)
             self._checks.begin(self._window.end)
         return known
 
@@ -301,7 +302,7 @@ class OnlineIdentifier:
             trial.shown = fit
             # Beside a memory that does not describe the window, two estimators that disagree on it tell nothing more.
             return with_note(fit, window) if fit.status is Status.DISAGREE and known else fit
-        known = self._known = Knowledge.from_window(self._task, fit, recording)
+        known = self._known = Knowledge.from_window(self._task, fit, recording, self._lasting)
         if known.still is not None:
             self._watch.noise = known.still
         self._checks.begin(window.end)

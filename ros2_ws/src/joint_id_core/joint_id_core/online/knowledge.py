@@ -14,6 +14,7 @@ from joint_id_core.estimators.shared.stillness import seen_by
 from joint_id_core.online.changes import Changes
 from joint_id_core.online.checks import Checked
 from joint_id_core.online.follower import Follower
+from joint_id_core.online.lasting import Lasting
 from joint_id_core.online.late_sensor import Late, late_sensor
 from joint_id_core.online.levels import Levels
 from joint_id_core.online.memory import Memory, agree
@@ -34,6 +35,7 @@ class Knowledge:
         mean, covariance: with which the memory begins, shapes (k,) and (k, k), in estimation coordinates.
         age_s: time of motion in s that is in them already.
         noise_sigma: see `Levels`, of the noise levels of `last`.
+        lasting: what earlier windows have shown of the joint; None if there were none.
 
     Attributes:
         last: the newest fit of a whole window; `noise`, not this fit, has the noise levels of today.
@@ -50,10 +52,11 @@ class Knowledge:
         covariance: Array,
         age_s: float = 0.0,
         noise_sigma: float = np.inf,
+        lasting: Lasting | None = None,
     ) -> None:
-        self.last = last
+        self._lasting = lasting or Lasting(task.options.memory_s)
+        self.last = last = self._lasting.on(last)
         self.still: dict[str, float] | None = None
-        self._lasting = None if last.checks is None or last.checks.lasting is None else last
         self.changes = Changes(last.free, task.coordinates, task.options.window_s)
         self._words: tuple[tuple[object, ...], Said] | None = None  # with what they tell of
         self._same: tuple[tuple[object, ...], object, Estimate] | None = None  # at rest, with what it tells of
@@ -64,16 +67,16 @@ class Knowledge:
         self.follower = Follower(memory, task.coordinates, task.options, levels, self._tracker, age_s, task.background)
 
     @classmethod
-    def from_window(cls, task: Task, fit: Estimate, recording: Recording) -> Knowledge:
-        """Begin with a window in motion and its fit."""
+    def from_window(cls, task: Task, fit: Estimate, recording: Recording, lasting: Lasting | None = None) -> Knowledge:
+        """Begin with a window in motion and its fit; `lasting` as above."""
         after = Belief.after(fit, task.coordinates)
         tracker = task.tracker(recording, after.mean, fit)
         blocks = None if tracker is None else tracker.start()
         if tracker is None or not blocks:
-            return cls(task, fit, after.mean, np.asarray(np.linalg.inv(after.precision)))
+            return cls(task, fit, after.mean, np.asarray(np.linalg.inv(after.precision)), lasting=lasting)
         data = tracker.data
         before = Belief.before_data(data, task.coordinates)
-        known = cls(task, fit, before.mean, np.asarray(np.linalg.inv(before.precision)))
+        known = cls(task, fit, before.mean, np.asarray(np.linalg.inv(before.precision)), lasting=lasting)
         known.still = seen_by(data.labels, data.y, data.period, fit.noise)
         known.follower.begin(tracker, [block.piece() for block in blocks])
         if data.rest[-1]:
@@ -106,24 +109,8 @@ class Knowledge:
             return True
         if checked.doubted:
             self.follower.levels.doubt(since=fit.start)
-        self.last = self._with_lasting(replace(fit, noise={n: fit.noise[n] for n in last.noise}))
+        self.last = self._lasting.on(replace(fit, noise={n: fit.noise[n] for n in last.noise}))
         return True
-
-    def _with_lasting(self, fit: Estimate) -> Estimate:
-        """Return a fit of a window with what an earlier one has found of the joint, if this one does not show it.
-
-        Play or hysteresis of the gear are still there in motion that hides them. They are forgotten as the rest is.
-        """
-        assert fit.checks is not None
-        before = self._lasting
-        if fit.checks.lasting is not None:
-            self._lasting = fit
-            return fit
-        if before is None or fit.end - before.end > self._task.options.memory_s:
-            return fit
-        assert before.checks is not None and before.checks.lasting is not None
-        texts, excess = (before.checks.texts[0], *fit.checks.texts), fit.checks.excess + before.checks.lasting
-        return replace(fit, checks=replace(fit.checks, texts=texts, excess=excess))
 
     def late_sensor(self, recording: Recording) -> Late | None:
         """Return the sensor whose delay explains a window of a joint that is as it was; None if there is none."""
