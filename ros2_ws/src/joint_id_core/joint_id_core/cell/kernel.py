@@ -22,6 +22,7 @@ from joint_id_core.cell.loops import (
     arrays,
     control,
     hop,
+    hysteresis,
     information,
     innovations,
     newton,
@@ -45,7 +46,7 @@ _GAINS: Functions = (
 )  # fmt: skip
 _SHARED: Functions = (
     information.inverse, information.newest, information.change, information.of_free, stretches.scan,
-    streams.steps, streams.always_moves, streams.moving, hop.lead, hop.physical, hop.apart,
+    streams.steps, streams.always_moves, streams.moving, hop.lead, hop.physical, hop.apart, hysteresis.turned,
 )  # fmt: skip
 
 
@@ -229,7 +230,7 @@ def _gains(states: int, inputs: int, delayed: bool) -> ModuleType:
 
 @lru_cache(maxsize=1)
 def compile_shared() -> ModuleType:
-    """Return what all models share: compiled `loops.information`, `stretches`, `streams` and `hop`."""
+    """Return what all models share: compiled `loops.information`, `stretches`, `streams`, `hop` and `hysteresis`."""
     path = cache_directory() / f"shared-{_hash()}" / "shared.py"
     what = "functions that all models share"
     return loaded(path, what, lambda: _module_source(what, "", _SHARED), _SHARED)
