@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 
 import numpy as np
 import pytest
@@ -114,7 +115,9 @@ def test_a_controller_that_knows_more_than_is_recorded_is_no_noise_of_the_torque
 def test_a_little_play_in_the_gear_is_named_and_in_the_intervals(reference):
     """A tenth of a milliradian to each side: the spring looks softer, and friction moves from one side to the other."""
     estimate = fit(PLAIN, moved(1e-4, reference, 1))
-    assert estimate.converged and "play in the gear" in estimate.message
+    assert estimate.converged
+    told = re.search(r"play in the gear, about (\S+) mrad to each side", estimate.message)
+    assert told is not None and float(told[1]) == pytest.approx(0.1, rel=0.3)
     assert abs(estimate["k_1"].value / TRUTH["k_1"] - 1.0) > 0.05, "else there is nothing to find"
     for name in estimate.free:
         assert abs(estimate[name].value - TRUTH[name]) < 3.0 * estimate[name].std_dev, name
@@ -159,7 +162,8 @@ def test_hysteresis_of_the_gear_is_named_and_in_the_intervals(model, reach):
     """Half a newton metre: the fit takes it for a third more damping, or for a stiffer spring."""
     recording = gear_with_hysteresis.moved(0.5, reach, position_reference(), 1)
     estimate = fit(build(model), recording)
-    assert "hysteresis of the gear" in " ".join(estimate.notes)
+    told = re.search(r"hysteresis of the gear, about (\S+) Nm", " ".join(estimate.notes))
+    assert told is not None and float(told[1]) == pytest.approx(0.5, rel=0.4)
     for name in set(estimate.free) & TRUTH.keys():
         assert abs(estimate[name].value - TRUTH[name]) < 3.0 * estimate[name].std_dev, name
 

@@ -38,13 +38,13 @@ class Misfit:
     """Missing torques that were found.
 
     Attributes:
-        found: the shapes, each with its size in standard deviations.
+        found: the shapes, each with its size in standard deviations, and with that of its course.
         excess: squares of their bias, to add to the covariance of the coordinates, shape (k, k).
         doubt: why the estimates cannot be used; empty if the intervals contain what is missing.
         lasting: `excess` if a property of the joint is significant, which other motion may hide; else None.
     """
 
-    found: tuple[tuple[Shape, float], ...]
+    found: tuple[tuple[Shape, float, float], ...]
     excess: Array
     doubt: str = ""
     lasting: Array | None = None
@@ -52,10 +52,22 @@ class Misfit:
     @property
     def text(self) -> str:
         """The significant shapes in words; empty if none is significant."""
-        parts = [f"{s.name} ({size:.3g} sigma: {s.advice})" for s, size in self.found if size > SIGNIFICANT]
+        parts = [
+            f"{s.name}{_amount(s, course)} ({size:.3g} sigma: {s.advice})"
+            for s, size, course in self.found
+            if size > SIGNIFICANT
+        ]
         if not parts:
             return ""
         return f"the residuals show {' and '.join(parts)}; the standard deviations contain what that may do"
+
+
+def _amount(shape: Shape, course: float) -> str:
+    """Return in words how much of a shape there is; empty if that is of no use."""
+    if shape.measure is None:
+        return ""
+    factor, unit = shape.measure
+    return f", about {factor * course:.2g} {unit}"
 
 
 def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last: Pass) -> Misfit:
@@ -102,7 +114,8 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
     certain = [candidates[k].name for k in replaced if taken[k] > CERTAIN]
     lasting = excess if any(taken[k] > SIGNIFICANT for k in replaced) else None
     doubt = _doubt(recursion, coordinates, found, certain, np.sqrt(np.diag(excess))) if certain else ""
-    sized = tuple((candidates[k], size) for k, size in taken.items())
+    courses = test.courses(taken)
+    sized = tuple((candidates[k], size, scale[k] * courses.get(k, 0.0)) for k, size in taken.items())
     return Misfit(sized, excess, doubt, lasting)
 
 
@@ -149,10 +162,16 @@ class _Test:
             taken[best] = size
         return taken
 
+    def courses(self, taken: Iterable[int]) -> dict[int, float]:
+        """Return the sizes of the courses of the torques among the shapes that are taken, as they are scaled."""
+        torques = sorted(k for k in taken if not self.candidates[k].sensor)
+        sizes = np.linalg.solve(self.M[np.ix_(torques, torques)], self.a[torques])
+        return dict(zip(torques, sizes.tolist(), strict=True))
+
     def bias(self, taken: Iterable[int]) -> Array:
         """Return the bias of the coordinates by the torques among the shapes that are taken, shape (k,)."""
-        torques = sorted(k for k in taken if not self.candidates[k].sensor)
-        return np.asarray(self.shift[:, torques] @ np.linalg.solve(self.M[np.ix_(torques, torques)], self.a[torques]))
+        courses = self.courses(taken)
+        return np.asarray(self.shift[:, list(courses)] @ np.array(list(courses.values())))
 
     def _most_significant(self, rest: Sequence[int], taken: list[int]) -> tuple[int, float]:
         """Return the shape that explains most in addition to those taken, and its size in standard deviations."""

@@ -31,6 +31,7 @@ class Shape:
         sensor: True for noise of the input's sensor, which does not move the joint; its size is then positive.
         replaced: True for play, hysteresis and the like, in whose place parameters go far from their values. Their size
             is positive, too.
+        measure: factor and unit of the size of the course, if that is of use; else None.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Shape:
     parts: tuple[tuple[int, Array], ...]
     sensor: bool = False
     replaced: bool = False
+    measure: tuple[float, str] | None = None
 
 
 def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
@@ -102,10 +104,10 @@ def _with_a_spring(data: FitData, known: dict[str, Array], value: dict[str, floa
     if model.cubic_stiffness is not None:
         slope += 3.0 * value[model.cubic_stiffness] * twist * twist
     # A little play, at the stiffness that was found; and much of it, in whose place the spring became soft.
-    found = [Shape(name, advice, pushing(slope * side), replaced=True)]
+    found = [Shape(name, advice, pushing(slope * side), replaced=True, measure=(1e3, "mrad to each side"))]
     found.append(Shape(name, advice, pushing(side), replaced=True))
     name, advice = "hysteresis of the gear", f"a part of {model.gear_damping} is that"
-    found.append(Shape(name, advice, pushing(-hysteresis(twist, reach)), replaced=True))
+    found.append(Shape(name, advice, pushing(-hysteresis(twist, reach)), replaced=True, measure=(1.0, "Nm")))
     friction = [("motor", motor, -ratio)] if load is None else [("motor", motor, -ratio), ("link", load, 1.0)]
     for name, channel, turns in friction:
         direction = np.sign(known[f"{name}_velocity"])
