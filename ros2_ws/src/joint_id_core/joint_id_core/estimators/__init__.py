@@ -104,6 +104,7 @@ def _fit(
     """Return the estimate of one recording, as if its load were measured."""
     from joint_id_core.estimators.between_samples import fitted_between  # loads NumPy, as the next
     from joint_id_core.estimators.constancy import with_constancy
+    from joint_id_core.estimators.correction import with_correction
     from joint_id_core.estimators.cross_check import cross_checked_whole
     from joint_id_core.estimators.late_signal import with_late_signal
     from joint_id_core.estimators.one_encoder import hides_compliance
@@ -130,6 +131,7 @@ def _fit(
         late = with_late_signal(estimate, model, recording, again)
         estimate = with_signal_faults(estimate, model, recording, settings) if late is estimate else late
         estimate = with_constancy(estimate, model, recording, settings)
+        estimate = with_correction(estimate, model, settings)
     if estimate.status.unusable:
         return estimate
     estimate = with_held_values(noted(estimate, found, model, recording), model, settings)

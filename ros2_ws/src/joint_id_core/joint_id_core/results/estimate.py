@@ -58,6 +58,7 @@ class Checks:
         doubt: why the model cannot be what moved the joint; empty if no check says so. Files do not hold it.
         lasting: part of `excess` that stands for a property of the joint, which other motion may hide; None if there is
             none. Files do not hold it.
+        bias: of the coordinates by such a property, shape (k,), None unless it is certain. Files do not hold it.
     """
 
     texts: tuple[str, ...]
@@ -67,6 +68,7 @@ class Checks:
     levels: LevelEffect | None = field(default=None, compare=False, repr=False)
     doubt: str = ""
     lasting: Array | None = field(default=None, compare=False, repr=False)
+    bias: Array | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True)

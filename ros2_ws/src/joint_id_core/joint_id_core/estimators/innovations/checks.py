@@ -46,7 +46,7 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
     together = in_combination(data, p, covariance * np.outer(slope, slope))
     predictions = free_runs(stages.kernel, data, last.states, p, last.steps, stages.options.horizon_s)
     return (
-        Checks(texts, excess, nrmse(data, predictions), together, levels, missing.doubt, missing.lasting),
+        Checks(texts, excess, nrmse(data, predictions), together, levels, missing.doubt, missing.lasting, missing.bias),
         covariance,
         bias,
         predictions,

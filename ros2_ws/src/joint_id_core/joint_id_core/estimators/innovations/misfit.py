@@ -30,6 +30,7 @@ FAR_MORE = 2.0  # size of a shape over that of another one of its name from whic
 LARGE = 0.5  # change of the stiffness by such a shape, over its value, from which no interval contains it
 MOST = 2  # most shapes that are used together: with more they cancel each other, and their bias grows without limit
 TINY = 1e-300
+CONTAINED = "the standard deviations contain what that may do"
 ROUNDING = 1e-12  # range over largest value below which a signal is constant
 
 
@@ -42,12 +43,15 @@ class Misfit:
         excess: squares of their bias, to add to the covariance of the coordinates, shape (k, k).
         doubt: why the estimates cannot be used; empty if the intervals contain what is missing.
         lasting: `excess` if a property of the joint is significant, which other motion may hide; else None.
+        bias: of the coordinates by the shapes that were found, shape (k,), if one of them is such a property and beyond
+            doubt; else None.
     """
 
     found: tuple[tuple[Shape, float, float], ...]
     excess: Array
     doubt: str = ""
     lasting: Array | None = None
+    bias: Array | None = None
 
     @property
     def text(self) -> str:
@@ -59,7 +63,7 @@ class Misfit:
         ]
         if not parts:
             return ""
-        return f"the residuals show {' and '.join(parts)}; the standard deviations contain what that may do"
+        return f"the residuals show {' and '.join(parts)}; {CONTAINED}"
 
 
 def _amount(shape: Shape, course: float) -> str:
@@ -116,7 +120,7 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
     doubt = _doubt(recursion, coordinates, found, certain, np.sqrt(np.diag(excess))) if certain else ""
     courses = test.courses(taken)
     sized = tuple((candidates[k], size, scale[k] * courses.get(k, 0.0)) for k, size in taken.items())
-    return Misfit(sized, excess, doubt, lasting)
+    return Misfit(sized, excess, doubt, lasting, test.bias(taken) if certain else None)
 
 
 @dataclass(frozen=True)
