@@ -66,7 +66,6 @@ class Probe(Node):
         self._executor.add_node(self)
         self.diagnostics: list[Any] = []
         self._clients_by_service: dict[str, Any] = {}
-        self._unread: list[Callable[[], None]] = []  # read what waits, though nothing has woken the executor
         self.create_subscription(DiagnosticArray, "/diagnostics", lambda m: self.diagnostics.extend(m.status), 10)
 
     def collect(self, kind: Any, topic: str, qos: QoSProfile = STREAM_IN, delay_s: float = 0.0) -> list[Any]:
@@ -77,18 +76,14 @@ class Probe(Node):
         messages: list[Any] = []
 
         def read(message: Any) -> None:
-            time.sleep(delay_s)
-            messages.append(message)
-            read_on()
-
-        def read_on() -> None:
             with subscription.handle:
-                while (taken := subscription.handle.take_message(kind, False)) is not None:
+                taken = (message, None)
+                while taken is not None:
                     time.sleep(delay_s)
                     messages.append(taken[0])
+                    taken = subscription.handle.take_message(kind, False)
 
         subscription = self.create_subscription(kind, topic, read, qos)
-        self._unread.append(read_on)
         return messages
 
     def collect_headers(self) -> list[tuple[str, float]]:
@@ -113,8 +108,6 @@ class Probe(Node):
         while not condition():
             assert time.monotonic() < end, f"waited in vain for {what}"
             self._executor.spin_once(timeout_sec=0.05)
-            for read_on in self._unread:  # the last messages of a stream may come without a wake-up after them
-                read_on()
 
     def spin(self, seconds: float) -> None:
         """Let messages come in for a while."""
