@@ -57,8 +57,9 @@ def test_simulated_steps_give_the_motor_and_gear_parameters_live(start, probe):
     assert {p.std_dev for p in truth[0].joints[0].parameters} == {0.0}
     assert_near(converged(found)[-1].joints[0], values(truth[0]), CLEAR)
     # 6 s at 500 Hz: no sample is lost, and the stamps lie on an exact grid however late the node woke up. The probe
-    # goes on reading until they are there: what waits unread beyond the depth of the queue is gone.
-    probe.until(lambda: len(samples) > 2900, "the samples")
+    # goes on reading until they are there: what waits unread beyond the depth of the queue is gone. The filter holds
+    # some at both ends, 96 of 3000 on a quiet computer and more on a loaded one; the steps show that none else is lost.
+    probe.until(lambda: len(samples) > 2700, "the samples")
     assert sim.wait() == 0
     assert set(np.diff(stamps(samples))) == {2_000_000}
 
