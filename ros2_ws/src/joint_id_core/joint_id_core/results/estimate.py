@@ -55,10 +55,7 @@ class Checks:
         nrmse: as in `Estimate`.
         together: by parameter that enters only in combination with others, what is known instead and what to do.
         levels: how the intervals depend on the noise levels; None if it is not known. Files do not hold it.
-        doubt: why the model cannot be what moved the joint; empty if no check says so. Files do not hold it.
-        lasting: part of `excess` that stands for a property of the joint, which other motion may hide; None if there is
-            none. Files do not hold it.
-        bias: of the coordinates by such a property, shape (k,), None unless it is certain. Files do not hold it.
+        doubt, lasting, bias: of what the model lacks, as in `misfit.Misfit`. Files do not hold them.
     """
 
     texts: tuple[str, ...]

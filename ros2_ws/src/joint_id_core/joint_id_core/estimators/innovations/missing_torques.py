@@ -100,7 +100,7 @@ def _with_a_spring(data: FitData, known: dict[str, Array], value: dict[str, floa
 
     reach = REACH * math.sqrt(float(twist @ twist) / len(twist)) or 1.0
     name, advice = "play in the gear", "let a load keep the gear on one side"
-    slope = value[str(model.stiffness)] + 0.0 * twist
+    slope = np.full(len(twist), value[str(model.stiffness)])
     if model.cubic_stiffness is not None:
         slope += 3.0 * value[model.cubic_stiffness] * twist * twist
     # A little play, at the stiffness that was found; and much of it, in whose place the spring became soft.
@@ -108,13 +108,14 @@ def _with_a_spring(data: FitData, known: dict[str, Array], value: dict[str, floa
     found.append(Shape(name, advice, pushing(side), replaced=True))
     name, advice = "hysteresis of the gear", f"a part of {model.gear_damping} is that"
     found.append(Shape(name, advice, pushing(-hysteresis(twist, reach)), replaced=True, measure=(1.0, "Nm")))
-    friction = [("motor", motor, -ratio)] if load is None else [("motor", motor, -ratio), ("link", load, 1.0)]
-    for name, channel, turns in friction:
+    # A torque of the drive pushes the joint, one of the load holds it as friction does.
+    sides = [("motor", motor, -1.0, ratio * reach)] + ([] if load is None else [("link", load, 1.0, reach)])
+    for name, channel, sign, distance in sides:
         direction = np.sign(known[f"{name}_velocity"])
-        late = math.copysign(1.0, turns) * (hysteresis(known[f"{name}_position"], abs(turns) * reach) - direction)
+        late = sign * (hysteresis(known[f"{name}_position"], distance) - direction)
         text = f"friction at the {name} that turns over some distance"
         found.append(Shape(text, "no friction law has that", ((channel, late),), replaced=True))
-        grows = math.copysign(1.0, turns) * np.abs(slope * twist) * direction
+        grows = sign * np.abs(slope * twist) * direction
         text = f"friction at the {name} that grows with the load"
         found.append(Shape(text, "no friction law has that", ((channel, grows),), replaced=True))
     if model.cubic_stiffness is not None and model.cubic_stiffness not in data.free:
