@@ -71,6 +71,14 @@ def test_another_recording_that_must_be_predicted_has_its_load(run):
     assert explained > 0.99
 
 
+def test_a_base_that_is_mounted_otherwise_is_named(run):
+    words = ("fit", "moves", "--urdf", "arm.urdf", "--joint", "lift", "--model", "rigid_joint")
+    code, out, err = run(*words, "--base-gravity", "9.81,0,0", "--json")
+    found = json.loads(out)
+    assert code == 1 and found["status"] == "poor_fit", out + err
+    assert "give --base-gravity 0,0,-9.81 if the base is mounted so" in found["message"]
+
+
 def test_a_report_names_the_description(run):
     code, out, err = run("report", "moves", "--urdf", "arm.urdf", "--joint", "lift", "-o", "lift.html")
     assert code == 0, out + err

@@ -18,7 +18,7 @@ pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
 
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.equations import equations
-from joint_id_core.arm.gravity import check_gravity
+from joint_id_core.arm.gravity import check_gravity, other_gravity
 from joint_id_core.arm.regressor import Regressor
 
 GAINS = {name: {"torque": 1.0} for name in JOINTS}
@@ -55,3 +55,57 @@ def test_links_that_are_only_placeholders_do_not_turn_it():
     placeholders = re.sub(r'mass value="[^"]*"', 'mass value="1"', URDF)
     placeholders = re.sub(r'(<inertial>\s*<origin xyz)="[^"]*"', r'\1="0 0 0"', placeholders)
     check(FLOOR, mounted(FLOOR), placeholders)
+
+
+def in_amperes(record: dict[str, Recording]) -> dict[str, Recording]:
+    """The same with currents, whose constants differ from joint to joint, and nobody knows."""
+    constants = np.geomspace(3.0, 90.0, len(record))
+    return {
+        n: Recording(
+            r.time, {"link_position": r["link_position"], "current": r["torque"] / k}, source=r.source, joint=n
+        )
+        for (n, r), k in zip(record.items(), constants, strict=True)
+    }
+
+
+@pytest.mark.parametrize("taken", [CEILING, WALL, SLOPE])
+@pytest.mark.parametrize("mounted_as", [FLOOR, WALL])
+def test_for_the_load_of_one_joint_no_torque_constant_is_needed(taken, mounted_as):
+    said = other_gravity(Description(URDF, "arm.urdf", taken), [in_amperes(mounted(mounted_as))])
+    if taken == mounted_as:
+        assert not said
+        return
+    assert f"not along {','.join(f'{v:.3g}' for v in taken)}" in said
+    found = [float(v) for v in re.search(r"--base-gravity (\S+) if", said)[1].split(",")]
+    np.testing.assert_allclose(found, mounted_as, atol=0.3)
+
+
+def test_gravity_that_acts_as_taken_is_not_doubted():
+    record = mounted(FLOOR)
+    assert not other_gravity(Description(URDF, "arm.urdf", FLOOR), [record, in_amperes(record)])
+    light = re.sub(r'mass value="[^"]*"', 'mass value="1"', URDF)
+    assert not other_gravity(Description(light, "arm.urdf", FLOOR), [record])
+
+
+def test_without_drives_gravity_or_motion_nothing_is_said():
+    record, wrong = mounted(FLOOR), Description(URDF, "arm.urdf", WALL)
+    assert other_gravity(wrong, [record])
+    assert not other_gravity(
+        wrong, [{n: Recording(r.time, {"link_position": r["link_position"]}) for n, r in record.items()}]
+    )
+    assert not other_gravity(Description(URDF, "arm.urdf", (0.0, 0.0, 0.0)), [record])
+    still = {n: r.with_channels({"link_position": 0.0 * r.time, "torque": 0.0 * r.time}) for n, r in record.items()}
+    assert not other_gravity(wrong, [still])
+
+
+def test_one_joint_that_moves_tells_no_single_direction():
+    record, first = mounted(FLOOR), JOINTS[1]
+    time, other = record[first].time, Description(URDF, "arm.urdf", CEILING)
+    alone = {n: r if n == first else r.with_channels({"link_position": 0.0 * time}) for n, r in record.items()}
+    moved = np.array([alone[n]["link_position"] for n in JOINTS]).T
+    still, true = np.zeros_like(moved), Description(URDF, "arm.urdf", FLOOR)
+    torque = true.loads(moved, still, still).torque
+    noise = np.random.default_rng(1).normal(0.0, 0.1, torque.shape)
+    alone = {n: r.with_channels({"torque": (torque + noise)[:, j]}) for j, (n, r) in enumerate(alone.items())}
+    said = other_gravity(other, [alone])
+    assert "along another direction" in said and "give its direction with --base-gravity if" in said

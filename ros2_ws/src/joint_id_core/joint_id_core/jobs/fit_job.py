@@ -111,7 +111,7 @@ class FitJob:
         found = fit_several(model, given.recordings, settings, self.estimator, progress)
         if self.urdf is None:
             return found
-        return replace(found, estimate=replace(found.estimate, notes=(*found.estimate.notes, *given.notes)))
+        return replace(found, estimate=_told(found.estimate, given))
 
     def of_every_joint(self) -> list[FitJob]:
         """Return one job for every joint that the files hold.
@@ -130,6 +130,16 @@ class FitJob:
                 )
             names |= dict.fromkeys(found)
         return [replace(self, joint=name) for name in names]
+
+
+def _told(estimate: Estimate, given: Given) -> Estimate:
+    """Return an estimate with what is said of its recordings; a doubt about them comes before other notes."""
+    if not given.doubt:
+        return replace(estimate, notes=(*estimate.notes, *given.notes))
+    from joint_id_core.estimators.shared.sentences import message
+
+    notes = (*estimate.notes[:1], given.doubt, *estimate.notes[1:], *given.notes)
+    return replace(estimate, notes=notes, message=message(notes))
 
 
 def _doubt(model: Model, estimate: Estimate) -> str:

@@ -17,11 +17,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Given:
-    """Recordings that are fitted, one that the fit must predict, and what is said of how they came about."""
+    """Recordings that are fitted, one that the fit must predict, what is said of how they came about, and a doubt."""
 
     recordings: list[Recording]
     other: Recording | None = None
     notes: tuple[str, ...] = ()
+    doubt: str = ""
 
 
 @dataclass(frozen=True)
@@ -93,10 +94,11 @@ def described(urdf: Path, base_gravity: str | None) -> Description:
 
 def given_with_load(description: Description, joint: str, records: Sequence[Mapping[str, Recording]]) -> Given:
     """Return recordings of a joint, of all joints by name, with the load that the rest of the arm puts on it."""
+    from joint_id_core.arm.gravity import other_gravity
     from joint_id_core.arm.loaded import loaded
 
     done = loaded(description, joint, records)
-    return Given(list(done.recordings), notes=(done.text,))
+    return Given(list(done.recordings), notes=(done.text,), doubt=other_gravity(description, records))
 
 
 def window(recording: Recording, start: float | None, end: float | None) -> Recording:
