@@ -25,6 +25,29 @@ MODEL = build("harmonic_drive")
 NOISE = {"link_position": 1e-5, "motor_velocity": 0.1}
 
 
+class Moves:
+    """A position reference: moves (polynomials of fifth order) to six places at random, with rests of `rest_s`."""
+
+    def __init__(self, seed, rest_s):
+        rng, self.begins, self.places, self.lasts = np.random.default_rng(seed), [0.0], [0.0], []
+        for _ in range(6):
+            self.lasts.append(rng.uniform(0.6, 1.4))
+            self.places.append(rng.uniform(-1.0, 1.0))
+            self.begins.append(self.begins[-1] + self.lasts[-1] + rest_s)
+
+    def _at(self, time):
+        k = min(int(np.searchsorted(self.begins, time, "right")) - 1, 5)
+        return min(1.0, (time - self.begins[k]) / self.lasts[k]), self.places[k], self.places[k + 1], self.lasts[k]
+
+    def value(self, time):
+        x, first, last, _ = self._at(float(time))
+        return first + (last - first) * (10.0 * x**3 - 15.0 * x**4 + 6.0 * x**5)
+
+    def rate(self, time):
+        x, first, last, lasts = self._at(float(time))
+        return (last - first) * (30.0 * x**2 - 60.0 * x**3 + 30.0 * x**4) / lasts if x < 1.0 else 0.0
+
+
 @functools.cache
 def record():
     """Two seconds of Model 2 as a UR robot shows them: two of four states."""
@@ -89,6 +112,47 @@ def test_other_minima_that_are_as_likely_widen_the_standard_deviations(ends):
     for name in free.free:
         assert 8.0 * free[name].std_dev < several[name].std_dev < 24.0 * free[name].std_dev
         assert abs(several[name].value - free[name].value) < free[name].std_dev
+
+
+def test_a_minimum_that_only_few_integrator_steps_make_is_left_out(ends, monkeypatch):
+    """As at a stiff joint: with enough steps its cost was higher than those of the others by thousands."""
+    free, real, tried = fit(MODEL, record()), Search._with_enough_steps, []
+
+    def with_enough_steps(self, best, tolerance):
+        tried.append(best.cost)
+        false = best.cost < free.deviance - 50.0
+        return (self.stages, replace(best, cost=best.cost + 5e3)) if false else real(self, best, tolerance)
+
+    def false_at_two_starts(k, end):
+        far = replace(end, z=end.z + 50.0 * k * np.sqrt(np.diag(end.covariance)))
+        return {2: replace(far, cost=end.cost - 900.0), 4: replace(far, cost=end.cost - 500.0)}.get(k, end)
+
+    monkeypatch.setattr(Search, "_with_enough_steps", with_enough_steps)
+    ends(lambda k, end: false_at_two_starts(k + 2, end))  # the first start ends in one
+    estimate = fit(MODEL, record())
+    assert estimate.converged and "tarts" not in " ".join(estimate.notes)
+    assert tried[:3] == sorted(tried[:3]) and tried[1] < free.deviance - 50.0 < tried[2]
+    for name in free.free:
+        assert abs(estimate[name].value - free[name].value) < 0.2 * free[name].std_dev
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("rest, seed", [(2.0, 14), (0.3, 4)])
+def test_short_moves_of_a_stiff_joint_are_no_poor_fit(rest, seed):
+    """Six smooth moves with rests, which tell little of the gear: both were poor fits, one with ten times `k_1`."""
+    model, truth = build("motor_side"), build("harmonic_drive")
+    moves = Moves(seed, rest)
+    time = np.arange(int(moves.begins[-1] * 500)) / 500
+    sensors = Sensors(noise={"link_position": 1e-5, "motor_velocity": 0.05})
+    motion = simulate_closed_loop(
+        truth, PositionController(), moves, time, torque_noise=0.003, seed=seed, sensors=sensors
+    )
+    seen = {name: motion[name] for name in ("link_position", "motor_velocity", "torque")}
+    estimate = fit(model, Recording(motion.time, seen))
+    assert estimate.converged, estimate.message
+    for name in ("J_m", "c_m", "tau_fm", "k_1", "c_1", "k_2"):
+        row = estimate[name]
+        assert abs(row.value - truth.values({})[name]) < 4.0 * row.std_dev, (name, row)
 
 
 def test_ends_within_a_sigma_are_the_same_whatever_their_cost(ends):

@@ -27,6 +27,9 @@ SAME_STEPS = 0.02  # shift of an estimate, in spreads of its prior, up to which 
 SAME_LEVELS = 0.15  # change of a noise level's logarithm up to which the covariance is kept (at most 8 % of a sigma)
 SAME_COST = 2.0  # two starts whose costs differ by less have found the same minimum
 CLOSE = 22.0  # difference of the costs of two minima up to which both are credible: 95 % of chi2 with 13 unknowns
+MOST_FINISHED = (
+    3  # minima that are computed with enough integrator steps, as far as those with few were none: it takes time
+)
 APART = 2.0  # distance in standard deviations from which they are two
 # When states are not measured, the cost has several minima. Feedback of the extra starts, that of labels from which the
 # noise levels are fitted: from the prior mean, and from the best minimum so far. In ordinary motion each way finds the
@@ -152,19 +155,43 @@ class Search:
             agreed = agreed or _lowest(ends)[1]
             if agreed:
                 break
-        best = min(ends, key=lambda end: end.cost)
+        fine, best, true = self._finished(ends, tolerance)
+        if len(true) < len(ends):
+            agreed = measured or sum(_same(best, end) for end in true) > 1
         doubt = alone = ""
-        starts, others = f"of {tried} starts", _others(ends, best)
+        starts, others = f"of {tried} starts", _others(true, best)
         if len(ends) == 1 and not agreed:
             doubt = f"only one {starts} led to a minimum, the others nowhere, so a better one may exist"
         elif not agreed:
             alone = f"only one {starts} led to this minimum, the lowest of {len(ends)}: a lower one may exist"
+        return Outcome(*fine, doubt, alone, others)
+
+    def _finished(
+        self, ends: list[Minimum], tolerance: float | None
+    ) -> tuple[tuple[Stages, Minimum], Minimum, list[Minimum]]:
+        """Return the lowest minimum with enough integrator steps and its stages, the end that led to it, and the ends.
+
+        Few steps may make a minimum where there is none, at a stiff joint for instance: those are left out of the ends.
+        """
+        found: list[tuple[tuple[Stages, Minimum], Minimum, list[Minimum]]] = []
+        while ends and len(found) < MOST_FINISHED:
+            best = min(ends, key=lambda end: end.cost)
+            fine = self._with_enough_steps(best, tolerance)
+            found.append((fine, best, ends))
+            ends = [end for end in ends if end.cost > best.cost + SAME_COST]
+            if fine[1].cost < min((end.cost for end in ends), default=np.inf) + CLOSE:
+                break
+        return min(found, key=lambda one: one[0][1].cost)
+
+    def _with_enough_steps(self, best: Minimum, tolerance: float | None) -> tuple[Stages, Minimum]:
+        """Return a minimum with enough integrator steps, and its stages, which tell whether the gear starts loaded."""
+        stages = self.stages
         if self._starts_loaded(best.z, best.levels, best.last.steps):
             near = stages.started_near(stages.cost.values(best.z))
             loaded = near.again(best, best.substeps, tolerance)
             if loaded is not None:
                 stages, best = near, loaded
-        return Outcome(stages, stages.refined(best, tolerance), doubt, alone, others)
+        return stages, stages.refined(best, tolerance)
 
     def _end(self, k: int, best: Array | None, measured: bool, tolerance: float | None) -> Minimum | None:
         """Return where start k ends, `best` (k,) being where the best one ended; None if it gives no finite cost."""
