@@ -27,9 +27,8 @@ SAME_STEPS = 0.02  # shift of an estimate, in spreads of its prior, up to which 
 SAME_LEVELS = 0.15  # change of a noise level's logarithm up to which the covariance is kept (at most 8 % of a sigma)
 SAME_COST = 2.0  # two starts whose costs differ by less have found the same minimum
 CLOSE = 22.0  # difference of the costs of two minima up to which both are credible: 95 % of chi2 with 13 unknowns
-MOST_FINISHED = (
-    3  # minima that are computed with enough integrator steps, as far as those with few were none: it takes time
-)
+FALSE = 0.1  # rise of the cost with enough integrator steps, over the number of samples, from which few made a minimum
+MOST_FINISHED = 3  # minima that get enough steps, as far as those before were false: it takes time
 APART = 2.0  # distance in standard deviations from which they are two
 # When states are not measured, the cost has several minima. Feedback of the extra starts, that of labels from which the
 # noise levels are fitted: from the prior mean, and from the best minimum so far. In ordinary motion each way finds the
@@ -179,7 +178,7 @@ class Search:
             fine = self._with_enough_steps(best, tolerance)
             found.append((fine, best, ends))
             ends = [end for end in ends if end.cost > best.cost + SAME_COST]
-            if fine[1].cost < min((end.cost for end in ends), default=np.inf) + CLOSE:
+            if fine[1].cost < best.cost + FALSE * len(self.stages.data.time):
                 break
         return min(found, key=lambda one: one[0][1].cost)
 
