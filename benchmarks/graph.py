@@ -5,7 +5,8 @@
 Emulated robot, driver, filter and identifier are processes of their own, as on a robot; this one listens to
 joint_params. The driver ends at 500 Hz, so at a higher rate `graph_source.py` publishes simulated joints. In the case
 "receiving", the window is longer than the run: the identifier takes in and converts samples, and fits nothing. "load"
-is the same with a description of the robot, from which the filter computes the load of every joint. In the first 16 s
+is the same with a description of the robot, from which the filter computes the load of every joint. In "rest" the robot
+stands, and the estimates that are published say so. In the first 16 s
 of motion all samples are fitted anew three times beside the recursion; `--after 25` leaves these out.
 
 The share of a core is small on a computer that has no time for the nodes, so the time per sample that a node received
@@ -44,8 +45,8 @@ from joint_id_msgs.msg import JointParams, JointSamples
 
 DOMAIN = 1 + os.getpid() % 100
 PATIENCE_S = 120.0  # until the first estimate: the first fit of a model compiles it
-CASES = ("robot", "receiving", "load", "fast")
-IDLE = ("receiving", "load")  # in which nothing is fitted
+CASES = ("robot", "receiving", "load", "rest", "fast")
+IDLE = ("receiving", "load", "rest")  # in which nothing is fitted
 FAST_HZ = 1000.0
 JOINTS = build_joints(ROBOTS[0])  # those of the emulator
 
@@ -77,7 +78,7 @@ def main() -> None:
 
 def _measure(case: str, model: str, hop: float, duration: float, after: float, parts: bool) -> dict[str, Any]:
     """Run one case and return its figures."""
-    window = 2.0 if case not in IDLE else 600.0
+    window = 600.0 if case in ("receiving", "load") else 2.0
     settings = {"model": model, "actuation": "current", "window_s": window, "hop_s": hop}
     with ExitStack() as stack:
         watcher = stack.enter_context(_watching(parts))
@@ -96,7 +97,8 @@ def _measure(case: str, model: str, hop: float, duration: float, after: float, p
             settings["joints"] = listed([j.name for j in JOINTS])
             settings["set"] = listed([f"{j.name}.k_t={j.values['k_t']!r}" for j in JOINTS])
             processes["identifier"] = stack.enter_context(node("identifier", settings))
-            emulator = stack.enter_context(EmulatorProcess("--host", "127.0.0.1"))
+            moving = "none" if case == "rest" else "all"
+            emulator = stack.enter_context(EmulatorProcess("--host", "127.0.0.1", "--moving", moving))
             processes["emulator"] = emulator.process
             address = {"robot_ip": emulator.host, "port": emulator.port}
             processes["driver"] = stack.enter_context(node("driver", address))

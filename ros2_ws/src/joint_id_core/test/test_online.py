@@ -48,6 +48,28 @@ def test_first_estimate_after_one_window_then_one_a_hop():
         assert e.end - e.start == pytest.approx(2.0, abs=STILL_S + 2.5 / RATE)
 
 
+def test_a_joint_that_rests_from_the_start_says_so_at_every_hop_and_is_fitted_once_it_moves(monkeypatch):
+    moves, still = motion(4.0), 4 * RATE
+    rest = {n: np.resize(v[:1], still) for n, v in moves.channels.items()}
+    rest["link_position"] = rest["link_position"] + 1e-5 * np.random.default_rng(1).standard_normal(still)
+    time = np.arange(still + len(moves)) / RATE
+    whole = Recording(time, {n: np.concatenate([rest[n], v]) for n, v in moves.channels.items()}, source="robot")
+    identifier = OnlineIdentifier(MODEL, options=OnlineOptions(window_s=2.0, hop_s=0.1))
+    joined = []
+    real = SlidingWindow.recording
+    monkeypatch.setattr(SlidingWindow, "recording", lambda *a: joined.append(1) or real(*a))
+    resting = run(whole.slice(0, still), identifier, size=10)
+    assert len(resting) > 15 and {e.status for e in resting} == {Status.NO_MOTION}
+    assert len(joined) <= 41  # looked at ten times a second, and not joined for each estimate
+    for e in resting:
+        assert e.end - e.start == pytest.approx(2.0, abs=2.5 / RATE) and e.samples == pytest.approx(2.0 * RATE, abs=2)
+        assert e.source == "robot" and "robot: The joint rests" in e.message
+    after = run(whole.slice(still, len(whole)), identifier, size=10)
+    assert after[-1].status is Status.CONVERGED
+    first = next(e for e in after if e.converged)
+    assert first.end < time[still] + 2.0 + 0.1 + 0.1 + 2.0 * STILL_S
+
+
 def test_warm_windows_agree_with_cold_fits_of_the_same_samples():
     """Without memory a window is fitted by itself: only the way there differs."""
     identifier = OnlineIdentifier(MODEL, options=OnlineOptions(memory_s=0.0))

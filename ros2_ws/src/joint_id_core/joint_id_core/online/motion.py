@@ -129,7 +129,9 @@ class MotionWatch:
     def _stirs(self) -> bool:
         """Return whether the newest sample of a joint that rests may be in motion."""
         newest = self.recent.newest
-        if self.noise is None or newest is None or self._stood is None:
+        if self.noise is None:
+            return False  # before the first estimate a motion may begin a tenth of a second late
+        if newest is None or self._stood is None:
             return True
         far = [(newest.channels[n][-1], least) for n, least in self._speeds(newest)]
         far += [(newest.channels[n][-1] - self._stood.get(n, math.inf), least) for n, least in self._places(newest)]
