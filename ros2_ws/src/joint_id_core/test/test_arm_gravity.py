@@ -98,6 +98,15 @@ def test_without_drives_gravity_or_motion_nothing_is_said():
     assert not other_gravity(wrong, [still])
 
 
+def test_a_drive_with_gaps_is_used_as_far_as_it_is_known():
+    record, other = mounted(FLOOR), Description(URDF, "arm.urdf", WALL)
+    gaps = np.where(np.arange(4000) % 3 > 0, np.nan, 1.0)
+    holes = {n: r.with_channels({"torque": gaps * r["torque"]}) for n, r in record.items()}
+    assert "--base-gravity 0,0,-9.81 if" in other_gravity(other, [holes])
+    nothing = {n: r.with_channels({"torque": np.nan * r["torque"]}) for n, r in record.items()}
+    assert not other_gravity(other, [nothing])
+
+
 def test_one_joint_that_moves_tells_no_single_direction():
     record, first = mounted(FLOOR), JOINTS[1]
     time, other = record[first].time, Description(URDF, "arm.urdf", CEILING)

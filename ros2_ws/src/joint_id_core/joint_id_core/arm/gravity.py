@@ -21,15 +21,13 @@ from joint_id_core.arm.stacked import Stacked, centred, solved
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 
-INSTANTS = 300  # of all recordings
+INSTANTS, LEAST = 300, 30  # of all recordings; of one joint in one of them
 # Another direction is told if it leaves so many times less of the torques, and is so many degrees away. With the stock
 # description of a UR10e and gravity 45 degrees off it is 30 times, with links whose centres are anywhere 2.5 times.
 BETTER, TURNED = 6.0, 40.0
 NEAR = 10.0  # degrees from an axis of the base within which that axis is told
 DIRECTIONS, ROUNDS = 400, 10  # that are tried, and rounds that refine the best one
-SHOWN = (
-    0.01  # least information on a direction, over the most, with which torques tell it: one joint that moves does not
-)
+SHOWN = 0.01  # least information on a direction, over the most, with which torques tell it; one joint alone does not
 G = float(np.linalg.norm(GRAVITY))
 
 
@@ -153,8 +151,11 @@ def _pulled(description: Description, records: Sequence[Mapping[str, Recording]]
                 continue
             time = record[name].time + float(record[name].origin - first.origin)
             y = np.interp(first.time[rows], time, record[name][drive])
-            own = centred(np.column_stack([ddq[:, j], dq[:, j], np.sign(dq[:, j]), moved[:, j]]))
-            some = centred(np.column_stack([y, pull[:, j]]))
+            told = np.isfinite(y)
+            if np.count_nonzero(told) < LEAST:
+                continue
+            own = centred(np.column_stack([ddq[:, j], dq[:, j], np.sign(dq[:, j]), moved[:, j]])[told])
+            some = centred(np.column_stack([y, pull[:, j]])[told])
             some = some - own @ np.linalg.lstsq(own, some, rcond=None)[0]
             table, y = some[:, 1:], some[:, 0]
             sigma = float(np.std(y - table @ np.linalg.lstsq(table, y, rcond=None)[0]))

@@ -143,9 +143,7 @@ def too_short(model: Model, window: SlidingWindow, needed_s: float) -> Estimate:
 
 def at_rest(model: Model, window: SlidingWindow) -> Estimate:
     """Return what is said of a joint that rests before its first estimate."""
-    newest = (
-        window.newest
-    )  # the samples of the whole window are not needed, and there may be an estimate for each of them
+    newest = window.newest  # to join the samples of the window for every estimate would take long
     assert newest is not None
     text = f"{newest.source}: {sentence('the joint rests in this window: move the joint')}"
     found = unusable(model, "innovations", UnusableError(Status.NO_MOTION, text), newest)
