@@ -11,6 +11,7 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import ParameterSettings
 from joint_id_core.models import build
 from joint_id_core.online import OnlineIdentifier, OnlineOptions
+from joint_id_core.online.task import Task
 from joint_id_core.results.estimate import Status, Verdict
 from joint_id_core.simulation.excitation import position_reference
 from joint_id_core.simulation.plants import MotionOptions, PositionControl
@@ -139,6 +140,22 @@ def test_a_noisier_sensor_is_no_change_of_the_joint():
     last = found[-1]
     assert last.converged and worst(last, TRUTH) < 5.0
     assert last.noise["motor_velocity"] == pytest.approx(np.hypot(0.1, 0.2), rel=0.2)
+
+
+def test_windows_after_a_change_are_fitted_from_the_values_of_today(monkeypatch):
+    """From those before it one search in ten ended in a wrong minimum: a poor fit, or intervals ten times as wide."""
+    begun, real = [], Task.fit
+
+    def fit(self, recording, previous):
+        if previous is not None and recording.duration < 1.1 * WINDOW_S:
+            begun.append((float(recording.time[0]), previous["J_q"].value))
+        return real(self, recording, previous)
+
+    monkeypatch.setattr(Task, "fit", fit)
+    watched(changing(("J_q",), 2.0, 8.0, 12.0))
+    after = [value / TRUTH["J_q"] for start, value in begun if start > 8.0]
+    assert len(after) >= 2
+    np.testing.assert_allclose(after, 2.0, rtol=0.02)
 
 
 def test_rest_changes_nothing_and_costs_nothing():

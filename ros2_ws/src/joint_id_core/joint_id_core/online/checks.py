@@ -94,12 +94,16 @@ class WindowChecks:
         if not self._doubt:
             self._next, self._doubt = -np.inf, True
 
+    def due(self, window: SlidingWindow) -> bool:
+        """Return whether `run` starts a check."""
+        return self._running is None and window.end >= self._next
+
     def run(self, window: SlidingWindow, fit: Callable[[Recording], Estimate], tested_from: float) -> Checked | None:
         """Start a check if one is due; return the result of one that has ended, else None.
 
         The newest stretch of samples that agreed with what is known began at `tested_from`, in s.
         """
-        if self._running is None and window.end >= self._next:
+        if self.due(window):
             self._count += 1
             length = CHECK_AFTER[self._count] if self._count < len(CHECK_AFTER) else CHECK_EVERY
             self._next = window.end + length * self._window_s

@@ -278,11 +278,14 @@ class OnlineIdentifier:
 
     def _agrees(self, known: Knowledge) -> bool:
         """Check the newest window, if it is time for that; return whether it agrees with what is known."""
-        last = known.last
         if known.follower.noise_changed:
             self._checks.ask()
+        start = known.last
+        if self._checks.due(self._window):  # from the values before a change, one search in ten ends elsewhere
+            today = known.estimate(self._window)
+            start = today if today.converged else start
         tested_from = known.follower.tested_from
-        checked = self._checks.run(self._window, lambda recording: self._task.fit(recording, last), tested_from)
+        checked = self._checks.run(self._window, lambda recording: self._task.fit(recording, start), tested_from)
         return checked is None or known.agrees(checked)
 
     def _fitted(self) -> Estimate:
