@@ -98,6 +98,10 @@ def test_without_drives_gravity_or_motion_nothing_is_said():
     assert not other_gravity(wrong, [still])
 
 
+def test_many_recordings_tell_it_as_one_does():
+    assert "--base-gravity 0,0,-9.81 if" in other_gravity(Description(URDF, "arm.urdf", WALL), [mounted(FLOOR)] * 13)
+
+
 def test_a_drive_with_gaps_is_used_as_far_as_it_is_known():
     record, other = mounted(FLOOR), Description(URDF, "arm.urdf", WALL)
     gaps = np.where(np.arange(4000) % 3 > 0, np.nan, 1.0)

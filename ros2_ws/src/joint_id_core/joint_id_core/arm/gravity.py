@@ -141,7 +141,8 @@ def _pulled(description: Description, records: Sequence[Mapping[str, Recording]]
         known = np.flatnonzero(np.isfinite(ddq).all(axis=1))
         if not len(known):
             continue
-        rows = known[np.linspace(0, len(known) - 1, INSTANTS // len(records)).astype(np.intp)]
+        count = max(2 * LEAST, INSTANTS // len(records))
+        rows = known[np.linspace(0, len(known) - 1, count).astype(np.intp)]
         q, dq, ddq, still = q[rows], dq[rows], ddq[rows], np.zeros((len(rows), len(description.joints)))
         pull = np.stack([axis.loads(q, still, still).torque / G for axis in axes], axis=2)
         moved = description.loads(q, dq, ddq).torque - pull @ description.gravity
