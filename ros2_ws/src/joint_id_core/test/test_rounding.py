@@ -170,9 +170,9 @@ def test_the_most_coloured_residuals_are_named_where_no_probability_is_left():
     residuals = np.column_stack([weak / np.std(weak), strong / np.std(strong)])
     data = SimpleNamespace(labels=("motor_velocity", "link_position"), rows=tuple(residuals.T))
     recursion = SimpleNamespace(data=data, scores=lambda last: residuals[:, :1])
-    coordinates = SimpleNamespace(slope=lambda z: np.ones(1))
+    coordinates = SimpleNamespace(slope_at=lambda free: np.ones(1))
     minimum = SimpleNamespace(z=np.zeros(1), hessian=T * np.eye(1), inverse=np.eye(1) / T)
-    said = memory(recursion, coordinates, minimum, SimpleNamespace(residuals=residuals)).text
+    said = memory(recursion, coordinates, minimum, SimpleNamespace(residuals=residuals, free=np.ones(1))).text
     assert "residuals of link_position" in said and f"{LAGS} samples" in said
 
 

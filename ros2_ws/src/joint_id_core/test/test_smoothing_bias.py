@@ -65,14 +65,14 @@ def test_intervals_hold_the_truth_whether_noise_or_the_integrator_decides(noise)
 
 
 def test_steps_that_are_chosen_find_what_the_finest_find():
-    """One step a sample is several standard deviations off."""
+    """One step a sample is off by more than a standard deviation, though reversals of friction get more."""
     for seed in range(3):
         few, chosen, finest = (
             fit(MODEL, record(seed, 1.0), estimator=Innovations(substeps=steps)) for steps in (1, 0, 64)
         )
         for name in chosen.free:
             assert abs(chosen[name].value - finest[name].value) < 0.1 * finest[name].std_dev, name
-        assert abs(few["J"].value - finest["J"].value) > 2.0 * finest["J"].std_dev
+        assert abs(few["J"].value - finest["J"].value) > finest["J"].std_dev
 
 
 def sticking(seed: int) -> Recording:
@@ -93,11 +93,11 @@ def without(monkeypatch, record_of, seeds):
 
 
 def test_the_interval_of_a_joint_that_sticks_contains_the_bias_of_smooth_friction(monkeypatch):
-    """It moves the estimates of all records alike, those of J by eleven times their scatter."""
+    """It moves the estimates of all records alike, those of J by more than they say."""
     known, unknown = without(monkeypatch, sticking, range(24))
     z, z_without = scores(known), scores(unknown)
     J = known[0].free.index("J")
-    assert np.mean(np.abs(z_without[:, J]) < 1.96) < 0.8
+    assert abs(np.mean(z_without[:, J])) > 1.0  # by chance of 24 records at most 0.6
     assert np.mean(np.abs(z) < 1.96) > 0.9
     assert 0.4 < np.sqrt(np.mean(z**2)) < 1.2  # not much wider than that asks for
 

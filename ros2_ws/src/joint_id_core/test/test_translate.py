@@ -32,6 +32,7 @@ def ordinary(x: np.ndarray, k: np.ndarray, out: np.ndarray) -> float:
     rows[0, 0], rows[1, 1] = rows[1, 1], rows[0, 0]
     counts = np.empty(2, dtype=np.int64)
     counts[0], counts[1] = size, 1
+    counts[1] = max(counts[1], int(min(2.7, abs(x[0]))) - 1)
     for i in range(counts[1], counts[0], 2):
         out[i] = max(total, x[i], -3) + min(math.tanh(x[i]), rows[i % 2, 0])
     spread(rows[0], out)

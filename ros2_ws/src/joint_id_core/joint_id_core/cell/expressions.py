@@ -127,12 +127,14 @@ class Expressions(ABC):
         if function in (np.empty, np.zeros):
             options = {str(k.arg): self.value(k.value) for k in node.keywords}
             return self._new_array(arguments[0], function is np.zeros, **options)
-        if function in (min, max, abs) and all(map(known, arguments)):
+        if function in (min, max, abs, int) and all(map(known, arguments)):
             return function(*arguments)
         if function in (min, max):
             return self.machine.extreme(ast.Lt if function is min else ast.Gt, arguments)
         if function is abs:
             return self.machine.function(math.fabs, arguments)
+        if function is int:
+            return self.machine.whole(arguments[0])
         if function is math.isnan:
             return self.builder.fcmp_unordered("uno", arguments[0], arguments[0])
         if getattr(math, function.__name__, None) is function:

@@ -146,6 +146,10 @@ class Machine:
             found = self.builder.select(better, self.as_kind(common, value), self.as_kind(common, found))
         return found
 
+    def whole(self, value: Any) -> Any:
+        """Return a number without its fraction as an integer, which must be able to hold it."""
+        return self.builder.fptosi(value, INT) if kind_of(value) == FLOAT else self.as_kind(INT, value)
+
     def function(self, function: Any, arguments: Sequence[Any]) -> Any:
         """Call a function of `math` in numba's implementation."""
         signature = types.float64(*[types.float64] * len(arguments))

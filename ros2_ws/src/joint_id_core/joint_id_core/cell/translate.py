@@ -5,8 +5,8 @@ through numba. This skips numba's own analysis of Python, which takes three time
 that are called are inlined. A branch whose condition is a constant false produces no code.
 
 Supported: numbers, arrays of numbers, tuples of constants, arithmetic, comparisons, `and`, `or`, `not`, conditional
-expressions, `if`, `for ... in range(...)`, `break`, `continue`, `return`, `len`, `abs`, `min`, `max`, `np.empty`,
-`np.zeros`, the functions of `math`, and calls of other such functions.
+expressions, `if`, `for ... in range(...)`, `break`, `continue`, `return`, `len`, `abs`, `min`, `max`, `int`,
+`np.empty`, `np.zeros`, the functions of `math`, and calls of other such functions.
 
 Differences from Python: indices and the operands of `//` and `%` must not be negative, a variable keeps its type, the
 name of an array cannot be assigned again, and the variable of a loop does not exist after the loop.

@@ -33,7 +33,7 @@ class State:
     """State of the filter: see `loops.tracking`.
 
     Attributes:
-        kept: the state with its covariance and its derivatives by the parameters, and the state one sample before.
+        kept: the state with its covariance and its derivatives by the parameters.
         time, u: of the last sample; u has shape (inputs,).
         start: state of the prior, and the first samples, that gave this one; None if the start was longer ago.
     """

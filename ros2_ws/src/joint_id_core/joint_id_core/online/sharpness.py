@@ -14,7 +14,7 @@ from joint_id_core.cell.kernel import Kernel
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.shared.fit_data import FitData
 from joint_id_core.estimators.shared.initial_state import rough_states
-from joint_id_core.estimators.shared.substeps import KINK, MORE_STEPS, MOST_STEPS, steps_to_stand
+from joint_id_core.estimators.shared.substeps import KINK, MORE_STEPS, MOST_STEPS, MOST_TURNING, steps_to_stand
 
 SHARPEST = 0.1
 # RK4 needs more steps there while a joint sticks: with too few, a path that had gone unstable came back 70 standard
@@ -30,13 +30,15 @@ class Friction:
     Attributes:
         smoothing: factor on the smoothing velocities of a fit.
         velocities: these velocities, of those that are sharpened.
-        stiff, many: as in `loops.tracking.track`.
+        stiff, many, smooth, most: as in `loops.tracking.track`.
     """
 
     smoothing: float
     velocities: Array
     stiff: Array
     many: int
+    smooth: Array
+    most: int = MOST_TURNING
 
 
 class Sharpness:
@@ -66,9 +68,10 @@ class Sharpness:
         """Return friction whose smoothing velocities are those of a fit times `smoothing`, and the steps it needs."""
         data, p = self._data, p.copy()
         p[self.sharpened] = data.p[self.sharpened] * smoothing
-        stiff = np.full(len(data.model.states), -1.0)
+        stiff, smooth = np.full(len(data.model.states), -1.0), np.full(len(data.model.states), -1.0)
         for velocity, name in data.model.smoothing.items():
-            stiff[data.model.state_names.index(velocity)] = KINK * p[data.model.parameter_names.index(name)]
+            state, at = data.model.state_names.index(velocity), data.model.parameter_names.index(name)
+            stiff[state], smooth[state] = KINK * p[at], data.p[at]
         stable = steps_to_stand(data, self._kernel, p, self._states, self._substeps, MOST_SHARP_STEPS)
         many = max(stable, min(MOST_STEPS, round(MORE_STEPS * self._substeps / smoothing)))
-        return Friction(smoothing, p[self.sharpened], stiff, many)
+        return Friction(smoothing, p[self.sharpened], stiff, many, smooth)

@@ -64,7 +64,7 @@ class Tracker:
         self._sizes = Sizes(self._n, len(model.inputs), self._m, self._k, len(self.columns), bool(model.label_delays))
         self._unseen = [name for name in model.state_names if name not in data.labels]
         self._usual: tuple[object, ...] = ()  # channels, and which of them are derived, that hold all signals
-        self._state = State(np.zeros((self._n, 2 + self._n + self._k)), -np.inf, np.zeros(len(model.inputs)))
+        self._state = State(np.zeros((self._n, 1 + self._n + self._k)), -np.inf, np.zeros(len(model.inputs)))
         self._unstored = room(self._sizes, 1)
         self._longest = (1.5 + LONGEST_GAP) * data.period  # step in s that the filter can bridge
         self._take(z)
@@ -106,7 +106,7 @@ class Tracker:
     def _unsure(self, kept: Array) -> Array:
         """Return a state that says little about the one after a change of the parameters."""
         unsure = kept.copy()
-        unsure[:, 1 + self._n : -1] = 0.0
+        unsure[:, 1 + self._n :] = 0.0
         unsure[:, 1 : 1 + self._n] *= UNSURE
         return unsure
 
@@ -131,8 +131,8 @@ class Tracker:
             if end - settled < LEAST:
                 continue
             mean, spread = start_state(data, begin, self._p)
-            kept = np.zeros((self._n, 2 + self._n + self._k))
-            kept[:, 0] = kept[:, -1] = mean
+            kept = np.zeros((self._n, 1 + self._n + self._k))
+            kept[:, 0] = mean
             kept[:, 1 : 1 + self._n] = np.diag(spread**2)
             self._noise = STATE_NOISE * spread**2
             self._state = State(kept, float(data.time[begin]), np.ascontiguousarray(data.u[begin]))
@@ -285,12 +285,13 @@ class Tracker:
 
     def _advance(self, block: Block, count: int) -> bool:
         """Run over the next samples of a block; return whether the path stays finite."""
-        m = self._m
+        m, now = self._m, self._now
         cost = self.kernel.tracking.track(
             block.kept, block.time, block.u, block.y, self.data.label_states, block.gap, self.levels[:m],
-            self.levels[m:], self._noise, self._p, self.substeps, self._now.stiff, self._now.many, block.count, count,
-            self.columns, self._slope, self.z, block.errors, block.variances, block.gains, block.slopes, block.shown,
-            block.sensitivities, block.score, block.matrix, block.vector, block.white, block.largest,
+            self.levels[m:], self._noise, self._p, self.substeps, now.stiff, now.many, now.smooth, now.most,
+            block.count, count, self.columns, self._slope, self.z, block.errors, block.variances, block.gains,
+            block.slopes, block.shown, block.sensitivities, block.score, block.matrix, block.vector, block.white,
+            block.largest,
         )  # fmt: skip
         block.count += count
         block.cost += cost

@@ -23,6 +23,7 @@ SF: int
 AT_P: int
 DELAYED: bool
 constants: Callable[..., None]
+step: Callable[..., None]
 
 
 def track(
@@ -39,6 +40,8 @@ def track(
     substeps: int,
     stiff: Vector,
     many: int,
+    smooth: Vector,
+    most: int,
     first: int,
     count: int,
     columns: Indices,
@@ -58,13 +61,14 @@ def track(
 ) -> float:
     """Run the filter over new samples and return their share of the cost; NaN if the path diverges.
 
-    Where a velocity is so small that smoothed friction makes the cell stiff, or may cross zero, a sample takes `many`
-    integrator steps.
+    A plain step looks one sample ahead. Where a velocity is so small that smoothed friction makes the cell stiff, or
+    may cross zero, the sample takes `many` integrator steps, and more where it crosses zero fast.
 
     Inputs as in `innovations`, and:
-        kept (NX, 2 + NX + NP): filtered state, its covariance, its derivatives by the parameters, and the state one
-            sample before; updated.
+        kept (NX, 1 + NX + NP): filtered state, its covariance and its derivatives by the parameters; updated.
         stiff (NX): speed below which friction makes the cell stiff; negative for states without friction.
+        smooth (NX), most: smoothing velocity of a fit, of each state with friction; where one crosses zero, a sample
+            takes a step for each of them, at most `most`.
         first, count: row of the sample before, whose labels were used, and number of new samples, which follow it.
         columns (k), slope (k), z (k): as in `information.of_free`.
 
@@ -78,24 +82,28 @@ def track(
     c = np.empty(NC)
     constants(p, c)
     V = np.zeros(SF)
-    x, last = np.empty(NX), np.empty(NX)
+    x, ahead = np.empty(NX), np.empty(NX)
     stored = len(K) > 1
     restart(x, V, Q_x)
     for m in range(NX):
         x[m] = kept[m, 0]
-        last[m] = kept[m, 1 + NX + NP]
         for n in range(NX):
             V[AT_P + m * NX + n] = kept[m, 1 + n]
         for j in range(NP):
             V[m * CF + j] = kept[m, 1 + NX + j]
     cost = 0.0
     for t in range(first, first + count):
-        steps = substeps
+        h, steps = time[t + 1] - time[t], substeps
         for m in range(NX):
-            if stiff[m] >= 0.0 and abs(x[m]) < stiff[m] + 2.0 * abs(x[m] - last[m]):
-                steps = many
-            last[m] = x[m]
-        predict(x, V, u[t], u[t + 1], c, time[t + 1] - time[t], steps, gap[t], q, Q_x)
+            ahead[m] = x[m]
+        step(ahead, ahead, u[t], u[t + 1], c, h, substeps)
+        for m in range(NX):
+            change = abs(ahead[m] - x[m])
+            if stiff[m] >= 0.0 and not abs(x[m]) >= stiff[m] + 2.0 * change:
+                steps = max(steps, many)
+                if x[m] * ahead[m] < 0.0:
+                    steps = max(steps, int(min(most, change / smooth[m])))
+        predict(x, V, u[t], u[t + 1], c, h, steps, gap[t], q, Q_x)
         if stored:
             for m in range(NX):
                 for n in range(NX + NU):
@@ -108,7 +116,6 @@ def track(
             return math.nan
     for m in range(NX):
         kept[m, 0] = x[m]
-        kept[m, 1 + NX + NP] = last[m]
         for n in range(NX):
             kept[m, 1 + n] = V[AT_P + m * NX + n]
         for j in range(NP):

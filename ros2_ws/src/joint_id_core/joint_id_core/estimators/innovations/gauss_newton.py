@@ -194,7 +194,7 @@ def iterations(
             if damping > 1e8:
                 break
     left = np.zeros_like(here.z)
-    if damping > STRONG_DAMPING:  # the steps became short because the cost rose along them
+    if damping > STRONG_DAMPING and here.definite:  # the steps became short because the cost rose along them
         left = way_left(here, coordinates)
     return replace(here, settled=settled, iterations=taken, left=left)
 

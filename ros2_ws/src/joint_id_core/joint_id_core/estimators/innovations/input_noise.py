@@ -71,7 +71,7 @@ def attenuation(
         if not np.isfinite(noisier.cost):
             return np.zeros_like(found.z)
         scores.append(noisier.gradient)
-    return np.asarray((0.5 * (scores[0] + scores[1]) - last.gradient) * coordinates.slope(found.z))
+    return np.asarray((0.5 * (scores[0] + scores[1]) - last.gradient) * coordinates.slope_at(last.free))
 
 
 def sensor_bias(recursion: Recursion, coordinates: Coordinates, found: Minimum, last: Pass) -> Array:

@@ -88,7 +88,7 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
     cross, total, score = _responses(recursion, last, candidates)
     # a shape that is zero everywhere has no scale
     scale = 1.0 / np.sqrt(np.maximum(np.diag(total), TINY))
-    slope = coordinates.slope(found.z)
+    slope = coordinates.slope_at(last.free)
     cross = slope[:, None] * cross * scale
     total = scale[:, None] * total * scale
     projected = cross.T @ found.inverse
@@ -230,7 +230,7 @@ def _rightly_named(recursion: Recursion, coordinates: Coordinates, found: Minimu
     ((channel, course),) = shape.parts
     before = np.append(course[1:], 0.0)
     cross, _, score = recursion.disturbances(last, np.array([channel]), before[:, None])
-    slope = coordinates.slope(found.z)
+    slope = coordinates.slope_at(last.free)
     if score[0] - (slope * cross[:, 0]) @ found.inverse @ (slope * last.gradient) < 0.0:
         return shape
     name = recursion.data.model.input_names[channel]

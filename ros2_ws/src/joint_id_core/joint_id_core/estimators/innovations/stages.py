@@ -19,6 +19,9 @@ from joint_id_core.options import Progress
 STRONG_SUBSTEPS = 2  # with strong feedback few integrator steps are enough
 TOLERANCE = 0.1  # squared length of the last step in standard deviations
 NEAR = 4.0  # the same before a later pass that shows the distance that is left
+# Fall of the cost with finer steps that matters. Were all of it along one shape that the tests of the residuals know,
+# that would be found with its root, four standard deviations.
+FALLS = 16.0
 STALLED = 1.0  # distance to the solution in standard deviations from which an iteration counts as stalled
 STEP_TOLERANCE = 1e-4  # in z: accepted integration error, even if the standard deviation is smaller
 
@@ -116,11 +119,13 @@ class Stages:
         return self._minimised(start, self.tolerance if tolerance is None else tolerance, self.scoring)
 
     def _minimised(self, start: Minimum | None, tolerance: float, noise: NoiseScoring | None = None) -> Minimum | None:
+        """Fit from `start`; return None without one, or where rounding hides what the data say."""
         found = minimise(self.cost, start, tolerance, self.options.max_iterations, noise)
-        if found is not None:
-            self.effort.iterations += found.iterations
-            self.effort.work += found.iterations * int(found.last.steps.sum())
-        return found
+        if found is None:
+            return None
+        self.effort.iterations += found.iterations
+        self.effort.work += found.iterations * int(found.last.steps.sum())
+        return found if found.definite else None
 
     def again(self, found: Minimum, substeps: int, tolerance: float | None = None) -> Minimum | None:
         """Fit again from the end of another fit, with other steps or another start state."""
@@ -146,14 +151,15 @@ class Stages:
         """Increase the steps per sample until twice as many move no estimate by 0.1 sigma, or 0.01 % if that is more.
 
         The change is computed from the gradient of one pass with twice as many steps. The estimate takes this change,
-        and `Minimum.integration` keeps it as the remaining integration error.
+        and `Minimum.integration` keeps it as the remaining integration error. Where the integration error passes for
+        noise, the estimates move less than it should make them, but the cost falls: that must not be either.
         """
         tolerance = self.tolerance if tolerance is None else tolerance
         while not self.options.substeps:
             steps, substeps = found.last.steps, found.substeps
             # near the limit of stability a path may be finite with some steps and diverge with twice as many
             passes = (self.cost.at(found.z, found.levels, k * steps, substeps) for k in (2, 4, 8))
-            finer = next((p for p in passes if p is not None), None)
+            finer = next((p for p in passes if p is not None and p.definite), None)
             if finer is None:
                 return found
             covariance = finer.covariance
@@ -165,7 +171,7 @@ class Stages:
                     tolerance = TOLERANCE
                     found = self.parameters_and_noise(here, tolerance) or found
                     continue
-            excess = self._excess(shift, covariance)
+            excess = max(self._excess(shift, covariance), self._fall(found, finer) / FALLS)
             moved = shift if found.left.any() else step
             z = self.coordinates.clip(found.z + np.clip(moved, -1.0, 1.0))
             refined = replace(finer, z=z, settled=found.settled, integration=shift, left=found.left)
@@ -178,6 +184,13 @@ class Stages:
                 return refined
             found = self.most_likely(again)
         return found
+
+    def _fall(self, found: Minimum, finer: Minimum) -> float:
+        """Return by how much the cost is lower with finer steps; 0 if it is not."""
+        if found.cost - finer.cost < FALLS:
+            return 0.0
+        here = self.cost.at(found.z, found.levels, found.last.steps, found.substeps)  # `found.last` is one step before
+        return 0.0 if here is None else max(0.0, here.cost - finer.cost)
 
     def _excess(self, shift: Array, covariance: Array) -> float:
         """Return the largest ratio of a shift to the allowed integration error."""

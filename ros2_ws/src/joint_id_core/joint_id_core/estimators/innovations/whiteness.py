@@ -44,7 +44,7 @@ def memory(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
     worst = int(np.argmax(strength))  # the least probable label, also where probabilities underflow to zero
     if probability[worst] * len(probability) > RARE:
         return Memory(np.zeros_like(found.hessian), "")
-    scores = recursion.scores(last) * coordinates.slope(found.z)
+    scores = recursion.scores(last) * coordinates.slope_at(last.free)
     root = np.linalg.inv(np.linalg.cholesky(found.hessian))
     # sums over all stretches of LAGS samples: the same as weighting the autocovariances as Newey and West do
     sums = np.cumsum(np.pad(scores @ root.T, ((LAGS, LAGS), (0, 0))), axis=0)

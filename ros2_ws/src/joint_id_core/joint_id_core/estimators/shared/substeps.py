@@ -25,6 +25,9 @@ KINK = 6.0
 JUMP = 0.0999
 MORE_STEPS = 8
 MOST_STEPS = 64  # per sample; a joint at standstill takes extra steps in every sample
+# A velocity that turns fast passes the smoothed step of friction within a small part of a sample. One step for each
+# smoothing velocity resolves that. The few samples that need more than MOST_STEPS for it take up to MOST_TURNING.
+MOST_TURNING = 1024
 
 
 def fastest_mode(data: FitData, kernel: Kernel, p: Array, states: Array, sliding: bool) -> float:
@@ -65,24 +68,27 @@ def stable_substeps(
 def steps_of(data: FitData, kernel: Kernel, p: Array, states: Array, substeps: int) -> Steps:
     """Return the steps from each sample to the next, shape (T,).
 
-    It is `substeps`, and more where `states` (T, n) are close to standstill or change direction. With the implicit cell
+    It is `substeps`, and more where `states` (T, n) are close to standstill or change direction, most where they do so
+    fast. With the implicit cell
     it is also more where an input jumps: this cell is stable during the transient of a fast mode, but it is accurate
     only with steps as short as the time constant of that mode.
     """
     model = data.model
-    more = np.zeros(len(states), dtype=bool)
+    more, fast = np.zeros(len(states), dtype=bool), np.zeros(len(states))
     for velocity, smoothing in model.smoothing.items():
-        w = states[:, model.state_names.index(velocity)]
-        near = np.abs(w) < KINK * p[model.parameter_names.index(smoothing)]
+        w, w_s = states[:, model.state_names.index(velocity)], p[model.parameter_names.index(smoothing)]
+        near, turns = np.abs(w) < KINK * w_s, w[:-1] * w[1:] < 0.0
         more |= near
-        more[:-1] |= near[1:] | (w[:-1] * w[1:] < 0.0)
+        more[:-1] |= near[1:] | turns
+        fast[:-1] = np.maximum(fast[:-1], np.where(turns, np.abs(np.diff(w)) / w_s, 0.0))
     if kernel.cell == "implicit":
         more |= np.any(np.abs(np.diff(data.u, axis=0, prepend=0.0)) > JUMP * np.ptp(data.u, axis=0), axis=1)
     many = MORE_STEPS * substeps
     if more.any() and len(data.labels) < len(model.states):
         # measured states keep an unstable path near the data; with unmeasured states it would diverge
         many = steps_to_stand(data, kernel, p, states, substeps)
-    return np.where(more, max(substeps, min(many, MOST_STEPS)), substeps).astype(np.int64)
+    steps = np.where(more, max(substeps, min(many, MOST_STEPS)), substeps)
+    return np.where(fast > MOST_STEPS, np.minimum(np.ceil(fast), MOST_TURNING), steps).astype(np.int64)
 
 
 def steps_to_stand(
