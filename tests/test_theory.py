@@ -68,7 +68,7 @@ def test_constants_in_the_theory() -> None:
         f"{words[substeps.MOST]}.",
         f"{words[substeps.MORE_STEPS]} times as many steps are taken",
         f"within ${substeps.KINK:g}\\,w_s$ of zero",
-        f"more than ${substeps.MOST_STEPS:g}\\,w_s$, take one step for each $w_s$, up to {substeps.MOST_TURNING:g}.",
+        f"more than ${substeps.FAST:g}\\,w_s$, take one step for each $w_s$, up to {substeps.MOST_TURNING:g}.",
         f"From {stages.FALLS:g} on, which a test of the residuals could find with "
         f"{words[round(stages.FALLS**0.5)]} standard deviations",
         f"jumps (by more than {100 * substeps.JUMP:.2g} % of its range) get {words[substeps.MORE_STEPS]} times",

@@ -30,14 +30,14 @@ class Friction:
     Attributes:
         smoothing: factor on the smoothing velocities of a fit.
         velocities: these velocities, of those that are sharpened.
-        stiff, many, smooth, most: as in `loops.tracking.track`.
+        stiff, many, turning, most: as in `loops.tracking.track`.
     """
 
     smoothing: float
     velocities: Array
     stiff: Array
     many: int
-    smooth: Array
+    turning: Array
     most: int = MOST_TURNING
 
 
@@ -68,10 +68,10 @@ class Sharpness:
         """Return friction whose smoothing velocities are those of a fit times `smoothing`, and the steps it needs."""
         data, p = self._data, p.copy()
         p[self.sharpened] = data.p[self.sharpened] * smoothing
-        stiff, smooth = np.full(len(data.model.states), -1.0), np.full(len(data.model.states), -1.0)
+        stiff, turning = np.full(len(data.model.states), -1.0), np.full(len(data.model.states), -1.0)
         for velocity, name in data.model.smoothing.items():
             state, at = data.model.state_names.index(velocity), data.model.parameter_names.index(name)
-            stiff[state], smooth[state] = KINK * p[at], data.p[at]
+            stiff[state], turning[state] = KINK * p[at], data.p[at]
         stable = steps_to_stand(data, self._kernel, p, self._states, self._substeps, MOST_SHARP_STEPS)
         many = max(stable, min(MOST_STEPS, round(MORE_STEPS * self._substeps / smoothing)))
-        return Friction(smoothing, p[self.sharpened], stiff, many, smooth)
+        return Friction(smoothing, p[self.sharpened], stiff, many, turning)

@@ -288,7 +288,7 @@ class Tracker:
         m, now = self._m, self._now
         cost = self.kernel.tracking.track(
             block.kept, block.time, block.u, block.y, self.data.label_states, block.gap, self.levels[:m],
-            self.levels[m:], self._noise, self._p, self.substeps, now.stiff, now.many, now.smooth, now.most,
+            self.levels[m:], self._noise, self._p, self.substeps, now.stiff, now.many, now.turning, now.most,
             block.count, count, self.columns, self._slope, self.z, block.errors, block.variances, block.gains,
             block.slopes, block.shown, block.sensitivities, block.score, block.matrix, block.vector, block.white,
             block.largest,

@@ -40,7 +40,7 @@ def track(
     substeps: int,
     stiff: Vector,
     many: int,
-    smooth: Vector,
+    turning: Vector,
     most: int,
     first: int,
     count: int,
@@ -67,8 +67,8 @@ def track(
     Inputs as in `innovations`, and:
         kept (NX, 1 + NX + NP): filtered state, its covariance and its derivatives by the parameters; updated.
         stiff (NX): speed below which friction makes the cell stiff; negative for states without friction.
-        smooth (NX), most: smoothing velocity of a fit, of each state with friction; where one crosses zero, a sample
-            takes a step for each of them, at most `most`.
+        turning (NX), most: change in one step of a velocity with friction that crosses zero, and the most steps of a
+            sample for that.
         first, count: row of the sample before, whose labels were used, and number of new samples, which follow it.
         columns (k), slope (k), z (k): as in `information.of_free`.
 
@@ -102,7 +102,7 @@ def track(
             if stiff[m] >= 0.0 and not abs(x[m]) >= stiff[m] + 2.0 * change:
                 steps = max(steps, many)
                 if x[m] * ahead[m] < 0.0:
-                    steps = max(steps, int(min(most, change / smooth[m])))
+                    steps = max(steps, int(min(most, change / turning[m])))
         predict(x, V, u[t], u[t + 1], c, h, steps, gap[t], q, Q_x)
         if stored:
             for m in range(NX):

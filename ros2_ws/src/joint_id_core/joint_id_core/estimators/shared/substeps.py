@@ -26,7 +26,8 @@ JUMP = 0.0999
 MORE_STEPS = 8
 MOST_STEPS = 64  # per sample; a joint at standstill takes extra steps in every sample
 # A velocity that turns fast passes the smoothed step of friction within a small part of a sample. One step for each
-# smoothing velocity resolves that. The few samples that need more than MOST_STEPS for it take up to MOST_TURNING.
+# smoothing velocity resolves that. The few samples that change by more than FAST of them take up to MOST_TURNING steps.
+FAST = 128.0
 MOST_TURNING = 1024
 
 
@@ -88,7 +89,7 @@ def steps_of(data: FitData, kernel: Kernel, p: Array, states: Array, substeps: i
         # measured states keep an unstable path near the data; with unmeasured states it would diverge
         many = steps_to_stand(data, kernel, p, states, substeps)
     steps = np.where(more, max(substeps, min(many, MOST_STEPS)), substeps)
-    return np.where(fast > MOST_STEPS, np.minimum(np.ceil(fast), MOST_TURNING), steps).astype(np.int64)
+    return np.where(fast > FAST, np.minimum(np.ceil(fast), MOST_TURNING), steps).astype(np.int64)
 
 
 def steps_to_stand(
