@@ -8,7 +8,7 @@ of one joint, each joint has a factor of its own, and only a direction is found.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -131,9 +131,20 @@ def _left(joints: Sequence[_Pulled], gravity: Array) -> float:
     return sum(one.left(gravity) for one in joints)
 
 
+def _pull(description: Description) -> Callable[[Array], Array]:
+    """Return a function of positions (T, joints): what gravity of 1 m/s^2 along each axis does, (T, joints, 3)."""
+    axes = [Description(description.text, description.source, axis) for axis in G * np.eye(3)]
+
+    def at(q: Array) -> Array:
+        still = np.zeros_like(q)
+        return np.stack([axis.loads(q, still, still).torque / G for axis in axes], axis=2)
+
+    return at
+
+
 def _pulled(description: Description, records: Sequence[Mapping[str, Recording]]) -> list[_Pulled]:
     """Return the joints of recordings whose drive is known, without those that gravity does not load."""
-    axes = [Description(description.text, description.source, axis) for axis in G * np.eye(3)]
+    pull_at = _pull(description)
     found = []
     for record in records:
         first = record[description.joints[0]]
@@ -143,8 +154,8 @@ def _pulled(description: Description, records: Sequence[Mapping[str, Recording]]
             continue
         count = max(2 * LEAST, INSTANTS // len(records))
         rows = known[np.linspace(0, len(known) - 1, count).astype(np.intp)]
-        q, dq, ddq, still = q[rows], dq[rows], ddq[rows], np.zeros((len(rows), len(description.joints)))
-        pull = np.stack([axis.loads(q, still, still).torque / G for axis in axes], axis=2)
+        q, dq, ddq = q[rows], dq[rows], ddq[rows]
+        pull = pull_at(q)
         moved = description.loads(q, dq, ddq).torque - pull @ description.gravity
         for j, name in enumerate(description.joints):
             drive = next((d for d in DRIVES if record[name].measured(d)), None)
@@ -172,13 +183,12 @@ def _listed(gravity: Array) -> str:
 def _table(description: Description, regressor: Regressor, parts: Sequence[Equations]) -> Stacked:
     """Return torques without those of motion, and what gravity does to them by axis of the base, for 1 m/s^2."""
     count = len(description.joints)
-    still = np.zeros((INSTANTS // len(parts), count))
-    axes = [Description(description.text, description.source, axis) for axis in G * np.eye(3)]
+    pull_at = _pull(description)
     tables: list[Array] = []
     for part in parts:
-        rows = np.linspace(0, len(part.time) - 1, len(still)).astype(np.intp)
+        rows = np.linspace(0, len(part.time) - 1, INSTANTS // len(parts)).astype(np.intp)
         q = part.q[rows]
-        pull = np.stack([axis.loads(q, still, still).torque / G for axis in axes], axis=2)
+        pull = pull_at(q)
         moved = part.columns[rows, :, : part.base] @ regressor.reference - pull @ description.gravity
         every = np.concatenate([(part.y[rows] - moved)[:, :, None], pull], axis=2)
         for j in range(count):

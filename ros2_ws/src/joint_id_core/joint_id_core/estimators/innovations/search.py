@@ -75,6 +75,22 @@ class Outcome:
         )
 
 
+@dataclass(frozen=True)
+class _Finished:
+    """A minimum with enough integrator steps.
+
+    Attributes:
+        stages, minimum: as in `Outcome`.
+        end: of the start that led there.
+        ends: of all starts, but for those of lower cost whose minima were false.
+    """
+
+    stages: Stages
+    minimum: Minimum
+    end: Minimum
+    ends: list[Minimum]
+
+
 class Search:
     """Search for one minimum, from an earlier estimate (`warm`) or from the prior (`cold`)."""
 
@@ -154,33 +170,30 @@ class Search:
             agreed = agreed or _lowest(ends)[1]
             if agreed:
                 break
-        fine, best, true = self._finished(ends, tolerance)
-        if len(true) < len(ends):
-            agreed = measured or sum(_same(best, end) for end in true) > 1
+        best = self._finished(ends, tolerance)
+        if len(best.ends) < len(ends):
+            agreed = measured or sum(_same(best.end, end) for end in best.ends) > 1
         doubt = alone = ""
-        starts, others = f"of {tried} starts", _others(true, best)
+        starts, others = f"of {tried} starts", _others(best.ends, best.end)
         if len(ends) == 1 and not agreed:
             doubt = f"only one {starts} led to a minimum, the others nowhere, so a better one may exist"
         elif not agreed:
             alone = f"only one {starts} led to this minimum, the lowest of {len(ends)}: a lower one may exist"
-        return Outcome(*fine, doubt, alone, others)
+        return Outcome(best.stages, best.minimum, doubt, alone, others)
 
-    def _finished(
-        self, ends: list[Minimum], tolerance: float | None
-    ) -> tuple[tuple[Stages, Minimum], Minimum, list[Minimum]]:
-        """Return the lowest minimum with enough integrator steps and its stages, the end that led to it, and the ends.
+    def _finished(self, ends: list[Minimum], tolerance: float | None) -> _Finished:
+        """Return the lowest minimum with enough integrator steps.
 
         Few steps may make a minimum where there is none, at a stiff joint for instance: those are left out of the ends.
         """
-        found: list[tuple[tuple[Stages, Minimum], Minimum, list[Minimum]]] = []
+        found: list[_Finished] = []
         while ends and len(found) < MOST_FINISHED:
             best = min(ends, key=lambda end: end.cost)
-            fine = self._with_enough_steps(best, tolerance)
-            found.append((fine, best, ends))
+            found.append(_Finished(*self._with_enough_steps(best, tolerance), best, ends))
             ends = [end for end in ends if end.cost > best.cost + SAME_COST]
-            if fine[1].cost < best.cost + FALSE * len(self.stages.data.time):
+            if found[-1].minimum.cost < best.cost + FALSE * len(self.stages.data.time):
                 break
-        return min(found, key=lambda one: one[0][1].cost)
+        return min(found, key=lambda one: one.minimum.cost)
 
     def _with_enough_steps(self, best: Minimum, tolerance: float | None) -> tuple[Stages, Minimum]:
         """Return a minimum with enough integrator steps, and its stages, which tell whether the gear starts loaded."""
