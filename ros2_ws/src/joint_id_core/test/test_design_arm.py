@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.design.fourier import FourierMotion
-from joint_id_core.design.limits import JointLimits
+from joint_id_core.design.limits import JointLimits, violations
 from joint_id_core.design.trajectory import Trajectory
 from joint_id_core.errors import JointIdError
 from joint_id_core.results.verdict import Verdict
@@ -112,16 +112,18 @@ def deviations(found: ArmDesign) -> Array:
     return np.array([row.std_dev for row in found.expected])
 
 
-def task(chosen: np.ndarray, floor: Floor | None = None) -> Task:
+def task(chosen: np.ndarray, floor: Floor | None = None, criterion: str = "sigma") -> Task:
     columns = ArmColumns(REGRESSOR, PRIOR)
-    return Task(columns, Chosen(chosen), LIMITS, PRIOR.possible(REGRESSOR), HOME, 6.0, 125.0, floor)
+    size = None if criterion != "A" else np.linspace(1.0, 2.0, columns.count)
+    return Task(columns, Chosen(chosen, criterion, size), LIMITS, PRIOR.possible(REGRESSOR), HOME, 6.0, 125.0, floor)
 
 
+@pytest.mark.parametrize("criterion", ["sigma", "D", "A"])
 @pytest.mark.parametrize("kinds", ["all", "friction"])
-def test_the_gradient_is_that_of_the_cost(kinds: str) -> None:
+def test_the_gradient_is_that_of_the_cost(kinds: str, criterion: str) -> None:
     count = ArmColumns(REGRESSOR, PRIOR).count
     chosen = np.ones(count, dtype=bool) if kinds == "all" else np.arange(count) >= len(REGRESSOR.reference)
-    search = _Search(task(chosen, Floor(ARM, 0.3)))
+    search = _Search(task(chosen, Floor(ARM, 0.3), criterion))
     rng = np.random.default_rng(0)
     z, way = 0.6 * rng.standard_normal((2, search.size))
     _, gradient = search.cost(z, 100.0)
@@ -182,6 +184,20 @@ def test_what_is_chosen_counts_and_all_else_is_in_the_way(designed: ArmDesign) -
     mask[len(REGRESSOR.reference) : -1] = True
     variances = np.diag(np.linalg.inv(information))[mask]
     assert Chosen(mask).told(information)[0] == pytest.approx(-np.log(variances).sum(), abs=1e-2)
+    block = np.linalg.inv(information)[np.ix_(mask, mask)]
+    volume, mean = np.linalg.slogdet(block)[1], np.log(np.mean(variances))
+    assert Chosen(mask, "D").told(information)[0] == pytest.approx(-volume, abs=1e-2)
+    assert Chosen(mask, "A").told(information)[0] == pytest.approx(-len(variances) * mean, abs=1e-2)
+    twice = Chosen(mask, "A", 2.0 * np.ones(columns.count)).told(information)[0]
+    assert twice == pytest.approx(-len(variances) * (mean - np.log(4.0)), abs=1e-2)
+
+
+@pytest.mark.parametrize("criterion", ["D", "A"])
+def test_other_criteria_find_good_motions_too(criterion: str, designed: ArmDesign) -> None:
+    """The standard deviations of all three are alike: within 20 % in the geometric mean."""
+    other = design_arm(ARM, LIMITS, PRIOR, HOME, SECONDS, criterion=criterion)
+    assert not violations(other.trajectory, LIMITS)
+    assert abs(np.mean(np.log(deviations(other) / deviations(designed)))) < 0.2
 
 
 def test_it_says_what_it_cannot_show_and_what_to_check(designed: ArmDesign) -> None:
@@ -239,6 +255,7 @@ def test_typical_values_need_limits_of_torque() -> None:
         ({"home": HOME[:5]}, "home has 5 numbers"),
         ({"duration": 2.0}, "too short for a whole arm"),
         ({"shown": ("masses",)}, "known are friction, rotors, links"),
+        ({"criterion": "E"}, "choose one of sigma, D, A"),
         ({"floor": 1.0}, "m too low"),
         ({"limits": replace(LIMITS, torque=np.full(6, 10.0))}, "lift needs up to .* Nm to stand at home"),
         ({"limits": replace(LIMITS, velocity=np.full(6, np.inf))}, "no limit of velocity"),

@@ -74,6 +74,7 @@ def test_a_motion_is_designed_written_and_foretold_again(files: tuple[Path, Path
         ({"--home": HOME, "--joint": "turn"}, "say what shall move"),
         ({"--home": HOME, "--model": "rigid_joint"}, "--model says nothing of a whole arm"),
         ({"--home": HOME, "--for": "mass"}, "known are friction, rotors, links"),
+        ({"--home": HOME, "--criterion": "E"}, "choose one of sigma, D, A"),
         ({"--home": HOME, "--fit": "none.json"}, "cannot be read"),
         ({"--home": HOME, "--robot": "ur3e"}, "no limits of the joint turn"),
         ({"--home": HOME, "--floor": "2"}, "m too low"),

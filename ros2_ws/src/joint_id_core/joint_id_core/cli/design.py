@@ -63,7 +63,7 @@ def design(
         raise JointIdError(f"{other[0]} says nothing of {'one joint' if arm is None else 'a whole arm'}: leave it out")
     found: Design
     if arm is not None:
-        found = design_of_arm(arm, options, floor, fit, base_gravity)
+        found = design_of_arm(arm, options, criterion, floor, fit, base_gravity)
     else:
         settings = parameter_settings(set_, fix, free, prior)
         found = design_of_joint(joint or "", model_options, settings, options, criterion)

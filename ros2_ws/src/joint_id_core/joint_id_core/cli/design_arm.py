@@ -28,7 +28,7 @@ FitOption = Annotated[
 
 
 def design_of_arm(
-    urdf: Path, asked: MotionOptions, floor: float | None, fit: Path | None, base_gravity: str | None
+    urdf: Path, asked: MotionOptions, criterion: str, floor: float | None, fit: Path | None, base_gravity: str | None
 ) -> Design:
     """Design the motion, write and plot it.
 
@@ -56,8 +56,9 @@ def design_of_arm(
             home = None if asked.home is None else _numbers(asked.home, joints)
             reach = designing.REACH if asked.reach is None else asked.reach
             found = designing.design_arm(
-                description, held, prior, home, asked.time, asked.rate, asked.shown or designing.KINDS, reach, floor
-            )
+                description, held, prior, home, asked.time, asked.rate, asked.shown or designing.KINDS, reach, floor,
+                criterion=criterion,
+            )  # fmt: skip
     return asked.written(found)
 
 

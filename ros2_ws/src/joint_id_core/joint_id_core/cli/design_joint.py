@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 SUFFIX = "_joint"  # of the joints of a UR robot, which may be left out
 JointOption = Annotated[Optional[str], typer.Option(help="a motion for this joint alone, e.g. elbow_joint")]
 CRITERION_HELP = (
-    "--joint: what is least: sigma (the standard deviations, geometric mean), D (the volume of their ellipsoid), "
+    "what is least: sigma (the standard deviations, geometric mean), D (the volume of their ellipsoid), "
     "A (the sum of the variances)"
 )
 CriterionOption = Annotated[str, typer.Option(help=CRITERION_HELP)]

@@ -14,10 +14,11 @@ from joint_id_core.arm.description import Description
 from joint_id_core.arm.judged import base_parameters, friction, rotor
 from joint_id_core.arm.regressor import Regressor
 from joint_id_core.data.recording import Array
-from joint_id_core.design.arm_information import ArmColumns, Chosen
+from joint_id_core.design.arm_information import RIDGE, ArmColumns, Chosen
 from joint_id_core.design.arm_motion import Task, found_motion
 from joint_id_core.design.arm_prior import DRAWS, WRONG, ArmPrior, typical
 from joint_id_core.design.arm_promise import Promise, promise
+from joint_id_core.design.criterion import require_criterion
 from joint_id_core.design.design import Design, Expected
 from joint_id_core.design.floor import Floor
 from joint_id_core.design.limits import JointLimits
@@ -27,6 +28,7 @@ from joint_id_core.results.verdict import Verdict
 
 KINDS = ("friction", "rotors", "links")
 REACH = 1.0  # rad (or m), how far a joint may go from home where the user says nothing
+STATES = 300  # at random, from which the sizes of the parameters are taken
 LEAST_S = 5.0  # of a motion: an arm of six joints has more than fifty parameters
 QUANTITIES = (("damping", "Nm s/rad"), ("friction", "Nm"), ("armature", "kg m^2"))
 
@@ -88,6 +90,7 @@ def design_arm(
     reach: float = REACH,
     floor: float | None = None,
     seed: int = 0,
+    criterion: str = "sigma",
 ) -> ArmDesign:
     """Design a motion that tells as much as possible of an arm.
 
@@ -102,11 +105,15 @@ def design_arm(
         reach: how far a joint may go from home, rad (m for a joint that slides).
         floor: height in m, over the origin of the base, which no joint goes below; None without.
         seed: of the motions from which the search begins.
+        criterion: what is least: "sigma", the geometric mean of the standard deviations; "D", the volume of their
+            ellipsoid; "A", the sum of the variances. For "A" the unit of each parameter is what makes, in motions at
+            random within the limits, as much torque as the noise.
 
     Raises:
-        JointIdError: limits that are missing or contradict, a home that they do not allow, an unknown kind, a motion
-            that is too short; without a prior, a joint without a limit of torque.
+        JointIdError: limits that are missing or contradict, a home that they do not allow, an unknown kind or
+            criterion, a motion that is too short; without a prior, a joint without a limit of torque.
     """
+    require_criterion(criterion)
     regressor = Regressor(description)
     if unknown := [kind for kind in shown if kind not in KINDS]:
         raise JointIdError(f"{unknown[0]!r} is nothing that an arm can show: known are {', '.join(KINDS)}")
@@ -127,7 +134,7 @@ def design_arm(
     columns = ArmColumns(regressor, prior)
     task = Task(
         columns,
-        Chosen(_mask(regressor, shown)),
+        Chosen(_mask(regressor, shown), criterion, _sizes(columns, near)),
         near,
         prior.possible(regressor),
         at,
@@ -179,6 +186,16 @@ def _mask(regressor: Regressor, shown: Sequence[str]) -> NDArray[np.bool_]:
     count, base = len(regressor.joints), len(regressor.reference)
     parts = {"rotors": count, "links": base - count, "friction": 2 * count}
     return np.concatenate([*(np.full(size, kind in shown) for kind, size in parts.items()), [False]])
+
+
+def _sizes(columns: ArmColumns, limits: JointLimits) -> Array:
+    """Return what makes as much torque as the noise, of each parameter, in states at random within the limits (P,)."""
+    rng = np.random.default_rng(0)
+    shape = (STATES, len(limits.names))
+    q = rng.uniform(limits.lower, limits.upper, shape)
+    dq, ddq = (rng.uniform(-most, most, shape) for most in (limits.velocity, limits.acceleration))
+    shown = np.diag(columns.information(columns.at(q, dq, ddq))[0]) / STATES
+    return 1.0 / np.sqrt(np.maximum(shown, RIDGE * shown.max()))
 
 
 def _expected(joint: str, name: str, unit: str, value: Value, found: Promise, k: int) -> Expected:

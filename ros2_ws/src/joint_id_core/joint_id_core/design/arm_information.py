@@ -23,20 +23,41 @@ RIDGE = 1e-9  # of the information of a parameter, which keeps it regular where 
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """Parameters whose standard deviations shall be small, as a geometric mean: all others are only in the way."""
+    """Parameters whose standard deviations shall be small: all others are only in the way.
+
+    Attributes:
+        mask: which they are, shape (P,).
+        criterion: of `criterion.CRITERIA`.
+        size: of each parameter, in whose units `A` adds up variances, shape (P,); None: as they are.
+    """
 
     mask: NDArray[np.bool_]
+    criterion: str = "sigma"
+    size: Array | None = None
 
     def told(self, information: Array) -> tuple[float, Array]:
-        """Return minus the sum of the logarithms of their variances, and its derivative by the information (P, P).
+        """Return how much is told, and its derivative by the information (P, P).
 
-        It does not depend on units. D-optimality has the determinant instead, which correlations make small, too.
+        It is minus the sum of the logarithms of the variances; `D`: minus the logarithm of the determinant of their
+        covariance; `A`: minus the logarithm of the mean variance, times their number. So all three are as large where
+        the estimates do not correlate and are known alike. The first two do not depend on units.
         """
         scale = 1.0 / np.sqrt(np.diag(information))
         covariance = np.linalg.inv(information * np.outer(scale, scale) + RIDGE * np.eye(len(scale)))
-        variances = np.diag(covariance)
-        value = -float(np.log(variances * scale**2)[self.mask].sum())
-        slope = (covariance * (self.mask / variances)) @ covariance
+        variances, mask = np.diag(covariance), self.mask
+        if self.criterion == "D":
+            rows = covariance[mask]
+            block = rows[:, mask]
+            value = -float(np.linalg.slogdet(block)[1] + 2.0 * np.log(scale[mask]).sum())
+            slope = rows.T @ np.linalg.solve(block, rows)
+        elif self.criterion == "A":
+            weights = mask * (scale if self.size is None else scale / self.size) ** 2
+            count, total = np.count_nonzero(mask), float(weights @ variances)
+            value = -count * float(np.log(total / count))
+            slope = count / total * (covariance * weights) @ covariance
+        else:
+            value = -float(np.log(variances * scale**2)[mask].sum())
+            slope = (covariance * (mask / variances)) @ covariance
         return value, slope * np.outer(scale, scale)
 
 

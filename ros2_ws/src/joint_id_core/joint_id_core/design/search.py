@@ -21,13 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array
+from joint_id_core.design.criterion import require_criterion
 from joint_id_core.design.foresight import Foresight
 from joint_id_core.design.fourier import FourierMotion, basis
 from joint_id_core.design.limits import JointLimits
 from joint_id_core.errors import JointIdError
 from joint_id_core.options import Progress
 
-CRITERIA = ("sigma", "D", "A")
 TONES = 6
 LOWEST_PERIODS, HIGHEST_HZ = 2.0, 6.0  # tones: from so many periods in the motion up to this frequency
 STEEPEST = 3.0  # amplitudes of random shapes fall with up to this power of the frequency
@@ -85,8 +85,7 @@ class Search:
         names: Sequence[str],
         criterion: str = "sigma",
     ) -> None:
-        if criterion not in CRITERIA:
-            raise JointIdError(f"criterion {criterion}: choose one of {', '.join(CRITERIA)}")
+        require_criterion(criterion)
         self.foresight, self.limits, self.home, self.duration = foresight, limits, home, duration
         for name in names:
             foresight.model.parameter(name)
