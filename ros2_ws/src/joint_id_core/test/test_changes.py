@@ -17,6 +17,7 @@ from joint_id_core.simulation.excitation import position_reference
 from joint_id_core.simulation.plants import MotionOptions, PositionControl
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
 from joint_id_core.simulation.sensors import Sensors, ur_robot_sensors
+from joint_id_core.simulation.simulator import simulate
 
 from .readable import readable
 
@@ -183,3 +184,32 @@ def test_a_sensor_that_stands_still_while_the_joint_moves_is_no_good_fit():
     )
     found = [e for e in watched(record.with_channels({"link_position": frozen})) if e.end > 8.0 + 2.0 * WINDOW_S]
     assert found and not any(e.converged for e in found)
+
+
+def test_a_change_that_looks_like_the_jump_of_a_sensor_is_said_in_a_second():
+    """Friction halves: innovations are beyond those of a sensor that jumps, again and again."""
+    model = build("electromechanical")
+    true, rate, before_s, after_s = model.values(), 500, 6.0, 5.0
+    friction = {n: 0.5 * true[n] for n in ("c_m", "tau_fm", "c_q")}
+    time = np.arange(round((before_s + after_s) * rate) + 1) / rate
+    first = round(before_s * rate)
+    voltage = np.choose((2.0 * time).astype(int) % 4, (12.0, -12.0, 6.0, -6.0))
+    early = simulate(model, time[: first + 1], {"voltage": voltage[: first + 1]})
+    end = {name: float(early[name][-1]) for name in model.state_names}
+    late = simulate(model, time[first:] - time[first], {"voltage": voltage[first:]}, {**true, **friction}, end)
+    rng, count = np.random.default_rng(0), len(time) - 1
+    noise = {"current": 0.01, "link_position": 1e-5, "motor_velocity": 0.05, "motor_position": 1e-4}
+    seen = {
+        name: np.concatenate([early[name][:-1], late[name][:-1]]) + sigma * rng.standard_normal(count)
+        for name, sigma in noise.items()
+    }
+    recording = Recording(time[:-1], {**seen, "voltage": voltage[:-1]})
+    identifier, found = OnlineIdentifier(model), []
+    for k in range(0, count, 25):
+        found.append(identifier.update(recording.slice(k, k + 25)))
+    after = [e for e in found if e is not None and e.end > before_s]
+    said = [e.end for e in after if not e.converged or e.changes]
+    assert said[0] < before_s + 1.1
+    last = after[-1]
+    assert last.converged and {c.name for c in last.changes} <= set(friction)
+    assert worst(last, {**true, **friction}) < 4.0

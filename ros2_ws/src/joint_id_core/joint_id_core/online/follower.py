@@ -24,7 +24,9 @@ from joint_id_core.online.refined_memory import RefinedMemory
 from joint_id_core.online.tracker import Tracker
 from joint_id_core.online.window import SlidingWindow
 
-JUMP = 300.0  # innovation, in standard deviations, from which a sensor jumped: the filter starts again
+# Innovation, in standard deviations, from which a sensor jumped: the filter starts again. If it jumps again before it
+# has followed a block, it is the joint that changed: the next block is tested.
+JUMP = 300.0
 YOUNG = 1.0  # window lengths of motion before which a disagreement is not taken for a change of the joint
 
 
@@ -83,6 +85,7 @@ class Follower:
         self._coordinates, self._options, self._make = coordinates, options, make
         self._refined = RefinedMemory(memory, coordinates, options.memory_s, levels, background)
         self._block: Block | None = None  # the present one
+        self._jumped = False  # since the newest block
         self._innovations = NewestInnovations(options.window_s)
         self._moved_since, self._moved_until = np.inf, -np.inf
         self._pending: PendingChange | None = None
@@ -125,7 +128,8 @@ class Follower:
             return
         if self._block is None:
             self._block = self.tracker.begin()
-        if not self.tracker.run(samples, self._block) or self._block.largest[0] > JUMP:
+        if not self.tracker.run(samples, self._block) or (not self._jumped and self._block.largest[0] > JUMP):
+            self._jumped = True
             self._stop()
 
     def finish(self) -> None:
@@ -165,6 +169,7 @@ class Follower:
         if self.tracker is None or self._block is None:
             return
         block, self._block = self.tracker.end(self._block), None
+        self._jumped = False
         if self.found in (Found.UNEXPLAINED, Found.WRONG_START):
             return
         if self._pending is not None:
