@@ -31,6 +31,7 @@ from joint_id_core.online import (
     likelihood_profile,
     memory,
     newest_innovations,
+    offsets,
     pending_change,
     profile_search,
     refined_memory,
@@ -72,6 +73,8 @@ def test_constants_in_the_theory() -> None:
         f"From {stages.FALLS:g} on, which a test of the residuals could find with "
         f"{words[round(stages.FALLS**0.5)]} standard deviations",
         f"jumps (by more than {100 * substeps.JUMP:.2g} % of its range) get {words[substeps.MORE_STEPS]} times",
+        f"An innovation beyond {follower.JUMP:g} standard deviations is that of a sensor that jumps",
+        f"at least {offsets.REACH:g} times what the samples of {words[round(offsets.WINDOWS)]} windows tell",
         f"(or {100 * stages.STEP_TOLERANCE:g} %, where $\\sigma$ is smaller)",
         f"to at most {estimator.MAX_SUBSTEPS}.",
         f"a negligible variance ($10^{{{round(math.log10(recursion.STATE_NOISE))}}}$ of",

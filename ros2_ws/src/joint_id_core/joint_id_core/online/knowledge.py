@@ -18,6 +18,7 @@ from joint_id_core.online.lasting import Lasting
 from joint_id_core.online.late_sensor import Late, late_sensor
 from joint_id_core.online.levels import Levels
 from joint_id_core.online.memory import Memory, agree
+from joint_id_core.online.offsets import Offsets
 from joint_id_core.online.published import Said, published, said
 from joint_id_core.online.symmetric import inverse_of
 from joint_id_core.online.task import Task
@@ -61,6 +62,7 @@ class Knowledge:
         self._words: tuple[tuple[object, ...], Said] | None = None  # with what they tell of
         self._same: tuple[tuple[object, ...], object, Estimate] | None = None  # at rest, with what it tells of
         self._task = task
+        self._offsets = Offsets(task.model, last.free, task.coordinates.spread, task.options.window_s)
         memory = Memory(mean, covariance, task.coordinates.spread)
         effect = None if last.checks is None else last.checks.levels
         levels = Levels(np.square(list(last.noise.values())), len(mean), noise_sigma, effect)
@@ -148,7 +150,8 @@ class Knowledge:
 
     def _published(self, changes: tuple[ParameterChange, ...], **fields: Any) -> Estimate:
         """Return the estimate of now, with these other `fields`."""
-        coordinates, now = self._task.coordinates, self.follower.now()
+        coordinates, (mean, covariance) = self._task.coordinates, self.follower.now()
+        now = mean, self._offsets.widened(covariance, self.follower.memory.blocks)
         fields |= {"noise": self.noise, "changes": changes}
         return published(coordinates, self.last, now, self._in_words(now, changes), fields)
 
