@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 
 from joint_id_core.cell.kernel import compile_model
 from joint_id_core.cell.rollout import rollout
 from joint_id_core.data.recording import Recording
-from joint_id_core.estimators import fit
+from joint_id_core.estimators import Innovations, fit
+from joint_id_core.estimators.innovations import checks
 from joint_id_core.estimators.innovations import fit as fitting
 from joint_id_core.estimators.innovations import misfit as tests_of_residuals
 from joint_id_core.estimators.shared.fit_data import prepare
@@ -88,3 +91,17 @@ def test_what_the_residuals_show_belongs_to_the_pass_and_not_to_the_step_after_i
     here = shares(minimum.z)
     assert here.min() > -1e-6
     np.testing.assert_allclose(shares(minimum.z + 1e-3), here, atol=1e-6)
+
+
+@pytest.mark.parametrize(("mode", "named"), [(900.0, False), (50_000.0, True)])
+def test_the_implicit_cell_is_named_for_stiff_joints_alone(monkeypatch, mode, named):
+    """900/s are slow for 48 steps in 2 ms: that cell would need as many."""
+    monkeypatch.setattr(checks, "fastest_mode", lambda *_, **__: mode)
+    data = SimpleNamespace(free=("k_1",), period=0.002)
+    cost = SimpleNamespace(values=lambda z: z)
+    stages = SimpleNamespace(
+        data=data, cost=cost, kernel=None, rough_states=None, options=Innovations(), least=np.zeros(1)
+    )
+    found = SimpleNamespace(z=np.ones(1), substeps=48, integration=np.ones(1), inverse=np.eye(1))
+    text = checks._step_warning(stages, found)
+    assert text.startswith("48 steps a sample are too few") and ("--cell implicit" in text) is named

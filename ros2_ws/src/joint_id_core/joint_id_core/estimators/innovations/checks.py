@@ -22,6 +22,8 @@ from joint_id_core.estimators.shared.substeps import fastest_mode
 from joint_id_core.models.combinations import Combination, combinations
 from joint_id_core.results.estimate import Checks
 
+STIFF = 0.5  # |lambda h| from which the fastest mode, which the implicit cell damps, may be what RK4 cannot follow
+
 
 def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]]:
     """Check the minimum that a search found.
@@ -103,4 +105,5 @@ def _step_warning(stages: Stages, found: Minimum) -> str:
         f"{found.substeps} steps a sample are too few: twice as many would move {stages.data.free[worst]} by "
         f"{share[worst]:.2g} standard deviations, which its own now contains (fastest mode {-mode:.4g} 1/s)"
     )
-    return text + ("; use the implicit cell (--cell implicit)" if stages.options.cell == "rk4" else "")
+    stiff = stages.options.cell == "rk4" and mode * stages.data.period > STIFF * found.substeps
+    return text + ("; use the implicit cell (--cell implicit)" if stiff else "")
