@@ -70,9 +70,8 @@ def steps_of(data: FitData, kernel: Kernel, p: Array, states: Array, substeps: i
     """Return the steps from each sample to the next, shape (T,).
 
     It is `substeps`, and more where `states` (T, n) are close to standstill or change direction, most where they do so
-    fast. With the implicit cell
-    it is also more where an input jumps: this cell is stable during the transient of a fast mode, but it is accurate
-    only with steps as short as the time constant of that mode.
+    fast. With the implicit cell it is also more where an input jumps: this cell is stable during the transient of a
+    fast mode, but it is accurate only with steps as short as the time constant of that mode.
     """
     model = data.model
     more, fast = np.zeros(len(states), dtype=bool), np.zeros(len(states))
