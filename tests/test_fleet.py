@@ -76,6 +76,7 @@ def test_two_robots_side_by_side_do_not_cross_and_faulty_ones_leave_them_alone(s
     probe.until(lambda: moving(found["cell_1/ur_b"]) == {"shoulder_lift_joint"}, "estimates of the second robot")
     for name in two:
         for topic in ("link_states", "motor_states", "joint_samples", "joint_params"):
+            probe.until(lambda t=f"/{name}/{topic}": probe.count_publishers(t), f"a publisher of {topic}")
             assert probe.count_publishers(f"/{name}/{topic}") == 1 and probe.count_publishers(f"/{topic}") == 0
         assert all(not moving([m]) - moving(found[name]) for m in found[name])  # never the joint of the other one
     probe.until(lambda: probe.told("cell_2/nobody/driver", "127.0.0.1:1"), "word of the robot that is not there")
@@ -83,6 +84,7 @@ def test_two_robots_side_by_side_do_not_cross_and_faulty_ones_leave_them_alone(s
     status = probe.told("fleet", "cell_2/typo is left out")
     assert status.level == b"\x02" and "did you mean hop_s?" in status.message
     assert "cell_2/odd is left out" in status.message and "order" in status.message
+    probe.until(lambda: probe.told("cell_1/ur_a/filter", ""), "the state of the first robot's filter")
     assert {s.hardware_id for s in probe.diagnostics if s.name == "/cell_1/ur_a/filter"} == {"cell_1/ur_a"}
 
     probe.until(lambda: "the page is at" in watch.text, "the page")

@@ -107,7 +107,8 @@ def test_what_cannot_be_done_is_a_result_with_a_reason_and_nothing_moves(bench):
     status, result = bench.result(handle)
     assert status == GoalStatus.STATUS_ABORTED
     assert "the joints do not move: the diagnostics of the node that reads it say why" in result.message
-    assert bench.probe.told("emulated_motion", "the robot cannot follow the trajectory: elbow_joint")
+    refused = "the robot cannot follow the trajectory: elbow_joint"
+    bench.probe.until(lambda: bench.probe.told("emulated_motion", refused), "the reason of the node that moves it")
     assert travel(result.bag) < 1e-3
     assert bench.identify.running and bench.mover.running
 
