@@ -123,6 +123,17 @@ def test_joints_that_do_not_match_are_named_and_the_filter_goes_on(start, probe,
     assert np.isnan(playing.loads()).all() and len(playing.samples[-1].link_acceleration) == len(names)
 
 
+def test_gravity_that_acts_elsewhere_is_told_with_the_parameter_to_set(start, probe, tmp_path):
+    (tmp_path / "arm.urdf").write_text(URDF)
+    parameters = {"urdf": str(tmp_path / "arm.urdf"), "base_gravity": [0.0, 0.0, 9.81]}
+    playing = Playing(start, probe, moving_arm.rigid(16.0, 5), **parameters)
+    for _ in range(4):
+        playing.send(4.0)
+    probe.until(lambda: probe.told("filter", "give base_gravity:=[0.0, 0.0, -9.81] if"), "the other gravity")
+    assert probe.told("filter", "fit gravity along 0,0,-9.81 m/s^2").level == b"\x01"
+    assert np.isfinite(playing.loads()[-1]).all(), "the load goes on"
+
+
 def test_without_a_description_there_is_no_load(start, probe, arm):
     playing = Playing(start, probe, arm)
     playing.send(1.0)

@@ -18,7 +18,8 @@ pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
 
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.equations import equations
-from joint_id_core.arm.gravity import check_gravity, other_gravity
+from joint_id_core.arm.gravity import check_gravity
+from joint_id_core.arm.gravity_direction import other_gravity
 from joint_id_core.arm.regressor import Regressor
 
 GAINS = {name: {"torque": 1.0} for name in JOINTS}

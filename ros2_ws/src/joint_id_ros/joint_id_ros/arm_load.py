@@ -1,4 +1,4 @@
-"""The load of the arm in the filter: its description, the load in the samples, and what is missing for it."""
+"""The load of the arm in the filter: its description, the load in the samples, and what is missing or wrong for it."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from std_msgs.msg import String
 from joint_id_core.alignment.aligner import AlignedSamples
 from joint_id_core.alignment.inputs import InputOptions
 from joint_id_core.arm.description import Description
+from joint_id_core.arm.gravity_watch import GravityWatch
 from joint_id_core.arm.online_load import OnlineLoad, with_unknown_load
 from joint_id_core.arm.urdf import loaded_pinocchio
 from joint_id_core.errors import JointIdError
@@ -43,6 +44,7 @@ class ArmLoad:
         """
         self._options, self._max_gap, self._tell = options, max_gap, tell
         self._load: OnlineLoad | None = None
+        self._gravity: GravityWatch | None = None
         self._text = self._refused = ""
         self._left: list[AlignedSamples] = []  # samples that waited for a load of an earlier description
         self._joints: tuple[str, ...] = ()  # of the newest samples
@@ -54,20 +56,23 @@ class ArmLoad:
                 "set base_gravity to [0.0, 0.0, 0.0]"
             )
         if options.urdf:
-            self._load = OnlineLoad(Description.read(options.urdf, options.base_gravity), max_gap)
+            self._use(Description.read(options.urdf, options.base_gravity))
             return
         loaded_pinocchio()  # before samples come
         self._topic = node.resolve_topic_name(options.description_topic)
         node.create_subscription(String, options.description_topic, self._on_description, LATEST)
+
+    def _use(self, description: Description) -> None:
+        self._load, self._gravity = OnlineLoad(description, self._max_gap), GravityWatch(description)
 
     def _on_description(self, message: String) -> None:
         if message.data == self._text:
             return
         if self._load is not None:
             self._left += self._load.release()
-        self._text, self._load, self._refused = message.data, None, ""
+        self._text, self._load, self._gravity, self._refused = message.data, None, None, ""
         try:
-            self._load = OnlineLoad(Description(message.data, self._topic, self._options.base_gravity), self._max_gap)
+            self._use(Description(message.data, self._topic, self._options.base_gravity))
         except JointIdError as error:
             self._refused = str(error)
             self._tell("description", self._refused)
@@ -80,6 +85,8 @@ class ArmLoad:
         for part in samples:
             self._joints = tuple(part.joints)
             done += self._load.add(part) if self._load is not None else [with_unknown_load(part)]
+            if self._gravity is not None and self._gravity.add(part):
+                self._tell("gravity", self._gravity.doubt)
         return done
 
     def release(self) -> list[AlignedSamples]:
@@ -93,7 +100,7 @@ class ArmLoad:
 
     @property
     def complaint(self) -> str:
-        """Why the load is not known; empty if it is, or is not asked for."""
+        """Why the load is not known, or doubted; empty if it is known, or not asked for."""
         if not self._options.given:
             return ""
         if self._load is None:
@@ -104,13 +111,13 @@ class ArmLoad:
                 f"description moves (there are {', '.join(self._joints)}): joints are found by name; make one that "
                 "stands still fixed in a copy of the description"
             )
-        return ""
+        return self._gravity.doubt if self._gravity is not None else ""
 
     @property
     def values(self) -> dict[str, object]:
         """Values for the diagnostics."""
         if not self._options.given:
             return {}
-        known = "not known" if self.complaint else f"of {self._options.urdf or self._topic}"
+        known = "not known" if self._load is None or self._load.missing else f"of {self._options.urdf or self._topic}"
         without = "; ".join(f"{joint}: {why}" for joint, why in self._load.unloaded.items()) if self._load else ""
         return {"load": known, "without a load": without or "none"}

@@ -94,7 +94,7 @@ def described(urdf: Path, base_gravity: str | None) -> Description:
 
 def given_with_load(description: Description, joint: str, records: Sequence[Mapping[str, Recording]]) -> Given:
     """Return recordings of a joint, of all joints by name, with the load that the rest of the arm puts on it."""
-    from joint_id_core.arm.gravity import other_gravity
+    from joint_id_core.arm.gravity_direction import other_gravity
     from joint_id_core.arm.loaded import loaded
 
     done = loaded(description, joint, records)
