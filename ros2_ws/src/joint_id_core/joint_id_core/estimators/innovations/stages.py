@@ -164,14 +164,18 @@ class Stages:
                 return found
             covariance = finer.covariance
             step = shift = covariance @ finer.gradient
-            if self._excess(step, covariance) > 1.0:  # due to the integrator, or to an iteration that ended early
-                here = self.cost.at(found.z, found.levels, steps, substeps)
-                shift = step if here is None else covariance @ (finer.gradient - here.gradient)
-                if here is not None and tolerance > TOLERANCE and self._excess(step - shift, covariance) > 1.0:
-                    tolerance = TOLERANCE
-                    found = self.parameters_and_noise(here, tolerance) or found
-                    continue
-            excess = max(self._excess(shift, covariance), self._fall(found, finer) / FALLS)
+            moves, fall = self._excess(step, covariance) > 1.0, 0.0
+            if moves or found.cost - finer.cost > FALLS:  # due to the integrator, or to an iteration that ended early
+                here = self.cost.at(found.z, found.levels, steps, substeps)  # `found.last` is one step before
+                if here is not None:
+                    fall = here.cost - finer.cost
+                if here is not None and moves:
+                    shift = covariance @ (finer.gradient - here.gradient)
+                    if tolerance > TOLERANCE and self._excess(step - shift, covariance) > 1.0:
+                        tolerance = TOLERANCE
+                        found = self.parameters_and_noise(here, tolerance) or found
+                        continue
+            excess = max(self._excess(shift, covariance), fall / FALLS)
             moved = shift if found.left.any() else step
             z = self.coordinates.clip(found.z + np.clip(moved, -1.0, 1.0))
             refined = replace(finer, z=z, settled=found.settled, integration=shift, left=found.left)
@@ -184,13 +188,6 @@ class Stages:
                 return refined
             found = self.most_likely(again)
         return found
-
-    def _fall(self, found: Minimum, finer: Minimum) -> float:
-        """Return by how much the cost is lower with finer steps; 0 if it is not."""
-        if found.cost - finer.cost < FALLS:
-            return 0.0
-        here = self.cost.at(found.z, found.levels, found.last.steps, found.substeps)  # `found.last` is one step before
-        return 0.0 if here is None else max(0.0, here.cost - finer.cost)
 
     def _excess(self, shift: Array, covariance: Array) -> float:
         """Return the largest ratio of a shift to the allowed integration error."""
