@@ -19,6 +19,7 @@ from joint_id_core.checking.repeats import repeated
 from joint_id_core.checking.rows import outliers, zeros
 from joint_id_core.checking.stamps import STAMPS, uneven_stamps
 from joint_id_core.checking.standing import slower_source, standing
+from joint_id_core.checking.swapped import swapped
 from joint_id_core.checking.twist import twist_offset
 from joint_id_core.checking.units import position_units, time_units, too_large, torque_units
 from joint_id_core.checking.velocity import velocities
@@ -28,7 +29,7 @@ LEAST = 50  # samples; fewer show nothing
 CHECKS = (
     time_units, position_units, torque_units, slower_source, constant_channels, velocities, low_rate, uneven_stamps,
     outliers, repeated, zeros, jumps, frozen, cut_off, standing, twist_offset, directions, unfollowed, circuit,
-    bursts, coarse,
+    swapped, bursts, coarse,
 )  # fmt: skip
 
 

@@ -1,0 +1,65 @@
+"""Current and velocity of a motor in the wrong columns."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from joint_id_core.checking.findings import findings
+from joint_id_core.checking.swapped import swapped
+from joint_id_core.data.recording import Recording
+from joint_id_core.estimators import fit
+from joint_id_core.models import build
+from joint_id_core.simulation import simulate_motion
+
+TOLD = "are these two columns swapped? Then exchange them (--map)"
+CASES = [("dc_motor", "current"), ("harmonic_drive", "torque")]
+
+
+def exchanged(recording: Recording, drive: str) -> Recording:
+    both = {drive: recording["motor_velocity"], "motor_velocity": recording[drive]}
+    return Recording(recording.time, {**recording.channels, **both})
+
+
+@pytest.mark.parametrize(("model", "drive"), CASES)
+@pytest.mark.parametrize("seconds", [2.0, 10.0])
+def test_exchanged_columns_are_named(model, drive, seconds):
+    motion = simulate_motion(build(model), duration=seconds)
+    assert not list(swapped(motion))
+    (found,) = swapped(exchanged(motion, drive))
+    assert TOLD in found.text and set(found.channels) == {drive, "motor_velocity"}
+
+
+def test_the_message_of_a_fit_says_so():
+    motion = simulate_motion(build("dc_motor"), duration=4.0)
+    assert TOLD in fit(build("dc_motor"), exchanged(motion, "current")).message
+    assert TOLD not in fit(build("dc_motor"), motion).message
+
+
+@pytest.mark.parametrize("model", ["dc_motor", "harmonic_drive", "motor_side", "electromechanical", "rigid_joint"])
+def test_no_recording_with_the_right_columns_is_doubted(model):
+    for seconds in (1.0, 6.0):
+        assert TOLD not in " ".join(f.text for f in findings(simulate_motion(build(model), duration=seconds)))
+
+
+def test_a_current_that_holds_a_weight_is_no_velocity():
+    """The current then changes as the velocity says, but the position does not move as the current says."""
+    time = np.arange(5000) / 500.0
+    w = 2.0 * np.pi * np.geomspace(0.2, 4.0, 8)
+    at = np.outer(time, w) + np.random.default_rng(0).uniform(0.0, 2.0 * np.pi, len(w))
+    q, velocity = np.sin(at) @ (0.1 / w), np.cos(at).sum(axis=1) * 0.1
+    held = {"motor_velocity": 100.0 * velocity, "current": 8.0 * np.sin(q)}
+    assert list(swapped(Recording(time, held))), "nothing shows it without a position"
+    assert not list(swapped(Recording(time, {**held, "link_position": q})))
+
+
+def test_short_constant_or_missing_signals_tell_nothing():
+    motion = exchanged(simulate_motion(build("dc_motor"), duration=4.0), "current")
+    still, gone = np.zeros(len(motion)), np.full(len(motion), np.nan)
+    for other in (still, gone):
+        for name in ("current", "motor_velocity"):
+            assert not list(swapped(Recording(motion.time, {**motion.channels, name: other})))
+    short = Recording(motion.time[:200], {n: v[:200] for n, v in motion.channels.items()})
+    assert not list(swapped(short))
+    holes = {n: np.where(np.arange(len(motion)) % 40 < 5, np.nan, v) for n, v in motion.channels.items()}
+    assert list(swapped(Recording(motion.time, holes)))
