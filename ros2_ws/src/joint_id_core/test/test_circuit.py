@@ -93,13 +93,6 @@ def test_a_short_recording_whose_voltage_rests_in_between_shows_it_as_well(chang
     assert found.fatal and told in found.text.lower()
 
 
-def test_swapped_current_and_velocity_have_constants_that_no_motor_has():
-    short = simulate_motion(MODEL, duration=2.0, values={"R": 0.7, "k_t": 0.045, "c_b": 4e-4})
-    swapped = changed(short, {"current": short["motor_velocity"], "motor_velocity": short["current"]})
-    said = fit(MODEL, swapped).message
-    assert "voltage constant k_b is" in said and "a channel is not in SI units, or is another quantity" in said
-
-
 def test_a_fit_whose_matrix_has_no_inverse_ends_with_a_status():
     """The channels are swapped: at the end of some searches rounding hides what the data say."""
     motion = simulate_motion(MODEL, duration=4.0)

@@ -30,8 +30,10 @@ def test_exchanged_columns_are_named(model, drive, seconds):
     assert TOLD in found.text and set(found.channels) == {drive, "motor_velocity"}
 
 
-def test_the_message_of_a_fit_says_so():
-    motion = simulate_motion(build("dc_motor"), duration=4.0)
+@pytest.mark.parametrize("values", [{}, {"R": 0.7, "k_t": 0.045, "c_b": 4e-4}])
+def test_the_message_of_a_fit_says_so(values):
+    """With the second motor the fit converges, to a voltage constant that is 5,000 times the torque constant."""
+    motion = simulate_motion(build("dc_motor"), duration=2.0, values=values)
     assert TOLD in fit(build("dc_motor"), exchanged(motion, "current")).message
     assert TOLD not in fit(build("dc_motor"), motion).message
 

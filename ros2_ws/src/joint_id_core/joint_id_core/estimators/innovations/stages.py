@@ -167,7 +167,7 @@ class Stages:
             moves, fall = self._excess(step, covariance) > 1.0, 0.0
             if moves or found.cost - finer.cost > FALLS:  # due to the integrator, or to an iteration that ended early
                 here = self.cost.at(found.z, found.levels, steps, substeps)  # `found.last` is one step before
-                if here is not None:
+                if here is not None and found.cost - finer.cost > FALLS:
                     fall = here.cost - finer.cost
                 if here is not None and moves:
                     shift = covariance @ (finer.gradient - here.gradient)
