@@ -61,6 +61,7 @@ def test_short_constant_or_missing_signals_tell_nothing():
     for other in (still, gone):
         for name in ("current", "motor_velocity"):
             assert not list(swapped(Recording(motion.time, {**motion.channels, name: other})))
+    assert list(swapped(Recording(motion.time, {**motion.channels, "link_position": gone})))
     short = Recording(motion.time[:200], {n: v[:200] for n, v in motion.channels.items()})
     assert not list(swapped(short))
     holes = {n: np.where(np.arange(len(motion)) % 40 < 5, np.nan, v) for n, v in motion.channels.items()}
