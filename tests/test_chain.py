@@ -49,8 +49,7 @@ def test_simulated_steps_give_the_motor_and_gear_parameters_live(start, probe):
     truth = probe.collect(JointParams, "truth", LATEST)
     samples = probe.collect(JointSamples, "joint_samples")
     start("identifier")
-    start("filter")
-    probe.until(lambda: probe.count_subscribers("joint_samples") == 2, "the identifier")
+    start("filter", wait_subscribers=2)  # until it has found this probe, too, which would lack the first samples
     sim = start("sim", wait_subscribers=1, duration=6.0, set=["k_1=7000"])
     probe.until(lambda: converged(found) and truth, "an estimate and the truth")
     assert values(truth[0])["k_1"] == 7000.0
