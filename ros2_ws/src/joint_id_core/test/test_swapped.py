@@ -35,6 +35,7 @@ def test_the_message_of_a_fit_says_so(values):
     """With the second motor the fit converges, to a voltage constant that is 5,000 times the torque constant."""
     motion = simulate_motion(build("dc_motor"), duration=2.0, values=values)
     assert TOLD in fit(build("dc_motor"), exchanged(motion, "current")).message
+    assert TOLD in findings(exchanged(motion, "current"))[0].text, "it explains the others"
     assert TOLD not in fit(build("dc_motor"), motion).message
 
 
