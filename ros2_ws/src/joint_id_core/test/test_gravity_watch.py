@@ -77,6 +77,16 @@ def test_a_doubt_ends_with_torques_that_fit(moved):
     assert not watch.doubt
 
 
+def test_one_joint_that_moves_tells_no_single_direction(moved):
+    q = np.where(np.arange(len(JOINTS)) == 1, moved[MOTION[0]], 0.0)
+    still = np.zeros_like(q)
+    torque = Description(URDF, "arm.urdf", FLOOR).loads(q, still, still).torque
+    torque = torque + np.random.default_rng(3).normal(0.0, 0.1, torque.shape)
+    watch = GravityWatch(Description(URDF, "arm.urdf", CEILING))
+    assert told(watch, {MOTION[0]: q, MOTION[1]: still, MOTION[2]: still, "torque": torque})
+    assert "along another direction" in watch.doubt and "give its direction with base_gravity if" in watch.doubt
+
+
 def test_a_robot_that_rests_tells_nothing(moved):
     still = {name: np.broadcast_to(values[:1], values.shape) for name, values in moved.items()}
     noise = np.random.default_rng(2).normal(0.0, 1e-4, still[MOTION[0]].shape)

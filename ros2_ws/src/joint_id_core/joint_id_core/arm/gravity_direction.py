@@ -57,15 +57,15 @@ def other_gravity(description: Description, records: Sequence[Mapping[str, Recor
         description: of the robot.
         records: recordings of all its joints, by name. Joints without a torque or a current do not count.
     """
-    return doubt(description, _pulled(description, records), lambda g: f"--base-gravity {listed(g)}")
+    return doubt(description, _pulled(description, records), "--base-gravity", lambda g: f" {listed(g)}")
 
 
-def doubt(description: Description, joints: Sequence[Pulled], option: Callable[[Array], str]) -> str:
+def doubt(description: Description, joints: Sequence[Pulled], option: str, given: Callable[[Array], str]) -> str:
     """Return that gravity acts elsewhere than it is taken to, as a sentence; empty if the joints do not say so.
 
     Args:
         description: of the robot; `joints`: of it, as far as gravity loads them and their drive is known.
-        option: returns how a user gives a gravity in m/s^2, shape (3,).
+        option: with which a user gives a gravity; `given` returns what stands behind it for one in m/s^2, shape (3,).
     """
     taken = description.gravity
     if not joints or not taken.any():
@@ -77,7 +77,7 @@ def doubt(description: Description, joints: Sequence[Pulled], option: Callable[[
     axis = np.round(felt)
     found = G * (axis if float(felt @ axis) > np.cos(np.radians(NEAR)) else felt)
     what = f"along {listed(found)} m/s^2" if sure else "along another direction"
-    give = option(found) if sure else f"its direction with {option(found).split()[0]}"
+    give = f"{option}{given(found)}" if sure else f"its direction with {option}"
     return (
         f"The torques of all joints fit gravity {what} in the frame of the base of {description.source}, not along "
         f"{listed(taken)}: give {give} if the base is mounted so; a tool that the description lacks, or torques with "

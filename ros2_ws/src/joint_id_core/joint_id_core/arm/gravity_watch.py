@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -64,9 +63,9 @@ class GravityWatch:
         q, dq, ddq, drive = np.array(self._poses).transpose(1, 0, 2)
         drives = {j: drive[:, j] for j in range(drive.shape[1])}
         joints = pulled(self._description, pull_of(self._description), (q, dq, ddq), drives)
-        return doubt(self._description, joints, _parameter)
+        return doubt(self._description, joints, "base_gravity", _assigned)
 
 
-def _parameter(gravity: Sequence[float] | Array) -> str:
-    """Return a gravity as the parameter of a node."""
-    return f"base_gravity:=[{', '.join(str(float(v)) for v in np.round(gravity, 2) + 0.0)}]"
+def _assigned(gravity: Array) -> str:
+    """Return a gravity as it is assigned to a parameter of a node."""
+    return f":=[{', '.join(str(float(v)) for v in np.round(gravity, 2) + 0.0)}]"
