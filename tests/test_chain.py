@@ -86,13 +86,14 @@ def test_a_bag_gives_the_same_as_the_live_joint_at_any_speed(start, probe, tmp_p
     write_bag(tmp_path / "bag", {"joint": Recording(time, channels)})
     found = probe.collect(JointParams, "joint_params", LATEST)
     start("identifier", use_sim_time=True)
-    start("filter", use_sim_time=True)
+    reader = start("filter", use_sim_time=True)
     probe.until(lambda: probe.count_subscribers("joint_samples") == 1, "the identifier")
     player = start("player", bag=tmp_path / "bag", rate=0.0)
     # The bag ends at 53 s. A quick computer also publishes the window that ends at 52 s.
     probe.until(lambda: [m for m in converged(found) if m.header.stamp.sec == 52], "an estimate in the time of the bag")
     assert_near(converged(found)[-1].joints[0], model.values(), CLEAR)
     assert player.wait() == 0
+    assert "restarted" not in reader.text  # it had every topic from the first sample on
 
 
 @pytest.mark.parametrize("kind", [Program])

@@ -103,6 +103,11 @@ class Aligner:
         self._complete += self._joiner.release(idle=True)
         return self.align()
 
+    @property
+    def waiting(self) -> bool:
+        """Whether messages wait for those of other topics."""
+        return self._joiner.waiting
+
     def new_rate(self, why: str) -> list[AlignedSamples]:
         """Restart the filter for another sampling rate; return the samples that waited."""
         return self.align() + self._restart(why, new_rate=True)

@@ -39,7 +39,13 @@ class InputOptions:
         1e-6,
         1e5,
     )
-    join_wait_s: float = option(1.0, "how long a topic is awaited before it counts as not measured", "s", 0.0, 10.0)
+    join_wait_s: float = option(
+        1.0,
+        "how long a topic is awaited before it counts as not measured; one that has come is awaited four times as long",
+        "s",
+        0.0,
+        10.0,
+    )
 
     def __post_init__(self) -> None:
         check(self)

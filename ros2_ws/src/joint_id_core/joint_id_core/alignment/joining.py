@@ -12,6 +12,10 @@ from joint_id_core.errors import JointIdError
 BACK_NS = NANO  # a stamp that goes back by more than this starts a new run (a bag played again)
 AHEAD_NS = 86_400 * NANO  # so does one further ahead: times count from the begin of a run, and long ones lose digits
 
+# A topic that has come is awaited so many times longer than one that has not: Fast DDS sends a lost message again, and
+# those that came after it, when its writer's heartbeat is due, which is every 3 s.
+COMES_AGAIN = 4.0
+
 Part = TypeVar("Part")
 
 
@@ -47,10 +51,14 @@ class Joiner(Generic[Part]):
     """Joins messages with equal stamps, in order of their stamps.
 
     A stamp is complete when every active topic has delivered it or a later one. A topic becomes inactive when two
-    conditions hold: the newest stamp of all topics is `wait_s` after its last stamp (at the start: after the first
-    stamp of all), and no message has come from it for `wait_s` of real time. The second condition is needed because a
-    bag that is played fast may deliver topics unevenly. An inactive topic counts as not measured until its next
+    conditions hold: the newest stamp of all topics is its patience after its last stamp (at the start: after the first
+    stamp of all), and no message has come from it for that long in real time. The second condition is needed because a
+    bag that is played fast may deliver topics unevenly. The patience is `wait_s` for a topic that has not come in this
+    run, and `COMES_AGAIN` times as long for one that has. An inactive topic counts as not measured until its next
     message. So a topic that nobody publishes causes a delay of `wait_s` only once.
+
+    Attributes:
+        waiting: whether messages wait for those of other topics.
     """
 
     def __init__(self, topics: Collection[str], wait_s: float, clock: Callable[[], float] = time.monotonic) -> None:
@@ -65,6 +73,10 @@ class Joiner(Generic[Part]):
         self._newest: int | None = None
         self._first: int | None = None
         self._released: int | None = None
+
+    @property
+    def waiting(self) -> bool:
+        return bool(self._pending)
 
     def add(self, topic: str, stamp_ns: int, part: Part) -> list[tuple[int, dict[str, Part]]]:
         """Add one message; return the stamps that became complete, each with its parts by topic.
@@ -101,8 +113,9 @@ class Joiner(Generic[Part]):
         until, now = self._newest, self._clock()
         for topic, order in self._orders.items():
             last = self._first - 1 if order.last_ns is None else order.last_ns
-            recent = not idle and self._newest - last < self._wait_s * NANO
-            if recent or now - self._heard[topic] < self._wait_s:
+            patience_s = self._wait_s if order.last_ns is None else COMES_AGAIN * self._wait_s
+            recent = not idle and self._newest - last < patience_s * NANO
+            if recent or now - self._heard[topic] < patience_s:
                 until = min(until, last)
         if until < (self._first if self._released is None else self._released):
             return []

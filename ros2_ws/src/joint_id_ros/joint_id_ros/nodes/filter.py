@@ -96,7 +96,7 @@ class FilterNode(Node):
         self._silent_periods += 1
         if self._silent_periods >= 2:
             self._publish(self._aligner.release())
-        silent = self._silent_periods * RELEASE_S > max(SILENT_S, self._input.join_wait_s + RELEASE_S)
+        silent = self._silent_periods * RELEASE_S > SILENT_S and not self._aligner.waiting
         if self._ending.due(self._reading.end_with, self._heard) and silent and not self._sources.published:
             self._begin_anew("the samples end")
             self._publisher.wait_for_all_acked(FLUSH)
