@@ -179,6 +179,11 @@ class Probe(Node):
                 return status
         return None
 
+    def values_of(self, node: str) -> dict[str, str]:
+        """The values of the newest diagnostic status of a node; none before the first."""
+        of_node = [status for status in self.diagnostics if status.name == f"/{node}"]
+        return {v.key: v.value for v in of_node[-1].values} if of_node else {}
+
 
 @functools.cache
 def _spare_the_libraries() -> None:

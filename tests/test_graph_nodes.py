@@ -116,6 +116,30 @@ def test_a_replay_ends_by_itself_with_the_last_estimate(start, probe, tmp_path):
     assert joint.samples == pytest.approx(RATE, abs=5)
 
 
+def test_a_bag_played_as_fast_as_possible_gives_every_estimate(start, probe, tmp_path):
+    motion, seconds = Motion(), 60
+    q, tau = np.array([motion.at(k) for k in range(seconds * RATE)]).T
+    time = 100.0 + np.arange(seconds * RATE) / RATE
+    write_bag(tmp_path / "bag", {"joint": Recording(time, {"link_position": q, "current": tau})})
+    identifier = start("identifier", model="rigid_joint", actuation="torque", recorded=True)
+    how = {"effort_source": "torque", "gear_ratio": 1.0}
+    reader = start("filter", **how, wait_subscribers=1, recorded=True, end_with="player")
+    player = start("player", bag=tmp_path / "bag", rate=0.0, wait_first_s=100.0)
+    for process in (player, reader):
+        probe.until(lambda process=process: not process.running, f"the end of {process.name}")
+        assert process.wait() == 0
+    probe.until(
+        lambda: probe.values_of("identifier").get("received") == str(seconds * RATE), "all samples in the diagnostics"
+    )
+    probe.until(lambda: probe.values_of("identifier")["backlog"] == "0", "the last estimate")
+    probe.spin(1.5)
+    values = probe.values_of("identifier")
+    assert values["samples left out"] == values["missed hops"] == "0"
+    assert not [key for key in values if "lost" in key]
+    assert sum(int(n) for key, n in values.items() if key.startswith("fits: ")) >= (seconds - 2.0) / 0.5 - 2
+    assert identifier.running
+
+
 def test_a_replay_whose_identifier_cannot_begin_ends(start, probe):
     identifier = start("identifier", model="rigid_joint", set=["mass=3"], end_with="filter")
     assert identifier.wait() == 2

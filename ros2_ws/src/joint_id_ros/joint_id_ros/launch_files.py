@@ -202,8 +202,8 @@ def _demo(values: Values) -> dict[str, dict[str, object]]:
 # The bag begins when its readers are ready, also those that compile first, and they end when it has ended.
 REPLAY: dict[str, dict[str, object]] = {
     "player": {"wait_first_s": 600.0},
-    "filter": {"use_sim_time": True, "wait_subscribers": 1, "end_with": "player"},
-    "identifier": {"use_sim_time": True, "end_with": "filter"},
+    "filter": {"use_sim_time": True, "recorded": True, "wait_subscribers": 1, "end_with": "player"},
+    "identifier": {"use_sim_time": True, "recorded": True, "end_with": "filter"},
 }
 
 
@@ -219,7 +219,7 @@ LAUNCH_FILES = {
         offers={
             "filter": (),
             "sim": ("model", "rate", "duration", "seed", "noise"),
-            "identifier": _all("identifier", "reliability", "end_with"),
+            "identifier": _all("identifier", "reliability", "recorded", "end_with"),
         },
         own=_demo,
     ),
@@ -227,8 +227,10 @@ LAUNCH_FILES = {
         "a bag through filter and identifier",
         offers={
             "player": _all("player", "wait_first_s"),
-            "identifier": _all("identifier", "reliability", "end_with"),  # its samples come from our own filter
-            "filter": _all("filter", "wait_subscribers", "end_with"),
+            "identifier": _all(
+                "identifier", "reliability", "recorded", "end_with"
+            ),  # its samples come from our own filter
+            "filter": _all("filter", "recorded", "wait_subscribers", "end_with"),
         },
         required=("bag",),
         leader="player",
@@ -240,8 +242,10 @@ LAUNCH_FILES = {
         "driver, filter and identifier of one robot",
         offers={
             "driver": _all("driver", "joints", "gear_ratio"),  # not those of other nodes or per robot
-            "filter": _all("filter", "reliability", "end_with"),  # the samples of both come from our own nodes
-            "identifier": _all("identifier", "reliability", "end_with"),
+            "filter": _all(
+                "filter", "reliability", "recorded", "end_with"
+            ),  # the samples of both come from our own nodes
+            "identifier": _all("identifier", "reliability", "recorded", "end_with"),
         },
         required=("robot_ip", "params_file"),
     ),
@@ -249,7 +253,9 @@ LAUNCH_FILES = {
         "driver, filter and arm identifier of one robot",
         offers={
             "driver": _all("driver", "joints", "gear_ratio"),
-            "filter": _all("filter", "reliability", "end_with", "description_topic", "urdf", "base_gravity"),  # no load
+            "filter": _all(
+                "filter", "reliability", "recorded", "end_with", "description_topic", "urdf", "base_gravity"
+            ),  # no load
             "arm_identifier": _all("arm_identifier", "reliability", "end_with"),
         },
         required=("robot_ip", "params_file"),

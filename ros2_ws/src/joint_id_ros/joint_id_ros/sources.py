@@ -37,9 +37,11 @@ class Sources:
         reliability: str,
         diagnostics: Diagnostics,
         changed: Callable[[str, SourceEvent], None],
+        recorded: bool = False,
     ) -> None:
-        """Start to watch; `changed` gets the topic and what happened on it."""
+        """Start to watch; `changed` gets the topic and what happened on it; `recorded` messages may wait."""
         self._node, self._reliability, self._diagnostics, self._changed = node, reliability, diagnostics, changed
+        self._recorded = recorded
         self._watches = {topic: SourceWatch(topic) for topic in topics}
         self._complaints: list[str] = []
         self._foreign: dict[str, int] = {}  # messages of other publishers until the last look, by topic
@@ -98,8 +100,8 @@ class Sources:
 
     @property
     def slowest_s(self) -> float:
-        """Longest time that a message waited until it was read, in s, since the last `values`."""
-        return max(watch.slowest_s for watch in self._watches.values())
+        """Longest time that a message, if not recorded, waited until it was read, in s, since the last `values`."""
+        return 0.0 if self._recorded else max(watch.slowest_s for watch in self._watches.values())
 
     @property
     def lateness(self) -> tuple[bytes, list[str]]:

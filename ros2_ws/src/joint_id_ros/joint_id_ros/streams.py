@@ -50,6 +50,7 @@ class Streams:
         reliability: str,
         end_of_batch: Callable[[], None] = lambda: None,
         pace_s: float = READ_S,
+        ready: Callable[[], bool] = lambda: True,
     ) -> None:
         """Subscribe.
 
@@ -61,9 +62,10 @@ class Streams:
             reliability: as in `ReadingOptions`.
             end_of_batch: called after the last of the messages that were read together.
             pace_s: time between two readings; it is `READ_S` while a recording is played fast.
+            ready: whether to read now; what is not read holds reliable publishers that keep everything up.
         """
         self.read_s = self._pace_s = pace_s
-        self._newest_ns = 0
+        self._newest_ns, self._ready = 0, ready
         self._node, self._callback, self._sources, self._end_of_batch = node, callback, sources, end_of_batch
         self._readers = {t.name: Reader(t, topics[t.name]) for t in (*RAW, CONDITIONS, SAMPLES) if t.name in topics}
         self._subscriptions: dict[str, Subscription] = {}
@@ -82,6 +84,8 @@ class Streams:
 
     def read(self) -> None:
         """Pass on the messages that have arrived since the last call."""
+        if not self._ready():
+            return
         batches = {topic: self._take(subscription) for topic, subscription in self._subscriptions.items()}
         if any(batches.values()):
             self.pass_on(batches)

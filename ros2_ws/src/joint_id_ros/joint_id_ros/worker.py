@@ -70,6 +70,7 @@ class Worker:
 
     All samples that arrived during a fit go into one update. So if fits take longer than a hop, windows are skipped and
     the results stay current. No more samples wait than `SampleQueue` holds; beyond that the oldest are left out.
+    Recorded samples have time: no window is skipped, and none is left out if nothing is added while the worker is full.
 
     Attributes:
         missed: number of hops without an estimate because a fit took too long.
@@ -84,6 +85,7 @@ class Worker:
         callbacks: Callbacks,
         hop_s: float,
         known: Collection[str] = (),
+        recorded: bool = False,
     ) -> None:
         """Start the thread.
 
@@ -94,11 +96,13 @@ class Worker:
             callbacks: callbacks for estimates and problems.
             hop_s: time in s after which an estimate of each joint is due.
             known: joints that were published before the first sample; those not in the samples are gone, too.
+            recorded: whether the samples are of a recording, so that no hurry is needed.
         """
         self.missed = self.left_out = 0
         self._hop_s = hop_s
         self._enough_ns = int(0.5 * gathered_s(hop_s) * NANO)  # readings at equal intervals find more and less
-        self._queue = SampleQueue()
+        self._recorded = recorded
+        self._queue = SampleQueue(int(gathered_s(hop_s) * NANO) if recorded else None)
         self._lock = threading.Lock()  # for the batch
         self._batch: _Batch | None = None
         self._done_ns: dict[str, int] = {}  # newest sample that an identifier has taken, by joint
@@ -125,18 +129,30 @@ class Worker:
         return (now := time.monotonic()) - min(self._begun.copy().values(), default=now)
 
     @property
+    def full(self) -> bool:
+        """Whether no more recorded samples should be added for now."""
+        return self._queue.full
+
+    @property
     def idle(self) -> bool:
         """Whether every sample has been used."""
         return not self._queue and not self._working
 
     @property
     def waiting(self) -> list[str]:
-        """Joints whose newest samples have waited for longer than a hop."""
+        """Joints whose newest samples, if not recorded, have waited for longer than a hop."""
+        if self._recorded:
+            return []
         late_ns = self._queue.newest_ns - int(self._hop_s * NANO)
         return sorted(joint for joint, done_ns in self._done_ns.copy().items() if done_ns < late_ns)
 
     def lag_s(self) -> float:
-        """Return how far the identifiers were behind the newest sample at worst, in s, since the last call."""
+        """Return how far the identifiers were behind the newest sample at worst, in s, since the last call.
+
+        Recorded samples wait for them: 0.
+        """
+        if self._recorded:
+            return 0.0
         now_s = max((self._queue.newest_ns - done_ns for done_ns in self._done_ns.copy().values()), default=0) / NANO
         longest, self._longest_lag_s = max(now_s, self._longest_lag_s), 0.0
         return longest
@@ -177,7 +193,8 @@ class Worker:
 
     def _run(self) -> None:
         while True:
-            self._arrived.wait(IDLE_S)
+            if not self._queue.covers(self._enough_ns):
+                self._arrived.wait(IDLE_S)
             self._arrived.clear()
             if self._stop.is_set():
                 return

@@ -9,7 +9,7 @@ import pytest
 
 from joint_id_ros.raw_messages import RawMessage, Table
 from joint_id_ros.sample_queue import KEEP_S, QUEUE_S
-from joint_id_ros.worker import GONE_S, Callbacks, Worker
+from joint_id_ros.worker import GONE_S, Callbacks, Worker, gathered_s
 
 PERIOD_NS = 10_000_000
 PATIENCE_S = 60.0
@@ -29,8 +29,8 @@ class Slow:
 
 
 @pytest.fixture
-def working():
-    """A worker with slow identifiers, and all that it calls back."""
+def working(request):
+    """A worker with slow identifiers, and all that it calls back; the test's parameter says whether for a recording."""
     gate, told, made = threading.Event(), [], {}
     stuck = threading.Event()
 
@@ -44,7 +44,7 @@ def working():
         lambda joint: told.append(("gone", joint)),
         lambda kind, text: told.append((kind, text)),
     )
-    worker = Worker(make, (), (), callbacks, hop_s=0.5)
+    worker = Worker(make, (), (), callbacks, hop_s=0.5, recorded=getattr(request, "param", False))
     yield worker, gate, told, made
     gate.set()
     stuck.set()
@@ -82,6 +82,39 @@ def test_no_more_than_some_seconds_wait_and_the_newest_stay(working):
     kept = made["a"].batches[1].time
     assert kept[-1] == pytest.approx(29.99) and kept[-1] - kept[0] >= KEEP_S
     assert worker.missed == round(len(kept) * PERIOD_NS * 1e-9 / 0.5) - 1
+
+
+@pytest.mark.parametrize("working", [True], indirect=True)
+def test_recorded_samples_wait_and_go_into_one_estimate_each_time_that_one_is_due(working):
+    worker, gate, told, made = working
+    add(worker, 0, 1)
+    until(lambda: "a" in made and made["a"].begun.is_set())
+    assert not worker.full
+    add(worker, 1, 3000)  # 30 s, more than is ever read while the worker is full
+    assert worker.full and worker.waiting == [] and worker.lag_s() == 0.0
+    gate.set()
+    until(lambda: worker.idle)
+    assert not worker.full
+    batches = [batch.time for batch in made["a"].batches]
+    np.testing.assert_allclose(np.concatenate(batches), np.arange(3000) * PERIOD_NS * 1e-9)
+    assert max(time[-1] - time[0] for time in batches) <= gathered_s(0.5) + 1e-9
+    assert worker.missed == worker.left_out == 0
+    assert {kind for kind, _ in told} == {"estimated", "published", "finished"}
+
+
+@pytest.mark.parametrize("working", [True], indirect=True)
+def test_a_new_run_of_a_recording_begins_after_all_of_the_last_one(working):
+    worker, gate, _, made = working
+    add(worker, 0, 1)
+    until(lambda: "a" in made and made["a"].begun.is_set())
+    first = made["a"]
+    add(worker, 1, 500)
+    worker.restart()
+    add(worker, 0, 100)
+    gate.set()
+    until(lambda: worker.idle)
+    assert sum(len(batch) for batch in first.batches) == 500
+    assert made["a"] is not first and sum(len(batch) for batch in made["a"].batches) == 100
 
 
 def test_who_keeps_up_misses_nothing(working):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from collections import deque
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -24,12 +26,13 @@ from joint_id_ros.ending import SILENT_S, Ending
 from joint_id_ros.options.load import LoadOptions
 from joint_id_ros.options.reading import FilterReadingOptions
 from joint_id_ros.parameters import declare, read
-from joint_id_ros.qos import FLUSH, STREAM_OUT
+from joint_id_ros.qos import FLUSH, REPLAY, STREAM_OUT
 from joint_id_ros.raw_messages import RawMessage
 from joint_id_ros.samples import SamplesWriter
 from joint_id_ros.sources import Sources
 from joint_id_ros.streams import Streams
 
+SLICE_S = 0.02  # longest time of publishing at once, so that signals and services are served
 RELEASE_S = 0.2  # period of the checks for samples that wait for a silent topic
 TYPES = {t.__name__: t for t in (JointState, MotorVoltages, MotorTorques, RobotSignals)}
 KINDS = {topic.name: TYPES[topic.type.rsplit("/", 1)[-1]] for topic in (*RAW, CONDITIONS)}
@@ -53,12 +56,14 @@ class FilterNode(Node):
         self._diagnostics = Diagnostics(self, self._health, LINK_STATES)
         tell = self._diagnostics.problem
         self._load = ArmLoad(self, read(self, LoadOptions), self._input, options.max_gap, tell)
-        self._publisher = self.create_publisher(JointSamples, "joint_samples", STREAM_OUT)
-        self._writer = SamplesWriter()
         self._reading = read(self, FilterReadingOptions)
+        qos = REPLAY if self._reading.recorded else STREAM_OUT
+        self._publisher = self.create_publisher(JointSamples, "joint_samples", qos)
+        self._writer, self._outbox = SamplesWriter(), deque[bytes]()
         self._ending = Ending(self)
         watched = [topic.name for topic in RAW]
-        self._sources = Sources(self, watched, self._reading.reliability, self._diagnostics, self._on_source)
+        reliability, recorded = self._reading.reliability, self._reading.recorded
+        self._sources = Sources(self, watched, reliability, self._diagnostics, self._on_source, recorded)
         self.streams: Streams | None = None
         self.create_timer(RELEASE_S, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._begin_when_heard()
@@ -66,8 +71,8 @@ class FilterNode(Node):
     def _begin_when_heard(self) -> None:
         """Subscribe as soon as enough subscribers listen to what comes out."""
         if self.streams is None and self._publisher.get_subscription_count() >= self._reading.wait_subscribers:
-            reliability = self._reading.reliability
-            self.streams = Streams(self, KINDS, self._on_message, self._sources, reliability, self._on_batch)
+            how, begun = self._reading.reliability, self._sources
+            self.streams = Streams(self, KINDS, self._on_message, begun, how, self._on_batch, ready=self._sent)
 
     def _on_message(self, topic: str, message: RawMessage) -> None:
         if topic != CONDITIONS.name:
@@ -93,14 +98,14 @@ class FilterNode(Node):
     def _on_timer(self) -> None:
         """Release waiting samples after two silent periods; a single one may be a delay of this process."""
         self._begin_when_heard()
-        self._silent_periods += 1
+        self._silent_periods = self._silent_periods + 1 if self._sent() else 0  # it does not read before
         if self._silent_periods >= 2:
             self._publish(self._aligner.release())
         silent = self._silent_periods * RELEASE_S > SILENT_S and not self._aligner.waiting
         if self._ending.due(self._reading.end_with, self._heard) and silent and not self._sources.published:
             self._begin_anew("the samples end")
-            self._publisher.wait_for_all_acked(FLUSH)
-            self.finished.set_result(None)
+            if (self._sent() and self._publisher.wait_for_all_acked(FLUSH)) or not self._reading.recorded:
+                self.finished.set_result(None)
 
     def _begin_anew(self, why: str) -> None:
         """Publish the samples that wait for later ones, and begin anew."""
@@ -114,9 +119,20 @@ class FilterNode(Node):
 
     def _send(self, done: list[AlignedSamples]) -> None:
         for samples in done:
-            for message in self._writer.write(samples):
-                self._publisher.publish(message)
+            self._outbox.extend(self._writer.write(samples))
             self._published += len(samples.instants_ns)
+        self._sent()
+
+    def _sent(self) -> bool:
+        """Publish what waits; return whether all of it is published: slow readers of a recording leave no room."""
+        end = time.monotonic() + SLICE_S
+        while self._outbox and time.monotonic() < end:
+            try:
+                self._publisher.publish(self._outbox[0])
+            except RuntimeError:  # rclpy's RCLError, after the middleware has waited for room
+                return False
+            self._outbox.popleft()
+        return not self._outbox
 
     def _health(self) -> Health:
         values: dict[str, object] = {

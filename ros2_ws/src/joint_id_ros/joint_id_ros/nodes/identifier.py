@@ -30,7 +30,7 @@ from joint_id_ros.latest_estimates import LatestEstimates
 from joint_id_ros.lifecycle import ManagedNode
 from joint_id_ros.options.baselines import BaselineOptions
 from joint_id_ros.options.identifier import IdentifierOptions
-from joint_id_ros.options.reading import ReadingOptions
+from joint_id_ros.options.reading import BagReadingOptions
 from joint_id_ros.parameters import read
 from joint_id_ros.preparation import Preparation
 from joint_id_ros.raw_messages import RawMessage
@@ -46,14 +46,13 @@ class IdentifierNode(ManagedNode):
     """Identifies every joint from its samples in a thread, and publishes the latest estimates."""
 
     def __init__(self, **how: Any) -> None:
-        super().__init__("identifier", IdentifierOptions, OnlineOptions, BaselineOptions, ReadingOptions, **how)
+        super().__init__("identifier", IdentifierOptions, OnlineOptions, BaselineOptions, BagReadingOptions, **how)
         self._setup = IdentifierSetup(IdentifierOptions(), OnlineOptions())
         self._preparation: Preparation | None = None
         self._worker: Worker | None = None
         self._sources: Sources | None = None
         self._order, self._latest = StampOrder(), LatestEstimates(self)
-        self._fits: Counter[str] = Counter()
-        self._report = IdentifierHealth()
+        self._fits, self._report = Counter[str](), IdentifierHealth()
         self._heard_s: float | None = None  # when the last sample came
         self._ending = Ending(self)
         self._diagnostics = Diagnostics(self, self._health, "joint_samples")
@@ -103,25 +102,23 @@ class IdentifierNode(ManagedNode):
     def begin(self) -> None:
         """Subscribe, publish what is known of an earlier run, and start the thread."""
         self._order = StampOrder()
-        reliability, topics = read(self, ReadingOptions).reliability, {SAMPLES.name: JointSamples}
+        reading, topics = read(self, BagReadingOptions), {SAMPLES.name: JointSamples}
+        how, pace_s = reading.reliability, max(READ_S, gathered_s(self._setup.online.hop_s))
         self._begin_run()
-        self._sources = Sources(self, topics, reliability, self._diagnostics, self._on_source)
-        pace_s = max(READ_S, gathered_s(self._setup.online.hop_s))
-        self.streams = Streams(self, topics, self._on_samples, self._sources, reliability, self._on_batch, pace_s)
+        self._sources = Sources(self, topics, how, self._diagnostics, self._on_source, reading.recorded)
+        self.streams = Streams(self, topics, self._on_samples, self._sources, how, self._on_batch, pace_s, self._ready)
         self.get_logger().info(f"identifying {self._setup.model.model} with {self._setup.model.estimator}")
 
     def _begin_run(self) -> None:
         options, hop_s = self._setup.model, self._setup.online.hop_s
         self._knowledge.begin(options.joints, self._setup.possible)
-        restored = {
-            joint: to_values(joint, one.newest, one.estimate, one.origin_ns)
-            for joint, one in self._knowledge.restored.items()
-        }
+        restored = {j: to_values(j, r.newest, r.estimate, r.origin_ns) for j, r in self._knowledge.restored.items()}
         self._latest.begin(restored)
         self._latest.publish()
         callbacks = Callbacks(self._on_estimate, self._latest.publish, self._on_gone, self._diagnostics.problem)
         make = partial(self._knowledge.continued, self._setup.begin)
-        self._worker = Worker(make, options.joints, options.expected, callbacks, hop_s, tuple(restored))
+        known, recorded = tuple(restored), read(self, BagReadingOptions).recorded
+        self._worker = Worker(make, options.joints, options.expected, callbacks, hop_s, known, recorded)
 
     def _renew(self) -> None:
         """Begin a new run with what is known now."""
@@ -154,6 +151,9 @@ class IdentifierNode(ManagedNode):
         if restart:
             self._restart(self._worker, f"{SAMPLES.name}: time jumped back")
         self._worker.add(message)
+
+    def _ready(self) -> bool:
+        return self._worker is None or not self._worker.full
 
     def _on_batch(self) -> None:
         if self._worker is not None:

@@ -16,14 +16,14 @@ from joint_id_ros.options.identifier import IdentifierOptions
 from joint_id_ros.options.identify import IdentifyOptions
 from joint_id_ros.options.load import LoadOptions
 from joint_id_ros.options.player import PlayerOptions
-from joint_id_ros.options.reading import FilterReadingOptions, ReadingOptions
+from joint_id_ros.options.reading import BagReadingOptions, FilterReadingOptions, ReadingOptions
 from joint_id_ros.options.sim import SimOptions
 from joint_id_ros.options.watch import WatchFleetOptions, WatchOptions
 
 NODES: dict[str, tuple[type, ...]] = {
     "sim": (SimOptions, MotionOptions),
     "filter": (InputOptions, FilterOptions, LoadOptions, FilterReadingOptions),
-    "identifier": (IdentifierOptions, OnlineOptions, BaselineOptions, ReadingOptions),
+    "identifier": (IdentifierOptions, OnlineOptions, BaselineOptions, BagReadingOptions),
     "arm_identifier": (ArmIdentifierOptions, ReadingOptions),
     "player": (PlayerOptions,),
     "driver": (DriverOptions, StreamOptions),

@@ -28,7 +28,16 @@ class ReadingOptions:
 
 
 @dataclass(frozen=True)
-class FilterReadingOptions(ReadingOptions):
+class BagReadingOptions(ReadingOptions):
+    """How a node subscribes to samples that may come from a bag, which can be played faster than the node is."""
+
+    recorded: bool = option(
+        False, "the samples come from a bag: no sample and no estimate is left out, and who is slow holds the player up"
+    )
+
+
+@dataclass(frozen=True)
+class FilterReadingOptions(BagReadingOptions):
     """How the filter subscribes, and when it begins and ends."""
 
     wait_subscribers: int = option(0, "start to read when this many subscribers listen on joint_samples", lower=0)
