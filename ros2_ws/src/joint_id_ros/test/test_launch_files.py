@@ -86,8 +86,14 @@ def test_every_option_of_the_identifier_is_an_argument(name):
     names = {a.name for a in LAUNCH_FILES[name].arguments}
     (identifier,) = {"identifier", "arm_identifier"} & LAUNCH_FILES[name].offers.keys()
     mine = {f.name for options in NODES[identifier] for f in fields(options)}
-    assert mine - names <= {"reliability", "end_with"}  # its samples come from our own filter
+    assert mine - names <= {"reliability", "recorded", "end_with"}  # its samples come from our own filter
     assert "log_level" in names and ("respawn" in names) == (name != "replay")
+
+
+def test_samples_are_recorded_in_a_replay_alone():
+    nodes = starts("replay", bag="b")
+    assert own(nodes["filter"])["recorded"] is own(nodes["identifier"])["recorded"] is True
+    assert not any("recorded" in own(node) for node in starts("demo").values())
 
 
 def test_bags_that_are_replayed_side_by_side_have_a_time_each():
