@@ -16,8 +16,7 @@ from scipy.special import chdtri
 from joint_id_core.cell.kernel import compile_model
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.innovations.belief import Coordinates
-from joint_id_core.estimators.innovations.filtered import levels_and_steps
-from joint_id_core.estimators.innovations.recursion import Recursion
+from joint_id_core.estimators.innovations.filtered import run_through
 from joint_id_core.estimators.shared.fit_data import FitData, prepare
 from joint_id_core.estimators.shared.intervals import widened
 from joint_id_core.estimators.shared.sentences import message, of_halves, sentence
@@ -97,13 +96,10 @@ def with_constancy(
 def pull_of(data: FitData, coordinates: Coordinates, estimate: Estimate) -> Pull | None:
     """Return how parts of the data pull the values of an estimate; None if the filter does not run at these values."""
     kernel = compile_model(data.model, "tanh", data.freed, estimate.cell)
-    recursion = Recursion(data, kernel)
-    levels, steps = levels_and_steps(data, kernel, estimate.noise, estimate.substeps)
-    free = data.p[recursion.index]
-    last = recursion.run(free, levels, steps)
+    recursion, last = run_through(data, kernel, estimate.noise, estimate.substeps)
     if not np.isfinite(last.cost):
         return None
-    slope = coordinates.slope_at(free)
+    slope = coordinates.slope_at(last.free)
     told = np.flatnonzero(np.isfinite(last.variances).all(axis=1) & data.present.any(axis=1))
     if len(told) < BLOCKS:
         return None

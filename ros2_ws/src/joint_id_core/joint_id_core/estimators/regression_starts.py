@@ -1,13 +1,15 @@
 """Start values for a search, from a regression, for joints that are far from the model's table.
 
-The table is that of a small cobot. On an industrial robot stiffness and inertia are three decades larger, beyond what
-the priors allow; a regression finds them without any start.
+The table is that of a small cobot. On an industrial robot stiffness, inertia and gravity are three decades larger, on a
+servo of a gripper inertia and friction four decades smaller, beyond what the priors allow; a regression finds them
+without any start.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
@@ -21,13 +23,14 @@ CERTAIN = 2.0  # largest standard deviation over the value: the order of magnitu
 def started(model: Model, recording: Recording, settings: ParameterSettings | None) -> ParameterSettings:
     """Return settings with start values of a regression for parameters that it finds far from the model's table.
 
-    That is by more than the spread of their prior. Other parameters of the same group get the same factor. An offset of
-    the torque that its prior does not allow becomes one of the encoders. What the user has set stays.
+    That is by more than the spread of their prior. Other parameters of the same group get the same factor. Gravity and
+    offset of a torque that one prior does not allow get priors as wide as the largest of them, so that they can balance
+    each other. Of a transmission, such an offset becomes one of the encoders. What the user has set stays.
     """
     from joint_id_core.estimators.opinion import suits
 
     settings = settings or ParameterSettings()
-    if model.twist_offset is None or not suits(model):
+    if not suits(model):
         return settings
     from joint_id_core.estimators.regression.fit import regressed  # loads SciPy
 
@@ -54,7 +57,22 @@ def started(model: Model, recording: Recording, settings: ParameterSettings | No
                 far.setdefault(other, table[other] * value / table[name])
     if far:
         far |= _offset(model, found, table, settings)
-    return settings.with_values(far)
+    return _with_wide_priors(settings.with_values(far), model, {n: v for n, v in found.items() if n not in own})
+
+
+def _with_wide_priors(settings: ParameterSettings, model: Model, found: Mapping[str, float]) -> ParameterSettings:
+    """Return settings with start values and priors of signed torques that are as large as the largest one found."""
+    free = settings.applied_to(model)[1]
+    signed = [q for q in model.parameters if q.unit == "Nm" and not q.positive and q.name in free]
+    if model.twist_offset is not None:  # there a torque offset becomes one of the encoders
+        signed = [q for q in signed if not q.of_recording]
+    largest = max((abs(found[q.name]) for q in signed if q.name in found), default=0.0)
+    narrow = [q.name for q in signed if q.spread < largest and q.name not in settings.names]
+    return replace(
+        settings,
+        values={**settings.values, **{n: found[n] for n in narrow if n in found}},
+        priors={**settings.priors, **dict.fromkeys(narrow, largest)},
+    )
 
 
 def _far(model: Model, name: str, value: float, table: Mapping[str, float]) -> bool:

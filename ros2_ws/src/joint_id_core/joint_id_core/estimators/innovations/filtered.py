@@ -7,13 +7,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from joint_id_core.cell.kernel import Kernel
-from joint_id_core.cell.rollout import Steps
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.noise import NoiseLevels
 from joint_id_core.estimators.innovations.recursion import Pass, Recursion
 from joint_id_core.estimators.shared.fit_data import FitData
 from joint_id_core.estimators.shared.initial_state import rough_states
-from joint_id_core.estimators.shared.substeps import steps_of
+from joint_id_core.estimators.shared.substeps import MOST_STEPS, steps_of
 
 
 def filtered(
@@ -28,16 +27,28 @@ def filtered(
         substeps: as in `Estimate.substeps`.
         others: inputs, each of shape (T, inputs).
     """
-    levels, steps = levels_and_steps(data, kernel, noise, substeps)
-    recursion = Recursion(data, kernel)
-    passes = (recursion, *map(recursion.with_inputs, others))
-    return [one.run(data.p[recursion.index], levels, steps) for one in passes]
+    recursion, first = run_through(data, kernel, noise, substeps)
+    rest = (recursion.with_inputs(inputs).run(first.free, first.levels, first.steps) for inputs in others)
+    return [first, *rest]
 
 
-def levels_and_steps(data: FitData, kernel: Kernel, noise: Mapping[str, float], substeps: int) -> tuple[Array, Steps]:
-    """Return noise variances, shape (labels + inputs,), and integrator steps of a pass; arguments as of `filtered`."""
-    rough = NoiseLevels.of(data).rough
+def run_through(
+    data: FitData, kernel: Kernel, noise: Mapping[str, float], substeps: int
+) -> tuple[Recursion, Pass]:  # fmt: skip
+    """Filter the states of a record with the start values of `data`; return the recursion as well.
+
+    Where a state that is not measured stands still is known roughly only. With too few integrator steps there the path
+    diverges, so it is tried again with more. The cost is not finite if no number of steps helps.
+
+    Args: as of `filtered`.
+    """
+    rough, recursion = NoiseLevels.of(data).rough, Recursion(data, kernel)
     levels = np.array(
         [v if not noise.get(n, 0.0) > 0.0 else noise[n] ** 2 for n, v in zip(data.noise_names, rough, strict=True)]
     )
-    return levels, steps_of(data, kernel, data.p, rough_states(data), max(1, substeps))
+    substeps, near, free = max(1, substeps), rough_states(data), data.p[recursion.index]
+    while True:
+        found = recursion.run(free, levels, steps_of(data, kernel, data.p, near, substeps))
+        substeps *= 2
+        if np.isfinite(found.cost) or substeps > MOST_STEPS:
+            return recursion, found
