@@ -7,7 +7,9 @@ from joint_id_core import ParameterSettings, fit
 from joint_id_core.data.recording import Recording
 from joint_id_core.design.plant import controller_of
 from joint_id_core.estimators.regression_starts import started
+from joint_id_core.filtering.offline import complete
 from joint_id_core.models import build
+from joint_id_core.online.identifier import OnlineIdentifier
 from joint_id_core.simulation.excitation import position_reference
 from joint_id_core.simulation.position_control import simulate_closed_loop
 from joint_id_core.simulation.sensors import Sensors
@@ -32,6 +34,32 @@ def moved(J, gravity, seed=1):
     return model, truth, shown
 
 
+@pytest.mark.parametrize("size", SIZES)
+def test_online_a_joint_of_any_size_is_known_after_a_window_and_stays_known(size):
+    model, truth, recording = moved(SIZES[size], gravity=True)
+    joint, found = OnlineIdentifier(model), []
+    samples = complete(recording)
+    for k in range(0, len(samples), 25):
+        if (estimate := joint.update(samples.slice(k, k + 25))) is not None:
+            found.append(estimate)
+    assert len(found) > 15 and all(estimate.converged for estimate in found)
+    for estimate in found:
+        assert estimate["J"].std_dev < 0.002 * truth["J"] and estimate["a_g"].std_dev < 0.01 * truth["a_g"]
+        for name in estimate.free:
+            assert abs(estimate[name].value - truth[name]) < 4.0 * estimate[name].std_dev, name
+
+
+@pytest.mark.parametrize("size", ["gripper", "industrial"])
+def test_several_recordings_of_a_joint_of_any_size_are_one(size):
+    model, truth, first = moved(SIZES[size], gravity=True)
+    _, _, second = moved(SIZES[size], gravity=True, seed=2)
+    estimate = fit(model, [first, second])
+    assert estimate.converged, estimate.message
+    for name in ("J", "c", "tau_f", "a_g", "b_g"):
+        assert abs(estimate[name].value - truth[name]) < 4.0 * estimate[name].std_dev, name
+    assert estimate["a_g"].std_dev < 0.01 * abs(truth["a_g"])
+
+
 @pytest.mark.parametrize("gravity", [False, True])
 @pytest.mark.parametrize("size", SIZES)
 def test_a_joint_of_any_size_is_found_without_a_start(size, gravity):
@@ -49,8 +77,10 @@ def test_torques_beyond_a_prior_get_room_together_and_others_keep_the_table():
     settings = started(model, recording, None)
     assert settings.priors.keys() == {"tau_0", "a_g", "b_g"}  # the first and the last could not balance each other else
     assert min(settings.priors.values()) > 0.8 * abs(truth["a_g"])
-    model, _, recording = moved(SIZES["small"], gravity=True)
-    assert not started(model, recording, None).priors
+    model, _, recording = moved(SIZES["gripper"], gravity=True)
+    narrow = started(model, recording, None).priors
+    assert narrow.keys() == settings.priors.keys()
+    assert 10.0 * SHARE["a_g"] * truth["tau_0"] > max(narrow.values()) > 5.0 * np.max(np.abs(recording["torque"]))
 
 
 def test_what_the_user_says_of_a_prior_stays():

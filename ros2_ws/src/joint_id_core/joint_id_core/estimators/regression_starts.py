@@ -17,6 +17,7 @@ from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 
+WEAK = 10.0  # times the largest torque of the drive: no constant torque that it balances is larger, nor part of one
 CERTAIN = 2.0  # largest standard deviation over the value: the order of magnitude is enough
 
 
@@ -25,7 +26,8 @@ def started(model: Model, recording: Recording, settings: ParameterSettings | No
 
     That is by more than the spread of their prior. Other parameters of the same group get the same factor. Gravity and
     offset of a torque that one prior does not allow get priors as wide as the largest of them, so that they can balance
-    each other. Of a transmission, such an offset becomes one of the encoders. What the user has set stays.
+    each other, and narrower ones where the drive is weak: beside them, rounding would hide what the data tell. Of a
+    transmission, such an offset becomes one of the encoders. What the user has set stays.
     """
     from joint_id_core.estimators.opinion import suits
 
@@ -57,21 +59,29 @@ def started(model: Model, recording: Recording, settings: ParameterSettings | No
                 far.setdefault(other, table[other] * value / table[name])
     if far:
         far |= _offset(model, found, table, settings)
-    return _with_wide_priors(settings.with_values(far), model, {n: v for n, v in found.items() if n not in own})
+    torques = [f.samples.y for f in fitted if f.samples.equation.quantity == "torque"]
+    drive = max((float(abs(y).max()) for y in torques), default=0.0)
+    return _with_torques(settings.with_values(far), model, {n: v for n, v in found.items() if n not in own}, drive)
 
 
-def _with_wide_priors(settings: ParameterSettings, model: Model, found: Mapping[str, float]) -> ParameterSettings:
-    """Return settings with start values and priors of signed torques that are as large as the largest one found."""
-    free = settings.applied_to(model)[1]
-    signed = [q for q in model.parameters if q.unit == "Nm" and not q.positive and q.name in free]
+def _with_torques(
+    settings: ParameterSettings, model: Model, found: Mapping[str, float], drive: float
+) -> ParameterSettings:  # fmt: skip
+    """Return settings with start values and priors of signed torques, if those of the table suit no such joint.
+
+    `drive` is the largest torque of the drive in Nm, on the side of the joint that the model describes.
+    """
+    signed = [q for q in model.parameters if q.unit == "Nm" and not q.positive and q.name not in settings.names]
+    signed = [q for q in signed if q.name in settings.applied_to(model)[1]]
     if model.twist_offset is not None:  # there a torque offset becomes one of the encoders
-        signed = [q for q in signed if not q.of_recording]
+        signed, drive = [q for q in signed if not q.of_recording], math.inf
     largest = max((abs(found[q.name]) for q in signed if q.name in found), default=0.0)
-    narrow = [q.name for q in signed if q.spread < largest and q.name not in settings.names]
+    priors = {q.name: largest for q in signed if q.spread < largest}
+    priors |= {q.name: WEAK * drive for q in signed if 0.0 < WEAK * drive < q.spread}
     return replace(
         settings,
-        values={**settings.values, **{n: found[n] for n in narrow if n in found}},
-        priors={**settings.priors, **dict.fromkeys(narrow, largest)},
+        values={**settings.values, **{n: found[n] for n in priors if n in found}},
+        priors={**settings.priors, **priors},
     )
 
 

@@ -45,10 +45,12 @@ class Task:
     background: Background = at_once
 
     def started(self, recording: Recording, settings: ParameterSettings) -> Task:
-        """Return the task with these settings and the start values of a window: see `estimators.regression_starts`."""
+        """Return the task with these settings, starts and priors of a window: see `estimators.regression_starts`."""
         if not isinstance(self.estimator, Innovations):
             return self
-        return replace(self, settings=started(self.model, recording, settings))
+        settings = started(self.model, recording, settings)
+        coordinates = Coordinates(self.model, settings.applied_to(self.model)[1], settings.priors)
+        return replace(self, settings=settings, coordinates=coordinates)
 
     def continued(self, estimate: Estimate) -> Task:
         """Return the task with the start values with which an earlier estimate began, where the settings have none."""
