@@ -11,7 +11,7 @@ from joint_id_core.filtering.offline import complete
 from joint_id_core.models import build
 from joint_id_core.online.identifier import OnlineIdentifier
 from joint_id_core.simulation.excitation import position_reference
-from joint_id_core.simulation.position_control import simulate_closed_loop
+from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
 from joint_id_core.simulation.sensors import Sensors
 
 # J in kg m^2, and torques over the rms torque of the inertia
@@ -88,3 +88,28 @@ def test_what_the_user_says_of_a_prior_stays():
     own = ParameterSettings(values={"J": 1.0}, priors={"a_g": 3.0})
     settings = started(model, recording, own)
     assert settings.values["J"] == 1.0 and settings.priors["a_g"] == 3.0 and "a_g" not in settings.values
+
+
+TORQUES = ("J_m", "c_m", "tau_fm", "c_1", "k_1", "k_2", "J_q", "c_q", "tau_fq")
+MEASURED = {
+    "motor_side": ("link_position", "motor_velocity", "torque"),
+    "harmonic_drive": ("link_position", "motor_velocity", "motor_position", "torque", "external_torque"),
+}
+
+
+@pytest.mark.parametrize("factor", [0.003, 1.0, 300.0])
+@pytest.mark.parametrize("name", MEASURED)
+def test_a_flexible_joint_whose_torques_are_all_larger_or_smaller_is_found_with_the_same_relative_errors(name, factor):
+    usual = build("harmonic_drive").values()
+    truth = {n: factor * v if n in TORQUES else v for n, v in usual.items()}
+    default, time = PositionController(), np.arange(3000) / 500.0
+    controller = PositionController(default.k_p * factor, default.k_d * factor, np.inf)
+    sensors = Sensors(noise={"link_position": 1e-5, "motor_velocity": 0.1, "motor_position": 1e-3})
+    moved = simulate_closed_loop(
+        build("harmonic_drive"), controller, position_reference(), time, truth,
+        torque_noise=0.003 * factor, seed=1, sensors=sensors,
+    )  # fmt: skip
+    estimate = fit(build(name), Recording(time, {n: moved[n] for n in MEASURED[name]}))
+    assert estimate.converged, estimate.message
+    for found in (estimate[n] for n in estimate.free if n in TORQUES):
+        assert abs(found.value - truth[found.name]) < 4.0 * found.std_dev < 0.1 * truth[found.name], found

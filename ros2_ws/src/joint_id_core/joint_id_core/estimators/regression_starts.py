@@ -8,14 +8,19 @@ without any start.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
+from joint_id_core.models.harmonic_drive import HarmonicDrive
+
+if TYPE_CHECKING:
+    from joint_id_core.estimators.regression.fitted import Fitted
 
 WEAK = 10.0  # times the largest torque of the drive: no constant torque that it balances is larger, nor part of one
 CERTAIN = 2.0  # largest standard deviation over the value: the order of magnitude is enough
@@ -29,25 +34,13 @@ def started(model: Model, recording: Recording, settings: ParameterSettings | No
     each other, and narrower ones where the drive is weak: beside them, rounding would hide what the data tell. Of a
     transmission, such an offset becomes one of the encoders. What the user has set stays.
     """
-    from joint_id_core.estimators.opinion import suits
-
     settings = settings or ParameterSettings()
-    if not suits(model):
-        return settings
-    from joint_id_core.estimators.regression.fit import regressed  # loads SciPy
-
-    try:
-        fitted = regressed(model, recording, settings, Regression())
-    except JointIdError:
-        return settings
+    fitted = _own_equations(model, recording, settings)
+    if fitted is None:
+        return _sized(model, recording, settings)
     if any(f.fault or f.blind for f in fitted):
         return settings
-    found = {
-        n: value
-        for f in fitted
-        for n, value, sigma in zip(f.names, f.solution.values.tolist(), f.solution.sigma.tolist(), strict=True)
-        if sigma < CERTAIN * abs(value)
-    }
+    found = _certain(fitted)
     start, free = settings.applied_to(model)
     table = dict(zip(model.parameter_names, start.tolist(), strict=True))
     own = set(settings.names)
@@ -83,6 +76,68 @@ def _with_torques(
         values={**settings.values, **{n: found[n] for n in priors if n in found}},
         priors={**settings.priors, **priors},
     )
+
+
+def _own_equations(model: Model, recording: Recording, settings: ParameterSettings) -> list[Fitted] | None:
+    """Return a regression of the model; None if it does not suit the model or the recording."""
+    from joint_id_core.estimators.opinion import suits
+
+    if not suits(model):
+        return None
+    from joint_id_core.estimators.regression.fit import regressed  # loads SciPy
+
+    try:
+        return regressed(model, recording, settings, Regression())
+    except JointIdError:
+        return None
+
+
+def _certain(fitted: Sequence[Fitted]) -> dict[str, float]:
+    """Return the values whose order of magnitude is known."""
+    return {
+        n: value
+        for f in fitted
+        for n, value, sigma in zip(f.names, f.solution.values.tolist(), f.solution.sigma.tolist(), strict=True)
+        if sigma < CERTAIN * abs(value)
+    }
+
+
+def _sized(model: Model, recording: Recording, settings: ParameterSettings) -> ParameterSettings:
+    """Return settings with start values of a flexible joint that is as large as a rigid one with this drive and motion.
+
+    All torques of friction get one factor, all others (inertia, gear) another.
+    """
+    if model.stiffness is None or model.torque_drive is None:
+        return settings
+    from joint_id_core.estimators.regression.as_rigid import regressed_as_rigid  # loads SciPy
+
+    start, free = settings.applied_to(model)
+    table = {q.name: q.nominal for q in HarmonicDrive().parameters}
+    table |= dict(zip(model.parameter_names, start.tolist(), strict=True))
+    N = table["N"]
+    try:
+        rigid = regressed_as_rigid(recording, {"N": N, "k_t": table.get("k_t", 1.0)})
+    except JointIdError:
+        return settings
+    if rigid is None or any(f.fault for f in rigid.fitted):
+        return settings
+    found, at_link = _certain(rigid.fitted), 1.0 if rigid.side == "link" else 1.0 / N
+    inertia = (N**2 * table["J_m"] + table["J_q"]) * at_link**2
+    friction = (N * table["tau_fm"] + table["tau_fq"]) * at_link
+    if found.get("J", 0.0) <= 0.0:
+        return settings
+    factor = found["J"] / inertia
+    of_friction = found["tau_f"] / friction if found.get("tau_f", 0.0) > 0.0 else factor
+    own, sized = set(settings.names), {}
+    for q in model.parameters:
+        if q.name in free and q.name not in own and q.positive and q.unit.startswith(("Nm", "kg")):
+            value = table[q.name] * (of_friction if q.group == "friction" else factor)
+            if _far(model, q.name, value, table):
+                sized[q.name] = value
+    usual = abs(math.log(factor)) < math.log(10.0)
+    signed = [q for q in model.parameters if q.unit == "Nm" and not q.positive and q.name in free and q.name not in own]
+    priors = {} if usual else {q.name: factor * q.spread for q in signed}
+    return replace(settings.with_values(sized), priors={**settings.priors, **priors})
 
 
 def _far(model: Model, name: str, value: float, table: Mapping[str, float]) -> bool:
