@@ -91,7 +91,7 @@ class FitJob:
             options = {n: getattr(proposal.options, n) for n in ("model", "gravity", *self.model_options)}
             job = replace(self, model_options=options, settings=self.settings.of(model))
             together = job._fitted(given, progress)
-            doubt = _doubt(model, together.estimate)
+            doubt = _doubt(model, together.estimate, 1.0 / first.period)
             if not doubt or model is models[-1]:
                 break
             left_out.append(f"{model.name} was tried and left out: {doubt}")
@@ -142,12 +142,23 @@ def _told(estimate: Estimate, given: Given) -> Estimate:
     return replace(estimate, notes=notes, message=message(notes))
 
 
-def _doubt(model: Model, estimate: Estimate) -> str:
-    """Return why a simpler model should be tried; empty if this one describes the motion, with its gear."""
+def _doubt(model: Model, estimate: Estimate, rate: float) -> str:
+    """Return why a simpler model should be tried; empty if this one describes the motion, with its gear.
+
+    `rate` is the sampling rate in Hz. What takes the place of the gear of a stiff joint, as noise or a filter of one
+    encoder do, oscillates beyond what it shows.
+    """
     if estimate.status.value not in DESCRIBED:
         return estimate.message
-    if model.stiffness in estimate.free and estimate[model.stiffness].verdict.value != "estimated":
+    if model.stiffness not in estimate.free:
+        return ""
+    if estimate[model.stiffness].verdict.value != "estimated":
         return f"this motion does not show {model.stiffness}"
+    from joint_id_core.estimators.shared.oscillation import fastest_oscillation  # loads NumPy
+
+    fastest = fastest_oscillation(model, estimate.values)
+    if fastest > 0.5 * rate:
+        return f"its gear would oscillate at {fastest:.3g} Hz, which {rate:.4g} samples/s do not show"
     return ""
 
 
