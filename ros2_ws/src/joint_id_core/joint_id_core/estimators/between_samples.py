@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from joint_id_core.cell.kernel import compile_model
-from joint_id_core.data.recording import Recording
-from joint_id_core.estimators.innovations.filtered import filtered
+from joint_id_core.data.recording import Array, Recording
+from joint_id_core.estimators.innovations.filtered import run_through
+from joint_id_core.estimators.innovations.recursion import Pass, Recursion
 from joint_id_core.estimators.shared.fit_data import prepare
 from joint_id_core.estimators.shared.mean_drive import MOST, POSITION, VELOCITY, changes, slope, with_mean_drive
 from joint_id_core.estimators.shared.sentences import message, sentence
@@ -20,6 +21,8 @@ from joint_id_core.results.estimate import Estimate, Status
 # Difference of -2 log likelihood from which one of two descriptions with the same parameters is taken: e^10 to 1.
 SURE = 20.0
 LIKELY = 1.0  # the same from which it is worth a fit: where parameters make up for a late drive, they hide most of it
+BESIDE = 10.0  # the same beside the parameters, of which rounding of an encoder makes small ones
+RANK = 1e-10  # of the scaled information matrix: some parameters are not shown at all
 OTHERS = (0.25, 0.375, 0.5)  # of every second sample, of every fourth, and of a drive that changes all the time
 
 
@@ -82,18 +85,35 @@ def _advanced(model: Model, recording: Recording, share: float) -> Recording:
 def _most_likely_share(estimate: Estimate, model: Model, recording: Recording) -> float:
     """Return by how much of a sample the drive should come earlier, at the parameters of an estimate.
 
-    Innovations are linear in the drive, so their squares are a parabola in the share: three passes tell it. 0 if that
-    is hardly more likely than a drive that is held.
+    Innovations are linear in the drive, so their squares are a parabola in the share: three passes tell it. Where these
+    parameters make up for a late drive, as viscous friction does, it is its share beside all changes of them that are
+    as small. 0 if either is hardly more likely than a drive that is held.
     """
     assert model.drive is not None
     data = prepare(model, recording, ParameterSettings.of_estimate(estimate), leave_out_rests=True)
     kernel, k = compile_model(model, "tanh", data.freed, estimate.cell), model.input_names.index(model.drive)
     more = np.zeros_like(data.u)
     more[:, k] = slope(data.recording, data.time, data.u[:, k])
-    earlier = [data.u + share * more for share in (0.5 * MOST, MOST)]
-    held, half, most = (one.cost for one in filtered(data, kernel, estimate.noise, estimate.substeps, earlier))
-    bent = held - 2.0 * half + most
+    recursion, held = run_through(data, kernel, estimate.noise, estimate.substeps)
+    half, most = (
+        recursion.with_inputs(data.u + share * more).run(held.free, held.levels, held.steps).cost
+        for share in (0.5 * MOST, MOST)
+    )
+    bent = held.cost - 2.0 * half + most
     if not (np.isfinite(bent) and bent > 0.0):
         return 0.0
-    share = float(np.clip(0.5 * MOST * (0.5 + (held - half) / bent), 0.0, MOST))
-    return share if 2.0 * bent * (share / MOST) ** 2 > LIKELY else 0.0
+    share = float(np.clip(0.5 * MOST * (0.5 + (held.cost - half) / bent), 0.0, MOST))
+    if 2.0 * bent * (share / MOST) ** 2 > LIKELY:
+        return share
+    return _share_beside(recursion, held, k, more[:, k])
+
+
+def _share_beside(recursion: Recursion, held: Pass, channel: int, more: Array) -> float:
+    """Return the share by which an input should come earlier if the parameters may change as well; 0 if unlikely."""
+    cross, total, score = recursion.disturbances(held, np.array([channel]), more[:, None])
+    scale = 1.0 / np.sqrt(np.maximum(held.hessian.diagonal(), 1e-300))
+    inverse = np.linalg.pinv(held.hessian * np.outer(scale, scale), rcond=RANK, hermitian=True)
+    by = inverse @ (cross[:, 0] * scale)
+    told = float(total[0, 0] - by @ (cross[:, 0] * scale))
+    size = float(score[0] - by @ (held.gradient * scale)) / max(told, 1e-300)
+    return min(size, MOST) if size > 0.0 and size**2 * told > BESIDE else 0.0
