@@ -100,8 +100,10 @@ def _most_likely_share(estimate: Estimate, model: Model, recording: Recording) -
         for share in (0.5 * MOST, MOST)
     )
     bent = held.cost - 2.0 * half + most
-    if not (np.isfinite(bent) and bent > 0.0):
+    if not np.isfinite(held.cost):
         return 0.0
+    if not (np.isfinite(bent) and bent > 0.0):
+        return _share_beside(recursion, held, k, more[:, k])
     share = float(np.clip(0.5 * MOST * (0.5 + (held.cost - half) / bent), 0.0, MOST))
     if 2.0 * bent * (share / MOST) ** 2 > LIKELY:
         return share

@@ -12,7 +12,7 @@ from joint_id_core.estimators.innovations.noise import NoiseLevels
 from joint_id_core.estimators.innovations.recursion import Pass, Recursion
 from joint_id_core.estimators.shared.fit_data import FitData
 from joint_id_core.estimators.shared.initial_state import rough_states
-from joint_id_core.estimators.shared.substeps import MOST_STEPS, steps_of
+from joint_id_core.estimators.shared.substeps import MOST_TURNING, steps_of, steps_to_stand
 
 
 def filtered(
@@ -38,7 +38,7 @@ def run_through(
     """Filter the states of a record with the start values of `data`; return the recursion as well.
 
     Where a state that is not measured stands still is known roughly only. With too few integrator steps there the path
-    diverges, so it is tried again with more. The cost is not finite if no number of steps helps.
+    diverges; then all samples take as many as a joint at standstill needs.
 
     Args: as of `filtered`.
     """
@@ -47,8 +47,9 @@ def run_through(
         [v if not noise.get(n, 0.0) > 0.0 else noise[n] ** 2 for n, v in zip(data.noise_names, rough, strict=True)]
     )
     substeps, near, free = max(1, substeps), rough_states(data), data.p[recursion.index]
-    while True:
-        found = recursion.run(free, levels, steps_of(data, kernel, data.p, near, substeps))
-        substeps *= 2
-        if np.isfinite(found.cost) or substeps > MOST_STEPS:
-            return recursion, found
+    steps = steps_of(data, kernel, data.p, near, substeps)
+    found = recursion.run(free, levels, steps)
+    if not np.isfinite(found.cost):
+        many = steps_to_stand(data, kernel, data.p, near, substeps, MOST_TURNING)
+        found = recursion.run(free, levels, np.maximum(steps, many))
+    return recursion, found
