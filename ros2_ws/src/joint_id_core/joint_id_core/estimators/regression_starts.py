@@ -154,7 +154,7 @@ def _as_usual(recording: Recording, model: Model, table: Mapping[str, float]) ->
     That takes a hundredth of the time of a regression.
     """
     name = next((n for n in MOTION if recording.measured(n)), None)
-    if name is None or model.torque_drive is None:
+    if name is None or model.torque_drive is None or not recording.measured(model.torque_drive):
         return False
     N, step = table["N"], max(1, round(COARSE_S / recording.period))  # differences over less time are noise
     time, motion = recording.time[::step], recording[name][::step] / (N if name.startswith("motor") else 1.0)
