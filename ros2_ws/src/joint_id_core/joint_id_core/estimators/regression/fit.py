@@ -18,10 +18,11 @@ from joint_id_core.estimators.regression.fitted import Fitted, Samples
 from joint_id_core.estimators.regression.instruments import Tools, rigid
 from joint_id_core.estimators.regression.judging import estimates, judge, tested
 from joint_id_core.estimators.regression.least_squares import ACCURACY, ACCURACY_OF_CURRENT
-from joint_id_core.estimators.regression.missing import at_speed, missing_torques
+from joint_id_core.estimators.regression.missing import EYRING, STRIBECK, at_speed, missing_torques
 from joint_id_core.estimators.regression.path import commanded, required
 from joint_id_core.estimators.regression.presliding import turning
 from joint_id_core.estimators.regression.signals import Rows, all_smoothed, bands, motion, rows
+from joint_id_core.estimators.regression.sliding import Sliding, sliding
 from joint_id_core.estimators.regression.two_sides import has_twist, two_sides
 from joint_id_core.estimators.shared.computed_load import computed
 from joint_id_core.estimators.shared.fit_data import (
@@ -38,6 +39,8 @@ from joint_id_core.estimators.shared.sentences import listed, message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions, Status, Verdict
+
+BENT_BY = (STRIBECK, EYRING)  # options of friction that is no straight line
 
 
 def fit_regression(
@@ -130,6 +133,12 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
             beside = {"tools": rigid(partial(columns_along, model, equation, values=values), moved, path)}
         tables = {"y": equation.y[:, None], "columns": equation.columns, "drive": drive[:, None], "turning": turned}
         tables |= {**missing, **beside}
+        slides = sides is path is None and equation.state in model.smoothing
+        if slides:
+            weights = sliding(moved.x[equation.state], data.period, cutoff_hz, band_hz)[:, None]
+            bent = np.column_stack([np.zeros((len(usable), 0)), *(missing[n] for n in BENT_BY if n in missing)])
+            tables |= {"away y": weights * tables["y"], "away columns": weights * tables["columns"]}
+            tables |= {"away bent": weights * bent}
         tables = all_smoothed(data.recording.time, tables, usable, band_hz)
         drive = tables.pop("drive")[:, 0]
         tables = {name: part[index.index] for name, part in tables.items()}
@@ -138,11 +147,12 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
         tools = sides.tools(equation, tables["tools"]) if sides is not None else None
         if path is not None:
             tools = Tools(tables["tools"], np.zeros(len(equation.names), dtype=bool))
+        away = Sliding(*(tables[f"away {n}"] for n in ("y", "columns", "bent"))) if slides else None
         samples = Samples(
             equation, Rows(index.index[known], index.pieces[known]), at_speed(moved, index.index[known]),
             tables["y"][:, 0], tables["columns"], {name: tables[name] for name in missing}, data.recording.time, drive,
             data.period, tools, ACCURACY if "current" not in model.state_names else ACCURACY_OF_CURRENT,
-            tables["turning"], computed(data.recording),
+            tables["turning"], computed(data.recording), away,
         )  # fmt: skip
         positive = [model.parameter(n).positive for n in equation.names]
         solution, lag = samples.solve(positive, options.lag_s), None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -30,6 +30,7 @@ from joint_id_core.estimators.regression.missing import (
 )
 from joint_id_core.estimators.regression.presliding import with_inertia
 from joint_id_core.estimators.regression.signals import Rows
+from joint_id_core.estimators.regression.sliding import Sliding
 from joint_id_core.estimators.shared.mean_drive import MOST
 
 LEAST_R_SQUARED = 0.5  # below, the equation is not that of this motion
@@ -65,6 +66,7 @@ class Samples:
         accuracy: see `least_squares.solve`.
         turning: see `presliding.turning`, shape (R, m).
         loaded: whether the load of the arm was computed from a description.
+        away: the equation without the instants at which the joint sticks; None if it has no friction, or instruments.
     """
 
     equation: Equation
@@ -80,6 +82,7 @@ class Samples:
     accuracy: float = ACCURACY
     turning: Array = field(default_factory=lambda: np.zeros((0, 0)))
     loaded: bool = False
+    away: Sliding | None = None
 
     def solve(self, positive: Sequence[bool], lag_s: float) -> Solution:
         """Return the solution; `lag_s` as in the options.
@@ -88,9 +91,21 @@ class Samples:
         without it the inertia would be too small. The other parameters are those that describe the motion without it.
         Half of what it changes of the inertia is in doubt, and what it changes of the others if it matters. Without
         instruments, the covariance contains how far both halves of the recording are apart.
+
+        Friction that is a straight line is that of the sliding joint; see `sliding`.
         """
         ask = partial(solve, positive=positive, lag=lag_s / self.step, accuracy=self.accuracy)
-        pieces = self.rows.pieces
+        pieces, away = self.rows.pieces, self.away
+        if away is not None and away.straight(
+            partial(solve, positive=[*positive, False], pieces=pieces, accuracy=self.accuracy)
+        ):
+            y, columns = away.y[:, 0], away.columns
+            found = with_halves(
+                ask(y, columns, pieces=pieces),
+                len(pieces),
+                lambda part: ask(y[part], columns[part], pieces=pieces[part]),
+            )
+            return replace(found, r_squared=explained(self.y, self.columns @ found.values))
         found, turn = ask(self.y, self.columns, pieces=pieces, tools=self.tools), self.turn
         inertia = np.array([n == self.equation.inertia for n in self.equation.names])
         if turn is not None and inertia.any():
