@@ -110,7 +110,7 @@ def second_opinion(
         fitted = regressed(model, recording, values, Regression())
         if share := share_between(fitted):
             between = changes(model, share)
-            fitted = regressed(model, with_mean_drive(model, recording, share), values, Regression())
+            fitted = regressed(model, with_mean_drive(model, recording, share), values, Regression(), held=False)
     except JointIdError:
         return None
     if any(f.blind for f in fitted):
