@@ -66,6 +66,20 @@ def until(condition):
         time.sleep(0.01)
 
 
+def two_runs(working):
+    """The worker and the identifiers of two runs, of 500 and 100 samples; all but the first sample waits meanwhile."""
+    worker, gate, _, made = working
+    add(worker, 0, 1)
+    until(lambda: "a" in made and made["a"].begun.is_set())
+    first = made["a"]
+    add(worker, 1, 500)
+    worker.restart()
+    add(worker, 0, 100)
+    gate.set()
+    until(lambda: worker.idle)
+    return worker, first, made["a"]
+
+
 def test_no_more_than_some_seconds_wait_and_the_newest_stay(working):
     worker, gate, told, made = working
     add(worker, 0, 1)
@@ -104,17 +118,10 @@ def test_recorded_samples_wait_and_go_into_one_estimate_each_time_that_one_is_du
 
 @pytest.mark.parametrize("working", [True], indirect=True)
 def test_a_new_run_of_a_recording_begins_after_all_of_the_last_one(working):
-    worker, gate, _, made = working
-    add(worker, 0, 1)
-    until(lambda: "a" in made and made["a"].begun.is_set())
-    first = made["a"]
-    add(worker, 1, 500)
-    worker.restart()
-    add(worker, 0, 100)
-    gate.set()
-    until(lambda: worker.idle)
+    worker, first, second = two_runs(working)
     assert sum(len(batch) for batch in first.batches) == 500
-    assert made["a"] is not first and sum(len(batch) for batch in made["a"].batches) == 100
+    assert second is not first and sum(len(batch) for batch in second.batches) == 100
+    assert worker.left_out == 0
 
 
 def test_who_keeps_up_misses_nothing(working):
@@ -154,17 +161,9 @@ def test_a_fit_that_takes_long_holds_up_no_other_joint(working):
 
 
 def test_a_new_run_forgets_what_waits(working):
-    worker, gate, _, made = working
-    add(worker, 0, 1)
-    until(lambda: "a" in made and made["a"].begun.is_set())
-    first = made["a"]
-    add(worker, 1, 500)
-    worker.restart()
-    add(worker, 0, 100)
-    gate.set()
-    until(lambda: worker.idle)
-    assert made["a"] is not first
-    assert [len(batch) for batch in made["a"].batches] == [100]
+    worker, first, second = two_runs(working)
+    assert second is not first
+    assert [len(batch) for batch in second.batches] == [100]
     assert worker.left_out == 0
 
 

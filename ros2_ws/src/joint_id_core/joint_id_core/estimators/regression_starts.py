@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 WEAK = 10.0  # times the largest torque of the drive: no constant torque that it balances is larger, nor part of one
 USUAL = 4.0  # factor between two drives of joints of which one start is good for both
-COARSE_S = 0.02
+COARSE_S = 0.02  # between two samples whose difference is a velocity
+SIZED = ("kg m^2", "Nm", "Nm s/rad", "Nm/rad", "Nm/rad^3")  # units of what is larger in a larger joint
 CERTAIN = 2.0  # largest standard deviation over the value: the order of magnitude is enough
 
 
@@ -138,7 +139,7 @@ def _sized(model: Model, recording: Recording, settings: ParameterSettings) -> P
     of_friction = found["tau_f"] / friction if found.get("tau_f", 0.0) > 0.0 else factor
     own, sized = set(settings.names), {}
     for q in model.parameters:
-        if q.name in free and q.name not in own and q.positive and q.unit.startswith(("Nm", "kg")):
+        if q.name in free and q.name not in own and q.positive and q.unit in SIZED:
             value = table[q.name] * (of_friction if q.group == "friction" else factor)
             if _far(model, q.name, value, table):
                 sized[q.name] = value
