@@ -18,16 +18,14 @@ from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.filtered import run_through
 from joint_id_core.estimators.shared.fit_data import FitData, prepare
-from joint_id_core.estimators.shared.intervals import widened
+from joint_id_core.estimators.shared.intervals import with_covariance
 from joint_id_core.estimators.shared.sentences import message, of_halves, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate
-from joint_id_core.results.verdict import Verdict
 
 BLOCKS = 8
 CHANCE = 1e-3  # of a correct model that one of its parameters seems to scatter, or to differ between the halves
-ROUNDING = 1e-9  # of a standard deviation
 SIGNIFICANT = 5.0  # standard deviations between the halves from which the user is told
 
 
@@ -75,22 +73,12 @@ def with_constancy(
     slope = coordinates.slope_at(np.array([estimate.values[n] for n in estimate.free]))
     before = np.sqrt(np.diag(estimate.covariance))
     after = slope * found.wider(before / slope)
-    if not (wider := after > (1.0 + ROUNDING) * before).any():
-        return estimate
-    rows = {row.name: row for row in estimate.parameters}
-    for name, sigma, changed in zip(estimate.free, after.tolist(), wider.tolist(), strict=True):
-        row = rows[name]
-        if changed:
-            estimated = row.verdict is Verdict.ESTIMATED
-            rows[name] = widened(model, row, sigma) if estimated else replace(row, std_dev=sigma)
     scale = after / before
-    notes = estimate.notes
-    if told := _told(estimate, found, slope):
-        notes = (*notes[:1], sentence(told), *notes[1:])
-    return replace(
-        estimate, parameters=tuple(rows.values()), covariance=estimate.covariance * np.outer(scale, scale),
-        notes=notes, message=message(notes),
-    )  # fmt: skip
+    wider = with_covariance(model, estimate, estimate.covariance * np.outer(scale, scale))
+    if wider is estimate or not (told := _told(estimate, found, slope)):
+        return wider
+    notes = (*estimate.notes[:1], sentence(told), *estimate.notes[1:])
+    return replace(wider, notes=notes, message=message(notes))
 
 
 def pull_of(data: FitData, coordinates: Coordinates, estimate: Estimate) -> Pull | None:

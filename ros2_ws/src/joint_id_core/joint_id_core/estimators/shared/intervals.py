@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
+from joint_id_core.data.recording import Array
 from joint_id_core.models import Model
-from joint_id_core.results.estimate import ParameterEstimate
+from joint_id_core.results.estimate import Estimate, ParameterEstimate
 from joint_id_core.results.verdict import MAGNITUDE, Verdict
 
 WIDTH = 1.96  # standard deviations of a 95 % interval
+ROUNDING = 1e-9  # of a standard deviation
 LEAST = 0.1  # least value of a positive parameter between two, over the first one
 
 
@@ -23,6 +27,20 @@ def widened(model: Model, row: ParameterEstimate, sigma: float) -> ParameterEsti
     said = interval_text(row.value, sigma)
     said = f"it lies below about {row.value + 2.0 * sigma:.2g}, more is not known" if magnitude else said
     return replace(row, std_dev=sigma, verdict=Verdict.PRIOR if magnitude else row.verdict, reason=said)
+
+
+def with_covariance(model: Model, estimate: Estimate, covariance: Array) -> Estimate:
+    """Return an estimate with a larger covariance (free, free) of its free parameters."""
+    rows = {row.name: row for row in estimate.parameters}
+    before, after = np.sqrt(np.diag(estimate.covariance)), np.sqrt(np.diag(covariance))
+    if not (wider := after > (1.0 + ROUNDING) * before).any():
+        return estimate
+    for name, sigma, larger in zip(estimate.free, after.tolist(), wider.tolist(), strict=True):
+        row = rows[name]
+        if larger:
+            estimated = row.verdict is Verdict.ESTIMATED
+            rows[name] = widened(model, row, sigma) if estimated else replace(row, std_dev=sigma)
+    return replace(estimate, parameters=tuple(rows.values()), covariance=covariance)
 
 
 def between(
