@@ -155,7 +155,7 @@ def test_the_share_of_the_next_sample_is_that_of_the_samples_that_were_left_out(
     assert found.converged and max(errors(found, HEAVY).values()) < 4.0
     note = next(note for note in found.notes if SAYS in note)
     share = float(note.split("a share of ")[1].split()[0])
-    assert share == pytest.approx((nth - 1) / (2 * nth), abs=0.04)
+    assert share == pytest.approx((nth - 1) / (2 * nth), abs=0.06)
 
 
 @pytest.mark.parametrize(

@@ -106,6 +106,7 @@ def _fit(
     from joint_id_core.estimators.constancy import with_constancy
     from joint_id_core.estimators.correction import with_correction
     from joint_id_core.estimators.cross_check import cross_checked_whole
+    from joint_id_core.estimators.innovations.fit import fit_innovations
     from joint_id_core.estimators.late_signal import with_late_signal
     from joint_id_core.estimators.one_encoder import hides_compliance
     from joint_id_core.estimators.regression_starts import started
@@ -126,7 +127,8 @@ def _fit(
     estimate = estimator.fit(model, recording, settings, progress)
     if isinstance(estimator, Innovations):
         again = partial(estimator.fit, model, settings=settings, progress=progress)
-        estimate = fitted_between(estimate, model, recording, again)
+        near = partial(fit_innovations, model, settings=settings, options=estimator, progress=progress)
+        estimate = fitted_between(estimate, model, recording, near)
         estimate = cross_checked_whole(estimate, model, recording, settings)
         late = with_late_signal(estimate, model, recording, again)
         estimate = with_signal_faults(estimate, model, recording, settings) if late is estimate else late

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
@@ -25,9 +26,13 @@ def takes_mean(model: Model) -> bool:
     return model.stiffness is None and model.torque_drive is not None
 
 
-def fitted_between(
-    estimate: Estimate, model: Model, recording: Recording, fit: Callable[[Recording], Estimate]
-) -> Estimate:
+class Fit(Protocol):
+    """Makes an estimate of a recording; its search may begin at a previous one."""
+
+    def __call__(self, *, recording: Recording, previous: Estimate) -> Estimate: ...
+
+
+def fitted_between(estimate: Estimate, model: Model, recording: Recording, fit: Fit) -> Estimate:
     """Return the estimate with the mean drive, if that describes the motion better; else `estimate` as it is.
 
     Behind a flexible gear, or an inductance, it matters as well when in a step the drive acted, which nobody knows: on
@@ -36,7 +41,7 @@ def fitted_between(
     Args:
         estimate: of the recording, with the drive held between two samples.
         model, recording: what was fitted.
-        fit: makes such an estimate of a recording.
+        fit: makes such an estimate.
     """
     if model.drive is None or not recording.measured(model.drive) or not np.isfinite(_misfit(estimate)):
         return estimate
@@ -46,16 +51,18 @@ def fitted_between(
         return estimate
     if late.likely == 0.0:
         return late.contained(estimate, model)
-    fits = [(fit(_advanced(model, recording, share)), share) for share in (late.likely, *OTHERS)]
-    earlier, share = min(fits, key=lambda one: _misfit(one[0]))
+    tried = [(estimate, 0.0)]
+    for share in (late.likely, *OTHERS):
+        best = min(tried, key=_of_fit)[0]
+        tried.append((fit(recording=_advanced(model, recording, share), previous=best), share))
+    earlier, share = min(tried, key=_of_fit)
     if not _misfit(earlier) < estimate.deviance - SURE:
         return late.contained(estimate, model)
     left = lateness(earlier, model, recording)
     share = share if left is None else min(max(left.likely, left.beside), MOST) or share
     seen = [n for n in model.state_names if recording.measured(n)]
     weights = POSITION if all(n.endswith("_position") for n in seen) else VELOCITY
-    taken = with_mean_drive(model, recording, share, weights)
-    best = fit(taken)
+    best = fit(recording=with_mean_drive(model, recording, share, weights), previous=earlier)
     if not _misfit(best) < estimate.deviance - SURE:
         return late.contained(estimate, model)
     if takes_mean(model):
@@ -68,8 +75,7 @@ def fitted_between(
 
 
 def _with_exact_share(
-    estimate: Estimate, model: Model, share: float, fit: Callable[[Recording], Estimate],
-    meant: Callable[[float], Recording],
+    estimate: Estimate, model: Model, share: float, fit: Fit, meant: Callable[[float], Recording]
 ) -> Estimate:  # fmt: skip
     """Return the estimate with the share that is most likely beside all parameters, which made up for the rest before.
 
@@ -86,7 +92,7 @@ def _with_exact_share(
         if left is None or abs(left.beside) < left.sigma:
             break
         nearer = float(np.clip(share + left.beside, 0.0, MOST))
-        again = fit(meant(nearer))
+        again = fit(recording=meant(nearer), previous=estimate)
         if not np.isfinite(_misfit(again)):
             break
         estimate, share = again, nearer
@@ -100,6 +106,10 @@ def _with_exact_share(
 def _misfit(estimate: Estimate) -> float:
     """Return -2 log likelihood; inf for a fit that failed."""
     return np.inf if estimate.status.unusable or not np.isfinite(estimate.deviance) else estimate.deviance
+
+
+def _of_fit(tried: tuple[Estimate, float]) -> float:
+    return _misfit(tried[0])
 
 
 def _advanced(model: Model, recording: Recording, share: float) -> Recording:

@@ -8,7 +8,7 @@ score is measured.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -54,24 +54,35 @@ def sensor_noise(model: Model, shown: Mapping[int, float], of_inputs: Array) -> 
     }
 
 
-def attenuation(
-    recursion: Recursion, coordinates: Coordinates, found: Minimum, variances: Mapping[int, float], last: Pass
-) -> Array:
-    """Return the effect of noise of the sensors of inputs on the score of the coordinates, shape (k,).
+def noisier(recursion: Recursion, variances: Mapping[int, float], last: Pass) -> list[tuple[Recursion, Pass]]:
+    """Return passes over a record with added noise of these variances, by index of the input, and with its negative.
 
-    `variances` are those of the noise, by index of the input. The noise is added with both signs and the results are
-    averaged, so that only the second-order effect, the bias, remains. Zero if a pass with added noise diverges.
+    The mean of what they show holds the second-order effect of the noise only, which is the bias. Empty if one of them
+    diverges.
     """
-    data, rng, scores = recursion.data, np.random.default_rng(0), list[Array]()
+    data, rng = recursion.data, np.random.default_rng(0)
     noise = np.zeros_like(data.u)
     for channel, variance in variances.items():
         noise[:, channel] = np.sqrt(variance) * rng.standard_normal(len(data.time))
-    for by in (1.0, -1.0):
-        noisier = recursion.with_inputs(data.u + by * noise).run(last.free, last.levels, last.steps)
-        if not np.isfinite(noisier.cost):
-            return np.zeros_like(found.z)
-        scores.append(noisier.gradient)
-    return np.asarray((0.5 * (scores[0] + scores[1]) - last.gradient) * coordinates.slope_at(last.free))
+    both = [recursion.with_inputs(data.u + by * noise) for by in (1.0, -1.0)]
+    passes = [(one, one.run(last.free, last.levels, last.steps)) for one in both]
+    return passes if all(np.isfinite(found.cost) for _, found in passes) else []
+
+
+def attenuation(recursion: Recursion, coordinates: Coordinates, variances: Mapping[int, float], last: Pass) -> Array:
+    """Return the effect of noise of the sensors of inputs on the score of the coordinates, shape (k,).
+
+    `variances` are those of the noise, by index of the input. Zero if a pass with added noise diverges.
+    """
+    return effect_on_score(noisier(recursion, variances, last), coordinates, last)
+
+
+def effect_on_score(noisy: Sequence[tuple[Recursion, Pass]], coordinates: Coordinates, last: Pass) -> Array:
+    """Return the effect of noise on the score of the coordinates, shape (k,), from the passes of `noisier`."""
+    if not noisy:
+        return np.zeros_like(last.gradient)
+    mean = np.mean([found.gradient for _, found in noisy], axis=0)
+    return np.asarray((mean - last.gradient) * coordinates.slope_at(last.free))
 
 
 def sensor_bias(recursion: Recursion, coordinates: Coordinates, found: Minimum, last: Pass) -> Array:
@@ -88,5 +99,5 @@ def sensor_bias(recursion: Recursion, coordinates: Coordinates, found: Minimum, 
     if not any(data.model.inputs[i].hold == "first" for i in shown):
         return np.zeros_like(found.z)
     variances = sensor_noise(data.model, shown, found.levels[len(data.labels) :])
-    score = attenuation(recursion, coordinates, found, variances, last)
+    score = attenuation(recursion, coordinates, variances, last)
     return np.clip(found.inverse @ score, -coordinates.spread, coordinates.spread)

@@ -70,16 +70,22 @@ def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
     if drive is not None and not model.has_torque_offset:
         found.append(Shape("a constant torque", "try --offsets", ((drive, np.ones(len(states))),)))
     if drive is not None:
-        # Noise of the drive itself is independent of the recorded signal; noise of a sensor is part of that signal.
-        # The expected value is predicted from past samples only: later samples contain the controller's reaction to
-        # the drive's own noise.
-        name, values = inputs[drive], known[inputs[drive]]
-        surprise = np.zeros(len(values))
-        surprise[len(FORESEEN) - 1 :] = np.correlate(values, FORESEEN[::-1], "valid")
-        text, advice = f"noise in the recorded {name} that does not move the joint", f"record the commanded {name}"
-        found.append(Shape(text, advice, ((drive, surprise),), sensor=True))
+        text = f"noise in the recorded {inputs[drive]} that does not move the joint"
+        part = (drive, unforeseen(known[inputs[drive]]))
+        found.append(Shape(text, f"record the commanded {inputs[drive]}", (part,), sensor=True))
     if motor is not None and model.stiffness is not None and {"motor_position", "link_position"} <= known.keys():
         found += _with_a_spring(data, known, value, motor)
+    return found
+
+
+def unforeseen(drive: Array) -> Array:
+    """Return the part of a drive (T,) that its last samples do not foresee, with the opposite sign, shape (T,).
+
+    Noise of the drive itself is independent of the recorded signal; noise of a sensor is part of that signal. What is
+    expected is predicted from past samples only: later ones contain the controller's reaction to the drive's own noise.
+    """
+    found = np.zeros(len(drive))
+    found[len(FORESEEN) - 1 :] = np.correlate(drive, FORESEEN[::-1], "valid")
     return found
 
 
