@@ -102,7 +102,7 @@ def _fit(
     progress: Progress | None,
 ) -> Estimate:
     """Return the estimate of one recording, as if its load were measured."""
-    from joint_id_core.estimators.between_samples import fitted_between  # loads NumPy, as the next
+    from joint_id_core.estimators.between_samples import described, fitted_between  # loads NumPy, as the next
     from joint_id_core.estimators.constancy import with_constancy
     from joint_id_core.estimators.correction import with_correction
     from joint_id_core.estimators.cross_check import cross_checked_whole
@@ -128,8 +128,9 @@ def _fit(
     if isinstance(estimator, Innovations):
         again = partial(estimator.fit, model, settings=settings, progress=progress)
         near = partial(fit_innovations, model, settings=settings, options=estimator, progress=progress)
-        estimate = fitted_between(estimate, model, recording, near)
-        estimate = cross_checked_whole(estimate, model, recording, settings)
+        estimate, share = fitted_between(estimate, model, recording, near)
+        estimate = cross_checked_whole(estimate, model, recording, settings, share)
+        recording = described(model, recording, share)
         late = with_late_signal(estimate, model, recording, again)
         estimate = with_signal_faults(estimate, model, recording, settings) if late is estimate else late
         estimate = with_constancy(estimate, model, recording, settings)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -32,8 +33,10 @@ class Fit(Protocol):
     def __call__(self, *, recording: Recording, previous: Estimate) -> Estimate: ...
 
 
-def fitted_between(estimate: Estimate, model: Model, recording: Recording, fit: Fit) -> Estimate:
-    """Return the estimate with the mean drive, if that describes the motion better; else `estimate` as it is.
+def fitted_between(estimate: Estimate, model: Model, recording: Recording, fit: Fit) -> tuple[Estimate, float]:
+    """Return the estimate with the mean drive, if that describes the motion better, and the share of the next sample.
+
+    Else it is `estimate` with a share of 0; its intervals contain that the drive may not have been held.
 
     Behind a flexible gear, or an inductance, it matters as well when in a step the drive acted, which nobody knows: on
     simulated joints values were still 10 standard deviations off. Such a fit is a poor one.
@@ -44,40 +47,47 @@ def fitted_between(estimate: Estimate, model: Model, recording: Recording, fit: 
         fit: makes such an estimate.
     """
     if model.drive is None or not recording.measured(model.drive) or not np.isfinite(_misfit(estimate)):
-        return estimate
+        return estimate, 0.0
     # Three passes at the same parameters nearly always tell that it is held, in a tenth of the time of a fit.
     late = lateness(estimate, model, recording)
     if late is None:
-        return estimate
+        return estimate, 0.0
     if late.likely == 0.0:
-        return late.contained(estimate, model)
+        return late.contained(estimate, model), 0.0
     tried = [(estimate, 0.0)]
     for share in (late.likely, *OTHERS):
         best = min(tried, key=_of_fit)[0]
         tried.append((fit(recording=_advanced(model, recording, share), previous=best), share))
     earlier, share = min(tried, key=_of_fit)
     if not _misfit(earlier) < estimate.deviance - SURE:
-        return late.contained(estimate, model)
+        return late.contained(estimate, model), 0.0
     left = lateness(earlier, model, recording)
     share = share if left is None else min(max(left.likely, left.beside), MOST) or share
-    seen = [n for n in model.state_names if recording.measured(n)]
-    weights = POSITION if all(n.endswith("_position") for n in seen) else VELOCITY
-    best = fit(recording=with_mean_drive(model, recording, share, weights), previous=earlier)
+    best = fit(recording=described(model, recording, share), previous=earlier)
     if not _misfit(best) < estimate.deviance - SURE:
-        return late.contained(estimate, model)
+        return late.contained(estimate, model), 0.0
     if takes_mean(model):
-        return _with_exact_share(best, model, share, fit, lambda s: with_mean_drive(model, recording, s, weights))
+        return _with_exact_share(best, model, share, fit, partial(described, model, recording))
     told = sentence(changes(model, share))
     advised = (told, "Record all samples of the controller, or fit model rigid_joint.")
     alone = best.status is Status.CONVERGED  # else another fault is beside it, or makes the drive look so
     notes = (*advised, *best.notes[1:]) if alone else (*best.notes, *advised)
-    return replace(best, status=Status.POOR_FIT, notes=notes, message=message(notes))
+    return replace(best, status=Status.POOR_FIT, notes=notes, message=message(notes)), 0.0
+
+
+def described(model: Model, recording: Recording, share: float) -> Recording:
+    """Return what an estimate describes: the recording, with the mean drive if the next sample has a share of it."""
+    if not share > 0.0:
+        return recording
+    seen = [n for n in model.state_names if recording.measured(n)]
+    weights = POSITION if all(n.endswith("_position") for n in seen) else VELOCITY
+    return with_mean_drive(model, recording, share, weights)
 
 
 def _with_exact_share(
     estimate: Estimate, model: Model, share: float, fit: Fit, meant: Callable[[float], Recording]
-) -> Estimate:  # fmt: skip
-    """Return the estimate with the share that is most likely beside all parameters, which made up for the rest before.
+) -> tuple[Estimate, float]:  # fmt: skip
+    """Return the estimate and the share that are most likely together: parameters made up for a part of it before.
 
     Its intervals contain that the share is not known exactly.
 
@@ -100,7 +110,7 @@ def _with_exact_share(
     if left is not None:
         estimate = left.share_contained(estimate, model)
     notes = (*estimate.notes[:1], sentence(changes(model, share)), *estimate.notes[1:])
-    return replace(estimate, notes=notes, message=message(notes))
+    return replace(estimate, notes=notes, message=message(notes)), share
 
 
 def _misfit(estimate: Estimate) -> float:

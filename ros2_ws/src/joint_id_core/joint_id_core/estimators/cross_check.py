@@ -25,6 +25,7 @@ from joint_id_core.results.estimate import Estimate, Status
 from joint_id_core.results.verdict import Verdict
 
 APART = 3.0  # standard deviations from which two values disagree: with six parameters, 2 would be too few
+FURTHER = 2.0  # the same from which an interval contains both
 CAUSE = (
     "the torque has a part that the model lacks and that goes with the motion (a load of other joints, friction with a "
     "memory), or its samples are late"
@@ -43,10 +44,14 @@ def cross_checked(
 
 
 def cross_checked_whole(
-    estimate: Estimate, model: Model, recording: Recording, settings: ParameterSettings | None = None
-) -> Estimate:
-    """Return the same for a whole recording, in which the joint must not change: live, that is what is looked for."""
-    opinion = second_opinion(estimate, model, recording, settings)
+    estimate: Estimate, model: Model, recording: Recording, settings: ParameterSettings | None = None,
+    share: float = 0.0,
+) -> Estimate:  # fmt: skip
+    """Return the same for a whole recording, in which the joint must not change: live, that is what is looked for.
+
+    `share` is that of the next sample of a mean drive that the estimate describes.
+    """
+    opinion = second_opinion(estimate, model, recording, settings, share)
     if opinion is None:
         return estimate
     found = judged(estimate, model, opinion)
@@ -82,7 +87,32 @@ def judged(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
     apart = [second for second in opinion.seconds if _disagrees(estimate, model, second, bool(opinion.between))]
     if apart:
         return _widened(estimate, model, opinion, apart)
-    return _as_wide(estimate, model, opinion) if opinion.coloured or opinion.between else estimate
+    found = _as_wide(estimate, model, opinion) if opinion.coloured or opinion.between else estimate
+    return _containing(found, model, opinion)
+
+
+def _containing(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
+    """Return an estimate whose intervals contain second values that are further away than chance, but do not disagree.
+
+    Both estimators have seen the same motion, so chance moves their values together.
+    """
+    rows, scale, further = {row.name: row for row in estimate.parameters}, np.ones(len(estimate.free)), list[str]()
+    for second in opinion.seconds:
+        first = rows[second.name]
+        distance = abs(first.value - second.value)
+        if first.verdict is Verdict.ESTIMATED and distance > FURTHER * math.hypot(first.std_dev, second.sigma):
+            sigma = math.hypot(first.std_dev, distance)
+            scale[estimate.free.index(second.name)] = sigma / first.std_dev
+            rows[second.name] = widened(model, first, sigma)
+            further.append(second.name)
+    if not further:
+        return estimate
+    said = f"the intervals of {listed(further)} contain the values of a regression, which are further away than chance"
+    notes = (*estimate.notes[:1], sentence(said), *estimate.notes[1:])
+    return replace(
+        estimate, message=message(notes), notes=notes, parameters=tuple(rows.values()),
+        covariance=estimate.covariance * np.outer(scale, scale),
+    )  # fmt: skip
 
 
 def _disagrees(estimate: Estimate, model: Model, second: Second, any_size: bool) -> bool:

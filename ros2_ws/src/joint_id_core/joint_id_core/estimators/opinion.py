@@ -90,11 +90,13 @@ def suits(model: Model) -> bool:
 
 
 def second_opinion(
-    estimate: Estimate, model: Model, recording: Recording, settings: ParameterSettings | None = None
-) -> Opinion | None:
+    estimate: Estimate, model: Model, recording: Recording, settings: ParameterSettings | None = None,
+    share: float = 0.0,
+) -> Opinion | None:  # fmt: skip
     """Return what a regression says of a recording; None if the estimate failed, or if it does not suit the model.
 
-    What the user holds, believes (priors) or frees has the value of the estimate, and is not checked.
+    What the user holds, believes (priors) or frees has the value of the estimate, and is not checked. `share` is that
+    of the next sample of a mean drive (`mean_drive`), if it is known; else the regression looks for it.
     """
     settings = settings or ParameterSettings()
     if estimate.status.unusable or estimate.status is Status.DIVERGED or not suits(model):
@@ -107,10 +109,10 @@ def second_opinion(
         return None
     values, between = ParameterSettings(estimate.values, held), ""
     try:
-        fitted = regressed(model, recording, values, Regression())
-        if share := share_between(fitted):
+        fitted = [] if share else regressed(model, recording, values, Regression())
+        if share := share or share_between(fitted):
             between = changes(model, share)
-            fitted = regressed(model, with_mean_drive(model, recording, share), values, Regression(), held=False)
+            fitted = regressed(model, with_mean_drive(model, recording, share), values, Regression())
     except JointIdError:
         return None
     if any(f.blind for f in fitted):

@@ -14,7 +14,7 @@ from joint_id_core.estimators.between_samples import fitted_between, takes_mean
 from joint_id_core.estimators.cross_check import judged
 from joint_id_core.estimators.innovations.fit import fit_innovations
 from joint_id_core.estimators.opinion import Opinion, second_opinion, suits
-from joint_id_core.estimators.shared.mean_drive import CHANGES
+from joint_id_core.estimators.shared.mean_drive import changes
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.online.checks import CHECK_AFTER, CHECK_EVERY, Background
@@ -93,6 +93,5 @@ def _opinion(estimate: Estimate, model: Model, recording: Recording, settings: P
     if opinion is None or opinion.between or not takes_mean(model):
         return opinion
     fit = partial(fit_innovations, model, settings=settings)
-    found = fitted_between(fit(recording), model, recording, fit)
-    told = next((note for note in found.notes if CHANGES in note), "")
-    return replace(opinion, between=told) if told else opinion
+    _, share = fitted_between(fit(recording), model, recording, fit)
+    return replace(opinion, between=changes(model, share)) if share else opinion

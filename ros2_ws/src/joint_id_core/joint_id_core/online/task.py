@@ -74,7 +74,7 @@ class Task:
             if takes_mean(self.model):  # the filter takes the drive for held; the second opinion does not
                 return found
             again = partial(fit_innovations, self.model, settings=self.settings, options=self.estimator, previous=found)
-            return fitted_between(found, self.model, recording, again)
+            return fitted_between(found, self.model, recording, again)[0]
         return self.estimator.fit(self.model, recording, self.settings)
 
     def cross_checked(self, fit: Estimate, recording: Recording) -> Estimate:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from joint_id_core.data.recording import Array
+from joint_id_core.estimators.innovations.drive_noise import drive_noise
 from joint_id_core.estimators.innovations.estimator import MAX_SUBSTEPS
 from joint_id_core.estimators.innovations.gauss_newton import Minimum
 from joint_id_core.estimators.innovations.input_noise import sensor_bias
@@ -36,7 +37,9 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
     data, recursion, coordinates = stages.data, stages.recursion, stages.coordinates
     last = recursion.renewed(found.last)
     missing, coloured = misfit(recursion, coordinates, found, last), memory(recursion, coordinates, found, last)
-    bias = sensor_bias(recursion, coordinates, found, last)
+    bias, of_drive = sensor_bias(recursion, coordinates, found, last), np.zeros_like(found.hessian)
+    if not bias.any():  # else noise of the drive is in it
+        of_drive = drive_noise(recursion, coordinates, found, last).excess
     texts = (missing.text, _step_warning(stages, found), coloured.text, outcome.warning, _stall_warning(found))
     p, slope = stages.cost.values(found.z), coordinates.slope(found.z)
     noise = recursion.noise_information(recursion.renewed(last), with_parameters=True)
@@ -44,7 +47,7 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
     excess = missing.excess + coloured.excess + outcome.scatter + smoothing_bias(stages, found)
     levels = effect_of_levels(stages.cost, found, noise.matrix)
     wider = levels.wider(covariance_of_levels(noise.matrix), levels.information)
-    covariance = (found.covariance + of_levels) * np.outer(wider, wider) + excess + np.outer(bias, bias)
+    covariance = (found.covariance + of_levels) * np.outer(wider, wider) + excess + of_drive + np.outer(bias, bias)
     together = in_combination(data, p, covariance * np.outer(slope, slope))
     predictions = free_runs(stages.kernel, data, last.states, p, last.steps, stages.options.horizon_s)
     return (

@@ -16,7 +16,6 @@ import numpy as np
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Coordinates
-from joint_id_core.estimators.innovations.drive_noise import drive_noise
 from joint_id_core.estimators.innovations.gauss_newton import Minimum
 from joint_id_core.estimators.innovations.missing_torques import Shape, shapes
 from joint_id_core.estimators.innovations.recursion import Pass, Recursion
@@ -97,14 +96,14 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
     test = _Test(candidates, M, a, np.diag(total), found.inverse @ cross)
     possible = test.possible()
     taken = test.select(possible)
-    excess = _of_sensors(recursion, coordinates, found, last, candidates, taken)
     if not taken:
-        return replace(none, excess=excess)
+        return none
     together = {frozenset(taken)}
     if replaced := [k for k in taken if candidates[k].replaced]:
         # Together they may cancel each other; and what they took the place of may be there as well.
         together |= {frozenset([k]) for k in replaced}
         together.add(frozenset(test.select([k for k in possible if not candidates[k].replaced])))
+    excess = np.zeros_like(found.hessian)
     for some in sorted(together, key=sorted):
         bias = test.bias(some)
         excess += np.outer(bias, bias)
@@ -117,23 +116,6 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
     courses = test.courses(taken)
     sized = tuple((candidates[k], size, scale[k] * courses.get(k, 0.0)) for k, size in taken.items())
     return Misfit(sized, excess, doubt, lasting, test.bias(taken) if certain else None)
-
-
-def _of_sensors(
-    recursion: Recursion, coordinates: Coordinates, found: Minimum, last: Pass, candidates: Sequence[Shape],
-    taken: Iterable[int],
-) -> Array:  # fmt: skip
-    """Return what noise of the drive's sensor adds to the covariance of the coordinates, shape (k, k).
-
-    It is certain if it is among the shapes that are `taken`.
-    """
-    excess = np.zeros_like(found.hessian)
-    for k, shape in enumerate(candidates):
-        if shape.sensor:
-            ((channel, _),) = shape.parts
-            noise = drive_noise(recursion, coordinates, found, last, channel)
-            excess += (1.0 if k in taken else noise.probability) * np.outer(noise.bias, noise.bias)
-    return excess
 
 
 @dataclass(frozen=True)

@@ -62,23 +62,21 @@ def fit_regression(
         share = share_between(fitted)
         if share > 0.0:
             data = prepare(model, with_mean_drive(model, recording, share), settings, leave_out_rests=True)
-            band_hz, fitted = fitted_equations(data, options, held=False)
+            band_hz, fitted = fitted_equations(data, options)
     except UnusableError as error:
         return unusable(model, Regression.name, error, recording)
     return _estimate(data, fitted, band_hz, begun, [changes(model, share)] if share > 0.0 else [])
 
 
-def regressed(
-    model: Model, recording: Recording, settings: ParameterSettings, options: Regression, held: bool = True
-) -> list[Fitted]:
-    """Return the fits of the equations of a model alone; for `held` see `fitted_equations`.
+def regressed(model: Model, recording: Recording, settings: ParameterSettings, options: Regression) -> list[Fitted]:
+    """Return the fits of the equations of a model alone.
 
     Raises:
         JointIdError: as `fit_regression`.
         UnusableError: the recording cannot be used.
     """
     require_suitable(model)
-    return fitted_equations(prepare(model, recording, settings, leave_out_rests=True), options, held)[1]
+    return fitted_equations(prepare(model, recording, settings, leave_out_rests=True), options)[1]
 
 
 def share_between(fitted: Sequence[Fitted]) -> float:
@@ -100,10 +98,8 @@ def require_suitable(model: Model) -> None:
         )
 
 
-def fitted_equations(data: FitData, options: Regression, held: bool = True) -> tuple[float, list[Fitted]]:
+def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fitted]]:
     """Fit every equation of the model that holds free parameters; return the band in Hz, and the fits.
-
-    What a drive did between two samples that was not `held` is not known, nor then when a joint breaks away.
 
     Raises:
         UnusableError: too few samples, a state that is not measured, or no equation is linear.
@@ -137,7 +133,7 @@ def fitted_equations(data: FitData, options: Regression, held: bool = True) -> t
             beside = {"tools": rigid(partial(columns_along, model, equation, values=values), moved, path)}
         tables = {"y": equation.y[:, None], "columns": equation.columns, "drive": drive[:, None], "turning": turned}
         tables |= {**missing, **beside}
-        slides = held and sides is path is None and equation.state in model.smoothing
+        slides = sides is path is None and equation.state in model.smoothing
         if slides:
             weights = sliding(moved.x[equation.state], data.period, cutoff_hz, band_hz)[:, None]
             bent = np.column_stack([np.zeros((len(usable), 0)), *(missing[n] for n in BENT_BY if n in missing)])
