@@ -15,8 +15,7 @@ from joint_id_core.design.plant import controller_of
 from joint_id_core.estimators import Innovations, ParameterSettings, Regression, fit
 from joint_id_core.estimators.cross_check import cross_checked
 from joint_id_core.estimators.innovations.fit import fit_innovations
-from joint_id_core.estimators.lateness import SELDOM, Lateness
-from joint_id_core.estimators.shared.mean_drive import MOST
+from joint_id_core.estimators.shared.mean_drive import MOST, SELDOM, mean_square_share
 from joint_id_core.models import Model, build
 from joint_id_core.online import OnlineIdentifier, OnlineOptions
 from joint_id_core.online.checks import at_once
@@ -169,13 +168,12 @@ def test_the_share_of_the_next_sample_is_that_of_the_samples_that_were_left_out(
     ],
 )
 def test_the_mean_square_of_a_delay_is_that_of_what_is_known(beside, information, expected):
-    lateness = Lateness(0.0, beside, information, np.zeros(1))
-    assert lateness.mean_square == pytest.approx(expected, rel=0.01, abs=1e-6)
+    assert mean_square_share(beside, information) == pytest.approx(expected, rel=0.01, abs=1e-6)
 
 
 @given(st.floats(-1e6, 1e6), st.floats(0.0, 1e300))
 def test_the_mean_square_of_a_delay_is_between_none_and_a_drive_that_changes_all_the_time(beside, information):
-    assert 0.0 <= Lateness(0.0, beside, information, np.zeros(1)).mean_square <= MOST**2
+    assert 0.0 <= mean_square_share(beside, information) <= MOST**2
 
 
 def test_an_estimate_that_takes_the_drive_for_held_is_not_confirmed():

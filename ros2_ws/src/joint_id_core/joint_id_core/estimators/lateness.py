@@ -12,7 +12,7 @@ from joint_id_core.estimators.innovations.filtered import run_through
 from joint_id_core.estimators.innovations.recursion import Pass, Recursion
 from joint_id_core.estimators.shared.fit_data import prepare
 from joint_id_core.estimators.shared.intervals import with_covariance
-from joint_id_core.estimators.shared.mean_drive import MOST, slope
+from joint_id_core.estimators.shared.mean_drive import MOST, mean_square_share, slope
 from joint_id_core.estimators.shared.sentences import listed, message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
@@ -22,8 +22,6 @@ from joint_id_core.results.estimate import Estimate
 LIKELY = 1.0
 BESIDE = 10.0  # the same beside the parameters, of which rounding of an encoder makes small ones
 RANK = 1e-10  # of the scaled information matrix: some parameters are not shown at all
-SELDOM = 0.1  # of recordings that have fewer samples than the controller made, before anything is known of this one
-SHARES = 501  # that are compared
 WIDER = 2.0  # standard deviation over the former one from which the user is told
 
 
@@ -48,18 +46,6 @@ class Lateness:
         """Standard deviation of `beside`; at most that of a drive of which nothing is known."""
         return min(self.information**-0.5, MOST) if self.information > 0.0 else MOST
 
-    @property
-    def mean_square(self) -> float:
-        """Mean square of the share, given the motion: it is 0 unless the recording is one of those that are `SELDOM`.
-
-        In these any share up to `MOST` is as likely as another one.
-        """
-        shares = np.linspace(0.0, MOST, SHARES)
-        # Logarithm of the likelihood of each, over that of a drive that was held.
-        more = self.information * shares * (self.beside - 0.5 * shares)
-        odds = np.exp(more - more.max()) * SELDOM / SHARES
-        return float(odds @ shares**2 / (odds.sum() + np.exp(-more.max()) * (1.0 - SELDOM)))
-
     def share_contained(self, estimate: Estimate, model: Model) -> Estimate:
         """Return the estimate of a mean drive, whose intervals contain that its share is not known exactly."""
         return with_covariance(
@@ -68,7 +54,9 @@ class Lateness:
 
     def contained(self, estimate: Estimate, model: Model) -> Estimate:
         """Return the estimate of a held drive, whose intervals contain that it may not be."""
-        covariance = estimate.covariance + self.mean_square * np.outer(self.effect, self.effect)
+        covariance = estimate.covariance + mean_square_share(self.beside, self.information) * np.outer(
+            self.effect, self.effect
+        )
         wider = with_covariance(model, estimate, covariance)
         grown = np.diag(covariance) > WIDER**2 * np.diag(estimate.covariance)
         if not grown.any():

@@ -13,7 +13,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.regression.changed_gain import changed_gain
 from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.regression.missing import HELPS
-from joint_id_core.estimators.shared.mean_drive import changes, with_mean_drive
+from joint_id_core.estimators.shared.mean_drive import changes
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, Status
@@ -101,18 +101,15 @@ def second_opinion(
     settings = settings or ParameterSettings()
     if estimate.status.unusable or estimate.status is Status.DIVERGED or not suits(model):
         return None
-    from joint_id_core.estimators.regression.fit import regressed, share_between  # loads SciPy
+    from joint_id_core.estimators.regression.fit import with_share  # loads SciPy
 
     own = set(settings.fixed) | set(settings.freed) | set(settings.priors)
     held = [n for n in estimate.values if n not in estimate.free or n in own]
     if len(held) == len(estimate.values):
         return None
-    values, between = ParameterSettings(estimate.values, held), ""
+    values = ParameterSettings(estimate.values, held)
     try:
-        fitted = [] if share else regressed(model, recording, values, Regression())
-        if share := share or share_between(fitted):
-            between = changes(model, share)
-            fitted = regressed(model, with_mean_drive(model, recording, share), values, Regression())
+        _, _, fitted, share = with_share(model, recording, values, Regression(), share)
     except JointIdError:
         return None
     if any(f.blind for f in fitted):
@@ -125,6 +122,7 @@ def second_opinion(
     unseen = tuple(n for f in fitted for n, hidden in zip(f.names, f.solution.unseen, strict=True) if hidden)
     least = min(f.solution.r_squared for f in fitted)
     changed = next((text for f in fitted if (text := changed_gain(f.samples))), "")
+    between = changes(model, share) if share else ""
     return Opinion(fault, seconds, least, useless, lag, coloured, unseen, between, changed)
 
 

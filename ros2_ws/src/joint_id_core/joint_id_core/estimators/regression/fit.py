@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
@@ -14,7 +14,7 @@ from joint_id_core.data.signals import side_of
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.regression.equations import Motion, columns_along, equations
 from joint_id_core.estimators.regression.estimator import Regression
-from joint_id_core.estimators.regression.fitted import Fitted, Samples
+from joint_id_core.estimators.regression.fitted import LATE, Fitted, Samples
 from joint_id_core.estimators.regression.instruments import Tools, rigid
 from joint_id_core.estimators.regression.judging import estimates, judge, tested
 from joint_id_core.estimators.regression.least_squares import ACCURACY, ACCURACY_OF_CURRENT
@@ -34,12 +34,13 @@ from joint_id_core.estimators.shared.fit_data import (
     prepare,
     unusable,
 )
-from joint_id_core.estimators.shared.mean_drive import changes, with_mean_drive
+from joint_id_core.estimators.shared.mean_drive import MOST, changes, slope, with_mean_drive
 from joint_id_core.estimators.shared.sentences import listed, message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions, Status, Verdict
 
+FITS = 4  # most of them until the share of the next sample is known
 BENT_BY = (STRIBECK, EYRING)  # options of friction that is no straight line
 
 
@@ -57,12 +58,7 @@ def fit_regression(
     if settings is not None and settings.priors:
         raise JointIdError("estimator regression takes no priors: leave them out, or use the estimator innovations")
     try:
-        data = prepare(model, recording, settings, leave_out_rests=True)
-        band_hz, fitted = fitted_equations(data, options)
-        share = share_between(fitted)
-        if share > 0.0:
-            data = prepare(model, with_mean_drive(model, recording, share), settings, leave_out_rests=True)
-            band_hz, fitted = fitted_equations(data, options)
+        data, band_hz, fitted, share = with_share(model, recording, settings, options)
     except UnusableError as error:
         return unusable(model, Regression.name, error, recording)
     return _estimate(data, fitted, band_hz, begun, [changes(model, share)] if share > 0.0 else [])
@@ -79,9 +75,33 @@ def regressed(model: Model, recording: Recording, settings: ParameterSettings, o
     return fitted_equations(prepare(model, recording, settings, leave_out_rests=True), options)[1]
 
 
-def share_between(fitted: Sequence[Fitted]) -> float:
-    """Return the share of the next sample of a drive that changes between two: see `shared.mean_drive`; 0 if held."""
-    return max((f.share for f in fitted), default=0.0)
+def with_share(
+    model: Model, recording: Recording, settings: ParameterSettings | None, options: Regression, share: float = 0.0
+) -> tuple[FitData, float, list[Fitted], float]:
+    """Fit the equations of a model, with a mean drive (`shared.mean_drive`) if it comes late.
+
+    Intervals contain what is not known of that.
+
+    Args:
+        model, recording, settings, options: as of `fit_regression`.
+        share: of the next sample, if it is known; 0 looks for it.
+
+    Returns:
+        the data that were fitted, the band in Hz, the fits, and the share.
+
+    Raises:
+        UnusableError: as `fitted_equations`.
+    """
+    known = share > 0.0
+    for _ in range(FITS):
+        part = with_mean_drive(model, recording, share) if share > 0.0 else recording
+        data = prepare(model, part, settings, leave_out_rests=True)
+        band_hz, fitted = fitted_equations(data, options)
+        late = next((f.share for f in fitted if f.share is not None and f.samples.equation.factor), None)
+        if known or late is None or late.value > LATE or not (late.sure or (share and abs(late.value) > late.sigma)):
+            break
+        share = float(np.clip(share + late.value, 0.0, MOST))
+    return data, band_hz, [f.doubted(share > 0.0) for f in fitted], share
 
 
 def require_suitable(model: Model) -> None:
@@ -132,13 +152,14 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
         if path is not None:
             beside = {"tools": rigid(partial(columns_along, model, equation, values=values), moved, path)}
         tables = {"y": equation.y[:, None], "columns": equation.columns, "drive": drive[:, None], "turning": turned}
-        tables |= {**missing, **beside}
+        change = slope(data.recording, data.time, drive)[:, None]
+        tables |= {"change": change, **missing, **beside}
         slides = sides is path is None and equation.state in model.smoothing
         if slides:
             weights = sliding(moved.x[equation.state], data.period, cutoff_hz, band_hz)[:, None]
             bent = np.column_stack([np.zeros((len(usable), 0)), *(missing[n] for n in BENT_BY if n in missing)])
             tables |= {"away y": weights * tables["y"], "away columns": weights * tables["columns"]}
-            tables |= {"away bent": weights * bent}
+            tables |= {"away change": weights * change, "away bent": weights * bent}
         tables = all_smoothed(data.recording.time, tables, usable, band_hz)
         drive = tables.pop("drive")[:, 0]
         tables = {name: part[index.index] for name, part in tables.items()}
@@ -147,19 +168,19 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
         tools = sides.tools(equation, tables["tools"]) if sides is not None else None
         if path is not None:
             tools = Tools(tables["tools"], np.zeros(len(equation.names), dtype=bool))
-        away = Sliding(*(tables[f"away {n}"] for n in ("y", "columns", "bent"))) if slides else None
+        away = Sliding(*(tables[f"away {n}"] for n in ("y", "columns", "change", "bent"))) if slides else None
         samples = Samples(
             equation, Rows(index.index[known], index.pieces[known]), at_speed(moved, index.index[known]),
             tables["y"][:, 0], tables["columns"], {name: tables[name] for name in missing}, data.recording.time, drive,
             data.period, tools, ACCURACY if "current" not in model.state_names else ACCURACY_OF_CURRENT,
-            tables["turning"], computed(data.recording), away,
+            tables["turning"], tables["change"][:, 0], computed(data.recording), away,
         )  # fmt: skip
         positive = [model.parameter(n).positive for n in equation.names]
-        solution, lag = samples.solve(positive, options.lag_s), None
+        solution, lag, share = samples.solve(positive, options.lag_s), None, samples.share(positive, options.lag_s)
         if sides is not None:
             solution, lag = sides.doubted(equation.names, samples.y, tables, solution)
         gear = [sides is not None and n in (model.stiffness, model.cubic_stiffness) for n in equation.names]
-        found.append(tested(samples, solution, positive, moved, band_hz, lag, gear))
+        found.append(tested(samples, solution, positive, moved, band_hz, share, lag, gear))
     if not found:
         raise UnusableError(
             Status.MISSING_SIGNAL,

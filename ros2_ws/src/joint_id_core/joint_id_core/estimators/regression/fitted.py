@@ -29,9 +29,9 @@ from joint_id_core.estimators.regression.missing import (
     share_predicted,
 )
 from joint_id_core.estimators.regression.presliding import with_inertia
+from joint_id_core.estimators.regression.share import Share, share_beside
 from joint_id_core.estimators.regression.signals import Rows
 from joint_id_core.estimators.regression.sliding import Sliding
-from joint_id_core.estimators.shared.mean_drive import MOST
 
 LEAST_R_SQUARED = 0.5  # below, the equation is not that of this motion
 # The same for samples that were not fitted, if the residuals have a memory (noise may leave less). On a UR10e, joints
@@ -65,6 +65,7 @@ class Samples:
         tools: instruments; None if least squares will do.
         accuracy: see `least_squares.solve`.
         turning: see `presliding.turning`, shape (R, m).
+        change: by how much the drive's part of y changes in a sample, shape (R,).
         loaded: whether the load of the arm was computed from a description.
         away: the equation without the instants at which the joint sticks; None if it has no friction, or instruments.
     """
@@ -81,6 +82,7 @@ class Samples:
     tools: Tools | None = None
     accuracy: float = ACCURACY
     turning: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    change: Array = field(default_factory=lambda: np.zeros(0))
     loaded: bool = False
     away: Sliding | None = None
 
@@ -95,11 +97,8 @@ class Samples:
         Friction that is a straight line is that of the sliding joint; see `sliding`.
         """
         ask = partial(solve, positive=positive, lag=lag_s / self.step, accuracy=self.accuracy)
-        pieces, away = self.rows.pieces, self.away
-        if away is not None and away.straight(
-            partial(solve, positive=[*positive, False], pieces=pieces, accuracy=self.accuracy)
-        ):
-            y, columns = away.y[:, 0], away.columns
+        pieces, (y, columns, _), slides = self.rows.pieces, *self._compared(positive)
+        if slides:
             found = with_halves(
                 ask(y, columns, pieces=pieces),
                 len(pieces),
@@ -114,6 +113,23 @@ class Samples:
         if self.tools is not None:
             return found
         return with_halves(found, len(pieces), lambda part: ask(self.y[part], self.columns[part], pieces=pieces[part]))
+
+    def share(self, positive: Sequence[bool], lag_s: float) -> Share | None:
+        """Return by how much of a sample the drive comes late; None without a drive or with instruments."""
+        if self.tools is not None or not self.change.any():
+            return None
+        more = partial(
+            solve, positive=[*positive, False], pieces=self.rows.pieces, lag=lag_s / self.step, accuracy=self.accuracy
+        )
+        return share_beside(*self._compared(positive)[0], more)
+
+    def _compared(self, positive: Sequence[bool]) -> tuple[tuple[Array, Array, Array], bool]:
+        """Return y, columns and `change` of the samples that are fitted, and whether the joint slides at all."""
+        away, pieces = self.away, self.rows.pieces
+        more = partial(solve, positive=[*positive, False], pieces=pieces, accuracy=self.accuracy)
+        if away is not None and away.straight(more):
+            return (away.y[:, 0], away.columns, away.change[:, 0]), True
+        return (self.y, self.columns, self.change), False
 
     @cached_property
     def turn(self) -> Array | None:
@@ -141,6 +157,7 @@ class Fitted:
         helps: share of the error of samples that were not fitted that a torque which the model lacks takes away, by the
             option that adds it.
         late: by how many s the drive is late against the motion; None if it cannot be told.
+        share: by how much of a sample the drive comes late beside all parameters; None if it cannot be told.
         encoders: how late the link's encoder is; None without motion on both sides of the gear.
         positive: True for parameters that cannot be negative, shape (k,).
         gear: True for stiffnesses of a gear with motion on both sides, shape (k,).
@@ -153,6 +170,7 @@ class Fitted:
     memory: float
     helps: Mapping[str, float]
     late: Shift | None
+    share: Share | None = None
     encoders: Lag | None = None
     positive: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     gear: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
@@ -170,6 +188,14 @@ class Fitted:
             return known
         cross = encoders.sigma * encoders.effect[:, None]
         return np.block([[known, cross], [cross.T, np.array([[encoders.sigma**2]])]])
+
+    def doubted(self, taken: bool) -> Fitted:
+        """Return it with intervals that contain what is not known of a late drive; `taken` as of `Share.doubt`."""
+        if self.share is None or not self.samples.equation.factor:
+            return self
+        doubt, found = self.share.doubt(taken), self.solution
+        covariance = found.covariance + np.outer(doubt, doubt)
+        return replace(self, solution=replace(found, covariance=covariance, doubt=np.hypot(found.doubt, doubt)))
 
     @property
     def changed(self) -> list[tuple[str, float, float]]:
@@ -202,12 +228,6 @@ class Fitted:
         when = f"{1e3 * abs(late.late):.3g} ms {'late' if late.late > 0.0 else 'early'}"
         shares = f"{percent(late.explained)} of the torque are explained, as recorded {percent(late.before)}"
         return f"the drive seems to be {when} against the motion: shifted by this, {shares}; correct its times"
-
-    @property
-    def share(self) -> float:
-        """Share of the next sample of a drive that changes between two: see `mean_drive`; 0 for one that is held."""
-        late = 0.0 if self.late is None or not self.late.sure else self.late.late / self.samples.period
-        return min(late, MOST) if 0.0 < late < LATE else 0.0
 
     @property
     def blind(self) -> bool:

@@ -24,6 +24,7 @@ from joint_id_core.estimators.regression.missing import (
     share_explained,
     share_predicted,
 )
+from joint_id_core.estimators.regression.share import Share
 from joint_id_core.estimators.shared.intervals import interval_text
 from joint_id_core.estimators.shared.sentences import listed, of_halves, sentence
 from joint_id_core.models import Model
@@ -35,9 +36,9 @@ TOLD = 0.05  # doubt over the value from which its reason is told
 
 def tested(
     samples: Samples, solution: Solution, positive: Sequence[bool], motion: Motion, band_hz: float,
-    encoders: Lag | None = None, gear: Sequence[bool] = (),
+    share: Share | None, encoders: Lag | None = None, gear: Sequence[bool] = (),
 ) -> Fitted:  # fmt: skip
-    """Return a solution with what tells whether its equation is that of the motion; `gear` as in `Fitted`."""
+    """Return a solution with what tells whether its equation is that of the motion; `share`, `gear` as in `Fitted`."""
     y, columns, rows = samples.y, samples.columns, samples.rows
     fast, loose = samples.fast, at_speed(motion, rows.index, STUCK)
     tools = None if samples.tools is None else samples.tools.part(fast)
@@ -53,7 +54,16 @@ def tested(
     at = samples.time[rows.index[fast]]
     late = drive_shift(samples.time, samples.drive, at, y[fast], columns[fast], band_hz)
     return Fitted(
-        samples, solution, gravity, later, memory, helps, late, encoders, *(np.array(v, bool) for v in (positive, gear))
+        samples,
+        solution,
+        gravity,
+        later,
+        memory,
+        helps,
+        late,
+        share,
+        encoders,
+        *(np.array(v, bool) for v in (positive, gear)),
     )
 
 

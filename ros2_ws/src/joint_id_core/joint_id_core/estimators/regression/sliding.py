@@ -51,11 +51,13 @@ class Sliding:
 
     Attributes:
         y, columns: shapes (R, 1) and (R, k).
+        change: of the drive's part of y in a sample, shape (R, 1).
         bent: what friction has that is no straight line, shape (R, m); without columns if it cannot be told.
     """
 
     y: Array
     columns: Array
+    change: Array
     bent: Array
 
     def straight(self, ask: Callable[[Array, Array], Solution]) -> bool:

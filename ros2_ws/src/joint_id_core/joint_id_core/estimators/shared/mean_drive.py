@@ -20,6 +20,8 @@ from joint_id_core.models import Model
 
 CHANGES = "changes between two samples"  # in what is said of it
 MOST = 0.5  # share of the next sample of a drive that changes all the time
+SELDOM = 0.1  # of recordings that have fewer samples than the controller made, before anything is known of this one
+SHARES = 501  # that are compared
 NEXT = 1.5  # periods up to which two samples follow each other
 # Weights, of the two samples of a step and of the two beside them, of the mean of the cubic through all four. With it
 # velocities are right at every sample. Positions are off by u T^2/12 over the inertia, as within a step it matters when
@@ -62,6 +64,18 @@ def _follows(recording: Recording, time: Array, drive: Array) -> NDArray[np.bool
     """Return whether each sample and the one that follows at once are known, shape (T - 1,)."""
     known = np.isfinite(drive)
     return np.asarray((np.diff(time) < NEXT * recording.period) & known[1:] & known[:-1])
+
+
+def mean_square_share(share: float, information: float) -> float:
+    """Return the mean square of the share of the next sample, of which a value and its information are known.
+
+    It is 0 unless the recording is one of those that are `SELDOM`. In these any share up to `MOST` is as likely as
+    another one.
+    """
+    shares = np.linspace(0.0, MOST, SHARES)
+    more = information * shares * (share - 0.5 * shares)  # logarithm of the likelihood, over that of a held drive
+    odds = np.exp(more - more.max()) * SELDOM / SHARES
+    return float(odds @ shares**2 / (odds.sum() + np.exp(-more.max()) * (1.0 - SELDOM)))
 
 
 def changes(model: Model, share: float) -> str:
