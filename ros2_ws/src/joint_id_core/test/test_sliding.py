@@ -66,9 +66,9 @@ def test_friction_counts_as_straight_only_if_the_data_bound_what_else_it_is(bend
 
     def is_straight(noise, rows):
         y = columns @ [1.0, 0.3] + bend * bent[:, 0] + noise * rng.standard_normal(count)
-        return Sliding(y[:rows, None], columns[:rows], bent[:rows]).straight(lambda y, t: solve(
+        return Sliding(y[:rows, None], columns[:rows], columns[:rows, :1], bent[:rows]).straight(lambda y, t: solve(
             y, t, [False] * t.shape[1], pieces[:rows]))  # fmt: skip
 
     assert is_straight(0.02, count) is straight
     assert not is_straight(1.0, 100)  # noise hides it: nothing is known
-    assert not Sliding(columns[:, :1], columns, np.zeros((count, 0))).straight(ask)
+    assert not Sliding(columns[:, :1], columns, columns[:, :1], np.zeros((count, 0))).straight(ask)

@@ -14,7 +14,7 @@ from joint_id_core.data.signals import side_of
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.regression.equations import Motion, columns_along, equations
 from joint_id_core.estimators.regression.estimator import Regression
-from joint_id_core.estimators.regression.fitted import LATE, Fitted, Samples
+from joint_id_core.estimators.regression.fitted import Fitted, Samples
 from joint_id_core.estimators.regression.instruments import Tools, rigid
 from joint_id_core.estimators.regression.judging import estimates, judge, tested
 from joint_id_core.estimators.regression.least_squares import ACCURACY, ACCURACY_OF_CURRENT
@@ -34,7 +34,7 @@ from joint_id_core.estimators.shared.fit_data import (
     prepare,
     unusable,
 )
-from joint_id_core.estimators.shared.mean_drive import MOST, changes, slope, with_mean_drive
+from joint_id_core.estimators.shared.mean_drive import MOST, POSITION, changes, slope, with_mean_drive
 from joint_id_core.estimators.shared.sentences import listed, message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
@@ -76,15 +76,15 @@ def regressed(model: Model, recording: Recording, settings: ParameterSettings, o
 
 
 def with_share(
-    model: Model, recording: Recording, settings: ParameterSettings | None, options: Regression, share: float = 0.0
+    model: Model, recording: Recording, settings: ParameterSettings | None, options: Regression, known: float = 0.0
 ) -> tuple[FitData, float, list[Fitted], float]:
-    """Fit the equations of a model, with a mean drive (`shared.mean_drive`) if it comes late.
+    """Fit the equations of a model, with a mean drive (`shared.mean_drive`) if it comes late by less than a sample.
 
     Intervals contain what is not known of that.
 
     Args:
         model, recording, settings, options: as of `fit_regression`.
-        share: of the next sample, if it is known; 0 looks for it.
+        known: share of the next sample; 0 looks for it.
 
     Returns:
         the data that were fitted, the band in Hz, the fits, and the share.
@@ -92,13 +92,21 @@ def with_share(
     Raises:
         UnusableError: as `fitted_equations`.
     """
-    known = share > 0.0
-    for _ in range(FITS):
-        part = with_mean_drive(model, recording, share) if share > 0.0 else recording
+
+    def fitted_with(share: float) -> tuple[FitData, float, list[Fitted]]:
+        part = with_mean_drive(model, recording, share, POSITION) if share > 0.0 else recording
         data = prepare(model, part, settings, leave_out_rests=True)
-        band_hz, fitted = fitted_equations(data, options)
-        late = next((f.share for f in fitted if f.share is not None and f.samples.equation.factor), None)
-        if known or late is None or late.value > LATE or not (late.sure or (share and abs(late.value) > late.sigma)):
+        return data, *fitted_equations(data, options)
+
+    data, band_hz, fitted = fitted_with(0.0)
+    driven, share = next((f for f in fitted if f.samples.equation.factor), None), 0.0
+    if driven is not None and not driven.shifted:
+        late = driven.share
+        share = known or (min(late.value, MOST) if late is not None and late.sure else 0.0)
+    for left in reversed(range(FITS if share > 0.0 else 0)):
+        data, band_hz, fitted = fitted_with(share)
+        late = next(f.share for f in fitted if f.samples.equation.factor)
+        if not left or known or late is None or abs(late.value) < late.sigma:
             break
         share = float(np.clip(share + late.value, 0.0, MOST))
     return data, band_hz, [f.doubted(share > 0.0) for f in fitted], share
@@ -152,7 +160,7 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
         if path is not None:
             beside = {"tools": rigid(partial(columns_along, model, equation, values=values), moved, path)}
         tables = {"y": equation.y[:, None], "columns": equation.columns, "drive": drive[:, None], "turning": turned}
-        change = slope(data.recording, data.time, drive)[:, None]
+        change = slope(data.recording, data.recording.time, drive)[:, None]
         tables |= {"change": change, **missing, **beside}
         slides = sides is path is None and equation.state in model.smoothing
         if slides:

@@ -221,10 +221,15 @@ class Fitted:
         return explained(self.samples.y, self.samples.columns @ np.nan_to_num(found.unbounded))
 
     @property
+    def shifted(self) -> bool:
+        """Whether the drive is late or early by more than one can be that changes between samples."""
+        return self.late is not None and self.late.sure and abs(self.late.late) >= LATE * self.samples.period
+
+    @property
     def lag(self) -> str:
         """How late or early the drive is against the motion; empty if it is not, or cannot be told."""
         late = self.late
-        if late is None or not late.sure or abs(late.late) < LATE * self.samples.period:
+        if late is None or not self.shifted:
             return ""
         if late.explained < LEAST_R_SQUARED or 1.0 - late.explained > LEFT * (1.0 - late.before):
             return ""

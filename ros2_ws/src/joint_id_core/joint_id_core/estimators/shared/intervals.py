@@ -12,19 +12,20 @@ from joint_id_core.results.estimate import Estimate, ParameterEstimate
 from joint_id_core.results.verdict import MAGNITUDE, Verdict
 
 WIDTH = 1.96  # standard deviations of a 95 % interval
+INTERVAL = "95 % interval"
 ROUNDING = 1e-9  # of a standard deviation
 LEAST = 0.1  # least value of a positive parameter between two, over the first one
 
 
 def interval_text(value: float, sigma: float) -> str:
     """Return the 95 % interval of a value in words."""
-    return f"95 % interval {value - WIDTH * sigma:.4g} to {value + WIDTH * sigma:.4g}"
+    return f"{INTERVAL} {value - WIDTH * sigma:.4g} to {value + WIDTH * sigma:.4g}"
 
 
 def widened(model: Model, row: ParameterEstimate, sigma: float) -> ParameterEstimate:
     """Return a parameter with a larger standard deviation: `prior` if only its order of magnitude is left."""
     magnitude = model.parameter(row.name).positive and sigma > MAGNITUDE * row.value
-    said = interval_text(row.value, sigma)
+    said = interval_text(row.value, sigma) if row.reason.startswith(INTERVAL) else row.reason
     said = f"it lies below about {row.value + 2.0 * sigma:.2g}, more is not known" if magnitude else said
     return replace(row, std_dev=sigma, verdict=Verdict.PRIOR if magnitude else row.verdict, reason=said)
 
