@@ -141,3 +141,18 @@ def test_information_is_not_changed_by_an_estimate():
     inverse_of(matrix)
     np.testing.assert_array_equal(matrix, before)
     assert inverse_of(np.array([[4.0]])) == pytest.approx(0.25)
+
+
+@given(seed=st.integers(0, 10**6), k=st.integers(1, 6), size=st.floats(-200.0, 200.0), hole=st.booleans())
+def test_what_a_path_that_nearly_diverges_leaves_ends_no_test(seed, k, size, hole):
+    """It raised LinAlgError: a matrix with elements of 1e43 was scaled by a diagonal that was negative."""
+    rng = np.random.default_rng(seed)
+    half = 10.0**size * rng.standard_normal((k, k)) * 10.0 ** rng.uniform(-5.0, 5.0, (k, k))
+    matrix, score = half + half.T, 10.0**size * rng.standard_normal(k)
+    if hole:
+        matrix[0, -1] = matrix[-1, 0] = np.nan
+    with np.errstate(all="ignore"):
+        total, rank = chi2(score, matrix)
+        found = changed_parameters(score, matrix, np.ones(k + 1), 1e-6)
+    assert total >= 0.0 and 0 <= rank <= k
+    assert found is None or set(found[0]) <= set(range(k))

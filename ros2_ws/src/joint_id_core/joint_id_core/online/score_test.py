@@ -100,8 +100,15 @@ def stretches(
 
 
 def chi2(score: Array, information: Array) -> tuple[float, int]:
-    """Return v' M^-1 v and the rank of M."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    """Return v' M^-1 v and the rank of M.
+
+    Where the path of the filter nearly diverges, M is no information: a parameter whose diagonal is not positive tells
+    nothing then. inf if nothing is left that is finite.
+    """
+    diagonal = np.diag(information)
+    if not (np.isfinite(information).all() and np.isfinite(score).all()):
+        return np.inf, len(score)
+    scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.maximum(diagonal, 1e-300)), 0.0)
     size, axes = np.linalg.eigh(information * np.outer(scale, scale))
     seen = size > RANK * len(size)
     return float(np.sum((axes[:, seen].T @ (scale * score)) ** 2 / size[seen])), int(np.count_nonzero(seen))
