@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,14 +11,17 @@ import numpy as np
 import pytest
 
 from joint_id_core.data.recording import Recording
+from joint_id_core.design.plant import controller_of
 from joint_id_core.emulator.arm import Arm
 from joint_id_core.emulator.reference import TICK_S
 from joint_id_core.emulator.robots import build_joints
 from joint_id_core.estimators import ParameterSettings
-from joint_id_core.models import HarmonicDrive
+from joint_id_core.models import HarmonicDrive, build
 from joint_id_core.online import OnlineIdentifier, input_noise
 from joint_id_core.online.input_noise import InputNoise
 from joint_id_core.online.summed_effect import SummedEffect
+from joint_id_core.results.estimate import Estimate, Status, Verdict
+from joint_id_core.simulation.position_control import ControlledJoint
 from joint_id_core.simulation.sensors import Sensors
 
 SECONDS = 40
@@ -68,3 +73,83 @@ def test_a_bias_beyond_the_prior_is_none(monkeypatch):
     noise = InputNoise(SummedEffect(np.array([2.0, 10.0])))
     noise.learn(tracker, [piece], 60.0)
     assert np.allclose(noise.bias(np.eye(2)), [0.5, -10.0])
+
+
+RIGID, JOINT = build("rigid_joint"), {"J": 0.6, "c": 8.6, "tau_f": 12.0, "tau_0": -1.7}
+HZ, TORQUE_NM, ENCODER_RAD = 250, 0.25, 1.2e-5
+CHANGES_S, ENDS_S = 16.0, 30.0
+LOADED = {**JOINT, "J": 1.5 * JOINT["J"]}
+
+
+@dataclass(frozen=True)
+class Moves:
+    """Moves from point to point, each a quintic polynomial of the time."""
+
+    begins: np.ndarray
+    seconds: np.ndarray
+    points: np.ndarray
+
+    def _at(self, time: float) -> tuple[int, float]:
+        k = max(0, int(np.searchsorted(self.begins, time, "right")) - 1)
+        return k, min(1.0, (time - self.begins[k]) / self.seconds[k])
+
+    def value(self, time: float) -> float:
+        k, x = self._at(time)
+        return float(self.points[k] + (self.points[k + 1] - self.points[k]) * x**3 * (10.0 - 15.0 * x + 6.0 * x * x))
+
+    def rate(self, time: float) -> float:
+        k, x = self._at(time)
+        return float((self.points[k + 1] - self.points[k]) * 30.0 * (x * (1.0 - x)) ** 2 / self.seconds[k])
+
+
+@cache
+def moves() -> Moves:
+    """Moves of 0.4 to 2 s from point to point, with rests in between."""
+    rng = np.random.default_rng(3)
+    seconds, rests = rng.uniform(0.4, 2.0, 40), rng.uniform(0.0, 1.0, 40)
+    begins = np.concatenate([[0.0], np.cumsum(seconds + rests)[:-1]])
+    return Moves(begins, seconds, np.array([0.0, *rng.uniform(-1.0, 1.0, 40)]))
+
+
+def estimates(load: float) -> list[Estimate]:
+    """Estimates while the joint moves from point to point, whose inertia becomes `load` times as large."""
+    joint = ControlledJoint(RIGID, controller_of(RIGID, JOINT), moves(), JOINT)
+    rows: list[dict[str, float]] = []
+    for k in range(round(ENDS_S * HZ)):
+        if k == round(CHANGES_S * HZ):
+            joint.change({**JOINT, "J": load * JOINT["J"]})
+        rows.append({**joint.shown, **joint.tick(1.0 / HZ)})
+    rng, seen = np.random.default_rng(0), {n: np.array([row[n] for row in rows]) for n in ("link_position", "torque")}
+    channels = {
+        "link_position": ENCODER_RAD * np.round(seen["link_position"] / ENCODER_RAD),
+        "torque": seen["torque"] + TORQUE_NM * rng.standard_normal(len(rows)),
+    }
+    recording = Recording(np.arange(len(rows)) / HZ, channels, source="moves")
+    identifier = OnlineIdentifier(RIGID)
+    found = [identifier.update(recording.slice(k, k + 25)) for k in range(0, len(rows), 25)]
+    return [estimate for estimate in found if estimate is not None]
+
+
+def errors(estimate: Estimate, truth: dict[str, float]) -> list[float]:
+    """Errors over standard deviations of what is estimated."""
+    rows = [estimate[name] for name in truth if estimate[name].verdict is Verdict.ESTIMATED]
+    return [abs(row.value - truth[row.name]) / row.std_dev for row in rows]
+
+
+def test_noise_of_the_torque_sensor_is_no_change_of_the_joint():
+    """Slow moves after fast ones looked like another inertia: 13 of 33 estimates were converged."""
+    moving = [estimate for estimate in estimates(load=1.0) if estimate.status is not Status.NO_MOTION]
+    later = moving[len(moving) // 4 :]
+    assert len(later) > 20 and all(estimate.converged for estimate in later)
+    assert max(max(errors(estimate, JOINT)) for estimate in later) < 4.0
+
+
+def test_beside_such_noise_a_load_is_still_seen():
+    found = estimates(load=1.5)
+    before, after = ([e for e in found if (e.end > CHANGES_S) == late] for late in (False, True))
+    wrong = [
+        e for es, true in ((before, JOINT), (after, LOADED)) for e in es if e.converged and max(errors(e, true)) > 4.0
+    ]
+    assert len(wrong) <= 2, "a second, at the change"
+    assert any("J from" in e.message for e in after)
+    assert abs(after[-1]["J"].value - LOADED["J"]) < 4.0 * after[-1]["J"].std_dev < 0.1 * LOADED["J"]

@@ -10,6 +10,7 @@ from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.online.block import Block
 from joint_id_core.online.checks import Background, at_once
+from joint_id_core.online.drive_noise import explained_by_noise
 from joint_id_core.online.effects import Effects
 from joint_id_core.online.levels import Levels
 from joint_id_core.online.memory import Change, Memory
@@ -75,7 +76,7 @@ class RefinedMemory:
         """Test the newest blocks against the memory; return the change that they show.
 
         The test is linear. Where little is known yet, the blocks may disagree only because of this, and one set of
-        parameters describes them all.
+        parameters describes them all. Or it does once the noise of sensors is reckoned with.
         """
         memory = self.memory
         change = memory.test()
@@ -86,7 +87,8 @@ class RefinedMemory:
         if learned is not None:
             other = memory.copy()
             other.replace(learned.pieces, self._memory_s)
-            if other.test() is None:
+            bias, _ = self._effects.biases(memory)
+            if other.test() is None or explained_by_noise(tracker, memory, learned.pieces, bias, self._memory_s):
                 self.memory, self._shifted = other, np.zeros_like(self._shifted)
                 return None
         tracker.again(memory.blocks[-1:], z)
