@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from joint_id_core.data.recording import Array
-from joint_id_core.estimators.innovations.input_noise import sensor_noise
+from joint_id_core.estimators.innovations.input_noise import sensor_noise, with_load
 from joint_id_core.estimators.innovations.recursion import NoiseInformation
 from joint_id_core.online.piece import Piece
 from joint_id_core.online.tracker import Tracker
@@ -57,7 +57,8 @@ def attenuation(tracker: Tracker, piece: Piece, rng: np.random.Generator) -> Arr
     """
     u, levels = piece.samples.u, tracker.levels
     more = np.zeros_like(u)
-    model, of_inputs = tracker.data.model, levels[len(tracker.data.labels) :]
+    model = tracker.data.model
+    of_inputs = with_load(model, tracker.data.p, levels[len(tracker.data.labels) :])
     for i, variance in sensor_noise(model, tracker.shown_noise, of_inputs).items():
         more[:, i] = np.sqrt(variance) * rng.standard_normal(len(u))
     noisier = [replace(piece, samples=replace(piece.samples, u=u + by * more)) for by in (1.0, -1.0)]

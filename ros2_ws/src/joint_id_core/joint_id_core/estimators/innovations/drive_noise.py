@@ -16,7 +16,7 @@ import numpy as np
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.gauss_newton import Minimum
-from joint_id_core.estimators.innovations.input_noise import effect_on_score, noisier, shown_noise
+from joint_id_core.estimators.innovations.input_noise import effect_on_score, noisier, shown_noise, with_load
 from joint_id_core.estimators.innovations.missing_torques import unforeseen
 from joint_id_core.estimators.innovations.recursion import Pass, Recursion
 
@@ -78,18 +78,10 @@ def mean_and_variance(score: float, information: float) -> tuple[float, float]:
 
 
 def _level(recursion: Recursion, found: Minimum, channel: int) -> float:
-    """Return the variance of the noise of an input: that of the filter, or of its third differences if this is less.
-
-    Without a spring between them, the filter cannot tell noise of the drive from that of the load.
-    """
+    """Return the variance of the noise of an input: that of the filter, or of its third differences if this is less."""
     data = recursion.data
-    model, levels = data.model, found.levels[len(data.labels) :]
-    level = float(levels[channel])
-    if model.stiffness is None and model.load is not None:
-        values = dict(zip(model.parameter_names, recursion.values(found.last.free).tolist(), strict=True))
-        at_link = model.gear_ratio(values) * model.torque_constant(values)
-        level += float(levels[model.input_names.index(model.load)]) / at_link**2
-    return min(level, shown_noise(data).get(channel, 0.0))
+    levels = with_load(data.model, recursion.values(found.last.free), found.levels[len(data.labels) :])
+    return min(float(levels[channel]), shown_noise(data).get(channel, 0.0))
 
 
 def _test(

@@ -54,6 +54,20 @@ def sensor_noise(model: Model, shown: Mapping[int, float], of_inputs: Array) -> 
     }
 
 
+def with_load(model: Model, values: Array, of_inputs: Array) -> Array:
+    """Return noise variances of the inputs (inputs,), that of the drive with that of the load.
+
+    Without a spring between them the filter cannot tell one from the other. `values` are those of all parameters (P,).
+    """
+    if model.torque_drive is None or model.stiffness is not None or model.load is None:
+        return of_inputs
+    named = dict(zip(model.parameter_names, values.tolist(), strict=True))
+    at_link, together = model.gear_ratio(named) * model.torque_constant(named), of_inputs.copy()
+    drive, load = (model.input_names.index(name) for name in (model.torque_drive, model.load))
+    together[drive] += of_inputs[load] / at_link**2
+    return together
+
+
 def noisier(recursion: Recursion, variances: Mapping[int, float], last: Pass) -> list[tuple[Recursion, Pass]]:
     """Return passes over a record with added noise of these variances, by index of the input, and with its negative.
 
