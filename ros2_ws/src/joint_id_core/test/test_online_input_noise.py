@@ -162,7 +162,7 @@ def test_beside_such_noise_a_load_is_still_seen():
 
 
 def test_noise_that_the_filter_takes_for_that_of_the_load_counts_as_well():
-    """A rigid joint hides which of the two it is: `J` was 3.8 % too large, by 5 standard deviations."""
+    """A rigid joint hides which of the two it is: `J` was 3.8 % too large, 5 standard deviations, or seen to change."""
     small = {"J": 3e-4, "c": 6.2e-3, "tau_f": 1.02e-2, "tau_0": 1.7e-3}
     waves = Multisine((0.25, 0.2, 0.15, 0.1), (0.31, 0.53, 0.83, 1.31), (0.0, 1.0, 4.0, 2.0))
     found = [e for e in estimates(1.0, small, waves, torque=1.2e-3, encoder=9.6e-5) if e.converged]
