@@ -14,6 +14,9 @@ SAMPLES = ("time", "gap", "u", "y", "errors", "variances", "white")  # arrays wi
 STORED = ("gains", "slopes", "shown", "sensitivities")  # and those that only `noise_information` needs
 
 
+MOST = 1e25  # information of half a second on a coordinate: a standard deviation of 3e-13
+
+
 class Sizes(NamedTuple):
     """Numbers of states, inputs, labels, sensitivities and free parameters; whether a label has a delay."""
 
@@ -69,6 +72,11 @@ class Block:
         self.matrix, self.vector = np.zeros((sizes.free, sizes.free)), np.zeros(sizes.free)
         self.score, self.largest = np.zeros(sizes.parameters), np.zeros(1)
         self.time[0], self.u[0], self.y[0] = begin.time, begin.u, np.nan
+
+    @property
+    def diverged(self) -> bool:
+        """Whether the path of the filter diverged, or nearly so: no samples say that much."""
+        return not np.isfinite(self.cost) or not self.matrix.trace() < MOST
 
     @property
     def duration(self) -> float:

@@ -168,6 +168,9 @@ class Follower:
         """Add the present block to the memory and test it, or use it to learn what changed."""
         if self.tracker is None or self._block is None:
             return
+        if self._block.diverged:
+            self._stop()
+            return
         block, self._block = self.tracker.end(self._block), None
         self._jumped = False
         if self.found in (Found.UNEXPLAINED, Found.WRONG_START):

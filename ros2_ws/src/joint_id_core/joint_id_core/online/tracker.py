@@ -214,7 +214,7 @@ class Tracker:
             goes_on = k and piece.begin.time == pieces[k - 1].samples.time[-1]
             begin = self._state if goes_on else self._begin(piece, changed)
             block = None if begin is None else self._passed(begin, piece.samples)
-            if block is None or not np.isfinite(block.cost):
+            if block is None or block.diverged:
                 return None
             self._state = block.end
             costs.append(block.cost)
