@@ -97,8 +97,7 @@ def test_constants_in_the_theory() -> None:
         f"stiffness by more than {'half' if misfit.LARGE == 0.5 else '?'}",
         f"{'half' if missing_torques.REACH == 0.5 else '?'} of its rms",
         f"its last {words[len(missing_torques.FORESEEN) - 1]} samples do not foresee",
-        f"from {misfit.CREDIBLE:g} standard deviations on the bias counts; "
-        f"above {misfit.SIGNIFICANT:g} the message says",
+        f"Above {misfit.SIGNIFICANT:g} standard deviations the message says that it does not",
         f"over {whiteness.LAGS} lags, with",
         f"a probability below {whiteness.RARE:.0e}".replace("e-0", "e-"),
         f"beyond {verdicts.COLOURED:g} in size",

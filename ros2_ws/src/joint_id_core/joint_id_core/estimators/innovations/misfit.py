@@ -21,7 +21,7 @@ from joint_id_core.estimators.innovations.missing_torques import Shape, shapes
 from joint_id_core.estimators.innovations.recursion import Pass, Recursion
 
 LIKELY = 2.0  # size of a shape in standard deviations from which its bias counts; with a correct model 5 % reach it
-CREDIBLE = 3.0  # the same for sensor noise, whose bias does not shrink with the size that is found
+CREDIBLE = 3.0  # the same for noise of a sensor, whose bias is that of `drive_noise`
 SIGNIFICANT = 4.0  # size from which the user is told; by chance it happens once in 16,000 tests
 OWN_SHARE = 0.15  # least fraction of the information on a shape that the parameters do not explain as well
 CERTAIN = 8.0  # size from which one that parameters take the place of counts without that
