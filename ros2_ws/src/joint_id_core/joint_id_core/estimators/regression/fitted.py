@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -97,8 +97,9 @@ class Samples:
         Friction that is a straight line is that of the sliding joint; see `sliding`.
         """
         ask = partial(solve, positive=positive, lag=lag_s / self.step, accuracy=self.accuracy)
-        pieces, (y, columns, _), slides = self.rows.pieces, *self._compared(positive)
-        if slides:
+        pieces, away = self.rows.pieces, self.away
+        if away is not None and away.straight(self._asked(positive)):
+            y, columns = away.y[:, 0], away.columns
             found = with_halves(
                 ask(y, columns, pieces=pieces),
                 len(pieces),
@@ -118,21 +119,15 @@ class Samples:
         """Return by how much of a sample the drive comes late; None without a drive or with instruments."""
         if self.tools is not None or not self.change.any():
             return None
-        more = partial(
-            solve, positive=[*positive, False], pieces=self.rows.pieces, lag=lag_s / self.step, accuracy=self.accuracy
-        )
         y, columns, change = self.y, self.columns, self.change
         if self.away is not None:  # what friction does while the joint sticks hides a delay
             y, columns, change = self.away.y[:, 0], self.away.columns, self.away.change[:, 0]
-        return share_beside(y, columns, change, more)
+        return share_beside(y, columns, change, self._asked(positive, lag_s))
 
-    def _compared(self, positive: Sequence[bool]) -> tuple[tuple[Array, Array, Array], bool]:
-        """Return y, columns and `change` of the samples that are fitted, and whether the joint slides at all."""
-        away, pieces = self.away, self.rows.pieces
-        more = partial(solve, positive=[*positive, False], pieces=pieces, accuracy=self.accuracy)
-        if away is not None and away.straight(more):
-            return (away.y[:, 0], away.columns, away.change[:, 0]), True
-        return (self.y, self.columns, self.change), False
+    def _asked(self, positive: Sequence[bool], lag_s: float = 0.0) -> Callable[[Array, Array], Solution]:
+        """Return what solves the equation with one more column."""
+        lag, positive = lag_s / self.step, [*positive, False]
+        return partial(solve, positive=positive, pieces=self.rows.pieces, lag=lag, accuracy=self.accuracy)
 
     @cached_property
     def turn(self) -> Array | None:

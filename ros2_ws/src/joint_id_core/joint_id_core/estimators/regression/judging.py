@@ -54,17 +54,9 @@ def tested(
     at = samples.time[rows.index[fast]]
     late = drive_shift(samples.time, samples.drive, at, y[fast], columns[fast], band_hz)
     return Fitted(
-        samples,
-        solution,
-        gravity,
-        later,
-        memory,
-        helps,
-        late,
-        share,
-        encoders,
-        *(np.array(v, bool) for v in (positive, gear)),
-    )
+        samples, solution, gravity, later, memory, helps, late, share, encoders, np.array(positive, bool),
+        np.array(gear, bool),
+    )  # fmt: skip
 
 
 def estimates(model: Model, fitted: Fitted, starts: Mapping[str, float]) -> dict[str, ParameterEstimate]:
