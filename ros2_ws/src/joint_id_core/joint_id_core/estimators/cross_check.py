@@ -115,18 +115,30 @@ def _containing(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
     )  # fmt: skip
 
 
+def _without_noise(estimate: Estimate, name: str) -> float:
+    """Return a standard deviation without what noise of the drive's sensor may do.
+
+    That moves one estimator and not the other, so a difference that it explains is one all the same.
+    """
+    sigma, checks = estimate[name].std_dev, estimate.checks
+    if checks is None or checks.of_drive is None:
+        return sigma
+    return math.sqrt(max(sigma**2 - float(checks.of_drive[estimate.free.index(name)]) ** 2, 0.0))
+
+
 def _disagrees(estimate: Estimate, model: Model, second: Second, any_size: bool) -> bool:
     """Return whether two values differ by more than chance, and by an amount that matters unless `any_size` does."""
     first = estimate[second.name]
     if first.verdict is not Verdict.ESTIMATED:
         return False
+    sigma = _without_noise(estimate, second.name)
     apart = abs(first.value - second.value)
     if model.parameter(second.name).positive:  # estimated as a logarithm
         matters = any_size or apart > MATTERS * max(first.value, second.value)
-        factor = math.exp(APART * first.std_dev / first.value)
+        factor = math.exp(APART * sigma / first.value)
         reach = first.value * (factor - 1.0 if second.value > first.value else 1.0 - 1.0 / factor)
     else:
-        matters, reach = any_size or apart * second.torque > MATTERS_TORQUE, APART * first.std_dev
+        matters, reach = any_size or apart * second.torque > MATTERS_TORQUE, APART * sigma
     return matters and apart > math.hypot(reach, APART * second.sigma)
 
 

@@ -51,11 +51,14 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
     together = in_combination(data, p, covariance * np.outer(slope, slope))
     predictions = free_runs(stages.kernel, data, last.states, p, last.steps, stages.options.horizon_s)
     return (
-        Checks(texts, excess, nrmse(data, predictions), together, levels, missing.doubt, missing.lasting, missing.bias),
+        Checks(
+            texts, excess, nrmse(data, predictions), together, levels, missing.doubt, missing.lasting, missing.bias,
+            slope * np.sqrt(np.diag(of_drive)),
+        ),
         covariance,
         bias,
         predictions,
-    )
+    )  # fmt: skip
 
 
 def in_combination(data: FitData, p: Array, covariance: Array) -> dict[str, str]:
