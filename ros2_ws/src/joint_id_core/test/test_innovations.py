@@ -118,7 +118,8 @@ def test_neither_the_clock_nor_the_zero_of_the_encoder_matters(shift, turn):
     a, b = fit(RIGID, r), fit(RIGID, moved)
     for name in a.free:
         assert abs(a[name].value - b[name].value) < 0.05 * a[name].std_dev, name
-        assert b[name].std_dev == pytest.approx(a[name].std_dev, rel=0.02)
+        # How noise is divided between drive and load, which a rigid joint does not show, depends on the last bits.
+        assert b[name].std_dev == pytest.approx(a[name].std_dev, rel=0.05)
 
 
 @settings(max_examples=3, deadline=None)

@@ -25,6 +25,7 @@ from joint_id_core.results.estimate import Estimate, Status
 from joint_id_core.results.verdict import Verdict
 
 APART = 3.0  # standard deviations from which two values disagree: with six parameters, 2 would be too few
+EXPLAINED = 1.5  # the same up to which noise of a sensor may be all of it
 FURTHER = 2.0  # the same from which an interval contains both
 CAUSE = (
     "the torque has a part that the model lacks and that goes with the motion (a load of other joints, friction with a "
@@ -116,10 +117,7 @@ def _containing(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
 
 
 def _without_noise(estimate: Estimate, name: str) -> float:
-    """Return a standard deviation without what noise of the drive's sensor may do.
-
-    That moves one estimator and not the other, so a difference that it explains is one all the same.
-    """
+    """Return a standard deviation without what noise of the drive's sensor may do."""
     sigma, checks = estimate[name].std_dev, estimate.checks
     if checks is None or checks.of_drive is None:
         return sigma
@@ -127,12 +125,16 @@ def _without_noise(estimate: Estimate, name: str) -> float:
 
 
 def _disagrees(estimate: Estimate, model: Model, second: Second, any_size: bool) -> bool:
-    """Return whether two values differ by more than chance, and by an amount that matters unless `any_size` does."""
+    """Return whether two values differ by more than chance, and by an amount that matters unless `any_size` does.
+
+    Noise of the drive's sensor moves one estimator and not the other, by one of the deviations that contain it.
+    Beyond `EXPLAINED` of them something else is there, and the difference counts as if there were no noise.
+    """
     first = estimate[second.name]
-    if first.verdict is not Verdict.ESTIMATED:
+    apart = abs(first.value - second.value)
+    if first.verdict is not Verdict.ESTIMATED or apart < EXPLAINED * math.hypot(first.std_dev, second.sigma):
         return False
     sigma = _without_noise(estimate, second.name)
-    apart = abs(first.value - second.value)
     if model.parameter(second.name).positive:  # estimated as a logarithm
         matters = any_size or apart > MATTERS * max(first.value, second.value)
         factor = math.exp(APART * sigma / first.value)
