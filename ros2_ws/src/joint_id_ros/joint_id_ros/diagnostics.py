@@ -43,7 +43,7 @@ class Diagnostics:
         self._timer = node.create_timer(PERIOD_S, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._since = time.monotonic()
         self._received = self._before = 0
-        self._reported = False
+        self._started = False
         self._newest_ns: int | None = None
         self._problems: Counter[str] = Counter()
         self._recent: dict[str, str] = {}  # newest problem of each kind since the last report
@@ -54,10 +54,14 @@ class Diagnostics:
 
     def received(self, stamp_ns: int) -> None:
         """Count a message with this stamp."""
-        if not self._received and not self._reported:
-            self._since = time.monotonic()  # the start of the node ends here
+        self.started()
         self._received += 1
         self._newest_ns = stamp_ns
+
+    def started(self) -> None:
+        """Take the start of the node for over, so that a stop soon after it is told."""
+        if not self._started:
+            self._since, self._started = time.monotonic(), True
 
     def problem(self, kind: str, text: str, count: int = 1) -> None:
         """Report a problem with the data: it is counted by kind, and appears in the next report and in the log."""
@@ -80,12 +84,12 @@ class Diagnostics:
 
     def _publish(self) -> None:
         now = time.monotonic()
-        if (self._reported or self._received) and now - self._since > PAUSE_S:  # before, the node starts
+        if self._started and now - self._since > PAUSE_S:  # before, the node starts
             text = f"this node did not run for {now - self._since:.1f} s: it was stopped, or the computer is overloaded"
             self.problem("paused", text)
         health = self._health()
         rate = (self._received - self._before) / (now - self._since)
-        self._since, self._before, self._reported = now, self._received, True
+        self._since, self._before, self._started = now, self._received, True
         clock = self._node.get_clock().now()
         values: dict[str, object] = {"received": self._received, "rate [Hz]": f"{rate:.1f}"}
         if self._newest_ns is not None:

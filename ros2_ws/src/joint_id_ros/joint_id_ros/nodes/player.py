@@ -98,6 +98,7 @@ class PlayerNode(Node):
             if unmatched:
                 self.get_logger().warning(f"playing although nobody listens on {', '.join(unmatched)}")
             self._begun = now
+            self._diagnostics.started()
         try:
             done = self._play(now)
         except Exception as error:  # the decoder raises many kinds of errors on a damaged bag
