@@ -8,12 +8,12 @@ residuals do not show it. The inverse dynamics of `regression` do not depend on 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from joint_id_core.data.recording import Recording
+from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.opinion import Opinion, Second, second_opinion
 from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.shared.intervals import between, interval_text, widened
@@ -21,7 +21,7 @@ from joint_id_core.estimators.shared.mean_drive import CHANGES
 from joint_id_core.estimators.shared.sentences import listed, message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
-from joint_id_core.results.estimate import Estimate, Status
+from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status
 from joint_id_core.results.verdict import Verdict
 
 APART = 3.0  # standard deviations from which two values disagree: with six parameters, 2 would be too few
@@ -109,11 +109,7 @@ def _containing(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
     if not further:
         return estimate
     said = f"the intervals of {listed(further)} contain the values of a regression, which are further away than chance"
-    notes = (*estimate.notes[:1], sentence(said), *estimate.notes[1:])
-    return replace(
-        estimate, message=message(notes), notes=notes, parameters=tuple(rows.values()),
-        covariance=estimate.covariance * np.outer(scale, scale),
-    )  # fmt: skip
+    return _with_rows(estimate, rows, scale, (*estimate.notes[:1], sentence(said), *estimate.notes[1:]))
 
 
 def _without_noise(estimate: Estimate, name: str) -> float:
@@ -193,9 +189,16 @@ def _widened(estimate: Estimate, model: Model, opinion: Opinion, apart: Sequence
         rows[second.name] = found
     said = [f"{'; '.join(told)}: the value lies between, and the interval contains both", f"most likely {CAUSE}"]
     notes = (*map(sentence, said), sentence(Status.DISAGREE.advice), *estimate.notes[1:])
+    return replace(_with_rows(estimate, rows, scale, notes), status=Status.DISAGREE)
+
+
+def _with_rows(
+    estimate: Estimate, rows: Mapping[str, ParameterEstimate], scale: Array, notes: tuple[str, ...]
+) -> Estimate:  # fmt: skip
+    """Return an estimate with other rows and notes, whose standard deviations grow by `scale` (free,)."""
+    covariance = estimate.covariance * np.outer(scale, scale)
     return replace(
-        estimate, status=Status.DISAGREE, message=message(notes), notes=notes, parameters=tuple(rows.values()),
-        covariance=estimate.covariance * np.outer(scale, scale),
+        estimate, message=message(notes), notes=notes, parameters=tuple(rows.values()), covariance=covariance
     )  # fmt: skip
 
 
@@ -218,8 +221,4 @@ def _as_wide(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
         return replace(estimate, parameters=tuple(rows.values()))
     why = "the residual torque has a memory" if opinion.coloured else "what the drive does between samples is not known"
     said = f"{why}: the intervals of {listed(wider)} are those of a regression, which depend on it less"
-    notes = (*estimate.notes[:1], sentence(said), *estimate.notes[1:])
-    return replace(
-        estimate, message=message(notes), notes=notes, parameters=tuple(rows.values()),
-        covariance=estimate.covariance * np.outer(scale, scale),
-    )  # fmt: skip
+    return _with_rows(estimate, rows, scale, (*estimate.notes[:1], sentence(said), *estimate.notes[1:]))

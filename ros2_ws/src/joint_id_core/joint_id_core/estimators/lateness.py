@@ -48,17 +48,12 @@ class Lateness:
 
     def share_contained(self, estimate: Estimate, model: Model) -> Estimate:
         """Return the estimate of a mean drive, whose intervals contain that its share is not known exactly."""
-        return with_covariance(
-            model, estimate, estimate.covariance + self.sigma**2 * np.outer(self.effect, self.effect)
-        )
+        return self._with_mean_square(estimate, model, self.sigma**2)
 
     def contained(self, estimate: Estimate, model: Model) -> Estimate:
         """Return the estimate of a held drive, whose intervals contain that it may not be."""
-        covariance = estimate.covariance + mean_square_share(self.beside, self.information) * np.outer(
-            self.effect, self.effect
-        )
-        wider = with_covariance(model, estimate, covariance)
-        grown = np.diag(covariance) > WIDER**2 * np.diag(estimate.covariance)
+        wider = self._with_mean_square(estimate, model, mean_square_share(self.beside, self.information))
+        grown = np.diag(wider.covariance) > WIDER**2 * np.diag(estimate.covariance)
         if not grown.any():
             return wider
         names = listed([n for n, more in zip(estimate.free, grown, strict=True) if more])
@@ -69,6 +64,9 @@ class Lateness:
         )
         notes = (*wider.notes[:1], sentence(told), *wider.notes[1:])
         return replace(wider, notes=notes, message=message(notes))
+
+    def _with_mean_square(self, estimate: Estimate, model: Model, square: float) -> Estimate:
+        return with_covariance(model, estimate, estimate.covariance + square * np.outer(self.effect, self.effect))
 
 
 def lateness(estimate: Estimate, model: Model, recording: Recording) -> Lateness | None:
