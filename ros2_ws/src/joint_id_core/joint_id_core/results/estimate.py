@@ -56,8 +56,7 @@ class Checks:
         together: by parameter that enters only in combination with others, what is known instead and what to do.
         levels: how the intervals depend on the noise levels; None if it is not known. Files do not hold it.
         doubt, lasting, bias: of what the model lacks, as in `misfit.Misfit`. Files do not hold them.
-        of_drive: part of the standard deviations (free,) that contains what noise of the drive's sensor may do. Files
-            do not hold it.
+        of_drive: part of the standard deviations for noise of the drive's sensor (free,). Files do not hold it.
     """
 
     texts: tuple[str, ...]
