@@ -20,6 +20,7 @@ from joint_id_core.data.signals import CHANNELS, Parameter
 from joint_id_core.estimators import ESTIMATORS
 from joint_id_core.formats.topics import RAW, SIGNALS
 from joint_id_core.models import LAWS, MODELS, Model, build
+from joint_id_core.models.options import FLAGS
 from joint_id_core.results.estimate import Status
 from joint_id_ros.fleet_command import fleet
 from joint_id_ros.launch_files import LAUNCH_FILES, LaunchFile
@@ -133,16 +134,17 @@ def parameter_table(parameters: Iterable[Parameter]) -> str:
 
 
 def added_table(name: str) -> str:
-    """Parameters that each option adds to a model."""
-    plain = set(build(name).parameter_names)
+    """Parameters and states that each option adds to a model."""
+    plain = {*build(name).parameter_names, *build(name).state_names}
     options: list[dict[str, str | bool]] = [{"actuation": "current"}]
-    options += [{flag: True} for flag in ("gravity", "kinematic_error", "offsets", "delays")]
+    options += [{flag: True} for flag in FLAGS]
     options += [{"friction": law} for law in LAWS[1:]]
     known = {f.name for f in fields(MODELS[name])}
     rows = []
     for option in (o for o in options if known >= o.keys()):
         ((key, value),) = option.items()
-        extra = [p for p in build(name, **option).parameters if p.name not in plain]
+        model = build(name, **option)
+        extra = [row for row in (*model.parameters, *model.states) if row.name not in plain]
         flag = f"`--{key.replace('_', '-')}`" if value is True else f"`--{key} {value}`"
         rows.append([flag, ", ".join(f"`{p.name}` ({p.meaning}, {p.unit})" for p in extra)])
     return table(["option", "adds"], rows)

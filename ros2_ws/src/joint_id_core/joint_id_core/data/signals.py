@@ -97,6 +97,8 @@ CHANNELS: dict[str, Signal] = {
         Signal("voltage", "V_s", "V", "voltage at the motor terminals", 10.0),
         Signal("torque", "tau_m", "Nm", "motor torque at the motor shaft", 1.0),
         Signal("external_torque", "tau_ext", "Nm", "load torque, positive against positive motion", 10.0),
+        Signal("drifting_load", "tau_d", "Nm", "torque on the link that nothing records, as external_torque", 10.0),
+        Signal("load_rate", "dtau_d", "Nm/s", "how fast drifting_load changes", 100.0),
         Signal("reference_position", "q_r", "rad", "commanded link angle; an instrument of regression", 1.0),
         Signal(
             "target_current", "i_t", "A", "current that the controller's own model asks for; no model uses it", 10.0

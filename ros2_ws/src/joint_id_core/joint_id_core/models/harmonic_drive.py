@@ -60,7 +60,9 @@ def link_friction(law: str, c_q: float, tau_fq: Parameter) -> Friction:
 class HarmonicDrive(Model):
     """Model 2: states motor and link position and velocity, inputs motor and external torque.
 
-    Valid while only this joint moves. Nominal values are the H-PINN column of Table V.
+    Valid while only this joint moves. With `drifting_load` it is valid whatever moves the link: one more torque on it,
+    a random walk (an augmented disturbance state), stands for the rest of the arm and for a hand. Nominal values are
+    the H-PINN column of Table V.
     """
 
     name = "harmonic_drive"
@@ -72,6 +74,7 @@ class HarmonicDrive(Model):
     kinematic_error: bool = False
     delays: bool = False
     offsets: bool = False
+    drifting_load: bool = False
 
     @cached_property
     def _motor_friction(self) -> Friction:
@@ -84,11 +87,17 @@ class HarmonicDrive(Model):
 
     @cached_property
     def states(self) -> tuple[Signal, ...]:
-        return tuple(channel(n) for n in ("motor_position", "link_position", "motor_velocity", "link_velocity"))
+        motion = ("motor_position", "link_position", "motor_velocity", "link_velocity")
+        return tuple(channel(n) for n in (*motion, *(("drifting_load",) if self.drifting_load else ())))
 
     @cached_property
     def inputs(self) -> tuple[Signal, ...]:
-        return (drive_signal(self.actuation), channel("external_torque"))
+        loads = ("external_torque", *(("load_rate",) if self.drifting_load else ()))
+        return (drive_signal(self.actuation), *(channel(n) for n in loads))
+
+    @property
+    def optional_inputs(self) -> frozenset[str]:
+        return super().optional_inputs | {"load_rate"}
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -115,8 +124,8 @@ class HarmonicDrive(Model):
         return balanced_twist(torque, velocity, acceleration, p)
 
     def derivative(self, x: Sequence[Any], u: Sequence[Any], p: Any, ops: Ops) -> tuple[Any, ...]:
-        theta_m, q, w_m, w_q = x
-        drive, tau_ext = u
+        theta_m, q, w_m, w_q, *drifting = x
+        drive, tau_ext, *rate = u
         twist = theta_m / p.N - q - (p.dtheta_0 if self.offsets else 0.0)
         tau_spring = spring_torque(twist, w_m / p.N - w_q, p)
         i_hd = transmission_ratio(theta_m, p, ops, self.kinematic_error)
@@ -125,4 +134,6 @@ class HarmonicDrive(Model):
         load = self._link_friction.torque(w_q, p, ops) + tau_ext
         if self.gravity:
             load = load + gravity_torque(q, p, ops)
-        return (w_m, w_q, dw_m, (tau_spring - load) / p.J_q)
+        if drifting:
+            load = load + drifting[0]
+        return (w_m, w_q, dw_m, (tau_spring - load) / p.J_q, *rate)

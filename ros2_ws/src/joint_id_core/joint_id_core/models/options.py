@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from joint_id_core.data.recording import Recording
 
 DRIVES: tuple[str, ...] = get_args(Actuation)
-FLAGS = ("gravity", "kinematic_error", "delays", "offsets")
+FLAGS = ("gravity", "kinematic_error", "delays", "offsets", "drifting_load")
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,7 @@ class ModelOptions:
     kinematic_error: bool = option(False, "kinematic error of the gear: adds a_ke, phi_ke")
     delays: bool = option(False, "sensors may be late: adds delta_p, delta_q")
     offsets: bool = option(False, "offsets of torque and twist: adds tau_0, dtheta_0")
+    drifting_load: bool = option(False, "other joints or hands move the link, too: adds a load that drifts")
 
     def __post_init__(self) -> None:
         check(self)

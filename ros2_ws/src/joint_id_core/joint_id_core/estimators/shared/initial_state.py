@@ -37,7 +37,8 @@ def start_state(data: FitData, at: int = 0, p: Array | None = None) -> tuple[Arr
     - a derived channel of the recording,
     - zero.
 
-    In the last three cases the standard deviation is the typical size of the signal.
+    In the last three cases the standard deviation is the typical size of the signal, that of a torque the largest one
+    of the drive.
     With parameters `p` near the truth, an unmeasured motor position is shifted by the twist under the present drive.
     """
     model, recording = data.model, data.recording
@@ -73,10 +74,19 @@ def start_state(data: FitData, at: int = 0, p: Array | None = None) -> tuple[Arr
             nearest = int(np.argmin(np.abs(recording.time[finite] - data.time[at])))
             value, sd = float(recording[name][finite][nearest]), signal.scale
         else:
-            value, sd = 0.0, signal.scale
+            value, sd = 0.0, _largest_torque(data) if signal.unit == "Nm" else signal.scale
         mean.append(value)
         spread.append(sd)
     return np.array(mean), np.array(spread)
+
+
+def _largest_torque(data: FitData) -> float:
+    """Return the largest torque of the drive in Nm, at the link; a positive number if there is none."""
+    model, values = data.model, dict(zip(data.model.parameter_names, data.p.tolist(), strict=True))
+    if model.torque_drive is None:
+        return 1.0
+    drive = float(np.max(np.abs(data.u[:, model.input_names.index(model.torque_drive)])))
+    return model.gear_ratio(values) * model.torque_constant(values) * drive or 1.0
 
 
 def _twist(data: FitData, at: int, values: Array) -> float:
