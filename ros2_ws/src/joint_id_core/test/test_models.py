@@ -234,6 +234,9 @@ def test_parameters_check_their_bounds_and_know_whether_they_are_positive():
     assert CHANNELS["link_position"].hold == "zero"
 
 
-def test_only_the_external_torque_is_optional():
+def test_only_what_no_robot_records_may_be_missing():
     for name in MODELS:
-        assert build(name).optional_inputs == {"external_torque"}
+        model = build(name)
+        assert model.optional_inputs.intersection(model.input_names) <= {"external_torque"}
+    drifting = build("harmonic_drive", drifting_load=True)
+    assert drifting.optional_inputs.intersection(drifting.input_names) == {"external_torque", "load_rate"}

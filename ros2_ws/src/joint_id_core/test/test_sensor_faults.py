@@ -142,7 +142,7 @@ def test_priors_that_make_no_sense_are_refused(priors, words):
 
 def test_noise_of_the_link_that_would_explain_everything_gives_no_infinite_values(monkeypatch):
     """As with an encoder that is late in ordinary motion: the bias that would be taken off is beyond all numbers."""
-    monkeypatch.setattr(input_noise, "attenuation", lambda *args: np.full(len(args[-1].gradient), 1e12))
+    monkeypatch.setattr(input_noise, "effect_on_score", lambda *args: np.full(len(args[-1].gradient), 1e12))
     estimate = fit(build("motor_side"), seen(labels=UR))
     assert np.isfinite([p.value for p in estimate.parameters]).all()
     assert np.isfinite(estimate.covariance).all()

@@ -31,7 +31,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.innovations.belief import Belief, Coordinates
 from joint_id_core.estimators.innovations.checks import in_combination
 from joint_id_core.estimators.innovations.gauss_newton import Cost
-from joint_id_core.estimators.innovations.input_noise import sensor_bias
+from joint_id_core.estimators.innovations.input_noise import sensor_bias, with_motion_noise
 from joint_id_core.estimators.innovations.noise import NoiseLevels, unknown_levels
 from joint_id_core.estimators.innovations.recursion import Recursion
 from joint_id_core.estimators.innovations.verdicts import Shown, verdicts
@@ -196,8 +196,10 @@ class Foresight:
         known = recursion.noise_information(found.last, with_parameters=True)
         cross = known.cross * coordinates.slope(found.z)[:, None]
         covariance = found.inverse + unknown_levels(found.inverse, known.matrix, cross)
-        step, none = found.inverse @ found.gradient, np.zeros(len(self.free))
-        return covariance, step, sensor_bias(recursion, coordinates, found, found.last) if taken_off else none
+        step, noisy = found.inverse @ found.gradient, []
+        if taken_off:
+            noisy = with_motion_noise(recursion, found, found.last)
+        return covariance, step, sensor_bias(noisy, coordinates, found, found.last)
 
 
 def levels_of(data: FitData, sensors: Sensors) -> Array:

@@ -8,7 +8,8 @@ from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.drive_noise import drive_noise
 from joint_id_core.estimators.innovations.estimator import MAX_SUBSTEPS
 from joint_id_core.estimators.innovations.gauss_newton import Minimum
-from joint_id_core.estimators.innovations.input_noise import sensor_bias
+from joint_id_core.estimators.innovations.hidden_gear import hidden_gear
+from joint_id_core.estimators.innovations.input_noise import sensor_bias, with_motion_noise
 from joint_id_core.estimators.innovations.level_effect import effect_of_levels
 from joint_id_core.estimators.innovations.misfit import misfit
 from joint_id_core.estimators.innovations.noise import covariance_of_levels, unknown_levels
@@ -37,7 +38,8 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
     data, recursion, coordinates = stages.data, stages.recursion, stages.coordinates
     last = recursion.renewed(found.last)
     missing, coloured = misfit(recursion, coordinates, found, last), memory(recursion, coordinates, found, last)
-    bias, of_drive = sensor_bias(recursion, coordinates, found, last), np.zeros_like(found.hessian)
+    noisy, of_drive = with_motion_noise(recursion, found, last), np.zeros_like(found.hessian)
+    bias = sensor_bias(noisy, coordinates, found, last)
     if not bias.any():  # else noise of the drive is in it
         of_drive = drive_noise(recursion, coordinates, found, last).excess
     texts = (missing.text, _step_warning(stages, found), coloured.text, outcome.warning, _stall_warning(found))
@@ -52,7 +54,8 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
     predictions = free_runs(stages.kernel, data, last.states, p, last.steps, stages.options.horizon_s)
     return (
         Checks(
-            texts, excess, nrmse(data, predictions), together, levels, missing.doubt, missing.lasting, missing.bias,
+            texts, excess, nrmse(data, predictions), together, levels,
+            missing.doubt or hidden_gear(recursion, coordinates, found, last, noisy), missing.lasting, missing.bias,
             slope * np.sqrt(np.diag(of_drive)),
         ),
         covariance,

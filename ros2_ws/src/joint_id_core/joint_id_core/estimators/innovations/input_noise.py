@@ -18,6 +18,7 @@ from joint_id_core.estimators.innovations.gauss_newton import Minimum
 from joint_id_core.estimators.innovations.recursion import Pass, Recursion
 from joint_id_core.estimators.shared.fit_data import FitData
 from joint_id_core.estimators.shared.initial_state import rough_noise
+from joint_id_core.estimators.shared.stillness import resolution
 from joint_id_core.models import Model
 
 # Part of the noise of the drive that is taken for that of its sensor. All of it moves the joint, or nothing: which of
@@ -26,15 +27,17 @@ OF_SENSOR = 0.5
 
 
 def shown_noise(data: FitData) -> dict[int, float]:
-    """Return the noise variance that each measured input itself shows, by index.
+    """Return the noise variance that each measured input itself shows, by index; of a motion at least that of rounding.
 
     A velocity that was computed from a position passed a filter that leaves little noise.
     """
-    return {
-        i: rough_noise(np.ascontiguousarray(data.u[:, i]))
-        for i, signal in enumerate(data.model.inputs)
-        if data.recording.measured(signal.name)
-    }
+    found = {}
+    for i, signal in enumerate(data.model.inputs):
+        if data.recording.measured(signal.name):
+            row = np.ascontiguousarray(data.u[:, i])
+            rounding = resolution(row) ** 2 / 12.0 if signal.hold == "first" else 0.0
+            found[i] = max(rough_noise(row), rounding)
+    return found
 
 
 def sensor_noise(model: Model, shown: Mapping[int, float], of_inputs: Array) -> dict[int, float]:
@@ -83,14 +86,6 @@ def noisier(recursion: Recursion, variances: Mapping[int, float], last: Pass) ->
     return passes if all(np.isfinite(found.cost) for _, found in passes) else []
 
 
-def attenuation(recursion: Recursion, coordinates: Coordinates, variances: Mapping[int, float], last: Pass) -> Array:
-    """Return the effect of noise of the sensors of inputs on the score of the coordinates, shape (k,).
-
-    `variances` are those of the noise, by index of the input. Zero if a pass with added noise diverges.
-    """
-    return effect_on_score(noisier(recursion, variances, last), coordinates, last)
-
-
 def effect_on_score(noisy: Sequence[tuple[Recursion, Pass]], coordinates: Coordinates, last: Pass) -> Array:
     """Return the effect of noise on the score of the coordinates, shape (k,), from the passes of `noisier`."""
     if not noisy:
@@ -99,19 +94,26 @@ def effect_on_score(noisy: Sequence[tuple[Recursion, Pass]], coordinates: Coordi
     return np.asarray((mean - last.gradient) * coordinates.slope_at(last.free))
 
 
-def sensor_bias(recursion: Recursion, coordinates: Coordinates, found: Minimum, last: Pass) -> Array:
-    """Return the bias of the coordinates from the noise of measured inputs, shape (k,).
+def with_motion_noise(recursion: Recursion, found: Minimum, last: Pass) -> list[tuple[Recursion, Pass]]:
+    """Return the passes of `noisier` with the noise of the sensors of all measured inputs.
 
-    Zero without a measured motion among the inputs: noise of the sensor of a drive alone is tested (`misfit`).
+    Empty without a measured motion among the inputs: noise of the sensor of a drive alone is tested (`drive_noise`).
+    """
+    data = recursion.data
+    shown = shown_noise(data)
+    if not any(data.model.inputs[i].hold == "first" for i in shown):
+        return []
+    return noisier(recursion, sensor_noise(data.model, shown, found.levels[len(data.labels) :]), last)
+
+
+def sensor_bias(
+    noisy: Sequence[tuple[Recursion, Pass]], coordinates: Coordinates, found: Minimum, last: Pass
+) -> Array:  # fmt: skip
+    """Return the bias of the coordinates from the noise of measured inputs, shape (k,), with `with_motion_noise`.
 
     It counts as uncertain. Of the bias from noise of a motion a third is left on simulated robots; another one comes on
     top that is not known, as the link also answers to what disturbs the motor; and noise of a drive may be that of its
     sensor or move the joint. A bias beyond the spread of the prior is none: there the model does not describe the data.
     """
-    data = recursion.data
-    shown = shown_noise(data)
-    if not any(data.model.inputs[i].hold == "first" for i in shown):
-        return np.zeros_like(found.z)
-    variances = sensor_noise(data.model, shown, found.levels[len(data.labels) :])
-    score = attenuation(recursion, coordinates, variances, last)
+    score = effect_on_score(noisy, coordinates, last)
     return np.clip(found.inverse @ score, -coordinates.spread, coordinates.spread)
