@@ -16,6 +16,7 @@ from joint_id_core.estimators.innovations.noise import covariance_of_levels, unk
 from joint_id_core.estimators.innovations.search import Outcome
 from joint_id_core.estimators.innovations.sharpness import smoothing_bias
 from joint_id_core.estimators.innovations.stages import STALLED, Stages
+from joint_id_core.estimators.innovations.vanishing import of_vanishing
 from joint_id_core.estimators.innovations.whiteness import memory
 from joint_id_core.estimators.shared.fit_data import FitData
 from joint_id_core.estimators.shared.free_run import free_runs, nrmse
@@ -49,6 +50,7 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
     excess = missing.excess + coloured.excess + outcome.scatter + smoothing_bias(stages, found)
     levels = effect_of_levels(stages.cost, found, noise.matrix)
     wider = levels.wider(covariance_of_levels(noise.matrix), levels.information)
+    excess = excess + of_vanishing(stages.cost, found)
     covariance = (found.covariance + of_levels) * np.outer(wider, wider) + excess + of_drive + np.outer(bias, bias)
     together = in_combination(data, p, covariance * np.outer(slope, slope))
     predictions = free_runs(stages.kernel, data, last.states, p, last.steps, stages.options.horizon_s)
