@@ -28,7 +28,8 @@ def others_move(recording: Recording, all_joints: Sequence[Recording]) -> Iterat
     if told:
         yield Finding(
             f"Other joints move at the same time: {', '.join(told)}; their load acts on this joint, and a model of "
-            "one joint lacks it: give the robot's description (--urdf), move one joint at a time, or take motor_side"
+            "one joint lacks it: give the robot's description (--urdf), move one joint at a time, or take "
+            "harmonic_drive --drifting-load (motor_side) where both sides of the gear are measured"
         )
 
 
