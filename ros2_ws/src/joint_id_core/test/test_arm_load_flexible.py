@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from joint_id_core.data.recording import Recording
@@ -67,3 +68,22 @@ def test_flexible_joints_with_their_motors_are_found_while_all_of_them_move(elec
 @pytest.fixture(scope="module")
 def electrical() -> dict[str, Recording]:
     return moving_arm.flexible(12.0, electrical=True)
+
+
+@pytest.mark.parametrize("name", JOINTS)
+def test_motors_and_gears_are_found_without_a_description_beneath_a_load_that_drifts(flexible, name):
+    """What the rest of the arm puts on the link is not recorded; c_1 is off, as other joints vibrate, too."""
+    held = ParameterSettings({"N": RATIO, "k_2": 0.0, "tau_fq": 0.0}, fixed=["k_2", "tau_fq"])
+    estimate, k = fit(build("harmonic_drive", drifting_load=True), flexible[name], held), JOINTS.index(name)
+    assert estimate.status in (Status.CONVERGED, Status.POOR_FIT)
+    truth = {
+        "J_m": ROTOR[k] / RATIO**2, "k_1": STIFFNESS[k], "tau_fm": COULOMB[k] / RATIO,
+        "c_m": (1.0 - LINK_VISCOUS) * VISCOUS[k] / RATIO**2,
+    }  # fmt: skip
+    for parameter, value in truth.items():
+        assert abs(estimate[parameter].value - value) < 0.03 * value, estimate[parameter]
+    description = Description(URDF)
+    poses = np.column_stack([flexible[joint]["link_position"][::50] for joint in description.joints])
+    still = np.zeros_like(poses)
+    inertia = description.loads(poses, still, still).inertia[:, description.joints.index(name)].mean()
+    assert abs(estimate["J_q"].value - inertia) < 4.0 * estimate["J_q"].std_dev
