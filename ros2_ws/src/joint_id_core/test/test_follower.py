@@ -120,6 +120,15 @@ def test_biases_after_a_change_are_those_of_all_samples_since_then(monkeypatch):
     np.testing.assert_allclose(bias, one.memory.inverse @ np.full(len(bias), float(count)), rtol=0.1)
 
 
+def test_new_noise_levels_do_not_move_what_hardly_a_sample_tells_anywhere(monkeypatch):
+    """The Coulomb friction of a random flexible joint was published as 1e73 Nm, that of its motor as 1e-22 Nm."""
+    one = Knowledge.from_window(task(), fitted(), motion().window(0.0, WINDOW_S)).follower
+    refined, before, spread = one._refined, one.memory.mean.copy(), one._coordinates.spread
+    monkeypatch.setattr(refined._effects, "learn", lambda *args, **kwargs: 1e3 * one.memory.matrix @ spread)
+    refined._learn_noise(one.tracker, one.memory.blocks[-1:], anew=False)
+    assert np.all(np.abs(one.memory.mean - before) < 1.01 * spread)
+
+
 def test_means_outside_of_the_bounds_are_no_start_for_new_values():
     one = task(freed=FREED)
     free, j = fitted(FREED).free, fitted(FREED).free.index("w_s")

@@ -149,10 +149,14 @@ class RefinedMemory:
 
         For `anew` see `Effects.learn`. If levels moved far, what the blocks say is found anew.
         """
-        memory = self.memory
+        memory, spread = self.memory, self._coordinates.spread
         more = self._effects.learn(tracker, memory, new, anew)
+        moved = memory.inverse @ more
+        if np.any(np.abs(moved) > spread):  # what hardly a sample tells would go anywhere: this is not linear any more
+            moved = np.clip(moved, -spread, spread)
+            more = memory.matrix @ moved
         memory.shift(more)
-        self._shifted = self._shifted + memory.inverse @ more
+        self._shifted = self._shifted + moved
         if self.levels.moved(memory.blocks):
             self._pass_again(tracker)
         self._effects.apply(memory)

@@ -25,7 +25,8 @@ def of_vanishing(cost: Cost, found: Minimum) -> Array:
     if not unknown.any():
         return excess
     largest = belief.mean + WITHIN / np.sqrt(precision)
-    weaker = np.where(unknown, np.minimum(precision, np.exp(2.0 * (found.z - largest))), precision)
+    plain = np.exp(2.0 * np.minimum(found.z - largest, 0.0))  # precision that the plain value has, at its logarithm
+    weaker = np.where(unknown, np.minimum(precision, plain), precision)
     hessian = found.hessian - np.diag(precision - weaker)
     size = np.sqrt(np.maximum(np.diag(hessian), np.finfo(float).tiny))
     inverse = np.linalg.pinv(hessian / np.outer(size, size), hermitian=True) / np.outer(size, size)
