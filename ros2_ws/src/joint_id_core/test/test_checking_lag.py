@@ -75,7 +75,7 @@ def test_info_names_a_late_drive_and_other_joints_that_move(tmp_path, run):
     parts = {text.split(":")[0]: text for text in out.split("\njoint ")[1:]}
     assert "doubtful: The drive seems to be 20." in parts["elbow"] and "ms late" in parts["elbow"]
     assert "Other joints move at the same time: wrist (" in parts["elbow"] and "rad/s rms)" in parts["elbow"]
-    assert "elbow (" in parts["wrist"] and "drive" not in parts["wrist"]
+    assert "elbow (" in parts["wrist"] and "The drive" not in parts["wrist"]
     assert "doubtful" not in parts["base"]
 
 

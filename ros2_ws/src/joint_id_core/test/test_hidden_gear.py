@@ -10,6 +10,7 @@ import pytest
 from joint_id_core import ParameterSettings, fit
 from joint_id_core.data.recording import Recording
 from joint_id_core.design.plant import controller_of
+from joint_id_core.errors import JointIdError
 from joint_id_core.filtering.offline import complete
 from joint_id_core.models import build
 from joint_id_core.online.identifier import OnlineIdentifier
@@ -93,3 +94,8 @@ def test_live_too():
     assert len(converged) > 0.7 * len(found) > 10
     assert max(error for estimate in converged for error in errors(estimate, 20.0, INERTIAS).values()) < 4.0
     assert all(converged[-1][name].std_dev < 0.1 * converged[-1][name].value for name in INERTIAS)
+
+
+def test_gravity_is_in_the_drifting_load():
+    with pytest.raises(JointIdError, match="takes gravity as well"):
+        build("harmonic_drive", gravity=True, drifting_load=True)

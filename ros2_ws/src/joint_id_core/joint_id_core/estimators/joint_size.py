@@ -1,6 +1,6 @@
 """How large a joint is against the model's table, where no regression of its own equations can tell.
 
-All torques of friction get one factor, all others (inertia, gear) another.
+Coulomb friction gets one factor, viscous friction another one, all others (inertia, gear) a third.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -46,9 +46,9 @@ def sized(model: Model, recording: Recording, settings: ParameterSettings) -> Pa
         return settings
     if model.stiffness is None:
         assert ratio is not None
-        return _scaled(model, settings, table, ratio, ratio)
+        return _scaled(model, settings, table, _Factors(ratio, ratio, ratio))
     found = _as_rigid(recording, table)
-    return settings if found is None else _scaled(model, settings, table, *found)
+    return settings if found is None else _scaled(model, settings, table, found)
 
 
 def certain(fitted: Sequence[Fitted]) -> dict[str, float]:
@@ -66,31 +66,42 @@ def far_from(model: Model, name: str, value: float, table: Mapping[str, float]) 
     return value > 0.0 and abs(math.log(value / table[name])) > model.parameter(name).spread
 
 
-def _at_link(table: Mapping[str, float]) -> tuple[float, float]:
-    """Return inertia and Coulomb friction of a table's joint if it were rigid, on the side of the link."""
+class _Factors(NamedTuple):
+    """How many times larger than that of the table a joint is: its inertia, Coulomb and viscous friction."""
+
+    inertia: float
+    coulomb: float
+    viscous: float
+
+
+def _at_link(table: Mapping[str, float]) -> _Factors:
+    """Return inertia and friction of a table's joint if it were rigid, on the side of the link, in SI units."""
     if "J" in table:
-        return table["J"], table["tau_f"]
-    return table["N"] ** 2 * table["J_m"] + table["J_q"], table["N"] * table["tau_fm"] + table["tau_fq"]
+        return _Factors(table["J"], table["tau_f"], table["c"])
+    N = table["N"]
+    inertia, viscous = (N**2 * table[motor] + table[link] for motor, link in (("J_m", "J_q"), ("c_m", "c_q")))
+    return _Factors(inertia, N * table["tau_fm"] + table["tau_fq"], viscous)
 
 
 def _scaled(
-    model: Model, settings: ParameterSettings, table: Mapping[str, float], factor: float, of_friction: float
+    model: Model, settings: ParameterSettings, table: Mapping[str, float], by: _Factors
 ) -> ParameterSettings:  # fmt: skip
     """Return settings with start values of a joint that is larger by these factors; what the user has set stays."""
     free, own, found = settings.applied_to(model)[1], set(settings.names), {}
     for q in model.parameters:
         if q.name in free and q.name not in own and q.positive and q.unit in SIZED:
-            value = table[q.name] * (of_friction if q.group == "friction" else factor)
+            of_friction = by.coulomb if q.unit == "Nm" else by.viscous
+            value = table[q.name] * (of_friction if q.group == "friction" else by.inertia)
             if far_from(model, q.name, value, table):
                 found[q.name] = value
-    usual = abs(math.log(factor)) < math.log(10.0)
+    usual = abs(math.log(by.inertia)) < math.log(10.0)
     signed = [q for q in model.parameters if q.unit == "Nm" and not q.positive and q.name in free and q.name not in own]
-    priors = {} if usual else {q.name: factor * q.spread for q in signed}
+    priors = {} if usual else {q.name: by.inertia * q.spread for q in signed}
     return replace(settings.with_values(found), priors={**settings.priors, **priors})
 
 
-def _as_rigid(recording: Recording, table: Mapping[str, float]) -> tuple[float, float] | None:
-    """Return the factors of inertia and friction of a regression of a rigid joint; None if it does not suit."""
+def _as_rigid(recording: Recording, table: Mapping[str, float]) -> _Factors | None:
+    """Return the factors of a regression of a rigid joint; None if it does not suit."""
     from joint_id_core.estimators.regression.as_rigid import regressed_as_rigid  # loads SciPy
 
     N = table["N"]
@@ -101,11 +112,13 @@ def _as_rigid(recording: Recording, table: Mapping[str, float]) -> tuple[float, 
     if rigid is None or any(f.fault for f in rigid.fitted):
         return None
     found, at_side = certain(rigid.fitted), 1.0 if rigid.side == "link" else 1.0 / N
-    inertia, friction = _at_link(table)
+    usual = _at_link(table)
     if found.get("J", 0.0) <= 0.0:
         return None
-    factor = found["J"] / (inertia * at_side**2)
-    return factor, found["tau_f"] / (friction * at_side) if found.get("tau_f", 0.0) > 0.0 else factor
+    factor = found["J"] / (usual.inertia * at_side**2)
+    coulomb = found["tau_f"] / (usual.coulomb * at_side) if found.get("tau_f", 0.0) > 0.0 else factor
+    viscous = found["c"] / (usual.viscous * at_side**2) if found.get("c", 0.0) > 0.0 else coulomb
+    return _Factors(factor, coulomb, viscous)
 
 
 def _ratio(recording: Recording, model: Model, table: Mapping[str, float]) -> float | None:
@@ -121,8 +134,8 @@ def _ratio(recording: Recording, model: Model, table: Mapping[str, float]) -> fl
     if len(time) < MIN_SAMPLES:
         return None
     velocity = np.gradient(motion, time) if name.endswith("position") else motion
-    inertia, friction = _at_link(table)
-    needed = inertia * np.gradient(velocity, time) + friction * np.sign(velocity)
+    usual = _at_link(table)
+    needed = usual.inertia * np.gradient(velocity, time) + usual.coulomb * np.sign(velocity)
     drive = N * model.torque_constant(table) * recording[model.torque_drive][::step]
     known = np.ones(len(time), dtype=bool)  # a difference over a gap is no velocity, nor is the next one's
     for k in np.flatnonzero(np.diff(time) > APART * step * recording.period):

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from joint_id_core.data.signals import Parameter, Signal, channel, positive
+from joint_id_core.errors import JointIdError
 from joint_id_core.models.base import Model, Ops
 from joint_id_core.models.friction import Friction
 from joint_id_core.models.transmission import (
@@ -61,8 +62,11 @@ class HarmonicDrive(Model):
     """Model 2: states motor and link position and velocity, inputs motor and external torque.
 
     Valid while only this joint moves. With `drifting_load` it is valid whatever moves the link: one more torque on it,
-    a random walk (an augmented disturbance state), stands for the rest of the arm and for a hand. Nominal values are
-    the H-PINN column of Table V.
+    a random walk (an augmented disturbance state), stands for the rest of the arm, for a hand, and for gravity. Nominal
+    values are the H-PINN column of Table V.
+
+    Raises:
+        JointIdError: both `gravity` and `drifting_load`.
     """
 
     name = "harmonic_drive"
@@ -75,6 +79,12 @@ class HarmonicDrive(Model):
     delays: bool = False
     offsets: bool = False
     drifting_load: bool = False
+
+    def __post_init__(self) -> None:
+        if self.gravity and self.drifting_load:  # gravity came out up to six standard deviations off
+            raise JointIdError(
+                f"model {self.name}: a load that drifts takes gravity as well: give gravity or drifting_load, not both"
+            )
 
     @cached_property
     def _motor_friction(self) -> Friction:

@@ -50,7 +50,8 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
     excess = missing.excess + coloured.excess + outcome.scatter + smoothing_bias(stages, found)
     levels = effect_of_levels(stages.cost, found, noise.matrix)
     wider = levels.wider(covariance_of_levels(noise.matrix), levels.information)
-    excess = excess + of_vanishing(stages.cost, found)
+    combined = {name for group in _combinations(data, p) for name in group.names}  # of them the combination is told
+    excess = excess + of_vanishing(stages.cost, found, combined)
     covariance = (found.covariance + of_levels) * np.outer(wider, wider) + excess + of_drive + np.outer(bias, bias)
     together = in_combination(data, p, covariance * np.outer(slope, slope))
     predictions = free_runs(stages.kernel, data, last.states, p, last.steps, stages.options.horizon_s)
@@ -69,16 +70,23 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
 def in_combination(data: FitData, p: Array, covariance: Array) -> dict[str, str]:
     """Return, by parameter that enters only in combination with others, what is known instead and what to do."""
     model, values = data.model, dict(zip(data.model.parameter_names, p.tolist(), strict=True))
-    zero = {name for name, u in zip(model.input_names, data.u.T, strict=True) if not (u[0] or u.any())}
-    zero |= {name for name in model.parameter_names if name not in data.free and values[name] == 0.0}
     known: dict[str, str] = {}
-    groups = combinations(model, data.free, frozenset(zero))
+    groups = _combinations(data, p)
     for group in sorted(groups, key=lambda group: -len(group.names)):  # smallest last: it says most of a parameter
         value = group.value(values, data.free, covariance)
         unit = f" {model.parameter(group.names[0]).unit}" if group.kind == "sum" else ""
         text = group.text if value is None else f"{group.text} = {value[0]:.6g} ± {value[1]:.2g}{unit}"
         known |= dict.fromkeys(group.names, _said(group, text))
     return known
+
+
+def _combinations(data: FitData, p: Array) -> tuple[Combination, ...]:
+    """Return the groups of parameters that enter only in combination, at the values `p` of all parameters (P,)."""
+    model = data.model
+    values = dict(zip(model.parameter_names, p.tolist(), strict=True))
+    zero = {name for name, u in zip(model.input_names, data.u.T, strict=True) if not (u[0] or u.any())}
+    zero |= {name for name in model.parameter_names if name not in data.free and values[name] == 0.0}
+    return combinations(model, data.free, frozenset(zero))
 
 
 def _said(group: Combination, text: str) -> str:

@@ -65,8 +65,10 @@ def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
         text = f"friction at the {side} that bends with speed"
         found.append(Shape(text, "try --friction eyring", ((channel, w * size),)))
     if "link_position" in names and load is not None and not model.has_gravity:
-        q = known["link_position"]
-        found.append(Shape("a load that goes with the angle", "try --gravity", ((load, _around_mean(q)),)))
+        q, advice = known["link_position"], "try --gravity"
+        if "drifting_load" in names:
+            advice = "the drifting load is no random walk there"
+        found.append(Shape("a load that goes with the angle", advice, ((load, _around_mean(q)),)))
     if drive is not None and not model.has_torque_offset:
         found.append(Shape("a constant torque", "try --offsets", ((drive, np.ones(len(states))),)))
     if drive is not None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from joint_id_core.data.recording import Array
@@ -11,16 +13,18 @@ UNKNOWN = 1.0  # standard deviation of a logarithm from which only its prior say
 WITHIN = 2.0  # standard deviations of the prior up to which such a parameter may be larger
 
 
-def of_vanishing(cost: Cost, found: Minimum) -> Array:
+def of_vanishing(cost: Cost, found: Minimum, apart: Collection[str] = ()) -> Array:
     """Return what positive parameters that are hardly known add to the covariance of the others, shape (k, k).
 
     Viscous friction of motor and link, for instance: the estimate may leave all of it to one of them. The other one is
     then small and moves nothing in its logarithm, and the first would be known as if the other were as small for
     certain. In its plain value it may be as large as its prior believes: a prior of the logarithm that is weaker.
+    Parameters that are told `apart` stay as they are.
     """
     coordinates, belief = cost.coordinates, cost.belief
     precision = np.diag(belief.precision)
-    unknown = coordinates.positive & (np.diag(found.inverse) > UNKNOWN**2)
+    asked = np.array([name not in apart for name in cost.recursion.data.free])
+    unknown = coordinates.positive & (np.diag(found.inverse) > UNKNOWN**2) & asked
     excess = np.zeros_like(found.hessian)
     if not unknown.any():
         return excess
