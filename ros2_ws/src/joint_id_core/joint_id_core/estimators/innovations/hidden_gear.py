@@ -38,11 +38,12 @@ def hidden_gear(
         recursion, coordinates, found, last: of the fit, with its latest pass.
         noisy: passes with the noise of the recorded motion once more, see `input_noise.with_motion_noise`.
     """
-    free, stiffness = recursion.data.free, recursion.data.model.stiffness
-    if not noisy or stiffness not in free:
+    free, model = recursion.data.free, recursion.data.model
+    known = model.torque_drive is not None and bool(model.motor_inertias) and "motor_velocity" in model.state_names
+    if not noisy or model.stiffness not in free or not known:
         return ""
     carried, unsure = _carried(recursion, found, last)
-    of_noise = _information_of_noise(coordinates, found, last, noisy, free.index(stiffness))
+    of_noise = _information_of_noise(coordinates, found, last, noisy, free.index(model.stiffness))
     if carried * (1.0 - of_noise) >= LEAST and unsure < UNSURE:
         return ""
     return (
