@@ -10,8 +10,8 @@ from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.online.block import Block
 from joint_id_core.online.checks import Background, at_once
-from joint_id_core.online.drive_noise import explained_by_noise
 from joint_id_core.online.effects import Effects
+from joint_id_core.online.explained_by_noise import explained_by_noise
 from joint_id_core.online.levels import Levels
 from joint_id_core.online.memory import Change, Memory
 from joint_id_core.online.piece import Piece
