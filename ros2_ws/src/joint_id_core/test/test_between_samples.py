@@ -15,6 +15,7 @@ from joint_id_core.design.plant import controller_of
 from joint_id_core.estimators import Innovations, ParameterSettings, Regression, fit
 from joint_id_core.estimators.cross_check import cross_checked
 from joint_id_core.estimators.innovations.fit import fit_innovations
+from joint_id_core.estimators.regression.share import Share
 from joint_id_core.estimators.shared.mean_drive import MOST, SELDOM, mean_square_share
 from joint_id_core.models import Model, build
 from joint_id_core.online import OnlineIdentifier, OnlineOptions
@@ -241,3 +242,12 @@ def test_no_mean_is_taken_over_a_gap_or_a_missing_value():
 def test_a_recording_without_a_drive_keeps_its_message():
     without = Recording(np.arange(100) / 250.0, {"link_position": np.sin(np.arange(100) / 10.0)}, source="motion")
     assert "torque" in fit(MODEL, without).message
+
+
+@pytest.mark.parametrize(("value", "sigma", "late"), [(0.0015, 1e-4, False), (0.25, 0.02, True), (0.25, 0.1, False)])
+def test_a_drive_that_is_late_by_nothing_that_a_controller_does_is_held(value, sigma, late):
+    """A share of 0.0015, sure by its standard deviation, made intervals twenty times as wide live; on one processor."""
+    share = Share(value, sigma, np.array([1.0]))
+    assert share.sure is late
+    if not late:
+        assert 0.0 < share.doubt(taken=False)[0] < 2.0 * value, "intervals still contain it"

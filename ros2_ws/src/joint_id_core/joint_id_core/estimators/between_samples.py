@@ -11,7 +11,7 @@ import numpy as np
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators.lateness import lateness
-from joint_id_core.estimators.shared.mean_drive import MOST, POSITION, VELOCITY, changes, slope, with_mean_drive
+from joint_id_core.estimators.shared.mean_drive import LEAST, MOST, POSITION, VELOCITY, changes, slope, with_mean_drive
 from joint_id_core.estimators.shared.sentences import message, sentence
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, Status
@@ -67,7 +67,8 @@ def fitted_between(estimate: Estimate, model: Model, recording: Recording, fit: 
     if not _misfit(best) < estimate.deviance - SURE:
         return late.contained(estimate, model), 0.0
     if takes_mean(model):
-        return _with_exact_share(best, model, share, fit, partial(described, model, recording))
+        exact, share = _with_exact_share(best, model, share, fit, partial(described, model, recording))
+        return (exact, share) if share >= LEAST else (late.contained(estimate, model), 0.0)
     told = sentence(changes(model, share))
     advised = (told, "Record all samples of the controller, or fit model rigid_joint.")
     alone = best.status is Status.CONVERGED  # else another fault is beside it, or makes the drive look so

@@ -13,6 +13,7 @@ from joint_id_core.estimators.innovations.input_noise import sensor_bias, with_m
 from joint_id_core.estimators.innovations.level_effect import effect_of_levels
 from joint_id_core.estimators.innovations.misfit import misfit
 from joint_id_core.estimators.innovations.noise import covariance_of_levels, unknown_levels
+from joint_id_core.estimators.innovations.recursion import Pass
 from joint_id_core.estimators.innovations.search import Outcome
 from joint_id_core.estimators.innovations.sharpness import smoothing_bias
 from joint_id_core.estimators.innovations.stages import STALLED, Stages
@@ -24,6 +25,7 @@ from joint_id_core.estimators.shared.sentences import listed
 from joint_id_core.estimators.shared.substeps import fastest_mode
 from joint_id_core.models.combinations import Combination, combinations
 from joint_id_core.results.estimate import Checks
+from joint_id_core.results.level_effect import LevelEffect
 
 STIFF = 0.5  # |lambda h| from which the fastest mode, which the implicit cell damps, may be what RK4 cannot follow
 
@@ -45,14 +47,11 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
         of_drive = drive_noise(recursion, coordinates, found, last).excess
     texts = (missing.text, _step_warning(stages, found), coloured.text, outcome.warning, _stall_warning(found))
     p, slope = stages.cost.values(found.z), coordinates.slope(found.z)
-    noise = recursion.noise_information(recursion.renewed(last), with_parameters=True)
-    of_levels = unknown_levels(found.inverse, noise.matrix, noise.cross * coordinates.slope_at(last.free)[:, None])
-    excess = missing.excess + coloured.excess + outcome.scatter + smoothing_bias(stages, found)
-    levels = effect_of_levels(stages.cost, found, noise.matrix)
-    wider = levels.wider(covariance_of_levels(noise.matrix), levels.information)
+    of_noise, levels = _of_noise(stages, found, last)
     combined = {name for group in _combinations(data, p) for name in group.names}  # of them the combination is told
+    excess = missing.excess + coloured.excess + outcome.scatter + smoothing_bias(stages, found)
     excess = excess + of_vanishing(stages.cost, found, combined)
-    covariance = (found.covariance + of_levels) * np.outer(wider, wider) + excess + of_drive + np.outer(bias, bias)
+    covariance = of_noise + excess + of_drive + np.outer(bias, bias)
     together = in_combination(data, p, covariance * np.outer(slope, slope))
     predictions = free_runs(stages.kernel, data, last.states, p, last.steps, stages.options.horizon_s)
     return (
@@ -65,6 +64,17 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
         bias,
         predictions,
     )  # fmt: skip
+
+
+def _of_noise(stages: Stages, found: Minimum, last: Pass) -> tuple[Array, LevelEffect]:
+    """Return the covariance (k, k) of the coordinates by noise of estimated levels, and how it depends on them."""
+    recursion = stages.recursion
+    noise = recursion.noise_information(recursion.renewed(last), with_parameters=True)
+    cross = noise.cross * stages.coordinates.slope_at(last.free)[:, None]
+    of_levels = unknown_levels(found.inverse, noise.matrix, cross)
+    levels = effect_of_levels(stages.cost, found, noise.matrix)
+    wider = levels.wider(covariance_of_levels(noise.matrix), levels.information)
+    return (found.covariance + of_levels) * np.outer(wider, wider), levels
 
 
 def in_combination(data: FitData, p: Array, covariance: Array) -> dict[str, str]:

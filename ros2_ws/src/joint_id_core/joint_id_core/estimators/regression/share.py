@@ -14,7 +14,7 @@ import numpy as np
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.regression.least_squares import Solution
-from joint_id_core.estimators.shared.mean_drive import mean_square_share
+from joint_id_core.estimators.shared.mean_drive import LEAST, mean_square_share
 
 SURE = 6.0  # standard deviations from which a drive is late
 
@@ -34,8 +34,8 @@ class Share:
 
     @property
     def sure(self) -> bool:
-        """Whether it is not 0."""
-        return self.value > SURE * self.sigma
+        """Whether the drive was not held."""
+        return self.value > max(SURE * self.sigma, LEAST)
 
     def doubt(self, taken: bool) -> Array:
         """Return what it may change of the parameters, shape (k,): of a drive taken for held, or with a share."""

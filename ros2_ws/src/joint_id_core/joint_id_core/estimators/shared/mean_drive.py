@@ -20,6 +20,7 @@ from joint_id_core.models import Model
 
 CHANGES = "changes between two samples"  # in what is said of it
 MOST = 0.5  # share of the next sample of a drive that changes all the time
+LEAST = 0.02  # the same, below which a drive is held; of every second sample of a controller it is a fourth
 SELDOM = 0.1  # of recordings that have fewer samples than the controller made, before anything is known of this one
 SHARES = 501  # that are compared
 NEXT = 1.5  # periods up to which two samples follow each other
