@@ -154,8 +154,8 @@ class Graph:
     ) -> JointEstimate:
         """Go on until the estimate of a window that begins now has come, says something of the joint, and is usable."""
         begin_ns = self.now_ns
-        # Samples of 50 s, sent faster than that: the checks of the identifier take time. Its second opinion is one on the
-        # last 16 s of motion, asked every 16 s: two of them may have a fault in them, which widens intervals.
+        # Samples of 50 s, sent faster than that: the checks take time. A second opinion looks back on 16 s of motion,
+        # and is asked every 16 s: two of them may have a fault in them, which widens intervals.
         for _ in range(100):
             self.send(0.5, also=also)
             newest = self.newest(name)
