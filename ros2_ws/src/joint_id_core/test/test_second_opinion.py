@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -86,6 +87,24 @@ def test_after_a_fault_it_is_asked_again_soon_and_about_new_motion_only(monkeypa
     assert np.round(np.diff([r.time[-1] for r in asked[:5]])).tolist() == [AFTER_FAULT] * 4
     assert all(r.duration <= AFTER_FAULT + 0.1 for r in asked[1:5])
     assert opinion.newest is GOOD
+
+
+def test_a_memory_that_is_new_is_asked_for_again_once(monkeypatch, estimate):
+    """A fault of a sensor that has ended leaves one in the samples; what the model lacks stays, and is asked as usual."""
+    asked: list[Recording] = []
+
+    def ask(_estimate, _model, recording, _settings) -> Opinion:
+        asked.append(recording)
+        return GOOD if len(asked) == 1 else replace(GOOD, coloured=True)
+
+    monkeypatch.setattr(second_opinion, "second_opinion", ask)
+    opinion = SecondOpinion(MODEL, ParameterSettings(), 1.0, at_once)
+    for samples in batches(motion(20.0)):
+        opinion.append(samples)
+        opinion.on(estimate, float(samples.time[-1]))
+    assert np.round([r.time[-1] for r in asked]).tolist() == [1.0, 3.0, 6.0, 14.0]
+    assert asked[2].duration <= AFTER_FAULT + 0.1
+    assert asked[3].duration == pytest.approx(REACH, abs=0.2)
 
 
 def test_an_answer_waits_for_a_test_of_what_follows_and_is_dropped_when_the_joint_has_changed(estimate):

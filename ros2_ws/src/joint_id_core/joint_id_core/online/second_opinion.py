@@ -78,10 +78,15 @@ class SecondOpinion:
             ask = partial(_opinion, estimate, self._model, self._motion.recording(), self._settings)
             self._running = self._background(ask), self._motion.end
         if self._running is not None and tested_from >= self._running[1] and self._running[0].done():
-            self.newest, self._running = self._running[0].result(), None
-            if self.newest is not None and self.newest.fault:
+            before, self.newest, self._running = self.newest, self._running[0].result(), None
+            if self.newest is not None and (self.newest.fault or _newly_coloured(before, self.newest)):
                 self._forget_motion()
         return estimate if self.newest is None else judged(estimate, self._model, self.newest)
+
+
+def _newly_coloured(before: Opinion | None, newest: Opinion) -> bool:
+    """Return whether the residual torque has a memory now, and had none before: a fault of a sensor does that, too."""
+    return newest.coloured and before is not None and not before.coloured
 
 
 def _opinion(estimate: Estimate, model: Model, recording: Recording, settings: ParameterSettings) -> Opinion | None:
