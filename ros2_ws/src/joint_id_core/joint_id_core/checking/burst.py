@@ -53,11 +53,14 @@ def _found(x: Array) -> list[tuple[int, int, float]]:
     beside[:-1] |= loud[1:]
     if not loud.any() or np.mean(loud) > MOST or levels[loud].min() < TIMES * levels[~beside].max(initial=0.0):
         return []
+    quiet = float(np.median(levels[~beside])) if not beside.all() else 0.0
+    if not quiet > 0.0:  # a sensor that repeats its values while the joint is slow
+        return []
     runs = _runs(loud)
     if any(b - a + 1 < LEAST or not _white(bends[a : b + 1].ravel()) for a, b in runs):
         return []
     return [
-        (a * WINDOW, (b + 1) * WINDOW - 1, float(np.median(levels[a : b + 1]) / np.median(levels[~beside])))
+        (a * WINDOW, (b + 1) * WINDOW - 1, float(np.median(levels[a : b + 1])) / quiet)
         for a, b in runs
     ]
 

@@ -36,11 +36,12 @@ def sized(model: Model, recording: Recording, settings: ParameterSettings) -> Pa
     A flexible joint is sized by the regression of a rigid one. A rigid joint comes here if its motion is too short for
     a regression: then the rms torques decide. Other models, and joints as large as that of the table, stay.
     """
-    if model.torque_drive is None:
+    if _drive_of(model) is None:
         return settings
     start, _ = settings.applied_to(model)
-    table = {q.name: q.nominal for q in HarmonicDrive().parameters}
-    table |= dict(zip(model.parameter_names, start.tolist(), strict=True))
+    table = {q.name: q.nominal for q in (*HarmonicDrive().parameters, *model.parameters)}
+    given = dict(zip(model.parameter_names, start.tolist(), strict=True))
+    table |= {n: given[n] for n in ("N", "k_t") if n in given}
     ratio = _ratio(recording, model, table)
     if (ratio is None and model.stiffness is None) or (ratio is not None and 1.0 / USUAL < ratio < USUAL):
         return settings
@@ -49,6 +50,12 @@ def sized(model: Model, recording: Recording, settings: ParameterSettings) -> Pa
         return _scaled(model, settings, table, _Factors(ratio, ratio, ratio))
     found = _as_rigid(recording, table)
     return settings if found is None else _scaled(model, settings, table, found)
+
+
+def _drive_of(model: Model) -> str | None:
+    """Return the channel whose torque moves the joint; behind a gear also the current of a voltage drive."""
+    behind_gear = "current" if model.stiffness is not None and "current" in model.state_names else None
+    return model.torque_drive or behind_gear
 
 
 def certain(fitted: Sequence[Fitted]) -> dict[str, float]:
@@ -127,7 +134,8 @@ def _ratio(recording: Recording, model: Model, table: Mapping[str, float]) -> fl
     That takes a hundredth of the time of a regression.
     """
     name = next((n for n in MOTION if recording.measured(n)), None)
-    if name is None or model.torque_drive is None or not recording.measured(model.torque_drive):
+    channel = _drive_of(model)
+    if name is None or channel is None or not recording.measured(channel):
         return None
     N, step = table["N"], max(1, round(COARSE_S / recording.period))  # differences over less time are noise
     time, motion = recording.time[::step], recording[name][::step] / (N if name.startswith("motor") else 1.0)
@@ -136,7 +144,7 @@ def _ratio(recording: Recording, model: Model, table: Mapping[str, float]) -> fl
     velocity = np.gradient(motion, time) if name.endswith("position") else motion
     usual = _at_link(table)
     needed = usual.inertia * np.gradient(velocity, time) + usual.coulomb * np.sign(velocity)
-    drive = N * model.torque_constant(table) * recording[model.torque_drive][::step]
+    drive = N * (table["k_t"] if channel == "current" else 1.0) * recording[channel][::step]
     known = np.ones(len(time), dtype=bool)  # a difference over a gap is no velocity, nor is the next one's
     for k in np.flatnonzero(np.diff(time) > APART * step * recording.period):
         known[max(0, k - 1) : k + 3] = False

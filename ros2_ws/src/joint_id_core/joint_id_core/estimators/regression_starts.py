@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
+from joint_id_core.estimators.circuit_starts import with_circuit
 from joint_id_core.estimators.joint_size import certain, far_from, sized
 from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.shared.settings import ParameterSettings
@@ -36,15 +37,17 @@ def started(model: Model, recording: Recording, settings: ParameterSettings | No
     settings = settings or ParameterSettings()
     fitted = _own_equations(model, recording, settings)
     if fitted is None:
-        return sized(model, recording, settings)
+        return sized(model, recording, with_circuit(model, recording, settings))
     if any(f.fault or f.blind for f in fitted):
         return settings
     found = certain(fitted)
     start, free = settings.applied_to(model)
     table = dict(zip(model.parameter_names, start.tolist(), strict=True))
-    own = set(settings.names)
+    own, of_circuit = set(settings.names), model.torque_drive is None
     far = {
-        n: v for n, v in found.items() if n not in own and model.parameter(n).positive and far_from(model, n, v, table)
+        n: v
+        for n, v in found.items()
+        if n not in own and model.parameter(n).positive and (of_circuit or far_from(model, n, v, table))
     }
     for name, value in list(far.items()):
         group = model.parameter(name).group
@@ -81,13 +84,10 @@ def _with_torques(
 
 def _own_equations(model: Model, recording: Recording, settings: ParameterSettings) -> list[Fitted] | None:
     """Return a regression of the model; None if it does not suit the model or the recording."""
-    from joint_id_core.estimators.opinion import suits
-
-    if not suits(model):
-        return None
-    from joint_id_core.estimators.regression.fit import regressed  # loads SciPy
+    from joint_id_core.estimators.regression.fit import regressed, require_suitable  # loads SciPy
 
     try:
+        require_suitable(model)
         return regressed(model, recording, settings, Regression())
     except JointIdError:
         return None
