@@ -90,7 +90,7 @@ def test_after_a_fault_it_is_asked_again_soon_and_about_new_motion_only(monkeypa
 
 
 def test_a_memory_that_is_new_is_asked_for_again_once(monkeypatch, estimate):
-    """A fault of a sensor that has ended leaves one in the samples; what the model lacks stays, and is asked as usual."""
+    """A fault of a sensor that has ended leaves one in the samples; what the model lacks stays."""
     asked: list[Recording] = []
 
     def ask(_estimate, _model, recording, _settings) -> Opinion:

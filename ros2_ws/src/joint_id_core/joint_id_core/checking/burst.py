@@ -59,10 +59,7 @@ def _found(x: Array) -> list[tuple[int, int, float]]:
     runs = _runs(loud)
     if any(b - a + 1 < LEAST or not _white(bends[a : b + 1].ravel()) for a, b in runs):
         return []
-    return [
-        (a * WINDOW, (b + 1) * WINDOW - 1, float(np.median(levels[a : b + 1])) / quiet)
-        for a, b in runs
-    ]
+    return [(a * WINDOW, (b + 1) * WINDOW - 1, float(np.median(levels[a : b + 1])) / quiet) for a, b in runs]
 
 
 def _runs(which: NDArray[np.bool_]) -> list[tuple[int, int]]:

@@ -95,15 +95,18 @@ def _scaled(
 ) -> ParameterSettings:  # fmt: skip
     """Return settings with start values of a joint that is larger by these factors; what the user has set stays."""
     free, own, found = settings.applied_to(model)[1], set(settings.names), {}
+    gear = {q.name: q.nominal for q in HarmonicDrive().parameters if q.group == "gear"}
     for q in model.parameters:
         if q.name in free and q.name not in own and q.positive and q.unit in SIZED:
             of_friction = by.coulomb if q.unit == "Nm" else by.viscous
-            value = table[q.name] * (of_friction if q.group == "friction" else by.inertia)
+            # Table III has a cubic stiffness of a 2000th of that of Table V, which is from a real joint
+            usual = gear.get(q.name, table[q.name]) if q.group == "gear" else table[q.name]
+            value = usual * (of_friction if q.group == "friction" else by.inertia)
             if far_from(model, q.name, value, table):
                 found[q.name] = value
-    usual = abs(math.log(by.inertia)) < math.log(10.0)
+    alike = abs(math.log(by.inertia)) < math.log(10.0)
     signed = [q for q in model.parameters if q.unit == "Nm" and not q.positive and q.name in free and q.name not in own]
-    priors = {} if usual else {q.name: by.inertia * q.spread for q in signed}
+    priors = {} if alike else {q.name: by.inertia * q.spread for q in signed}
     return replace(settings.with_values(found), priors={**settings.priors, **priors})
 
 

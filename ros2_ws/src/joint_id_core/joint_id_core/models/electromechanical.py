@@ -29,7 +29,8 @@ class Electromechanical(Model):
 
     Nominal values are the truth column of Table III. The paper does not give some values, which are our choice: J_m and
     J_q from Table V, N = 101, no Coulomb friction at the link. c_b and c_m act on the same velocity, so only their sum
-    can be identified; c_b is fixed at its bearing value unless it is freed.
+    can be identified; c_b is fixed at its bearing value unless it is freed. The cubic stiffness is a 2000th of that of
+    Table V, which is from a real joint: the prior allows for both.
     """
 
     name = "electromechanical"
@@ -65,7 +66,7 @@ class Electromechanical(Model):
             Parameter("c_b", "Nm s/rad", "viscous friction of the bearing", 1.459e-4, lower=0.0, fixed=True),
             Parameter("J_m", "kg m^2", "inertia of rotor and wave generator", 6e-5, lower=0.0, fixed=True),
             *self._motor_friction.parameters,
-            *spring_parameters(k_1=8.0e3, k_2=4.0e5, c_1=7.1),
+            *spring_parameters(k_1=8.0e3, k_2=4.0e5, c_1=7.1, k_2_within=1e3),
             Parameter(
                 "J_q", "kg m^2", "inertia of circular spline and load", 7.780e-1, lower=0.0, fixed=True, group="load"
             ),

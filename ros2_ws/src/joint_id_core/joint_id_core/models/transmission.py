@@ -35,12 +35,16 @@ def gear_ratio(nominal: float = GEAR_RATIO) -> Parameter:
     return Parameter("N", "1", "gear reduction ratio", nominal, lower=1e-6, upper=1e5, fixed=True)
 
 
-def spring_parameters(k_1: float, k_2: float, c_1: float) -> tuple[Parameter, ...]:
-    """Return damping, linear and cubic stiffness of the harmonic drive (paper Eqs 9 and 10)."""
+def spring_parameters(k_1: float, k_2: float, c_1: float, k_2_within: float = 10.0) -> tuple[Parameter, ...]:
+    """Return damping, linear and cubic stiffness of the harmonic drive (paper Eqs 9 and 10).
+
+    The prior of the cubic one has a standard deviation of a factor `k_2_within`.
+    """
+    spread = math.log(k_2_within)
     return (
         positive("c_1", "Nm s/rad", "damping of the harmonic drive", c_1, group="gear"),
         positive("k_1", "Nm/rad", "linear stiffness of the harmonic drive", k_1, group="gear"),
-        positive("k_2", "Nm/rad^3", "cubic stiffness of the harmonic drive", k_2, group="gear"),
+        positive("k_2", "Nm/rad^3", "cubic stiffness of the harmonic drive", k_2, spread=spread, group="gear"),
     )
 
 

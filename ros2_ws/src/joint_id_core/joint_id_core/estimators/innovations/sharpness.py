@@ -13,11 +13,16 @@ from scipy.special import expit
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.gauss_newton import Cost, Minimum
 from joint_id_core.estimators.innovations.stages import Stages
+from joint_id_core.estimators.shared.fit_data import FitData
+from joint_id_core.estimators.shared.stillness import resolution
 from joint_id_core.estimators.shared.substeps import steps_of
 
 # The bias is about proportional to the smoothing velocity, so a fourth of it moves the estimates by three quarters of
 # their bias. With an eighth the move is no longer linear: single records move by ten times as much.
 SHARPER = 4.0
+# Part of the noise of a label that is rounding, from which the likelihood does not tell smooth friction from sharp:
+# while a joint sticks, rounding is the same in many samples, and friction that lets it creep seems more likely.
+ROUNDED = 0.5
 
 
 def smoothing_bias(stages: Stages, found: Minimum) -> Array:
@@ -42,7 +47,15 @@ def smoothing_bias(stages: Stages, found: Minimum) -> Array:
     move = found.inverse @ (sharper.gradient - found.gradient) * SHARPER / (SHARPER - 1.0)
     move = np.clip(move, -stages.coordinates.spread, stages.coordinates.spread)
     probability = expit(0.5 * (_least(found) - _least(sharper)))  # both were as likely before the data
+    if _is_rounded(data, last.levels):
+        probability = max(probability, 0.5)
     return np.asarray(probability * np.outer(move, move))
+
+
+def _is_rounded(data: FitData, levels: Array) -> bool:
+    """Return whether most of the noise of a label is rounding; `levels` (labels + inputs,) are variances."""
+    rows = zip(data.rows, levels.tolist(), strict=False)
+    return any(resolution(row) ** 2 / 12.0 > ROUNDED * level for row, level in rows)
 
 
 def _least(near: Minimum) -> float:
