@@ -46,7 +46,7 @@ def smoothing_bias(stages: Stages, found: Minimum) -> Array:
         return nothing
     move = found.inverse @ (sharper.gradient - found.gradient) * SHARPER / (SHARPER - 1.0)
     move = np.clip(move, -stages.coordinates.spread, stages.coordinates.spread)
-    probability = expit(0.5 * (_least(found) - _least(sharper)))  # both were as likely before the data
+    probability = float(expit(0.5 * (_least(found) - _least(sharper))))  # both were as likely before the data
     if _is_rounded(data, last.levels):
         probability = max(probability, 0.5)
     return np.asarray(probability * np.outer(move, move))
