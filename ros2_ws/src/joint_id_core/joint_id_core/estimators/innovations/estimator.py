@@ -49,6 +49,8 @@ class Innovations:
 
     def compile(self, model: Model, settings: ParameterSettings) -> None:
         """Compile all that fits of `model` need, online as well, or load it from the cache: no fit waits for it."""
+        import scipy.signal  # noqa: F401  # half a second, which the regression for the first start must not take
+
         from joint_id_core.cell.kernel import compile_model, compile_shared
         from joint_id_core.estimators.innovations import fit  # noqa: F401  # loads what a fit imports
 
