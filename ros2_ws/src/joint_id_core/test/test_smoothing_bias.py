@@ -13,6 +13,7 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.design.plant import controller_of
 from joint_id_core.estimators import Innovations, fit
 from joint_id_core.estimators.innovations import checks, sharpness
+from joint_id_core.estimators.innovations.gauss_newton import Cost
 from joint_id_core.models import build
 from joint_id_core.simulation import simulate_motion
 from joint_id_core.simulation.excitation import position_reference
@@ -119,3 +120,21 @@ def test_where_noise_is_rounding_the_likelihood_does_not_rule_out_that_the_joint
     (known,), (unknown,) = without(monkeypatch, lambda _: shown, [0])
     grown = known["J"].std_dev / unknown["J"].std_dev
     assert grown > 1.05 if rounded else grown == 1.0
+
+
+@pytest.mark.parametrize("paths", [1, 2, 4])
+def test_where_the_path_with_sharper_friction_diverges_another_one_is_tried(monkeypatch, paths):
+    """Damping was six standard deviations off where the bias was left out for that."""
+    calls = iter(range(100))
+
+    class Diverging(Cost):
+        def at(self, *args):
+            return None if next(calls) < paths else super().at(*args)
+
+    shown = sticking(0)
+    usual = Innovations().fit(MODEL, shown)["J"].std_dev
+    monkeypatch.setattr(sharpness, "Cost", Diverging)
+    tried = Innovations().fit(MODEL, shown)["J"].std_dev
+    _, (unknown,) = without(monkeypatch, lambda _: shown, [0])
+    assert unknown["J"].std_dev < 0.8 * usual
+    assert tried == unknown["J"].std_dev if paths == 4 else tried == pytest.approx(usual, rel=0.3)
