@@ -28,12 +28,13 @@ def with_signal_faults(
 ) -> Estimate:
     """Return an estimate of a model with both sides of a gear with the fault first that explains why it is bad.
 
-    One that converged, but whose residuals are not those of its model, is a poor fit if there is such a fault. Others
-    stay as they are.
+    One that converged, but whose residuals are not those of its model, is a poor fit if there is such a fault, as is one
+    in which no parameter seems to show. Others stay as they are.
     """
     known = (*model.state_names, *model.input_names)
     drive = next((n for n in ("torque", "current") if n in known and recording.measured(n)), None)
     doubted = estimate.converged and estimate.checks is not None and any(estimate.checks.texts)
+    doubted = doubted or estimate.status is Status.UNINFORMATIVE
     if not (estimate.status in BAD or doubted) or drive is None or not all(n in known for n in ANGLES):
         return estimate
     settings = settings or ParameterSettings()
@@ -46,7 +47,8 @@ def with_signal_faults(
         return estimate
     if not told:
         return estimate
-    others = [note for note in estimate.notes if note not in (sentence(told), sentence(Status.CONVERGED.advice))]
+    replaced = (sentence(told), sentence(estimate.status.advice) if doubted else "")
+    others = [note for note in estimate.notes if note not in replaced]
     notes = (sentence(told), *([sentence(Status.POOR_FIT.advice)] if doubted else []), *others)
     return replace(
         estimate, status=Status.POOR_FIT if doubted else estimate.status, notes=notes, message=message(notes)
