@@ -28,6 +28,16 @@ def test_what_the_data_want_is_told_where_the_prior_matters(wanted, sigma, told)
         assert "want tau_0 near 35 Nm, 3.5 standard deviations" in text and "--prior tau_0=35" in text
 
 
+def test_of_many_the_two_are_told_that_are_pulled_most():
+    names = ("J", "c", "tau_f", "tau_0")
+    coordinates = Coordinates(MODEL, names)
+    belief = Belief(names, coordinates.z(np.array([1.0, 1.0, 1.0, 0.0])), np.diag([1.0, 1.0, 1.0, 0.01]))
+    away = np.array([2.0, 4.0, 3.0, 20.0])
+    text = prior_pull(MODEL, names, coordinates, belief, belief.mean + away, 0.36 * np.diag([1.0, 1.0, 1.0, 100.0]))
+    assert text.index("want c near") < text.index("want tau_f near") and text.count("--prior") == 2
+    assert text.endswith("; others fight their priors less")
+
+
 def test_a_fit_tells_it_and_the_advice_helps():
     record = motion(6.0)
     start = {"J": TRUTH["J"] * np.exp(-0.01)}

@@ -11,6 +11,7 @@ from joint_id_core.models import Model
 
 FAR = 2.0  # standard deviations of the prior between its mean and what the data want
 MATTERS = 0.5  # standard deviations of the estimate by which the prior pulls it, from which the user is told
+MOST = 2  # parameters that are told: a message is to be read
 UNKNOWN = 0.95  # standard deviation of the estimate over that of the prior from which the data say nothing
 
 
@@ -27,7 +28,7 @@ def prior_pull(
         coordinates, belief: of these, and the prior.
         z, covariance: estimate (k,) and its covariance (k, k), in coordinates.
     """
-    told = []
+    told = list[tuple[float, str]]()
     for k, name in enumerate(free):
         prior = 1.0 / math.sqrt(belief.precision[k, k])
         share = math.sqrt(covariance[k, k]) / prior
@@ -42,5 +43,7 @@ def prior_pull(
             unit = model.parameter(name).unit
             far = f"{abs(wanted) / prior:.2g} standard deviations from its prior at {start:.3g}"
             advice = f"use --prior {name}={abs(wanted):.2g}, or start nearer (--set {name}={value:.3g})"
-            told.append(f"the data want {name} near {value:.3g} {unit}, {far}: {advice}")
-    return "; ".join(told)
+            told.append((abs(wanted) / prior, f"the data want {name} near {value:.3g} {unit}, {far}: {advice}"))
+    told.sort(key=lambda pull: -pull[0])
+    more = "; others fight their priors less" if len(told) > MOST else ""
+    return "; ".join(text for _, text in told[:MOST]) + more
