@@ -28,7 +28,7 @@ def with_signal_faults(
 ) -> Estimate:
     """Return an estimate of a model with both sides of a gear with the fault first that explains why it is bad.
 
-    One that converged, but whose residuals are not those of its model, is a poor fit if there is such a fault, and so is
+    One that converged, but whose residuals are not those of its model, is a poor fit if there is such a fault. So is
     one in which no parameter seems to show. Others stay as they are.
     """
     known = (*model.state_names, *model.input_names)
