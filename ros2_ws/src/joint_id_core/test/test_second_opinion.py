@@ -36,6 +36,27 @@ def estimates(opinion: Callable[..., Opinion | None] | None, monkeypatch) -> lis
     return [e for samples in batches(motion()) if (e := joint.update(samples)) is not None]
 
 
+def all_asked(
+    monkeypatch, estimate: Estimate, answer: Callable[[int], Opinion]
+) -> tuple[list[Recording], Opinion | None]:
+    """Return what is asked about in 20 s of motion, with windows of 1 s, and the last opinion.
+
+    `answer` gets how often it was asked.
+    """
+    asked: list[Recording] = []
+
+    def ask(_estimate, _model, recording, _settings) -> Opinion:
+        asked.append(recording)
+        return answer(len(asked))
+
+    monkeypatch.setattr(second_opinion, "second_opinion", ask)
+    opinion = SecondOpinion(MODEL, ParameterSettings(), 1.0, at_once)
+    for samples in batches(motion(20.0)):
+        opinion.append(samples)
+        opinion.on(estimate, float(samples.time[-1]))
+    return asked, opinion.newest
+
+
 def test_where_both_agree_nothing_changes(monkeypatch):
     assert all(e.converged for e in estimates(None, monkeypatch))
 
@@ -55,53 +76,25 @@ def test_equations_that_are_not_those_of_the_motion_are_a_poor_fit(monkeypatch):
 
 
 def test_it_is_asked_after_one_two_and_four_windows_more_and_looks_back_over_eight(monkeypatch, estimate):
-    asked: list[Recording] = []
-
-    def ask(_estimate, _model, recording, _settings) -> Opinion:
-        asked.append(recording)
-        return GOOD
-
-    monkeypatch.setattr(second_opinion, "second_opinion", ask)
-    opinion = SecondOpinion(MODEL, ParameterSettings(), 1.0, at_once)
-    for samples in batches(motion(20.0)):
-        opinion.append(samples)
-        opinion.on(estimate, float(samples.time[-1]))
+    asked, newest = all_asked(monkeypatch, estimate, lambda _: GOOD)
     assert np.round([r.time[-1] for r in asked]).tolist() == [1.0, 3.0, 7.0, 15.0]
     assert asked[-1].duration == pytest.approx(REACH, abs=0.2)
-    assert opinion.newest is GOOD
+    assert newest is GOOD
 
 
 def test_after_a_fault_it_is_asked_again_soon_and_about_new_motion_only(monkeypatch, estimate):
     """Samples of another source, or of a failing sensor, may have been the cause, and may have ended."""
-    asked: list[Recording] = []
-
-    def ask(_estimate, _model, recording, _settings) -> Opinion:
-        asked.append(recording)
-        return GOOD if len(asked) > 4 else Opinion("the samples are of another joint", (), 0.1)
-
-    monkeypatch.setattr(second_opinion, "second_opinion", ask)
-    opinion = SecondOpinion(MODEL, ParameterSettings(), 1.0, at_once)
-    for samples in batches(motion(20.0)):
-        opinion.append(samples)
-        opinion.on(estimate, float(samples.time[-1]))
+    asked, newest = all_asked(
+        monkeypatch, estimate, lambda count: GOOD if count > 4 else Opinion("the samples are of another joint", (), 0.1)
+    )
     assert np.round(np.diff([r.time[-1] for r in asked[:5]])).tolist() == [AFTER_FAULT] * 4
     assert all(r.duration <= AFTER_FAULT + 0.1 for r in asked[1:5])
-    assert opinion.newest is GOOD
+    assert newest is GOOD
 
 
 def test_a_memory_that_is_new_is_asked_for_again_once(monkeypatch, estimate):
     """A fault of a sensor that has ended leaves one in the samples; what the model lacks stays."""
-    asked: list[Recording] = []
-
-    def ask(_estimate, _model, recording, _settings) -> Opinion:
-        asked.append(recording)
-        return GOOD if len(asked) == 1 else replace(GOOD, coloured=True)
-
-    monkeypatch.setattr(second_opinion, "second_opinion", ask)
-    opinion = SecondOpinion(MODEL, ParameterSettings(), 1.0, at_once)
-    for samples in batches(motion(20.0)):
-        opinion.append(samples)
-        opinion.on(estimate, float(samples.time[-1]))
+    asked, _ = all_asked(monkeypatch, estimate, lambda count: GOOD if count == 1 else replace(GOOD, coloured=True))
     assert np.round([r.time[-1] for r in asked]).tolist() == [1.0, 3.0, 6.0, 14.0]
     assert asked[2].duration <= AFTER_FAULT + 0.1
     assert asked[3].duration == pytest.approx(REACH, abs=0.2)
