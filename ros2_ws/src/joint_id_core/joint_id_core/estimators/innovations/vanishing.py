@@ -28,7 +28,7 @@ def of_vanishing(cost: Cost, found: Minimum, apart: Collection[str] = ()) -> Arr
     excess = np.zeros_like(found.hessian)
     if not unknown.any():
         return excess
-    largest = belief.mean + WITHIN / np.sqrt(precision)
+    largest = belief.mean + WITHIN / np.sqrt(precision) + _stiffer(cost, found)
     plain = np.exp(2.0 * np.minimum(found.z - largest, 0.0))  # precision that the plain value has, at its logarithm
     weaker = np.where(unknown, np.minimum(precision, plain), precision)
     hessian = found.hessian - np.diag(precision - weaker)
@@ -37,3 +37,17 @@ def of_vanishing(cost: Cost, found: Minimum, apart: Collection[str] = ()) -> Arr
     both = np.ix_(~unknown, ~unknown)
     excess[both] = inverse[both] - found.inverse[both]
     return excess
+
+
+def _stiffer(cost: Cost, found: Minimum) -> Array:
+    """Return by how much more than its prior says the cubic stiffness may be larger, in its logarithm, shape (k,).
+
+    A gear that is found ten times stiffer than believed twists a tenth under the same torque. The cubic part then
+    passes on as much of it with a stiffness that is a thousand times larger.
+    """
+    data, more = cost.recursion.data, np.zeros(len(found.z))
+    linear, cubic = data.model.stiffness, data.model.cubic_stiffness
+    if linear in data.free and cubic in data.free:
+        at = data.free.index(linear)
+        more[data.free.index(cubic)] = 3.0 * max(0.0, found.z[at] - cost.belief.mean[at])
+    return more
