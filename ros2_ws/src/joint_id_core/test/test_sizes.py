@@ -20,10 +20,10 @@ SHARE = {"tau_f": 1.5, "tau_0": 0.4, "a_g": 4.0, "b_g": -1.0}
 ENCODER = 2.0 * np.pi / 2**17  # rad
 
 
-def moved(J, gravity, seed=1):
-    """True values, and position and torque of a joint that moves, with noise of 1 % of the torque."""
+def moved(J, gravity, seed=1, amplitude=0.6):
+    """True values, and position and torque of a joint that moves so many rad, with noise of 1 % of the torque."""
     rate, time = 250.0, np.arange(3000) / 250.0
-    reference = position_reference(0.6)
+    reference = position_reference(amplitude)
     inertia = J * np.std(np.gradient([reference.rate(t) for t in time], 1.0 / rate))
     torques = {name: share * inertia for name, share in SHARE.items() if gravity or not name.endswith("_g")}
     model = build("rigid_joint", gravity=gravity)
@@ -81,6 +81,18 @@ def test_torques_beyond_a_prior_get_room_together_and_others_keep_the_table():
     narrow = started(model, recording, None).priors
     assert narrow.keys() == settings.priors.keys()
     assert 10.0 * SHARE["a_g"] * truth["tau_0"] > max(narrow.values()) > 5.0 * np.max(np.abs(recording["torque"]))
+
+
+@pytest.mark.parametrize("amplitude", [0.1, 0.03, 0.01])
+def test_gravity_and_offset_that_a_small_angle_cannot_part_are_no_start_values(amplitude):
+    """A regression finds them a million times too large, one against the other, with intervals to match."""
+    model, truth, recording = moved(100.0, True, amplitude=amplitude)
+    settings = started(model, recording, None)
+    largest = 10.0 * np.max(np.abs(recording["torque"]))
+    assert all(abs(settings.values.get(name, 0.0)) <= largest for name in ("tau_0", "a_g", "b_g"))
+    estimate = fit(model, recording)
+    for name in estimate.free if estimate.converged else ():
+        assert abs(estimate[name].value - truth[name]) < 4.0 * estimate[name].std_dev, name
 
 
 def test_what_the_user_says_of_a_prior_stays():

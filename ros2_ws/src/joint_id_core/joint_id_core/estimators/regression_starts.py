@@ -54,6 +54,7 @@ def started(model: Model, recording: Recording, settings: ParameterSettings | No
         for other in (q.name for q in model.parameters if q.group == group != "" and q.name in free):
             if other not in own and other not in found:
                 far.setdefault(other, table[other] * value / table[name])
+    far = {n: v for n, v in far.items() if model.parameter(n).lower <= v <= model.parameter(n).upper}
     if far:
         far |= _offset(model, found, table, settings)
     torques = [f.samples.y for f in fitted if f.samples.equation.quantity == "torque"]
@@ -72,12 +73,14 @@ def _with_torques(
     signed = [q for q in signed if q.name in settings.applied_to(model)[1]]
     if model.twist_offset is not None:  # there a torque offset becomes one of the encoders
         signed, drive = [q for q in signed if not q.of_recording], math.inf
-    largest = max((abs(found[q.name]) for q in signed if q.name in found), default=0.0)
+    # over a small angle gravity and offset may be anything together: such values are no start
+    limit = WEAK * drive or math.inf
+    largest = min(limit, max((abs(found[q.name]) for q in signed if q.name in found), default=0.0))
     priors = {q.name: largest for q in signed if q.spread < largest}
-    priors |= {q.name: WEAK * drive for q in signed if 0.0 < WEAK * drive < q.spread}
+    priors |= {q.name: limit for q in signed if limit < q.spread}
     return replace(
         settings,
-        values={**settings.values, **{n: found[n] for n in priors if n in found}},
+        values={**settings.values, **{n: found[n] for n in priors if abs(found.get(n, math.inf)) <= limit}},
         priors={**settings.priors, **priors},
     )
 
