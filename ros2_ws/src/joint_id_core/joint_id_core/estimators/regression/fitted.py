@@ -263,7 +263,9 @@ class Fitted:
             )
         if not self._explains:
             return f"only {percent(self.solution.r_squared)} of the {quantity} are explained"
-        if self.gravity > MOST_GRAVITY and 1.0 - self.solution.r_squared > LITTLE:
+        # over the angles of a single move, cos and sin follow anything: they must predict as well
+        loaded = self.gravity > MOST_GRAVITY and self.helps.get(GRAVITY, 0.0) > HELPS
+        if loaded and 1.0 - self.solution.r_squared > LITTLE:
             angle = f"a load that depends on the angle explains {100.0 * self.gravity:.2g} % {left}"
             return f"{angle}: take a model with gravity ({GRAVITY})"
         # With the motion of the link as an input no load is lacking, and noise of the twist enters what is predicted.

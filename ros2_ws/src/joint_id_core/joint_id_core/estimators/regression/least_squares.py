@@ -137,6 +137,9 @@ def _refitted(y: Array, columns: Array, tools: Array, kept: NDArray[np.bool_]) -
     return two_stage(y[kept], columns[kept], tools[kept])
 
 
+CHANCE = 4.0  # times its variance: two standard deviations, up to which an error of a prediction is chance
+
+
 def explained_later(
     y: Array, columns: Array, positive: Sequence[bool], static: NDArray[np.bool_], pieces: NDArray[np.int64],
     tools: Tools | None = None,
@@ -157,7 +160,10 @@ def explained_later(
     known = rest @ np.linalg.lstsq(rest[:first], y[:first], rcond=None)[0]
     all_, left = y - known, y - columns @ fitted.values
     spread = float(np.mean(all_[first:] ** 2))
-    return 1.0 - float(np.mean(left[first:] ** 2)) / spread if spread > 0.0 else float("nan")
+    known_to = np.nan_to_num(fitted.covariance)  # what the first samples do not tell is no fault of the equation
+    by_chance = np.einsum("tk,kl,tl->", columns[first:], known_to, columns[first:]) / len(left[first:])
+    missed = max(0.0, float(np.mean(left[first:] ** 2)) - CHANCE * by_chance)
+    return 1.0 - missed / spread if spread > 0.0 else float("nan")
 
 
 def _unseen(columns: Array) -> NDArray[np.bool_]:

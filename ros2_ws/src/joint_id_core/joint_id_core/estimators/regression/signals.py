@@ -22,6 +22,7 @@ TIMES = 10.0  # band of the equations over this frequency: beyond it, friction i
 NOISE_SHARE = 1e-5  # largest power of the noise of the acceleration in the band over that of the acceleration
 VELOCITY_NOISE_SHARE = 1e-3  # the same of the velocity that friction takes
 ABOVE_NOISE = 4.0  # power over that of the noise from which it is of the motion
+ABOVE_PEAKS, PEAKS = 2.0, 0.99  # the same over this quantile of it
 LEAST_HZ = 1.0
 MARGIN = 1.0  # of a stretch that is left out at both ends, in periods of the band: the filter lacks samples there
 # A longer rest is left out: the torque of a joint that sticks may have any value. The short ones of a reversal stay: on
@@ -73,8 +74,12 @@ def _spectrum(data: FitData, name: str, times: int) -> tuple[Array, Array, Array
     row = np.interp(even, data.recording.time[known], data.recording[name][known])
     size = min(len(row), max(64, round(8.0 / period)))
     f, power = scipy.signal.welch(scipy.signal.detrend(row), 1.0 / period, nperseg=size)
-    noise = float(np.median(power[f > 0.5 * f[-1]]))
-    signal = np.where(power > ABOVE_NOISE * noise, power - noise, 0.0)  # else noise at high frequencies would count
+    high = power[f > 0.5 * f[-1]]
+    noise = float(np.median(high))
+    # Noise at high frequencies must not count: in a short record its power scatters by its own size, and that of a
+    # rounded position has peaks, at as many Hz as the joint passes steps of the encoder.
+    least = max(ABOVE_NOISE * noise, ABOVE_PEAKS * float(np.quantile(high, PEAKS)))
+    signal = np.where(power > least, power - noise, 0.0)
     return f, signal * f ** (2 * times), noise * f ** (2 * times)
 
 
