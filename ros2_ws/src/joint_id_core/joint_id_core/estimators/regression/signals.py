@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.data.signals import derivative_of
 from joint_id_core.estimators.regression.equations import Motion
-from joint_id_core.estimators.shared.fit_data import FitData, UnusableError
+from joint_id_core.estimators.shared.fit_data import MIN_SAMPLES, FitData, UnusableError
 from joint_id_core.filtering.offline import FilterOptions, complete, differentiate
 from joint_id_core.results.estimate import Status
 
@@ -20,9 +20,10 @@ NYQUIST_SHARE = 0.8  # highest cutoff over half of the sampling rate
 MOVES = 0.99  # share of the power of the velocity that lies below the frequency of the motion
 TIMES = 10.0  # band of the equations over this frequency: beyond it, friction is no more what the law says
 NOISE_SHARE = 1e-5  # largest power of the noise of the acceleration in the band over that of the acceleration
+MOST_NOISE_SHARE = 1e-3  # the same where a short record would have too few samples in a narrower band
+SHORT = 2.0  # times as many samples as a regression needs, as those at rest and at the ends are left out
 VELOCITY_NOISE_SHARE = 1e-3  # the same of the velocity that friction takes
 ABOVE_NOISE = 4.0  # power over that of the noise from which it is of the motion
-ABOVE_PEAKS, PEAKS = 2.0, 0.99  # the same over this quantile of it
 LEAST_HZ = 1.0
 MARGIN = 1.0  # of a stretch that is left out at both ends, in periods of the band: the filter lacks samples there
 # A longer rest is left out: the torque of a joint that sticks may have any value. The short ones of a reversal stay: on
@@ -48,10 +49,12 @@ def bands(data: FitData) -> Bands:
     """Return the bands that a recording allows.
 
     That of the equations is ten times the frequency below which the joint moves, but no higher than its noise allows:
-    the acceleration is the weakest signal, and its noise makes inertias smaller by its share of the power. That of the
-    motion is as high as the noise of the velocity allows: lower, it would blur where friction reverses.
+    the acceleration is the weakest signal, and its noise makes inertias smaller by its share of the power. A short
+    record takes more noise if it would have too few samples. That of the motion is as high as the noise of the velocity
+    allows: lower, it would blur where friction reverses.
     """
     highest = NYQUIST_SHARE * 0.5 / data.period
+    enough = SHORT * MIN_SAMPLES / (PER_PERIOD * (data.time[-1] - data.time[0]))
     wanted, clear = [], []
     for name in data.labels:
         times = {"position": 1, "velocity": 0}.get(name.rpartition("_")[2])
@@ -60,7 +63,8 @@ def bands(data: FitData) -> Bands:
         f, signal, noise = _spectrum(data, name, times)
         total = np.cumsum(signal)
         moves = float(f[np.searchsorted(total, MOVES * total[-1])])
-        wanted.append(min(TIMES * moves, _clear(f, signal * f**2, noise * f**2, NOISE_SHARE)))
+        little, most = (_clear(f, signal * f**2, noise * f**2, share) for share in (NOISE_SHARE, MOST_NOISE_SHARE))
+        wanted.append(max(min(TIMES * moves, little), min(enough, most)))
         clear.append(_clear(f, signal, noise, VELOCITY_NOISE_SHARE))
     equations = float(np.clip(max(wanted, default=LEAST_HZ), LEAST_HZ, highest))
     return Bands(equations, float(np.clip(min(clear, default=highest), equations, highest)))
@@ -74,13 +78,23 @@ def _spectrum(data: FitData, name: str, times: int) -> tuple[Array, Array, Array
     row = np.interp(even, data.recording.time[known], data.recording[name][known])
     size = min(len(row), max(64, round(8.0 / period)))
     f, power = scipy.signal.welch(scipy.signal.detrend(row), 1.0 / period, nperseg=size)
-    high = power[f > 0.5 * f[-1]]
-    noise = float(np.median(high))
-    # Noise at high frequencies must not count: in a short record its power scatters by its own size, and that of a
-    # rounded position has peaks, at as many Hz as the joint passes steps of the encoder.
-    least = max(ABOVE_NOISE * noise, ABOVE_PEAKS * float(np.quantile(high, PEAKS)))
-    signal = np.where(power > least, power - noise, 0.0)
+    noise = float(np.median(power[f > 0.5 * f[-1]]))
+    signal = np.where(power > ABOVE_NOISE * noise, power - noise, 0.0)
+    signal[_ends(power, noise) :] = 0.0
     return f, signal * f ** (2 * times), noise * f ** (2 * times)
+
+
+def _ends(power: Array, noise: float) -> int:
+    """Return where the motion ends in a power spectrum (F,): after its peak, the next octave is noise.
+
+    Powers beyond are of noise: in a short record they scatter by their own size, and those of a rounded position have
+    peaks, at as many Hz as the joint passes steps of the encoder.
+    """
+    peak = 1 + int(np.argmax(power[1:]))
+    first = np.arange(peak, (len(power) - 1) // 2 + 1)
+    sums = np.cumsum(power)
+    quiet = np.flatnonzero((sums[2 * first] - sums[first]) < ABOVE_NOISE * noise * first)
+    return int(first[quiet[0]]) + 1 if len(quiet) else len(power)
 
 
 def _clear(f: Array, signal: Array, noise: Array, share: float) -> float:
