@@ -51,6 +51,7 @@ def test_a_cancel_stops_the_motion_and_leaves_a_readable_bag(bench, times):
     assert (status, result.bag, result.page) == (GoalStatus.STATUS_CANCELED, "", "")
 
 
+@pytest.mark.long
 def test_a_full_disk_and_a_robot_that_is_killed_end_the_goal_and_lose_nothing(bench):
     unlimited = resource.prlimit(bench.identify.pid, resource.RLIMIT_FSIZE, (1_000_000, resource.RLIM_INFINITY))
     handle = bench.send()

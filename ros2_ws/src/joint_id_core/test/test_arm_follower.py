@@ -165,6 +165,7 @@ def test_friction_that_may_have_changed_again_before_it_settled_is_compared_with
     assert follower._opened == (first, 10.0, 26.0)  # and it settles from the last one
 
 
+@pytest.mark.long
 def test_another_friction_is_told():
     arm = moving_arm.rigid(LEARN + 3 * AFTER, 1)
     time = arm["bend"].time

@@ -98,6 +98,7 @@ def test_a_cluster_that_is_not_there_is_said(tmp_path, run, address, monkeypatch
     assert code == 2 and f"--dask {address}: no scheduler answers" in err and "start one with dask scheduler" in err
 
 
+@pytest.mark.long
 def test_a_cluster_without_workers_and_one_of_another_version_are_said(tmp_path, open_cluster, monkeypatch):
     monkeypatch.setattr(batch_cluster, "PATIENCE_S", 5.0)
     cluster = open_cluster(0)

@@ -177,6 +177,7 @@ def test_rest_changes_nothing_and_costs_nothing():
     assert worst(resting[-1], TRUTH) < 5.0
 
 
+@pytest.mark.long
 def test_a_sensor_that_stands_still_while_the_joint_moves_is_no_good_fit():
     record = changing((), 1.0, 12.0, 2.0)
     frozen = np.where(

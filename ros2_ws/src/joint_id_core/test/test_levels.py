@@ -103,6 +103,7 @@ def test_intervals_of_a_fit_are_those_of_the_likelihood_in_slow_motion():
     assert 0.6 < np.mean(costs) / off**2 < 1.5
 
 
+@pytest.mark.long
 def test_levels_are_learned_from_all_samples():
     """The spread of the level over seeds is that of all samples, a fifth of that of a window."""
     shares = []

@@ -101,6 +101,7 @@ def test_ratios_and_lists_stay_short():
     assert listed(names).endswith(f"{names[MOST_NAMES - 1]} and {20 - MOST_NAMES} more")
 
 
+@pytest.mark.long
 def test_a_fit_whose_predictions_run_away_says_so_in_words():
     """A flexible joint that is told three times its gear ratio: predicted velocities are far too large.
 

@@ -156,6 +156,7 @@ def test_a_connection_that_is_cut(reader):
     assert child.end()[0] == 0
 
 
+@pytest.mark.long
 def test_silence_and_closing(reader):
     """A read of a silent robot ends when it is closed, and so does the process, with nothing left."""
     robot, child = reader("127.0.0.25")

@@ -42,7 +42,9 @@ def record(
     from rclpy.signals import SignalHandlerOptions
 
     from joint_id_ros.recorder import Recorder, drain
+    from joint_id_ros.transport import without_shared_memory
 
+    without_shared_memory()
     # Own signal handlers: those of rclpy would shut the context down before all messages are written.
     stopped: list[int] = []
     previous = {s: signal.signal(s, lambda number, _: stopped.append(number)) for s in (signal.SIGINT, signal.SIGTERM)}

@@ -81,7 +81,9 @@ def run(name: str, arguments: Sequence[str] | None = None) -> int:
     from rclpy.signals import SignalHandlerOptions
 
     from joint_id_ros.parameters import PARAMETER_ERRORS
+    from joint_id_ros.transport import without_shared_memory
 
+    without_shared_memory()
     make = node_class(name)
     node = executor = None
     try:
