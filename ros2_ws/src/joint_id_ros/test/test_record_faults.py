@@ -26,7 +26,8 @@ LOSS_S = 2.0  # what a kill may cost
 def source(monkeypatch):
     """A publisher of link_states at 500 Hz; position and stamp tell the number of the message."""
     monkeypatch.setenv("ROS_DOMAIN_ID", str(101 + os.getpid() % 100))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    # LOCALHOST would share memory with the recorders, and one that is killed can stop this publisher for ever
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     rclpy.init()
     node = rclpy.create_node("source")
     source = Source(node.create_publisher(JointState, "link_states", 2000))
