@@ -183,9 +183,22 @@ def test_what_the_first_part_explains_of_the_rest_is_judged_without_the_static_l
     loaded, pieces = np.column_stack([table, gravity]), np.zeros(COUNT, dtype=np.int64)
     right = loaded @ [2.0, 3.0, 5.0, 1.0] + 0.05 * rng.standard_normal(COUNT)
     wrong = gravity + 3.0 * remembering(rng, COUNT, 100.0)
-    shares = [explained_later(y, loaded, [True] * 3 + [False], static, pieces) for y in (right, wrong)]
+    shares = [explained_later(y, loaded, [True] * 3 + [False], static, pieces).at_best for y in (right, wrong)]
     assert shares[0] > 0.99 and shares[1] < 0.5
-    assert explained_later(wrong, loaded, [True] * 3 + [False], np.zeros(4, dtype=bool), pieces) > 0.9
+    assert explained_later(wrong, loaded, [True] * 3 + [False], np.zeros(4, dtype=bool), pieces).share > 0.9
+
+
+def test_what_the_first_part_hardly_shows_is_no_fault_of_the_equation():
+    """A load that hardly changes there may be anything in the rest; a load that is not in the equation is none."""
+    table, rng = columns(), np.random.default_rng(6)
+    late = np.where(np.arange(COUNT) < 0.7 * COUNT, 1e-3 * rng.standard_normal(COUNT), 1.0)
+    loaded, pieces = np.column_stack([table, late]), np.zeros(COUNT, dtype=np.int64)
+    right = loaded @ [2.0, 3.0, 5.0, 1.0] + 0.5 * rng.standard_normal(COUNT)
+    known = [True] * 3 + [False]
+    found = explained_later(right, loaded, known, np.zeros(4, dtype=bool), pieces)
+    assert found.share < 0.9 < found.at_best
+    other = explained_later(right + 30.0 * late, table, [True] * 3, np.zeros(3, dtype=bool), pieces)
+    assert other.at_best < 0.9
 
 
 @pytest.mark.parametrize("noise", [1e-5, 5e-4])

@@ -17,6 +17,7 @@ from joint_id_core.estimators.regression.halves import with_halves
 from joint_id_core.estimators.regression.instruments import Tools
 from joint_id_core.estimators.regression.least_squares import (
     ACCURACY,
+    Later,
     Solution,
     explained,
     solve,
@@ -164,7 +165,7 @@ class Fitted:
     samples: Samples
     solution: Solution
     gravity: float
-    held_out: float
+    held_out: Later
     memory: float
     helps: Mapping[str, float]
     late: Shift | None
@@ -270,7 +271,7 @@ class Fitted:
             return f"{angle}: take a model with gravity ({GRAVITY})"
         # With the motion of the link as an input no load is lacking, and noise of the twist enters what is predicted.
         least = LEAST_HELD_OUT if self.encoders is None else LEAST_R_SQUARED
-        if self.held_out < least and self.memory > REMEMBERED:
+        if self.held_out.at_best < least and self.memory > REMEMBERED:
             lacking = (
                 "and masses of the description or torque constants may be wrong (joint-id arm fit --out writes a "
                 "description that matches)"
@@ -279,8 +280,8 @@ class Fitted:
                 "at a time)"
             )
             return (
-                f"friction and inertia of the first part of the recording explain {percent(self.held_out)} of their "
-                f"torque in the rest: a load acts on the joint that the model lacks, {lacking}"
+                f"friction and inertia of the first part of the recording explain {percent(self.held_out.share)} of "
+                f"their torque in the rest: a load acts on the joint that the model lacks, {lacking}"
             )
         return ""
 

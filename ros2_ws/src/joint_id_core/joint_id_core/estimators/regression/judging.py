@@ -106,8 +106,10 @@ def judge(
     unseen = [n for n, found_row in found.items() if found_row.verdict in (Verdict.NOT_EXCITED, Verdict.PRIOR)]
     quantity = worst.samples.equation.quantity
     explained = f"{percent(worst.solution.r_squared)} of the {quantity} below {band_hz:.3g} Hz are explained"
-    if np.isfinite(worst.held_out):
-        explained += f"; a fit of the first part explains {percent(worst.held_out)} of friction and inertia in the rest"
+    if np.isfinite(worst.held_out.share):
+        explained += (
+            f"; a fit of the first part explains {percent(worst.held_out.share)} of friction and inertia in the rest"
+        )
     faults = [fault for f in fitted if (fault := f.fault or changed_gain(f.samples))]
     if faults:
         status, said = Status.POOR_FIT, [faults[0], Status.POOR_FIT.advice, explained]

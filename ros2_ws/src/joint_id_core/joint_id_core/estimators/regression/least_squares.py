@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,30 +141,43 @@ def _refitted(y: Array, columns: Array, tools: Array, kept: NDArray[np.bool_]) -
 CHANCE = 4.0  # times its variance: two standard deviations, up to which an error of a prediction is chance
 
 
+class Later(NamedTuple):
+    """What a fit of the first samples explains of the last ones.
+
+    Attributes:
+        share: of what a fit of rests leaves of them; NaN if the first samples do not show all parameters.
+        at_best: the same without errors that may be chance, as the first samples tell the parameters only so far.
+    """
+
+    share: float
+    at_best: float
+
+
 def explained_later(
     y: Array, columns: Array, positive: Sequence[bool], static: NDArray[np.bool_], pieces: NDArray[np.int64],
     tools: Tools | None = None,
-) -> float:  # fmt: skip
+) -> Later:  # fmt: skip
     """Return what a fit of the first samples explains of the last ones: a share of what a fit of rests leaves of them.
 
     That is one with the `static` columns alone, or with a constant if there are none: else the load of gravity, which
-    is large, would hide that friction and inertia are wrong. NaN if the first samples do not show all parameters.
+    is large, would hide that friction and inertia are wrong.
     """
-    first = round(FIRST * len(y))
+    first, unknown = round(FIRST * len(y)), Later(float("nan"), float("nan"))
     if not 0 < first < len(y):
-        return float("nan")
+        return unknown
     tools = None if tools is None else tools.part(slice(0, first))
     fitted = solve(y[:first], columns[:first], positive, pieces[:first], 1.0, tools)
     if tools is None and (fitted.unseen & ~_unseen(columns)).any():
-        return float("nan")
+        return unknown
     rest = columns[:, static] if static.any() else np.ones((len(y), 1))
     known = rest @ np.linalg.lstsq(rest[:first], y[:first], rcond=None)[0]
     all_, left = y - known, y - columns @ fitted.values
     spread = float(np.mean(all_[first:] ** 2))
-    known_to = np.nan_to_num(fitted.covariance)  # what the first samples do not tell is no fault of the equation
-    by_chance = np.einsum("tk,kl,tl->", columns[first:], known_to, columns[first:]) / len(left[first:])
-    missed = max(0.0, float(np.mean(left[first:] ** 2)) - CHANCE * by_chance)
-    return 1.0 - missed / spread if spread > 0.0 else float("nan")
+    if not spread > 0.0:
+        return unknown
+    missed, known_to = float(np.mean(left[first:] ** 2)), np.nan_to_num(fitted.covariance)
+    by_chance = float(np.einsum("tk,kl,tl->", columns[first:], known_to, columns[first:])) / (len(y) - first)
+    return Later(1.0 - missed / spread, 1.0 - max(0.0, missed - CHANCE * by_chance) / spread)
 
 
 def _unseen(columns: Array) -> NDArray[np.bool_]:
