@@ -74,8 +74,8 @@ def stiffness_verdicts(fits: Sequence[Stiffness]) -> list[tuple[str, str]]:
             rows.append((target, _said(text, good and abs(off) <= STIFFNESS_OFF)))
     wrong = [(f, n, z) for f in fits for n, z in f.called_good]
     fit, name, z = max(wrong, key=lambda row: abs(row[2]), default=(None, "", 0.0))
-    text = f"`{name}` of axis {fit.axis}, {z:+.2g}" if fit else "nothing is called good"
-    text = f"{text}; {sum(abs(row[2]) > GOOD_OFF for row in wrong)} of {len(wrong)}"
+    beyond = f"{sum(abs(row[2]) > GOOD_OFF for row in wrong)} of {len(wrong)}"
+    text = f"`{name}` of axis {fit.axis}, {z:+.2g}; {beyond}" if fit else "nothing is called good"
     target = f"KUKA: nothing that is called good is more than {GOOD_OFF:g} sigma off"
     rows.append((target, _said(text, abs(z) <= GOOD_OFF)))
     return rows
