@@ -69,7 +69,7 @@ class Probe(Node):
         self._executor.add_node(self)
         self.diagnostics: list[Any] = []
         self._clients_by_service: dict[str, Any] = {}
-        self.create_subscription(DiagnosticArray, "/diagnostics", lambda m: self.diagnostics.extend(m.status), 10)
+        self.create_subscription(DiagnosticArray, "/diagnostics", lambda m: self.diagnostics.extend(m.status), 1000)
 
     def destroy_node(self) -> None:
         """Leave the domain now: what waits for a topic or an action would keep both open until it is collected."""
