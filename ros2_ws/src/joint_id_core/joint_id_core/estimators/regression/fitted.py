@@ -17,7 +17,7 @@ from joint_id_core.estimators.regression.halves import with_halves
 from joint_id_core.estimators.regression.instruments import Tools
 from joint_id_core.estimators.regression.least_squares import (
     ACCURACY,
-    Later,
+    HeldOut,
     Solution,
     explained,
     solve,
@@ -165,7 +165,7 @@ class Fitted:
     samples: Samples
     solution: Solution
     gravity: float
-    held_out: Later
+    held_out: HeldOut
     memory: float
     helps: Mapping[str, float]
     late: Shift | None

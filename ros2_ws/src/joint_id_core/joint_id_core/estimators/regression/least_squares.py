@@ -18,6 +18,7 @@ from joint_id_core.estimators.regression.instruments import Tools, projected, sh
 ACCURACY = 1e-3
 # The same with a current that is a state: it changes within a sample, so the samples are not its mean.
 ACCURACY_OF_CURRENT = 5e-3
+CHANCE = 4.0  # times its variance: two standard deviations, up to which an error of a prediction is chance
 FIRST = 0.7  # share of the samples that is fitted to predict the others
 UNKNOWN = 1e-12  # smallest singular value of columns of unit length that rounding does not make
 
@@ -138,10 +139,7 @@ def _refitted(y: Array, columns: Array, tools: Array, kept: NDArray[np.bool_]) -
     return two_stage(y[kept], columns[kept], tools[kept])
 
 
-CHANCE = 4.0  # times its variance: two standard deviations, up to which an error of a prediction is chance
-
-
-class Later(NamedTuple):
+class HeldOut(NamedTuple):
     """What a fit of the first samples explains of the last ones.
 
     Attributes:
@@ -156,13 +154,13 @@ class Later(NamedTuple):
 def explained_later(
     y: Array, columns: Array, positive: Sequence[bool], static: NDArray[np.bool_], pieces: NDArray[np.int64],
     tools: Tools | None = None,
-) -> Later:  # fmt: skip
+) -> HeldOut:  # fmt: skip
     """Return what a fit of the first samples explains of the last ones: a share of what a fit of rests leaves of them.
 
     That is one with the `static` columns alone, or with a constant if there are none: else the load of gravity, which
     is large, would hide that friction and inertia are wrong.
     """
-    first, unknown = round(FIRST * len(y)), Later(float("nan"), float("nan"))
+    first, unknown = round(FIRST * len(y)), HeldOut(float("nan"), float("nan"))
     if not 0 < first < len(y):
         return unknown
     tools = None if tools is None else tools.part(slice(0, first))
@@ -175,9 +173,9 @@ def explained_later(
     spread = float(np.mean(all_[first:] ** 2))
     if not spread > 0.0:
         return unknown
-    missed, known_to = float(np.mean(left[first:] ** 2)), np.nan_to_num(fitted.covariance)
-    by_chance = float(np.einsum("tk,kl,tl->", columns[first:], known_to, columns[first:])) / (len(y) - first)
-    return Later(1.0 - missed / spread, 1.0 - max(0.0, missed - CHANCE * by_chance) / spread)
+    missed, covariance = float(np.mean(left[first:] ** 2)), np.nan_to_num(fitted.covariance)
+    by_chance = float(np.einsum("tk,kl,tl->", columns[first:], covariance, columns[first:])) / (len(y) - first)
+    return HeldOut(1.0 - missed / spread, 1.0 - max(0.0, missed - CHANCE * by_chance) / spread)
 
 
 def _unseen(columns: Array) -> NDArray[np.bool_]:
