@@ -8,6 +8,7 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.design.plant import controller_of
 from joint_id_core.estimators import Regression
 from joint_id_core.estimators.regression.least_squares import solve
+from joint_id_core.estimators.regression.missing import EYRING
 from joint_id_core.estimators.regression.sliding import Sliding, sliding
 from joint_id_core.models import build
 from joint_id_core.simulation.excitation import position_reference
@@ -66,9 +67,9 @@ def test_friction_counts_as_straight_only_if_the_data_bound_what_else_it_is(bend
 
     def is_straight(noise, rows):
         y = columns @ [1.0, 0.3] + bend * bent[:, 0] + noise * rng.standard_normal(count)
-        return Sliding(y[:rows, None], columns[:rows], columns[:rows, :1], bent[:rows]).straight(lambda y, t: solve(
-            y, t, [False] * t.shape[1], pieces[:rows]))  # fmt: skip
+        sliding = Sliding(y[:rows, None], columns[:rows], columns[:rows, :1], {EYRING: bent[:rows]})
+        return sliding.straight(lambda y, t: solve(y, t, [False] * t.shape[1], pieces[:rows]))
 
     assert is_straight(0.02, count) is straight
     assert not is_straight(1.0, 100)  # noise hides it: nothing is known
-    assert not Sliding(columns[:, :1], columns, columns[:, :1], np.zeros((count, 0))).straight(ask)
+    assert not Sliding(columns[:, :1], columns, columns[:, :1], {}).straight(ask)

@@ -10,7 +10,7 @@ import numpy as np
 from joint_id_core.data.recording import Array
 
 if TYPE_CHECKING:  # SciPy loads with it
-    from joint_id_core.estimators.regression.fitted import Samples
+    from joint_id_core.estimators.regression.samples import Samples
 
 INSTANTS = 97  # that are tried
 ENDS = 0.1  # share of the recording at either end in which none is

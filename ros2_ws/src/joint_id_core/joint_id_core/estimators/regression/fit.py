@@ -14,13 +14,14 @@ from joint_id_core.data.signals import side_of
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.regression.equations import Motion, columns_along, equations
 from joint_id_core.estimators.regression.estimator import Regression
-from joint_id_core.estimators.regression.fitted import Fitted, Samples
+from joint_id_core.estimators.regression.fitted import Fitted
 from joint_id_core.estimators.regression.instruments import Tools, rigid
 from joint_id_core.estimators.regression.judging import estimates, judge, tested
 from joint_id_core.estimators.regression.least_squares import ACCURACY, ACCURACY_OF_CURRENT
-from joint_id_core.estimators.regression.missing import EYRING, STRIBECK, at_speed, missing_torques
+from joint_id_core.estimators.regression.missing import at_speed, missing_torques
 from joint_id_core.estimators.regression.path import commanded, required
 from joint_id_core.estimators.regression.presliding import turning
+from joint_id_core.estimators.regression.samples import Samples
 from joint_id_core.estimators.regression.signals import Rows, all_smoothed, bands, motion, rows
 from joint_id_core.estimators.regression.sliding import Sliding, sliding
 from joint_id_core.estimators.regression.two_sides import has_twist, two_sides
@@ -41,7 +42,6 @@ from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions, Status, Verdict
 
 FITS = 4  # most of them until the share of the next sample is known
-BENT_BY = (STRIBECK, EYRING)  # options of friction that is no straight line
 
 
 def fit_regression(
@@ -165,9 +165,9 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
         slides = sides is path is None and equation.state in model.smoothing
         if slides:
             weights = sliding(moved.x[equation.state], data.period, cutoff_hz, band_hz)[:, None]
-            bent = np.column_stack([np.zeros((len(usable), 0)), *(missing[n] for n in BENT_BY if n in missing)])
             tables |= {"away y": weights * tables["y"], "away columns": weights * tables["columns"]}
-            tables |= {"away change": weights * change, "away bent": weights * bent}
+            tables |= {"away change": weights * change}
+            tables |= {f"away {name}": weights * table for name, table in missing.items()}
         tables = all_smoothed(data.recording.time, tables, usable, band_hz)
         drive = tables.pop("drive")[:, 0]
         tables = {name: part[index.index] for name, part in tables.items()}
@@ -176,7 +176,10 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
         tools = sides.tools(equation, tables["tools"]) if sides is not None else None
         if path is not None:
             tools = Tools(tables["tools"], np.zeros(len(equation.names), dtype=bool))
-        away = Sliding(*(tables[f"away {n}"] for n in ("y", "columns", "change", "bent"))) if slides else None
+        away = None
+        if slides:
+            lacked = {name: tables[f"away {name}"] for name in missing}
+            away = Sliding(tables["away y"], tables["away columns"], tables["away change"], lacked)
         samples = Samples(
             equation, Rows(index.index[known], index.pieces[known]), at_speed(moved, index.index[known]),
             tables["y"][:, 0], tables["columns"], {name: tables[name] for name in missing}, data.recording.time, drive,

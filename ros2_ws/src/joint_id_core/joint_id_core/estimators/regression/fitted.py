@@ -1,10 +1,9 @@
-"""An equation at the samples that are compared, its solution, and what tells whether it is that of the motion."""
+"""The solution of an equation, and what tells whether it is that of the motion."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,27 +11,19 @@ from numpy.typing import NDArray
 from joint_id_core.checking.shift import Shift
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.regression.encoder_lag import Lag
-from joint_id_core.estimators.regression.equations import Equation
-from joint_id_core.estimators.regression.halves import with_halves
-from joint_id_core.estimators.regression.instruments import Tools
+from joint_id_core.estimators.regression.lacking import CONTAINED, with_late_drive
+from joint_id_core.estimators.regression.lag import when
 from joint_id_core.estimators.regression.least_squares import (
-    ACCURACY,
     HeldOut,
     Solution,
     explained,
-    solve,
-    without,
 )
 from joint_id_core.estimators.regression.missing import (
     GRAVITY,
     HELPS,
-    share_explained,
-    share_predicted,
 )
-from joint_id_core.estimators.regression.presliding import with_inertia
-from joint_id_core.estimators.regression.share import Share, share_beside
-from joint_id_core.estimators.regression.signals import Rows
-from joint_id_core.estimators.regression.sliding import Sliding
+from joint_id_core.estimators.regression.samples import Samples
+from joint_id_core.estimators.regression.share import Share
 
 LEAST_R_SQUARED = 0.5  # below, the equation is not that of this motion
 # The same for samples that were not fitted, if the residuals have a memory (noise may leave less). On a UR10e, joints
@@ -45,104 +36,11 @@ MOST_GRAVITY = 0.5  # share of what is left that a load with the angle explains,
 # matter, simulated or put into the EMPS benchmark, it leaves less than 2 %.
 LATE = 0.75  # samples
 LEFT = 0.2  # share of what is left unexplained, which is left with the best shift
+DOUBTED = 0.5  # the same from which intervals contain the values of this shift
 SURELY = 4.0  # standard deviations below zero, from which the sign of the drive is wrong
 TOLD = 0.05  # half of the difference between the halves of a recording, over the value, from which the user is told
 TINY = 1e-300
 LITTLE = 0.005  # share of the torque that may be left unexplained, whatever would explain it
-
-
-@dataclass(frozen=True)
-class Samples:
-    """An equation at the samples that are compared.
-
-    Attributes:
-        rows: the samples.
-        fast: True for those at which the joint does not nearly rest, shape (R,).
-        y, columns: in the band, shapes (R,) and (R, k).
-        lacked: columns (R, m) of torques that the model lacks, by the option that adds them.
-        time: instants of all samples of the recording in s, shape (T,).
-        drive: part of y that the drive makes, at all samples, in the band, shape (T,).
-        period: of the recording in s.
-        tools: instruments; None if least squares will do.
-        accuracy: see `least_squares.solve`.
-        turning: see `presliding.turning`, shape (R, m).
-        change: by how much the drive's part of y changes in a sample, shape (R,).
-        loaded: whether the load of the arm was computed from a description.
-        away: the equation without the instants at which the joint sticks; None if it has no friction, or instruments.
-    """
-
-    equation: Equation
-    rows: Rows
-    fast: NDArray[np.bool_]
-    y: Array
-    columns: Array
-    lacked: Mapping[str, Array]
-    time: Array
-    drive: Array
-    period: float
-    tools: Tools | None = None
-    accuracy: float = ACCURACY
-    turning: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    change: Array = field(default_factory=lambda: np.zeros(0))
-    loaded: bool = False
-    away: Sliding | None = None
-
-    def solve(self, positive: Sequence[bool], lag_s: float) -> Solution:
-        """Return the solution; `lag_s` as in the options.
-
-        If friction that turns over some distance predicts new samples better, inertia is that of a fit with it, since
-        without it the inertia would be too small. The other parameters are those that describe the motion without it.
-        Half of what it changes of the inertia is in doubt, and what it changes of the others if it matters. Without
-        instruments, the covariance contains how far both halves of the recording are apart.
-
-        Friction that is a straight line is that of the sliding joint; see `sliding`.
-        """
-        ask = partial(solve, positive=positive, lag=lag_s / self.step, accuracy=self.accuracy)
-        pieces, away = self.rows.pieces, self.away
-        if away is not None and away.straight(self._asked(positive)):
-            y, columns = away.y[:, 0], away.columns
-            found = with_halves(
-                ask(y, columns, pieces=pieces),
-                len(pieces),
-                lambda part: ask(y[part], columns[part], pieces=pieces[part]),
-            )
-            return replace(found, r_squared=explained(self.y, self.columns @ found.values))
-        found, turn = ask(self.y, self.columns, pieces=pieces, tools=self.tools), self.turn
-        inertia = np.array([n == self.equation.inertia for n in self.equation.names])
-        if turn is not None and inertia.any():
-            other = ask(without(self.y[:, None], turn)[:, 0], without(self.columns, turn), pieces=pieces)
-            found = with_inertia(found, other, inertia, np.array(positive))
-        if self.tools is not None:
-            return found
-        return with_halves(found, len(pieces), lambda part: ask(self.y[part], self.columns[part], pieces=pieces[part]))
-
-    def share(self, positive: Sequence[bool], lag_s: float) -> Share | None:
-        """Return by how much of a sample the drive comes late; None without a drive or with instruments."""
-        if self.tools is not None or not self.change.any():
-            return None
-        y, columns, change = self.y, self.columns, self.change
-        if self.away is not None:  # what friction does while the joint sticks hides a delay
-            y, columns, change = self.away.y[:, 0], self.away.columns, self.away.change[:, 0]
-        return share_beside(y, columns, change, self._asked(positive, lag_s))
-
-    def _asked(self, positive: Sequence[bool], lag_s: float = 0.0) -> Callable[[Array, Array], Solution]:
-        """Return what solves the equation with one more column."""
-        lag, positive = lag_s / self.step, [*positive, False]
-        return partial(solve, positive=positive, pieces=self.rows.pieces, lag=lag, accuracy=self.accuracy)
-
-    @cached_property
-    def turn(self) -> Array | None:
-        """What friction lacks after reversals, shape (R,); None if that would predict new samples no better."""
-        left = [share_explained(self.y, self.columns, column[:, None]) for column in self.turning.T]
-        if not left:
-            return None
-        best = self.turning[:, int(np.argmax(left))]
-        return best if share_predicted(self.y, self.columns, best[:, None]) > HELPS else None
-
-    @property
-    def step(self) -> float:
-        """Typical distance of two of the samples that are compared, in s."""
-        return float(np.median(np.diff(self.time[self.rows.index]))) if len(self.rows.index) > 1 else self.period
 
 
 @dataclass(frozen=True)
@@ -190,6 +88,9 @@ class Fitted:
 
     def doubted(self, taken: bool) -> Fitted:
         """Return it with intervals that contain what is not known of a late drive; `taken` as of `Share.doubt`."""
+        if self.late is not None and self._may_be_late:
+            y, columns = self.samples.y[self.samples.fast], self.samples.columns[self.samples.fast]
+            return replace(self, solution=with_late_drive(self.solution, self.late, y, columns))
         if self.share is None or not self.samples.equation.factor:
             return self
         doubt, found = self.share.doubt(taken), self.solution
@@ -222,16 +123,33 @@ class Fitted:
         return self.late is not None and self.late.sure and abs(self.late.late) >= LATE * self.samples.period
 
     @property
+    def _left(self) -> float:
+        """Share of what is left unexplained, which is left with the best shift of the drive."""
+        late = self.late
+        return (1.0 - late.explained) / (1.0 - late.before) if late is not None and late.before < 1.0 else 1.0
+
+    @property
+    def _may_be_late(self) -> bool:
+        return self.samples.tools is None and self.shifted and self._left < DOUBTED
+
+    @property
     def lag(self) -> str:
         """How late or early the drive is against the motion; empty if it is not, or cannot be told."""
         late = self.late
         if late is None or not self.shifted:
             return ""
-        if late.explained < LEAST_R_SQUARED or 1.0 - late.explained > LEFT * (1.0 - late.before):
+        if late.explained < LEAST_R_SQUARED or self._left > LEFT:
             return ""
-        when = f"{1e3 * abs(late.late):.3g} ms {'late' if late.late > 0.0 else 'early'}"
         shares = f"{percent(late.explained)} of the torque are explained, as recorded {percent(late.before)}"
-        return f"the drive seems to be {when} against the motion: shifted by this, {shares}; correct its times"
+        return f"the drive seems to be {when(late)} against the motion: shifted by this, {shares}; correct its times"
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why intervals are wide, as clauses."""
+        reasons = self.solution.reasons
+        if self.late is None or not self._may_be_late or self.lag:
+            return reasons
+        return (*reasons, f"the drive may be {when(self.late)} against the motion; {CONTAINED}")
 
     @property
     def blind(self) -> bool:

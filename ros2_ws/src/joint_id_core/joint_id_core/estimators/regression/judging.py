@@ -10,7 +10,7 @@ from joint_id_core.estimators.regression.changed_gain import changed_gain
 from joint_id_core.estimators.regression.covariance import autocorrelation
 from joint_id_core.estimators.regression.encoder_lag import Lag
 from joint_id_core.estimators.regression.equations import Motion
-from joint_id_core.estimators.regression.fitted import Fitted, Samples, percent
+from joint_id_core.estimators.regression.fitted import Fitted, percent
 from joint_id_core.estimators.regression.lag import drive_shift
 from joint_id_core.estimators.regression.least_squares import (
     Solution,
@@ -24,14 +24,13 @@ from joint_id_core.estimators.regression.missing import (
     share_explained,
     share_predicted,
 )
+from joint_id_core.estimators.regression.samples import Samples
 from joint_id_core.estimators.regression.share import Share
 from joint_id_core.estimators.shared.intervals import interval_text
 from joint_id_core.estimators.shared.sentences import listed, of_halves, sentence
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import ParameterEstimate, Status
 from joint_id_core.results.verdict import MAGNITUDE, Verdict
-
-TOLD = 0.05  # doubt over the value from which its reason is told
 
 
 def tested(
@@ -122,10 +121,7 @@ def judge(
     if unseen and status is not Status.UNINFORMATIVE:
         said.append(f"this motion does not show {listed(unseen)}")
     said += [f.lag for f in fitted if f.lag]
-    if any((f.solution.doubt > TOLD * np.abs(f.solution.unbounded)).any() for f in fitted):
-        said.append(
-            "after reversals friction turns over some distance, which no law has; the inertia is that beside it"
-        )
+    said += [reason for f in fitted for reason in f.reasons]
     if changed := [change for f in fitted for change in f.changed]:
         said.insert(1, of_halves(changed))
     if held:

@@ -41,3 +41,8 @@ def drive_shift(time: Array, drive: Array, at: Array, y: Array, columns: Array, 
 
     found = best_shift(known_terms, columns, most)
     return None if found is None else found.scaled(period)
+
+
+def when(late: Shift) -> str:
+    """Return in words how late or early a drive is."""
+    return f"{1e3 * abs(late.late):.3g} ms {'late' if late.late > 0.0 else 'early'}"

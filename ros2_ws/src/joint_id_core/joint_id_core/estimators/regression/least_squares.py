@@ -31,6 +31,7 @@ class Solution:
         held: True for positive parameters that least squares makes negative, shape (k,); their values are zero.
         unbounded, sigma: values and standard deviations without these bounds, shape (k,).
         doubt: what the model lacks may change of them, shape (k,): in the covariance, not in `sigma`.
+        reasons: of the doubt, as clauses.
         changes: half of what they change between the halves of the recording, shape (k,): as `doubt`.
         halves: their values in both halves, shape (2, k), NaN where these are the same.
         unseen: True for parameters whose column is zero or follows from the others, shape (k,).
@@ -47,6 +48,7 @@ class Solution:
     r_squared: float
     lag: float
     doubt: Array | float = 0.0
+    reasons: tuple[str, ...] = ()
     changes: Array | float = 0.0
     halves: Array | None = None
 

@@ -23,6 +23,8 @@ REACHES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
 # Of what it changes of the inertia, which is in doubt: on simulated joints whose friction turns over 1 to 3 % of the
 # travel a tenth is left.
 DOUBTED = 0.5
+TOLD = 0.05  # doubt over the value from which its reason is told
+SAID = "after reversals friction turns over some distance, which no law has; the inertia is that beside it"
 MATTERS = 0.1  # least change of friction over its value that puts it in doubt
 
 
@@ -61,5 +63,5 @@ def with_inertia(found: Solution, other: Solution, inertia: NDArray[np.bool_], p
     )
     return replace(
         found, values=values, covariance=covariance + np.diag(doubt**2), held=held, unseen=unseen, unbounded=unbounded,
-        sigma=sigma, doubt=doubt,
+        sigma=sigma, doubt=doubt, reasons=(SAID,) if (doubt > TOLD * np.abs(unbounded)).any() else (),
     )  # fmt: skip

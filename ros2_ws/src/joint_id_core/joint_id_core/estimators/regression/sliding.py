@@ -12,7 +12,7 @@ whose sliding motion shows that it is one.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,7 @@ from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.regression.least_squares import Solution
+from joint_id_core.estimators.regression.missing import EYRING, STRIBECK
 
 SLOW = 0.05  # of the rms velocity: below, the joint may stick
 SMEARED = 0.5  # of a period of the low-pass of the motion, by which a breakaway seems earlier or later
@@ -27,6 +28,7 @@ EDGE = 0.5  # of a period of the band, in which the weights rise: sharper edges 
 # Largest share of the rms torque that friction may have beside a straight line, with two standard deviations. On UR
 # robots it is 0.04 to 0.5, in simulated joints with motion enough 0.0004 to 0.02.
 BENT = 0.025
+BENT_BY = (STRIBECK, EYRING)  # options of friction that is no straight line
 
 
 def sliding(velocity: Array, period: float, motion_hz: float, band_hz: float) -> Array:
@@ -52,20 +54,21 @@ class Sliding:
     Attributes:
         y, columns: shapes (R, 1) and (R, k).
         change: of the drive's part of y in a sample, shape (R, 1).
-        bent: what friction has that is no straight line, shape (R, m); without columns if it cannot be told.
+        lacked: columns (R, m) of torques that the model lacks, by the option that adds them.
     """
 
     y: Array
     columns: Array
     change: Array
-    bent: Array
+    lacked: Mapping[str, Array]
 
     def straight(self, ask: Callable[[Array, Array], Solution]) -> bool:
         """Return whether the data tell that friction is a straight line; `ask` solves an equation y = columns."""
         torque = np.sqrt(np.mean(self.y**2))
-        for column in self.bent.T:
+        bent = [self.lacked[name] for name in BENT_BY if name in self.lacked]
+        for column in np.hstack(bent).T if bent else ():
             found = ask(self.y[:, 0], np.column_stack([self.columns, column]))
             most = abs(found.values[-1]) + 2.0 * np.sqrt(found.covariance[-1, -1])
             if not most * np.sqrt(np.mean(column**2)) < BENT * torque:
                 return False
-        return self.bent.shape[1] > 0
+        return bool(bent)

@@ -1,0 +1,129 @@
+"""An equation at the samples that are compared, and its solution."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from joint_id_core.data.recording import Array
+from joint_id_core.estimators.regression.equations import Equation
+from joint_id_core.estimators.regression.halves import with_halves
+from joint_id_core.estimators.regression.instruments import Tools
+from joint_id_core.estimators.regression.lacking import with_lacking
+from joint_id_core.estimators.regression.least_squares import (
+    ACCURACY,
+    Solution,
+    explained,
+    solve,
+    without,
+)
+from joint_id_core.estimators.regression.missing import (
+    HELPS,
+    share_explained,
+    share_predicted,
+)
+from joint_id_core.estimators.regression.presliding import with_inertia
+from joint_id_core.estimators.regression.share import Share, share_beside
+from joint_id_core.estimators.regression.signals import Rows
+from joint_id_core.estimators.regression.sliding import Sliding
+
+
+@dataclass(frozen=True)
+class Samples:
+    """An equation at the samples that are compared.
+
+    Attributes:
+        rows: the samples.
+        fast: True for those at which the joint does not nearly rest, shape (R,).
+        y, columns: in the band, shapes (R,) and (R, k).
+        lacked: columns (R, m) of torques that the model lacks, by the option that adds them.
+        time: instants of all samples of the recording in s, shape (T,).
+        drive: part of y that the drive makes, at all samples, in the band, shape (T,).
+        period: of the recording in s.
+        tools: instruments; None if least squares will do.
+        accuracy: see `least_squares.solve`.
+        turning: see `presliding.turning`, shape (R, m).
+        change: by how much the drive's part of y changes in a sample, shape (R,).
+        loaded: whether the load of the arm was computed from a description.
+        away: the equation without the instants at which the joint sticks; None if it has no friction, or instruments.
+    """
+
+    equation: Equation
+    rows: Rows
+    fast: NDArray[np.bool_]
+    y: Array
+    columns: Array
+    lacked: Mapping[str, Array]
+    time: Array
+    drive: Array
+    period: float
+    tools: Tools | None = None
+    accuracy: float = ACCURACY
+    turning: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    change: Array = field(default_factory=lambda: np.zeros(0))
+    loaded: bool = False
+    away: Sliding | None = None
+
+    def solve(self, positive: Sequence[bool], lag_s: float) -> Solution:
+        """Return the solution; `lag_s` as in the options.
+
+        If friction that turns over some distance predicts new samples better, inertia is that of a fit with it, since
+        without it the inertia would be too small. The other parameters are those that describe the motion without it.
+        Half of what it changes of the inertia is in doubt, and what it changes of the others if it matters. Without
+        instruments, the covariance contains how far both halves of the recording are apart.
+
+        Friction that is a straight line is that of the sliding joint; see `sliding`. Intervals contain what torques
+        change that the model lacks; see `lacking`.
+        """
+        ask = partial(solve, positive=positive, lag=lag_s / self.step, accuracy=self.accuracy)
+        beside, pieces, away = self._asked(positive, lag_s), self.rows.pieces, self.away
+        if away is not None and away.straight(beside):
+            y, columns = away.y[:, 0], away.columns
+            found = with_halves(
+                ask(y, columns, pieces=pieces),
+                len(pieces),
+                lambda part: ask(y[part], columns[part], pieces=pieces[part]),
+            )
+            found = with_lacking(found, self.equation, y, columns, away.lacked, beside)
+            return replace(found, r_squared=explained(self.y, self.columns @ found.values))
+        found, turn = ask(self.y, self.columns, pieces=pieces, tools=self.tools), self.turn
+        inertia = np.array([n == self.equation.inertia for n in self.equation.names])
+        if turn is not None and inertia.any():
+            other = ask(without(self.y[:, None], turn)[:, 0], without(self.columns, turn), pieces=pieces)
+            found = with_inertia(found, other, inertia, np.array(positive))
+        if self.tools is not None:
+            return found
+        found = with_halves(found, len(pieces), lambda part: ask(self.y[part], self.columns[part], pieces=pieces[part]))
+        return with_lacking(found, self.equation, self.y, self.columns, self.lacked, beside)
+
+    def share(self, positive: Sequence[bool], lag_s: float) -> Share | None:
+        """Return by how much of a sample the drive comes late; None without a drive or with instruments."""
+        if self.tools is not None or not self.change.any():
+            return None
+        y, columns, change = self.y, self.columns, self.change
+        if self.away is not None:  # what friction does while the joint sticks hides a delay
+            y, columns, change = self.away.y[:, 0], self.away.columns, self.away.change[:, 0]
+        return share_beside(y, columns, change, self._asked(positive, lag_s))
+
+    def _asked(self, positive: Sequence[bool], lag_s: float = 0.0) -> Callable[[Array, Array], Solution]:
+        """Return what solves the equation with more columns."""
+        known = partial(solve, pieces=self.rows.pieces, lag=lag_s / self.step, accuracy=self.accuracy)
+        return lambda y, columns: known(y, columns, [*positive, *[False] * (columns.shape[1] - len(positive))])
+
+    @cached_property
+    def turn(self) -> Array | None:
+        """What friction lacks after reversals, shape (R,); None if that would predict new samples no better."""
+        left = [share_explained(self.y, self.columns, column[:, None]) for column in self.turning.T]
+        if not left:
+            return None
+        best = self.turning[:, int(np.argmax(left))]
+        return best if share_predicted(self.y, self.columns, best[:, None]) > HELPS else None
+
+    @property
+    def step(self) -> float:
+        """Typical distance of two of the samples that are compared, in s."""
+        return float(np.median(np.diff(self.time[self.rows.index]))) if len(self.rows.index) > 1 else self.period
