@@ -117,7 +117,7 @@ def _fit(
 
     found = concerning(model, recording)
     bad = refused(model, estimator.name, found, recording)
-    whole, recording = recording, fitted_part(model, recording)
+    whole, recording, given = recording, fitted_part(model, recording), settings
     if bad is None and isinstance(estimator, Innovations):
         bad = hides_compliance(model, estimator.name, recording, settings)
     if bad is not None:
@@ -129,7 +129,7 @@ def _fit(
         again = partial(estimator.fit, model, settings=settings, progress=progress)
         near = partial(fit_innovations, model, settings=settings, options=estimator, progress=progress)
         estimate, share = fitted_between(estimate, model, recording, near)
-        estimate = cross_checked_whole(estimate, model, recording, settings, share)
+        estimate = cross_checked_whole(estimate, model, recording, given, share)
         recording = described(model, recording, share)
         late = with_late_signal(estimate, model, recording, again)
         estimate = with_signal_faults(estimate, model, recording, settings) if late is estimate else late

@@ -173,7 +173,7 @@ class OnlineIdentifier:
         estimate = self._task.fit(recording, self._alone)
         if estimate.converged:
             self._alone = estimate
-        return self._task.cross_checked(estimate, recording)
+        return self._task.cross_checked(estimate, recording, self.settings)
 
     # --- the situation
 
@@ -300,7 +300,8 @@ class OnlineIdentifier:
         recording, known = window.recording(), self._known
         if known is None:
             self._task = self._task.started(recording, self.settings)
-        fit = self._task.cross_checked(self._task.fit(recording, known.last if known else None), recording)
+        found = self._task.fit(recording, known.last if known else None)
+        fit = self._task.cross_checked(found, recording, self.settings)
         if not fit.converged:
             trial.shown = fit
             # Beside a memory that does not describe the window, two estimators that disagree on it tell nothing more.

@@ -77,11 +77,14 @@ class Task:
             return fitted_between(found, self.model, recording, again)[0]
         return self.estimator.fit(self.model, recording, self.settings)
 
-    def cross_checked(self, fit: Estimate, recording: Recording) -> Estimate:
-        """Return the fit of a window with what a second estimator says of it, if it was made by innovations."""
+    def cross_checked(self, fit: Estimate, recording: Recording, given: ParameterSettings) -> Estimate:
+        """Return the fit of a window with what a second estimator says of it, if it was made by innovations.
+
+        `given` is what the user has set: priors of `started` are no knowledge that the second one must share.
+        """
         if not isinstance(self.estimator, Innovations):
             return fit
-        return cross_checked(fit, self.model, recording, self.settings)
+        return cross_checked(fit, self.model, recording, given)
 
     def prepared(self, recording: Recording) -> FitData | None:
         """Return the signals of a recording without its rests; None if it cannot be used."""

@@ -51,6 +51,7 @@ def with_lacking(
     count = len(equation.names)
     inertia = np.array([n == equation.inertia for n in equation.names])
     same = {STRIBECK: ~inertia & ~equation.static, EYRING: ~inertia & ~equation.static, GRAVITY: equation.static}
+    before = np.sqrt(np.diag(found.covariance))
     total, told = np.zeros(count), list[str]()
     for option, more in lacked.items():
         if not more.any(axis=0).all():
@@ -64,7 +65,8 @@ def with_lacking(
         kept = found.unseen | found.held | other.unseen[:count] | other.held[:count]
         bias = np.where(kept | same.get(option, False), 0.0, np.abs(other.values[:count] - found.values))
         total = np.maximum(total, bias)
-        if better or (bias > TOLD * np.abs(found.values)).any():
+        matters = (bias > TOLD * np.abs(found.values)) & (bias > before)
+        if (better and option != COMPLIANCE) or matters.any():
             told.append(WORDS[option])
     said = f"the residuals show {' and '.join(told)}; {CONTAINED}" if told else ""
     return doubted(found, total, said)

@@ -39,6 +39,8 @@ class Share:
 
     def doubt(self, taken: bool) -> Array:
         """Return what it may change of the parameters, shape (k,): of a drive taken for held, or with a share."""
+        if self.value < -SURE * self.sigma:
+            return np.asarray(np.abs(self.value * self.effect))
         square = self.sigma**2 if taken else mean_square_share(self.value, self.sigma**-2)
         return np.asarray(np.sqrt(square) * self.effect)
 
