@@ -11,6 +11,7 @@ from joint_id_core.estimators import Regression
 from joint_id_core.filtering.offline import complete
 from joint_id_core.models import build
 from joint_id_core.online.identifier import OnlineIdentifier
+from joint_id_core.results.estimate import Status
 from joint_id_core.simulation.position_control import simulate_closed_loop
 from joint_id_core.simulation.sensors import Sensors
 
@@ -44,8 +45,11 @@ def test_online_windows_of_single_moves_show_no_load_that_is_not_there(seed, gra
         if (estimate := joint.update(samples.slice(k, k + 100))) is not None and not estimate.status.unusable:
             found.append(estimate)
     assert any(estimate.converged for estimate in found)
+    # one move tells little: the second estimator may be wrong there by itself, and both are in the interval then
+    doubtful = [estimate for estimate in found if estimate.status is Status.DISAGREE]
+    assert len(doubtful) <= 1
     for estimate in found:
-        assert "a load" not in estimate.message.lower()
+        assert estimate in doubtful or "a load" not in estimate.message.lower()
         for name in estimate.free if estimate.converged else ():
             assert abs(estimate[name].value - truth[name]) < 4.0 * estimate[name].std_dev, name
 
