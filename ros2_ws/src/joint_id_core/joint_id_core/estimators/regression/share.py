@@ -38,10 +38,15 @@ class Share:
         return self.value > max(SURE * self.sigma, LEAST)
 
     def doubt(self, taken: bool) -> Array:
-        """Return what it may change of the parameters, shape (k,): of a drive taken for held, or with a share."""
-        if self.value < -SURE * self.sigma:
-            return np.asarray(np.abs(self.value * self.effect))
-        square = self.sigma**2 if taken else mean_square_share(self.value, self.sigma**-2)
+        """Return what it may change of the parameters, shape (k,): of a drive taken for held, or with a share.
+
+        A share that is taken may be that of another estimator: what is left of it beside all parameters is in doubt.
+        So is a drive that comes early, which no share describes.
+        """
+        if taken or self.value < -SURE * self.sigma:
+            square = max(self.value**2, self.sigma**2)
+        else:
+            square = mean_square_share(self.value, self.sigma**-2)
         return np.asarray(np.sqrt(square) * self.effect)
 
 
