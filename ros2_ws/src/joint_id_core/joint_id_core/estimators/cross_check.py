@@ -101,7 +101,7 @@ def _containing(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
     for second in opinion.seconds:
         first = rows[second.name]
         distance = abs(first.value - second.value)
-        if first.verdict is Verdict.ESTIMATED and distance > FURTHER * math.hypot(first.std_dev, second.sigma):
+        if _claims(first, model) and distance > FURTHER * math.hypot(first.std_dev, second.sigma):
             sigma = math.hypot(first.std_dev, distance)
             scale[estimate.free.index(second.name)] = sigma / first.std_dev
             rows[second.name] = widened(model, first, sigma)
@@ -110,6 +110,12 @@ def _containing(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
         return estimate
     said = f"the intervals of {listed(further)} contain the values of a regression, which are further away than chance"
     return _with_rows(estimate, rows, scale, (*estimate.notes[:1], sentence(said), *estimate.notes[1:]))
+
+
+def _claims(row: ParameterEstimate, model: Model) -> bool:
+    """Return whether the interval of a parameter says something: a bound of its magnitude does, too."""
+    bound = row.verdict is Verdict.PRIOR and model.parameter(row.name).positive
+    return bound or row.verdict is Verdict.ESTIMATED
 
 
 def _without_noise(estimate: Estimate, name: str) -> float:
@@ -212,7 +218,7 @@ def _as_wide(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
             rows[name] = replace(rows[name], verdict=Verdict.PRIOR, reason=said)
     for second in opinion.seconds:
         first = rows[second.name]
-        if first.verdict is not Verdict.ESTIMATED or not second.wide > first.std_dev:
+        if not _claims(first, model) or not second.wide > first.std_dev:
             continue
         scale[estimate.free.index(second.name)] = second.wide / first.std_dev
         rows[second.name] = widened(model, first, second.wide)
