@@ -64,22 +64,28 @@ def test_gravity_is_taken_where_the_motion_shows_it(tmp_path, run_here):
     assert run_here(*pasted(out))[0] == 0
 
 
-def test_a_model_that_does_not_describe_the_motion_is_left_out_and_said(tmp_path, run_here):
+def of_two_encoders(path):
+    """Write a log of a rigid joint with the encoders of both sides of a gear, which allows a flexible joint."""
     rigid = motion(6.0)
-    both = (
-        {"link_position": rigid["link_position"], "motor_velocity": 101.0 * rigid["link_velocity"]}
-        if "link_velocity" in rigid
-        else {}
-    )
     noise = 0.3 * np.random.default_rng(0).standard_normal(len(rigid))
-    both = both or {
-        "link_position": rigid["link_position"],
-        "motor_velocity": 101.0 * np.gradient(rigid["link_position"], rigid.time) + noise,
-    }
-    formats.write(tmp_path / "log.csv", Recording(rigid.time, both | {"torque": rigid["torque"]}))
+    velocity = 101.0 * np.gradient(rigid["link_position"], rigid.time) + noise
+    channels = {"link_position": rigid["link_position"], "motor_velocity": velocity, "torque": rigid["torque"]}
+    formats.write(path, Recording(rigid.time, channels))
+
+
+def test_a_model_that_does_not_describe_the_motion_is_left_out_and_said(tmp_path, run_here):
+    of_two_encoders(tmp_path / "log.csv")
     code, out = run_here("fit", "log.csv")
     assert code == 0 and "model rigid_joint" in out
     assert "harmonic_drive was tried and left out: " in out
+
+
+def test_a_regression_gets_the_richest_model_that_it_suits(tmp_path, run_here):
+    of_two_encoders(tmp_path / "log.csv")
+    code, out = run_here("fit", "log.csv", "--estimator", "regression")
+    assert code == 0 and "model rigid_joint" in out and "harmonic_drive" not in out
+    code, out = run_here("fit", "log.csv", "--estimator", "regression", "--model", "harmonic_drive")
+    assert code != 0 and "estimator regression does not suit model harmonic_drive" in out
 
 
 def test_every_joint_of_a_bag_is_a_row(tmp_path, run_here, in_this_process):

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators import Estimator, ParameterSettings, fit_several
+from joint_id_core.estimators import Estimator, ParameterSettings, Regression, fit_several
 from joint_id_core.jobs.given import Given, Part, plain, with_load
 from joint_id_core.jobs.robot_file import robot_settings
 from joint_id_core.models.options import ModelOptions
@@ -81,9 +81,10 @@ class FitJob:
         first = given.recordings[0]
         left_out, found = [], proposals(first, self.model_options)
         models = [proposal.options.build(proposal.options.drive_in(first)) for proposal in found]
-        if self.urdf is not None and any(model.load for model in models):
-            found = [proposal for proposal, model in zip(found, models, strict=True) if model.load]
-            models = [model for model in models if model.load]
+        for wanted in (lambda model: self.urdf is None or model.load, self._suits):
+            if any(wanted(model) for model in models):  # else the first fit says what is wrong
+                found = [proposal for proposal, model in zip(found, models, strict=True) if wanted(model)]
+                models = [model for model in models if wanted(model)]
         for name in self.settings.names:
             if not any(name in model.parameter_names for model in models):
                 models[-1].parameter(name)  # says what there is
@@ -96,6 +97,18 @@ class FitJob:
                 break
             left_out.append(f"{model.name} was tried and left out: {doubt}")
         return Result(job, together, (f"model {proposal}", *left_out))
+
+    def _suits(self, model: Model) -> bool:
+        """Return whether the estimator can fit a model."""
+        if not isinstance(self.estimator, Regression):
+            return True
+        from joint_id_core.estimators.regression.fit import require_suitable  # loads SciPy
+
+        try:
+            require_suitable(model)
+        except JointIdError:
+            return False
+        return True
 
     def _fitted(self, given: Given, progress: Progress | None) -> Together:
         model = self.built(given.recordings[0])
