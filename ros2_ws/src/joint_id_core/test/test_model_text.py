@@ -9,6 +9,9 @@ from joint_id_core.comparison.model_text import drive_of, parse
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import LAWS, build
+from joint_id_core.simulation.excitation import multisine
+from joint_id_core.simulation.sensors import Sensors
+from joint_id_core.simulation.simulator import simulate
 
 
 def recording(*channels: str) -> Recording:
@@ -62,6 +65,16 @@ def test_the_drive_is_the_one_that_was_recorded_unless_it_is_said():
 )
 def test_without_a_text_the_recording_chooses(channels, models):
     assert set(labels([], recording(*channels))) == {f"{model}:{law}" for model in models for law in LAWS}
+
+
+@pytest.mark.parametrize(("load", "option"), [(0.0, ""), (8.0, "+gravity")])
+def test_without_a_text_gravity_is_among_them_where_the_motion_shows_it(load, option):
+    time = np.arange(0.0, 8.0, 0.004)
+    torque = multisine(time, 25.0, (0.3, 0.9, 2.1), seed=2)
+    model = build("rigid_joint", gravity=True)
+    moved = simulate(model, time, {"torque": torque}, model.values({"a_g": load, "b_g": 0.3 * load}))
+    seen = Sensors(noise={"link_position": 1e-5}).measure(moved, 1, keep=("link_position", "torque"))
+    assert [c.label for c in parse([], seen)] == [f"rigid_joint:{law}{option}" for law in LAWS]
 
 
 def test_a_recording_that_suits_no_model_asks_for_names():

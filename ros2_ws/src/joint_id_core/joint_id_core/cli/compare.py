@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from joint_id_core.estimators.shared.settings import ParameterSettings
 
 MODELS_HELP = (
-    f"{GRAMMAR}; repeat it or separate with commas (default: every law of the models that the recording can tell of; "
-    "a single model without a law: every law of it)"
+    f"{GRAMMAR}; repeat it or separate with commas (default: every law of the models that the recording can tell of, "
+    "with gravity where the motion shows it; a single model without a law: every law of it)"
 )
 
 

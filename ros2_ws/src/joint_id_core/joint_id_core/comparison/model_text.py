@@ -40,14 +40,14 @@ def parse(models: Sequence[str | Model | Candidate], recording: Recording) -> tu
 
     A text without a friction law means the paper's law, `coulomb_viscous`. The law `all` gives one candidate per law;
     so does a single text without a law, because one candidate is no comparison. Without any text the models of
-    `every_model` are compared with every law. A model that can be driven by torque or current takes the torque if it
-    was recorded, else the current.
+    `every_model` are compared with every law, with gravity if the motion clearly shows it. A model that can be driven
+    by torque or current takes the torque if it was recorded, else the current.
 
     Raises:
         JointIdError: an unknown model, law or option (the message lists the known ones), an option that the model does
             not have, a candidate given twice, fewer than two candidates.
     """
-    named = list(models) or [f"{name}:{EVERY_LAW}" for name in every_model(recording)]
+    named = list(models) or list(_every_candidate(recording))
     if len(named) == 1 and isinstance(named[0], str) and ":" not in named[0]:
         name, plus, options = named[0].partition("+")
         named = [f"{name}:{EVERY_LAW}{plus}{options}"]
@@ -88,6 +88,16 @@ def every_model(recording: Recording) -> tuple[str, ...]:
 
 
 _SIDES = ("link", "motor")
+
+
+def _every_candidate(recording: Recording) -> Iterator[str]:
+    """Yield the texts that are compared if the user names none."""
+    from joint_id_core.comparison.gravity import CLEARLY, WITH_GRAVITY, gravity_helps  # loads SciPy
+
+    names = every_model(recording)
+    gravity = gravity_helps(recording) > CLEARLY
+    for name in names:
+        yield f"{name}:{EVERY_LAW}{'+gravity' if gravity and name in WITH_GRAVITY else ''}"
 
 
 def _candidate(model: Model | Candidate) -> Candidate:
