@@ -80,7 +80,7 @@ def with_late_drive(found: Solution, late: Shift, y: Array, columns: Array) -> S
 
 def doubted(found: Solution, doubt: Array, said: str = "") -> Solution:
     """Return a solution whose intervals contain a doubt (k,), with the reason as a clause."""
-    if not doubt.any():
+    if not doubt.any() and not said:
         return found
     reasons = (*found.reasons, said) if said else found.reasons
     covariance = found.covariance + np.diag(doubt**2)

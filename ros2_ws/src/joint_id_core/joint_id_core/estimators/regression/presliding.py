@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.regression.equations import Motion
+from joint_id_core.estimators.regression.lacking import TOLD
 from joint_id_core.estimators.regression.least_squares import Solution
 from joint_id_core.estimators.shared.hysteresis import hysteresis
 from joint_id_core.models import Model
@@ -23,7 +24,6 @@ REACHES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
 # Of what it changes of the inertia, which is in doubt: on simulated joints whose friction turns over 1 to 3 % of the
 # travel a tenth is left.
 DOUBTED = 0.5
-TOLD = 0.05  # doubt over the value from which its reason is told
 SAID = "after reversals friction turns over some distance, which no law has; the inertia is that beside it"
 MATTERS = 0.1  # least change of friction over its value that puts it in doubt
 
