@@ -274,6 +274,8 @@ class OnlineIdentifier:
         if apart(look.fit, known.follower.now(), self._task.coordinates):
             known = self._known = Knowledge.from_window(self._task, look.fit, look.samples, self._lasting)
             self._checks.begin(self._window.end)
+        else:  # more samples show what a window hides, as a little play in the gear
+            known.take(look.fit)
         return known
 
     def _agrees(self, known: Knowledge) -> bool:

@@ -104,13 +104,18 @@ class Knowledge:
         changed or the joint. If the noise changed, most of what is known of its levels is forgotten, so
         that the next samples move them soon.
         """
-        fit, last = checked.fit, self.last
+        fit = checked.fit
         if checked.doubted and not (fit.converged and agree(fit, self.follower.now(), self._task.coordinates)):
             return False
-        if not fit.converged or fit.free != last.free or set(fit.noise) != set(last.noise):
-            return True
-        if checked.doubted:
+        if self.take(fit) and checked.doubted:
             self.follower.levels.doubt(since=fit.start)
+        return True
+
+    def take(self, fit: Estimate) -> bool:
+        """Take what a fit that agrees shows of the joint; return whether it can be taken."""
+        last = self.last
+        if not fit.converged or fit.free != last.free or set(fit.noise) != set(last.noise):
+            return False
         self.last = self._lasting.on(replace(fit, noise={n: fit.noise[n] for n in last.noise}))
         return True
 
