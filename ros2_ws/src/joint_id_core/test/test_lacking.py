@@ -13,6 +13,7 @@ from joint_id_core.estimators.regression.equations import Equation
 from joint_id_core.estimators.regression.lacking import with_lacking
 from joint_id_core.estimators.regression.least_squares import solve
 from joint_id_core.estimators.regression.missing import COMPLIANCE, EYRING, GRAVITY
+from joint_id_core.estimators.regression.share import Share
 from joint_id_core.models import build
 from joint_id_core.simulation.excitation import position_reference
 from joint_id_core.simulation.position_control import simulate_closed_loop
@@ -120,3 +121,11 @@ def test_the_bias_is_that_of_an_omitted_variable(option, static, counts):
 
     same = with_lacking(ask(y - 0.2 * x, columns), equation(static), y - 0.2 * x, columns, {option: x[:, None]}, ask)
     assert not np.any(same.doubt) and same.reasons == ()
+
+
+def test_what_is_left_of_a_share_and_a_drive_that_comes_early_are_in_doubt():
+    effect = np.array([1.0, -0.5])
+    assert Share(-0.2, 0.03, effect).doubt(taken=True) == pytest.approx(0.2 * effect)
+    assert Share(0.01, 0.03, effect).doubt(taken=True) == pytest.approx(0.03 * effect)
+    assert Share(-3.0, 0.2, effect).doubt(taken=False) == pytest.approx(3.0 * effect)
+    assert np.all(np.abs(Share(-0.1, 0.2, effect).doubt(taken=False)) < 0.1), "chance, of a drive that is held"
