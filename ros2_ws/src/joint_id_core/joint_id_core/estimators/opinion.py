@@ -76,13 +76,10 @@ class Opinion:
 
 def suits(model: Model) -> bool:
     """Return whether there can be a second opinion on an estimate of this model; load what that needs."""
-    from joint_id_core.estimators.regression.fit import require_suitable
+    from joint_id_core.estimators.regression.fit import suits as regression_suits
 
-    try:
-        require_suitable(model)
-    except JointIdError:
-        return False
-    if model.torque_drive is None:  # noise of a current that is a state biases it, by little, but more than its sigma
+    # Noise of a current that is a state biases it, by little, but more than its sigma.
+    if not regression_suits(model) or model.torque_drive is None:
         return False
     import scipy.signal  # noqa: F401  # half a second, which the first opinion of a live joint must not take
 

@@ -87,10 +87,9 @@ def _with_torques(
 
 def _own_equations(model: Model, recording: Recording, settings: ParameterSettings) -> list[Fitted] | None:
     """Return a regression of the model; None if it does not suit the model or the recording."""
-    from joint_id_core.estimators.regression.fit import regressed, require_suitable  # loads SciPy
+    from joint_id_core.estimators.regression.fit import regressed  # loads SciPy
 
     try:
-        require_suitable(model)
         return regressed(model, recording, settings, Regression())
     except JointIdError:
         return None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -81,10 +82,9 @@ class FitJob:
         first = given.recordings[0]
         left_out, found = [], proposals(first, self.model_options)
         models = [proposal.options.build(proposal.options.drive_in(first)) for proposal in found]
-        for wanted in (lambda model: self.urdf is None or model.load, self._suits):
-            if any(wanted(model) for model in models):  # else the first fit says what is wrong
-                found = [proposal for proposal, model in zip(found, models, strict=True) if wanted(model)]
-                models = [model for model in models if wanted(model)]
+        if not any(suited := [self._suits(model) for model in models]):
+            suited = [True] * len(models)  # the first fit says what is wrong
+        found, models = list(compress(found, suited)), list(compress(models, suited))
         for name in self.settings.names:
             if not any(name in model.parameter_names for model in models):
                 models[-1].parameter(name)  # says what there is
@@ -99,16 +99,14 @@ class FitJob:
         return Result(job, together, (f"model {proposal}", *left_out))
 
     def _suits(self, model: Model) -> bool:
-        """Return whether the estimator can fit a model."""
+        """Return whether the model takes the load of a description, if there is one, and suits the estimator."""
+        if self.urdf is not None and model.load is None:
+            return False
         if not isinstance(self.estimator, Regression):
             return True
-        from joint_id_core.estimators.regression.fit import require_suitable  # loads SciPy
+        from joint_id_core.estimators.regression.fit import suits  # loads SciPy
 
-        try:
-            require_suitable(model)
-        except JointIdError:
-            return False
-        return True
+        return suits(model)
 
     def _fitted(self, given: Given, progress: Progress | None) -> Together:
         model = self.built(given.recordings[0])

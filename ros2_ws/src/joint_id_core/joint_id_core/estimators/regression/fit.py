@@ -54,7 +54,7 @@ def fit_regression(
             as an `Estimate` with a status.
     """
     begun, options = time.perf_counter(), options or Regression()
-    require_suitable(model)
+    _require_suitable(model)
     if settings is not None and settings.priors:
         raise JointIdError("estimator regression takes no priors: leave them out, or use the estimator innovations")
     try:
@@ -71,7 +71,7 @@ def regressed(model: Model, recording: Recording, settings: ParameterSettings, o
         JointIdError: as `fit_regression`.
         UnusableError: the recording cannot be used.
     """
-    require_suitable(model)
+    _require_suitable(model)
     return fitted_equations(prepare(model, recording, settings, leave_out_rests=True), options)[1]
 
 
@@ -112,14 +112,13 @@ def with_share(
     return data, band_hz, [f.doubted(share > 0.0) for f in fitted], share
 
 
-def require_suitable(model: Model) -> None:
-    """Check that a regression suits a model.
+def suits(model: Model) -> bool:
+    """Return whether a regression suits a model: it needs a drive, and states on one side of the gear."""
+    return model.drive is not None and len({side_of(n) for n in model.state_names} - {None}) == 1
 
-    Raises:
-        JointIdError: it has no drive, or states on both sides of the gear.
-    """
-    sides = {side_of(n) for n in model.state_names} - {None}
-    if model.drive is None or len(sides) != 1:
+
+def _require_suitable(model: Model) -> None:
+    if not suits(model):
         raise JointIdError(
             f"estimator regression does not suit model {model.name}: it needs a drive, and states on one side of the "
             "gear. Use the estimator innovations, or model rigid_joint or motor_side"

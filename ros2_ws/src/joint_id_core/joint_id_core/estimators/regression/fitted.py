@@ -100,9 +100,8 @@ class Fitted:
     @property
     def changed(self) -> list[tuple[str, float, float]]:
         """Parameters that differ most between the halves of the recording, at most two, with their values in both."""
-        halves, changes = self.solution.halves, np.broadcast_to(self.solution.changes, len(self.names))
-        if halves is None:
-            return []
+        changes = np.broadcast_to(self.solution.changes, len(self.names))
+        halves = np.broadcast_to(self.solution.halves, (2, len(self.names)))
         size = changes / np.maximum(np.abs(self.solution.values), TINY)
         order = [int(k) for k in np.argsort(-size)[:2] if size[k] > TOLD]
         return [(self.names[k], float(halves[0, k]), float(halves[1, k])) for k in order]

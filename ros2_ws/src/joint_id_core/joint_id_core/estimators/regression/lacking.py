@@ -4,7 +4,8 @@ The covariance of a regression reckons with residuals of chance. A torque that g
 lacks, leaves the same residual in every period, so it moves the values far beyond such intervals: a spring of a cable
 took 4 % off the inertia of a simulated joint, 12 standard deviations, and 99.9 % of the torque were explained. So each
 torque that a model may lack is fitted beside its parameters (Breusch & Pagan, Rev. Econ. Stud. 47, 1980, test so), and
-what it changes of them is added to their intervals if the data show it.
+what its omission changes of them, which is its regression on their columns, is added to their intervals if the data
+show it.
 
 What the model has of the same kind is the part of such a torque that looks like it, and stays: Coulomb and viscous
 friction are the straight line that is nearest to another law over the speeds of the recording, and a constant offset is
@@ -51,7 +52,7 @@ def with_lacking(
     count = len(equation.names)
     inertia = np.array([n == equation.inertia for n in equation.names])
     same = {STRIBECK: ~inertia & ~equation.static, EYRING: ~inertia & ~equation.static, GRAVITY: equation.static}
-    before = np.sqrt(np.diag(found.covariance))
+    before, free = np.sqrt(np.diag(found.covariance)), ~found.unseen & ~found.held
     total, told = np.zeros(count), list[str]()
     for option, more in lacked.items():
         if not more.any(axis=0).all():
@@ -62,8 +63,9 @@ def with_lacking(
         better = share_predicted(y, columns[:, ~found.unseen], more) > HELPS
         if not better and not (size > SHOWN).any():
             continue
-        kept = found.unseen | found.held | other.unseen[:count] | other.held[:count]
-        bias = np.where(kept | same.get(option, False), 0.0, np.abs(other.values[:count] - found.values))
+        bias = np.zeros(count)
+        bias[free] = np.abs(np.linalg.lstsq(columns[:, free], more @ other.values[count:], rcond=None)[0])
+        bias[same.get(option, np.zeros(count, dtype=bool))] = 0.0
         total = np.maximum(total, bias)
         matters = (bias > TOLD * np.abs(found.values)) & (bias > before)
         if (better and option != COMPLIANCE) or matters.any():

@@ -50,7 +50,7 @@ class Solution:
     doubt: Array | float = 0.0
     reasons: tuple[str, ...] = ()
     changes: Array | float = 0.0
-    halves: Array | None = None
+    halves: Array | float = float("nan")
 
     @property
     def wide(self) -> Array:

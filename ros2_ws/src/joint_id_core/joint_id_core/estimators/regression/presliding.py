@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.regression.equations import Motion
-from joint_id_core.estimators.regression.lacking import TOLD
+from joint_id_core.estimators.regression.lacking import TOLD, doubted
 from joint_id_core.estimators.regression.least_squares import Solution
 from joint_id_core.estimators.shared.hysteresis import hysteresis
 from joint_id_core.models import Model
@@ -25,6 +25,7 @@ REACHES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
 # travel a tenth is left.
 DOUBTED = 0.5
 SAID = "after reversals friction turns over some distance, which no law has; the inertia is that beside it"
+OF_A_PARAMETER = ("values", "held", "unseen", "unbounded", "sigma", "doubt", "changes", "halves")
 MATTERS = 0.1  # least change of friction over its value that puts it in doubt
 
 
@@ -57,11 +58,6 @@ def with_inertia(found: Solution, other: Solution, inertia: NDArray[np.bool_], p
     place = np.flatnonzero(inertia & ~np.isfinite(before))  # zero without the memory: nothing is known of correlations
     covariance[place, :] = covariance[:, place] = 0.0
     covariance[place, place] = other.covariance[place, place]
-    values, held, unseen, unbounded, sigma = (
-        np.where(inertia, getattr(other, name), getattr(found, name))
-        for name in ("values", "held", "unseen", "unbounded", "sigma")
-    )
-    return replace(
-        found, values=values, covariance=covariance + np.diag(doubt**2), held=held, unseen=unseen, unbounded=unbounded,
-        sigma=sigma, doubt=doubt, reasons=(SAID,) if (doubt > TOLD * np.abs(unbounded)).any() else (),
-    )  # fmt: skip
+    chosen = {name: np.where(inertia, getattr(other, name), getattr(found, name)) for name in OF_A_PARAMETER}
+    turned = replace(found, covariance=covariance, **chosen)
+    return doubted(turned, doubt, SAID if (doubt > TOLD * np.abs(turned.unbounded)).any() else "")

@@ -81,24 +81,25 @@ class Samples:
         """
         ask = partial(solve, positive=positive, lag=lag_s / self.step, accuracy=self.accuracy)
         beside, pieces, away = self._asked(positive, lag_s), self.rows.pieces, self.away
+
+        def contained(y: Array, columns: Array, lacked: Mapping[str, Array]) -> Solution:
+            found = ask(y, columns, pieces=pieces)
+            found = with_halves(found, len(y), lambda part: ask(y[part], columns[part], pieces=pieces[part]))
+            return with_lacking(found, self.equation, y, columns, lacked, beside)
+
         if away is not None and away.straight(beside):
-            y, columns = away.y[:, 0], away.columns
-            found = with_halves(
-                ask(y, columns, pieces=pieces),
-                len(pieces),
-                lambda part: ask(y[part], columns[part], pieces=pieces[part]),
-            )
-            found = with_lacking(found, self.equation, y, columns, away.lacked, beside)
+            found = contained(away.y[:, 0], away.columns, away.lacked)
             return replace(found, r_squared=explained(self.y, self.columns @ found.values))
-        found, turn = ask(self.y, self.columns, pieces=pieces, tools=self.tools), self.turn
-        inertia = np.array([n == self.equation.inertia for n in self.equation.names])
-        if turn is not None and inertia.any():
-            other = ask(without(self.y[:, None], turn)[:, 0], without(self.columns, turn), pieces=pieces)
-            found = with_inertia(found, other, inertia, np.array(positive))
         if self.tools is not None:
+            found = ask(self.y, self.columns, pieces=pieces, tools=self.tools)
+        else:
+            found = contained(self.y, self.columns, self.lacked)
+        inertia, turn = np.array([n == self.equation.inertia for n in self.equation.names]), self.turn
+        if turn is None or not inertia.any():
             return found
-        found = with_halves(found, len(pieces), lambda part: ask(self.y[part], self.columns[part], pieces=pieces[part]))
-        return with_lacking(found, self.equation, self.y, self.columns, self.lacked, beside)
+        y, columns = without(self.y[:, None], turn)[:, 0], without(self.columns, turn)
+        other = contained(y, columns, {option: without(more, turn) for option, more in self.lacked.items()})
+        return with_inertia(found, other, inertia, np.array(positive))
 
     def share(self, positive: Sequence[bool], lag_s: float) -> Share | None:
         """Return by how much of a sample the drive comes late; None without a drive or with instruments."""
