@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
-from robots.recordings import kuka
+from robots.recordings import kuka, parts, ur3e_shoulder
 
 from joint_id_core.checking.findings import findings
 from joint_id_core.data.recording import Array, Recording
-from joint_id_core.estimators import Innovations, ParameterSettings, Regression, fit
+from joint_id_core.estimators import DEFAULT, Estimator, Innovations, ParameterSettings, Regression, fit
 from joint_id_core.estimators.regression.side_faults import side_fault
 from joint_id_core.estimators.regression_starts import started
 from joint_id_core.models import build
@@ -48,8 +48,8 @@ def ur10e(name: str, joint: int, load: bool = False) -> Recording:
     return Recording(table[:, 0], channels, source=name)
 
 
-def found(recording: Recording, gravity: bool = False) -> Estimate:
-    return fit(build("rigid_joint", gravity=gravity), recording, estimator=Regression())
+def found(recording: Recording, gravity: bool = False, estimator: Estimator | None = None) -> Estimate:
+    return fit(build("rigid_joint", gravity=gravity), recording, estimator=estimator or Regression())
 
 
 def test_emps_has_the_published_parameters():
@@ -72,18 +72,28 @@ def agreement(estimates: list[Estimate], names: tuple[str, ...] = ("c", "tau_f")
     return agree
 
 
-def test_thirds_of_a_record_of_one_joint_agree_within_their_intervals():
+@pytest.mark.parametrize("estimator", [Regression(), DEFAULT], ids=lambda estimator: estimator.name)
+def test_thirds_of_a_record_of_one_joint_agree_within_their_intervals(estimator):
     """Their means are those of the data's authors (joint 1, least squares) and of the whole arm (joint 4)."""
-    agree = []
+    agree, sigma = [], []
     for joint, gravity, c, tau_f in ((1, False, 25.9, 16.1), (4, True, 3.6, 2.8)):
         record = ur10e(f"ur-20_01_22-joint_{joint}", joint)
         count = len(record) // 3
-        thirds = [found(record.slice(k * count, (k + 1) * count), gravity) for k in range(3)]
+        thirds = [found(record.slice(k * count, (k + 1) * count), gravity, estimator) for k in range(3)]
         assert np.mean([e["c"].value for e in thirds]) == pytest.approx(c, rel=0.05)
         assert np.mean([e["tau_f"].value for e in thirds]) == pytest.approx(tau_f, rel=0.05)
-        assert np.median([e[n].std_dev / e[n].value for e in thirds for n in ("c", "tau_f")]) < 0.05
+        sigma += [e[n].std_dev / e[n].value for e in thirds for n in ("c", "tau_f")]
         agree += agreement(thirds)
+    assert np.median(sigma) < 0.05
     assert np.mean(agree) > 0.8
+
+
+def test_a_short_move_of_a_shoulder_shows_its_friction():
+    """The inertia is not known by `innovations`; friction is, and both halves agree."""
+    halves = [found(half, True, DEFAULT) for half in parts(ur3e_shoulder(), 2)]
+    assert all(e.status in (Status.CONVERGED, Status.DISAGREE) for e in halves)
+    assert all(agreement(halves))
+    assert all(e["tau_f"].std_dev < 0.1 * e["tau_f"].value for e in halves)
 
 
 def test_recordings_with_all_joints_moving_agree_within_their_intervals():

@@ -105,10 +105,12 @@ def _fit(
     from joint_id_core.estimators.between_samples import described, fitted_between  # loads NumPy, as the next
     from joint_id_core.estimators.constancy import with_constancy
     from joint_id_core.estimators.correction import with_correction
-    from joint_id_core.estimators.cross_check import cross_checked_whole
+    from joint_id_core.estimators.cross_check import judged_whole
     from joint_id_core.estimators.innovations.fit import fit_innovations
     from joint_id_core.estimators.late_signal import with_late_signal
+    from joint_id_core.estimators.narrowed import narrowed
     from joint_id_core.estimators.one_encoder import hides_compliance
+    from joint_id_core.estimators.opinion import second_opinion
     from joint_id_core.estimators.regression_starts import started
     from joint_id_core.estimators.shared.data_check import concerning, noted, refused
     from joint_id_core.estimators.shared.held_values import with_held_values
@@ -129,11 +131,14 @@ def _fit(
         again = partial(estimator.fit, model, settings=settings, progress=progress)
         near = partial(fit_innovations, model, settings=settings, options=estimator, progress=progress)
         estimate, share = fitted_between(estimate, model, recording, near)
-        estimate = cross_checked_whole(estimate, model, recording, given, share)
+        opinion = second_opinion(estimate, model, recording, given, share)
+        estimate = estimate if opinion is None else judged_whole(estimate, model, opinion)
         recording = described(model, recording, share)
         late = with_late_signal(estimate, model, recording, again)
-        estimate = with_signal_faults(estimate, model, recording, settings) if late is estimate else late
+        in_time = late is estimate
+        estimate = with_signal_faults(estimate, model, recording, settings) if in_time else late
         estimate = with_constancy(estimate, model, recording, settings)
+        estimate = narrowed(estimate, model, opinion) if opinion is not None and in_time else estimate
         estimate = with_correction(estimate, model, settings)
     if estimate.status.unusable:
         return estimate

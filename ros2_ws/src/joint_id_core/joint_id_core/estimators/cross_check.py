@@ -44,17 +44,8 @@ def cross_checked(
     return estimate if opinion is None else judged(estimate, model, opinion)
 
 
-def cross_checked_whole(
-    estimate: Estimate, model: Model, recording: Recording, settings: ParameterSettings | None = None,
-    share: float = 0.0,
-) -> Estimate:  # fmt: skip
-    """Return the same for a whole recording, in which the joint must not change: live, that is what is looked for.
-
-    `share` is that of the next sample of a mean drive that the estimate describes.
-    """
-    opinion = second_opinion(estimate, model, recording, settings, share)
-    if opinion is None:
-        return estimate
+def judged_whole(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
+    """Return the same for a whole recording, in which the joint must not change: live, that is what is looked for."""
     found = judged(estimate, model, opinion)
     return _poor(found, opinion.changed) if opinion.changed and not opinion.fault else found
 

@@ -1,0 +1,73 @@
+"""Where the model lacks something and both estimators agree, values are those that depend less on it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from joint_id_core.estimators import fit
+from joint_id_core.estimators.narrowed import narrowed
+from joint_id_core.estimators.opinion import Opinion, Second
+from joint_id_core.results.estimate import Estimate, Status, Verdict
+
+from .online_motion import MODEL, TRUTH, motion
+
+
+@pytest.fixture(scope="module")
+def wide() -> Estimate:
+    """A good estimate, with standard deviations of a tenth and residuals that are not white."""
+    good = fit(MODEL, motion())
+    assert good.converged and good.checks is not None
+    sigma = {n: 0.1 * max(abs(TRUTH[n]), 1.0) for n in good.free}
+    rows = tuple(replace(p, std_dev=sigma[p.name]) if p.name in sigma else p for p in good.parameters)
+    scale = np.array([sigma[n] for n in good.free]) / np.sqrt(np.diag(good.covariance))
+    checks = replace(good.checks, texts=("the residuals are not white",))
+    return replace(good, parameters=rows, covariance=good.covariance * np.outer(scale, scale), checks=checks)
+
+
+def opinion(estimate: Estimate, name: str, deviations: float, sigma: float, doubt: float = 0.0) -> Opinion:
+    """What a regression says of one parameter, some of the estimate's standard deviations away."""
+    row = estimate[name]
+    return Opinion("", (Second(name, row.value + deviations * row.std_dev, sigma * row.std_dev, 1.0, doubt),), 0.99)
+
+
+@pytest.mark.parametrize("name", ["J", "tau_f"])
+def test_the_interval_contains_that_of_the_regression_and_the_distance(wide, name):
+    found, before = narrowed(wide, MODEL, opinion(wide, name, 0.3, 0.2)), wide[name]
+    row, k = found[name], found.free.index(name)
+    assert row.value == pytest.approx(before.value + 0.3 * before.std_dev)
+    assert row.std_dev == pytest.approx(math.hypot(0.2 * before.std_dev, 0.3 * before.std_dev, 0.01 * row.value))
+    assert row.verdict is Verdict.ESTIMATED
+    assert np.sqrt(found.covariance[k, k]) == pytest.approx(row.std_dev)
+    assert np.linalg.eigvalsh(found.covariance).min() > 0.0
+    others = [n for n in found.free if n != name]
+    assert [found[n] for n in others] == [wide[n] for n in others]
+    assert f"The values of {name} are those of a regression" in found.message
+
+
+def test_a_value_of_which_only_the_size_was_known_is_estimated_then(wide):
+    rows = tuple(replace(p, verdict=Verdict.PRIOR) if p.name == "c" else p for p in wide.parameters)
+    assert (
+        narrowed(replace(wide, parameters=rows), MODEL, opinion(wide, "c", 0.1, 0.1))["c"].verdict is Verdict.ESTIMATED
+    )
+
+
+def test_values_stay_that_are_known_as_well_or_are_apart_or_in_doubt(wide):
+    for said in (
+        opinion(wide, "J", 0.1, 0.9),
+        opinion(wide, "J", 0.9, 0.1),
+        opinion(wide, "J", 0.1, 0.1, doubt=wide["J"].std_dev),
+    ):
+        assert narrowed(wide, MODEL, said) is wide
+
+
+def test_an_estimate_stays_that_describes_all_or_nothing_or_is_corrected(wide):
+    said = opinion(wide, "J", 0.1, 0.1)
+    white = replace(wide, checks=replace(wide.checks, texts=("",)))
+    corrected = replace(wide, checks=replace(wide.checks, bias=np.zeros(len(wide.free))))
+    for estimate in (white, corrected, replace(wide, status=Status.DISAGREE), replace(wide, status=Status.POOR_FIT)):
+        assert narrowed(estimate, MODEL, said) is estimate
+    assert narrowed(white, MODEL, replace(said, coloured=True))["J"].std_dev < 0.5 * wide["J"].std_dev
