@@ -18,7 +18,7 @@ from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.shared.intervals import interval_text
 from joint_id_core.estimators.shared.sentences import listed, message, sentence
 from joint_id_core.models import Model
-from joint_id_core.results.estimate import Estimate
+from joint_id_core.results.estimate import Estimate, Status
 from joint_id_core.results.verdict import MAGNITUDE, Verdict
 
 # Least standard deviation over the value: what both have in common (an eccentric encoder: 0.3 % of J) neither shows.
@@ -27,20 +27,23 @@ NARROWER = 0.8  # times the standard deviation before: else a value stays
 
 
 def narrowed(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
-    """Return an estimate that converged with those values of a regression that are known better, distances included.
+    """Return an estimate with those values of a regression that are known better, distances included.
 
-    One that is corrected for what it lacks stays (`correction`): a regression does not know of that.
+    It converged, or the two disagree on other parameters. One that is corrected for what it lacks stays (`correction`):
+    a regression does not know of that.
     """
     checks = estimate.checks
-    if not estimate.converged or checks is None or checks.bias is not None:
+    if estimate.status not in (Status.CONVERGED, Status.DISAGREE) or checks is None or checks.bias is not None:
         return estimate
-    if not opinion.coloured and not any(checks.texts):
+    if estimate.converged and not opinion.coloured and not any(checks.texts):
         return estimate
     rows, scale = {row.name: row for row in estimate.parameters}, np.ones(len(estimate.free))
     taken = []
     for second in opinion.seconds:
         first = rows[second.name]
         sigma = math.hypot(second.wide, second.value - first.value, LEAST * second.value)
+        if f"by {Regression.name}" in first.reason:  # both values are in it already
+            continue
         positive = model.parameter(second.name).positive
         if not sigma < NARROWER * first.std_dev or (positive and sigma > MAGNITUDE * second.value):
             continue
