@@ -57,7 +57,8 @@ def narrowed(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
         f"the values of {listed(taken)} are those of a {Regression.name}, which depend less on what the residuals "
         f"show, and the intervals contain those of {estimate.estimator}"
     )
-    notes = (*estimate.notes[:1], sentence(said), *estimate.notes[1:])
+    place = 1 if estimate.converged else 2  # after the likely cause
+    notes = (*estimate.notes[:place], sentence(said), *estimate.notes[place:])
     covariance = estimate.covariance * np.outer(scale, scale)
     return replace(
         estimate, message=message(notes), notes=notes, parameters=tuple(rows.values()), covariance=covariance
