@@ -50,9 +50,10 @@ def test_the_interval_contains_that_of_the_regression_and_the_distance(wide, nam
 
 def test_a_value_of_which_only_the_size_was_known_is_estimated_then(wide):
     rows = tuple(replace(p, verdict=Verdict.PRIOR) if p.name == "c" else p for p in wide.parameters)
-    assert (
-        narrowed(replace(wide, parameters=rows), MODEL, opinion(wide, "c", 0.1, 0.1))["c"].verdict is Verdict.ESTIMATED
-    )
+    notes = (*wide.notes, "This motion does not show c, tau_0.", "This motion does not show c.")
+    found = narrowed(replace(wide, parameters=rows, notes=notes), MODEL, opinion(wide, "c", 0.1, 0.1))
+    assert found["c"].verdict is Verdict.ESTIMATED
+    assert [n for n in found.notes if "does not show" in n] == ["This motion does not show tau_0."]
 
 
 def test_values_stay_that_are_known_as_well_or_are_apart_or_in_doubt(wide):

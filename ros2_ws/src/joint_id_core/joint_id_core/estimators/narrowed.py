@@ -16,7 +16,7 @@ import numpy as np
 from joint_id_core.estimators.opinion import Opinion
 from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.shared.intervals import interval_text
-from joint_id_core.estimators.shared.sentences import listed, message, sentence
+from joint_id_core.estimators.shared.sentences import listed, message, sentence, without_shown
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, Status
 from joint_id_core.results.verdict import MAGNITUDE, Verdict
@@ -57,8 +57,8 @@ def narrowed(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
         f"the values of {listed(taken)} are those of a {Regression.name}, which depend less on what the residuals "
         f"show, and the intervals contain those of {estimate.estimator}"
     )
-    place = 1 if estimate.converged else 2  # after the likely cause
-    notes = (*estimate.notes[:place], sentence(said), *estimate.notes[place:])
+    notes, place = without_shown(estimate.notes, taken), 1 if estimate.converged else 2  # after the likely cause
+    notes = (*notes[:place], sentence(said), *notes[place:])
     covariance = estimate.covariance * np.outer(scale, scale)
     return replace(
         estimate, message=message(notes), notes=notes, parameters=tuple(rows.values()), covariance=covariance

@@ -12,7 +12,7 @@ import numpy as np
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.shared.fit_data import FitData
-from joint_id_core.estimators.shared.sentences import listed, message, missed, sentence, times
+from joint_id_core.estimators.shared.sentences import message, missed, not_shown, sentence, times
 from joint_id_core.models import Model
 from joint_id_core.models.operations import ArrayOps
 from joint_id_core.results.estimate import ParameterEstimate, Status
@@ -233,7 +233,7 @@ def findings(rows: Mapping[str, Shown], warnings: Sequence[str], dropped: int) -
     unseen = [n for n, v in rows.items() if v.verdict in (Verdict.NOT_EXCITED, Verdict.PRIOR) and not v.together]
     said.append(first)
     if unseen:
-        said.append(f"this motion does not show {listed(unseen)}")
+        said.append(not_shown(unseen))
     said += others
     if dropped:
         said.append(f"{dropped} samples without an input were left out")

@@ -27,7 +27,7 @@ from joint_id_core.estimators.regression.missing import (
 from joint_id_core.estimators.regression.samples import Samples
 from joint_id_core.estimators.regression.share import Share
 from joint_id_core.estimators.shared.intervals import interval_text
-from joint_id_core.estimators.shared.sentences import listed, of_halves, sentence
+from joint_id_core.estimators.shared.sentences import listed, not_shown, of_halves, sentence
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import ParameterEstimate, Status
 from joint_id_core.results.verdict import MAGNITUDE, Verdict
@@ -119,7 +119,7 @@ def judge(
     if below:
         said.append(f"the data pull {listed(below)} below zero: the model does not describe all of the motion")
     if unseen and status is not Status.UNINFORMATIVE:
-        said.append(f"this motion does not show {listed(unseen)}")
+        said.append(not_shown(unseen))
     said += [f.lag for f in fitted if f.lag]
     said += [reason for f in fitted for reason in f.reasons]
     if changed := [change for f in fitted for change in f.changed]:

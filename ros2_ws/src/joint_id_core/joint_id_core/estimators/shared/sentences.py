@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 MOST_SENTENCES = 3
 MOST_NAMES = 12  # in one list; the table of the parameters has all of them
@@ -25,6 +25,22 @@ def listed(names: Iterable[str]) -> str:
     names = list(names)
     more = len(names) - MOST_NAMES
     return ", ".join(names[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
+
+
+def not_shown(names: Iterable[str]) -> str:
+    """Return that a motion does not show parameters, as a clause."""
+    return f"this motion does not show {listed(names)}"
+
+
+def without_shown(notes: Sequence[str], names: Collection[str]) -> tuple[str, ...]:
+    """Return notes in which none says that the motion does not show one of these parameters."""
+    begin, kept = sentence(not_shown([""])).removesuffix("."), list[str]()
+    for note in notes:
+        if not note.startswith(begin):
+            kept.append(note)
+        elif left := [n for n in note.removeprefix(begin).removesuffix(".").split(", ") if n not in names]:
+            kept.append(sentence(not_shown(left)))
+    return tuple(kept)
 
 
 def missed(what: str, nrmse: float) -> str:
