@@ -65,6 +65,18 @@ def test_values_stay_that_are_known_as_well_or_are_apart_or_in_doubt(wide):
         assert narrowed(wide, MODEL, said) is wide
 
 
+def test_of_parameters_that_go_together_all_are_taken_or_none(wide):
+    """Values of one estimator beside those of the other would predict worse than either."""
+    covariance = wide.covariance.copy()
+    one, other = wide.free.index("J"), wide.free.index("c")
+    covariance[one, other] = covariance[other, one] = 0.97 * wide["J"].std_dev * wide["c"].std_dev
+    tied = replace(wide, covariance=covariance)
+    assert narrowed(tied, MODEL, opinion(tied, "J", 0.1, 0.1)) is tied
+    seconds = tuple(s for n in ("J", "c") for s in opinion(tied, n, 0.1, 0.1).seconds)
+    found = narrowed(tied, MODEL, replace(opinion(tied, "c", 0.1, 0.1), seconds=seconds))
+    assert all(found[n].std_dev < 0.5 * tied[n].std_dev for n in ("J", "c"))
+
+
 def test_of_two_that_disagree_the_parameters_that_they_agree_on_are_known_better(wide):
     rows = tuple(
         replace(p, reason="2 ± 0.1 by innovations, 1 ± 0.1 by regression") if p.name == "J" else p

@@ -9,17 +9,18 @@ tells what the model may lack (Hausman, Econometrica 46, 1978), and is in the in
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from joint_id_core.estimators.opinion import Opinion
+from joint_id_core.estimators.opinion import Opinion, Second
 from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.shared.intervals import interval_text
 from joint_id_core.estimators.shared.sentences import listed, message, sentence, without_shown
 from joint_id_core.models import Model
-from joint_id_core.results.estimate import Estimate, Status
-from joint_id_core.results.verdict import MAGNITUDE, Verdict
+from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status
+from joint_id_core.results.verdict import MAGNITUDE, STRONG_CORRELATION, Verdict
 
 # Least standard deviation over the value: what both have in common (an eccentric encoder: 0.3 % of J) neither shows.
 LEAST = 0.01
@@ -37,22 +38,20 @@ def narrowed(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
         return estimate
     if estimate.converged and not opinion.coloured and not any(checks.texts):
         return estimate
-    rows, scale = {row.name: row for row in estimate.parameters}, np.ones(len(estimate.free))
-    taken = []
-    for second in opinion.seconds:
-        first = rows[second.name]
-        sigma = math.hypot(second.wide, second.value - first.value, LEAST * second.value)
-        if f"by {Regression.name}" in first.reason:  # both values are in it already
-            continue
-        positive = model.parameter(second.name).positive
-        if not sigma < NARROWER * first.std_dev or (positive and sigma > MAGNITUDE * second.value):
-            continue
-        scale[estimate.free.index(second.name)] = sigma / first.std_dev
-        row = replace(first, verdict=Verdict.ESTIMATED, reason=interval_text(second.value, sigma))
-        rows[second.name] = replace(row, value=second.value, std_dev=sigma)
-        taken.append(second.name)
+    better = {
+        second.name: (second.value, sigma)
+        for second in opinion.seconds
+        if (sigma := _sigma(estimate[second.name], second, model)) < NARROWER * estimate[second.name].std_dev
+    }
+    taken = _by_themselves(estimate, list(better))
     if not taken:
         return estimate
+    rows, scale = {row.name: row for row in estimate.parameters}, np.ones(len(estimate.free))
+    for name in taken:
+        (value, sigma), first = better[name], rows[name]
+        scale[estimate.free.index(name)] = sigma / first.std_dev
+        row = replace(first, verdict=Verdict.ESTIMATED, reason=interval_text(value, sigma))
+        rows[name] = replace(row, value=value, std_dev=sigma)
     said = (
         f"the values of {listed(taken)} are those of a {Regression.name}, which depend less on what the residuals "
         f"show, and the intervals contain those of {estimate.estimator}"
@@ -63,3 +62,21 @@ def narrowed(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
     return replace(
         estimate, message=message(notes), notes=notes, parameters=tuple(rows.values()), covariance=covariance
     )  # fmt: skip
+
+
+def _sigma(first: ParameterEstimate, second: Second, model: Model) -> float:
+    """Return the standard deviation of a second value that contains its distance to the first; inf if it stays out."""
+    sigma = math.hypot(second.wide, second.value - first.value, LEAST * second.value)
+    size_only = model.parameter(second.name).positive and sigma > MAGNITUDE * second.value
+    both = f"by {Regression.name}" in first.reason  # they disagree: both values are in its interval already
+    return math.inf if size_only or both else sigma
+
+
+def _by_themselves(estimate: Estimate, names: Sequence[str]) -> list[str]:
+    """Return names without those that are strongly correlated with others: of such, all are taken or none."""
+    sigma = np.sqrt(np.diag(estimate.covariance))
+    tied = np.abs(estimate.covariance) > STRONG_CORRELATION * np.outer(sigma, sigma)
+    taken = np.isin(estimate.free, names)
+    while (lost := taken & (tied & ~taken).any(axis=1)).any():
+        taken &= ~lost
+    return [name for name in names if taken[estimate.free.index(name)]]
