@@ -64,6 +64,8 @@ def test_inertia_is_right_where_plain_least_squares_makes_it_half(seed, reach):
     for name, truth in TRUTH.items():
         assert abs(found[name].value - truth) < 1.96 * found[name].std_dev
     assert any("turns over some distance" in note for note in found.notes)
+    assert found["J"].std_dev < 0.6 * TRUTH["J"], "a late drive, which it looks like without the memory, is not in it"
+    assert not any("late" in note or "between two samples" in note for note in found.notes)
 
 
 @pytest.mark.parametrize("seed", range(3))

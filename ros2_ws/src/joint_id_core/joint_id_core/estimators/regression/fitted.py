@@ -89,8 +89,10 @@ class Fitted:
     def doubted(self, taken: bool) -> Fitted:
         """Return it with intervals that contain what is not known of a late drive; `taken` as of `Share.doubt`."""
         if self.late is not None and self._may_be_late:
-            y, columns = self.samples.y[self.samples.fast], self.samples.columns[self.samples.fast]
-            return replace(self, solution=with_late_drive(self.solution, self.late, y, columns))
+            samples, beside_turn = self.samples, len(self.late.factors) > len(self.names)
+            y, columns = samples.y, samples.with_turn if beside_turn else samples.columns
+            solution = with_late_drive(self.solution, self.late, y[samples.fast], columns[samples.fast])
+            return replace(self, solution=solution)
         if self.share is None or not self.samples.equation.factor:
             return self
         doubt, found = self.share.doubt(taken), self.solution

@@ -52,6 +52,8 @@ def tested(
             gravity = share_explained(y[fast], columns[fast], more[fast])
     at = samples.time[rows.index[fast]]
     late = drive_shift(samples.time, samples.drive, at, y[fast], columns[fast], band_hz)
+    if late is not None and samples.turns_rather_than(late.explained):
+        late = drive_shift(samples.time, samples.drive, at, y[fast], samples.with_turn[fast], band_hz)
     return Fitted(
         samples, solution, gravity, later, memory, helps, late, share, encoders, np.array(positive, bool),
         np.array(gear, bool),

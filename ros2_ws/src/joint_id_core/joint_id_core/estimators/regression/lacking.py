@@ -75,9 +75,12 @@ def with_lacking(
 
 
 def with_late_drive(found: Solution, late: Shift, y: Array, columns: Array) -> Solution:
-    """Return a solution of y (T,) = columns (T, k) whose intervals contain what a drive that is `late` changes."""
-    recorded = np.linalg.lstsq(columns, y, rcond=None)[0]
-    return doubted(found, np.where(found.unseen | found.held, 0.0, np.abs(late.factors - recorded)))
+    """Return a solution whose intervals contain what a drive that is `late` changes of y (T,) = columns (T, k).
+
+    Columns may follow those of the parameters that were fitted beside them.
+    """
+    changes = np.abs(late.factors - np.linalg.lstsq(columns, y, rcond=None)[0])[: len(found.values)]
+    return doubted(found, np.where(found.unseen | found.held, 0.0, changes))
 
 
 def doubted(found: Solution, doubt: Array, said: str = "") -> Solution:

@@ -31,6 +31,8 @@ from joint_id_core.estimators.regression.share import Share, share_beside
 from joint_id_core.estimators.regression.signals import Rows
 from joint_id_core.estimators.regression.sliding import Sliding
 
+RATHER = 0.5  # what one cause leaves of y over what another one leaves, below which it is the one
+
 
 @dataclass(frozen=True)
 class Samples:
@@ -105,10 +107,31 @@ class Samples:
         """Return by how much of a sample the drive comes late; None without a drive or with instruments."""
         if self.tools is not None or not self.change.any():
             return None
+        ask = self._asked(positive, lag_s)
+        later = np.column_stack([self.columns, -self.change])
+        if self.turns_rather_than(explained(self.y, later @ np.linalg.lstsq(later, self.y, rcond=None)[0])):
+            beside = share_beside(self.y, self.with_turn, self.change, ask)
+            return beside and replace(beside, effect=beside.effect[: len(positive)])
         y, columns, change = self.y, self.columns, self.change
         if self.away is not None:  # what friction does while the joint sticks hides a delay
             y, columns, change = self.away.y[:, 0], self.away.columns, self.away.change[:, 0]
-        return share_beside(y, columns, change, self._asked(positive, lag_s))
+        return share_beside(y, columns, change, ask)
+
+    def turns_rather_than(self, share: float) -> bool:
+        """Return whether friction that turns after reversals explains y rather than a delay, which explains a `share`.
+
+        Either explains a part of what the other does.
+        """
+        if self.turn is None:
+            return False
+        fitted = self.with_turn @ np.linalg.lstsq(self.with_turn, self.y, rcond=None)[0]
+        return 1.0 - explained(self.y, fitted) < RATHER * (1.0 - share)
+
+    @property
+    def with_turn(self) -> Array:
+        """Columns of the parameters, and last of friction that turns after reversals, shape (R, k + 1)."""
+        assert self.turn is not None
+        return np.column_stack([self.columns, self.turn])
 
     def _asked(self, positive: Sequence[bool], lag_s: float = 0.0) -> Callable[[Array, Array], Solution]:
         """Return what solves the equation with more columns."""
