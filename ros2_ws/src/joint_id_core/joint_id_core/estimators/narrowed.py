@@ -65,11 +65,14 @@ def narrowed(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
 
 
 def _sigma(first: ParameterEstimate, second: Second, model: Model) -> float:
-    """Return the standard deviation of a second value that contains its distance to the first; inf if it stays out."""
+    """Return the standard deviation of a second value that contains its distance to the first; inf if it stays out.
+
+    It does if it tells little more than a size, or that the parameter is about zero.
+    """
     sigma = math.hypot(second.wide, second.value - first.value, LEAST * second.value)
-    size_only = model.parameter(second.name).positive and sigma > MAGNITUDE * second.value
+    size = second.value if model.parameter(second.name).positive else abs(second.value)
     both = f"by {Regression.name}" in first.reason  # they disagree: both values are in its interval already
-    return math.inf if size_only or both else sigma
+    return math.inf if sigma > MAGNITUDE * size or both else sigma
 
 
 def _by_themselves(estimate: Estimate, names: Sequence[str]) -> list[str]:
