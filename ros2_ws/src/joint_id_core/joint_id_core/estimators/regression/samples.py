@@ -108,8 +108,7 @@ class Samples:
         if self.tools is not None or not self.change.any():
             return None
         ask = self._asked(positive, lag_s)
-        later = np.column_stack([self.columns, -self.change])
-        if self.turns_rather_than(explained(self.y, later @ np.linalg.lstsq(later, self.y, rcond=None)[0])):
+        if self.turn is not None and self.turns_rather_than(_explained(self.y, self.columns, self.change)):
             beside = share_beside(self.y, self.with_turn, self.change, ask)
             return beside and replace(beside, effect=beside.effect[: len(positive)])
         y, columns, change = self.y, self.columns, self.change
@@ -124,8 +123,7 @@ class Samples:
         """
         if self.turn is None:
             return False
-        fitted = self.with_turn @ np.linalg.lstsq(self.with_turn, self.y, rcond=None)[0]
-        return 1.0 - explained(self.y, fitted) < RATHER * (1.0 - share)
+        return 1.0 - _explained(self.y, self.columns, self.turn) < RATHER * (1.0 - share)
 
     @property
     def with_turn(self) -> Array:
@@ -151,3 +149,9 @@ class Samples:
     def step(self) -> float:
         """Typical distance of two of the samples that are compared, in s."""
         return float(np.median(np.diff(self.time[self.rows.index]))) if len(self.rows.index) > 1 else self.period
+
+
+def _explained(y: Array, columns: Array, more: Array) -> float:
+    """Return the share of y (T,) that columns (T, k) and one more explain, whatever their signs."""
+    table = np.column_stack([columns, more])
+    return explained(y, table @ np.linalg.lstsq(table, y, rcond=None)[0])
