@@ -16,7 +16,8 @@ from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.estimators.shared.stillness import STILL_S, seen_by
 from joint_id_core.models import Model
 from joint_id_core.online.agreement import Agreement
-from joint_id_core.online.checks import Background, WindowChecks, at_once
+from joint_id_core.online.beside import Beside
+from joint_id_core.online.checks import Background, at_once
 from joint_id_core.online.follower import BLOCK_S, YOUNG, Found
 from joint_id_core.online.hops import Hops
 from joint_id_core.online.knowledge import Knowledge
@@ -25,8 +26,6 @@ from joint_id_core.online.motion import MotionWatch
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.published import DISAGREE, at_rest, forgotten, too_short, with_computed_load, with_note
 from joint_id_core.online.resume import NOISE_SIGMA, as_of_now, known_of
-from joint_id_core.online.second_look import SecondLook, apart
-from joint_id_core.online.second_opinion import SecondOpinion
 from joint_id_core.online.situation import Situation
 from joint_id_core.online.task import Task
 from joint_id_core.online.trial import Trial
@@ -78,10 +77,9 @@ class OnlineIdentifier:
         self.model, self.options, self.estimator = model, options or OnlineOptions(), estimator
         coordinates, window_s = Coordinates(model, free, self.settings.priors), self.options.window_s
         self._task = Task(model, self.settings, self.options, estimator, coordinates, background)
-        self._watch, self._checks = MotionWatch(model, window_s), WindowChecks(window_s, background)
+        self._watch = MotionWatch(model, window_s)
         self._window = SlidingWindow(window_s)  # samples in motion
-        self._second_look = SecondLook(window_s, background)
-        self._opinion = SecondOpinion(model, self.settings, window_s, background, self.remembers)
+        self._beside = Beside(model, self.settings, window_s, background, self.remembers)
         self._agreement = Agreement(model, window_s, self.remembers)
         self._hops = Hops(self.options.hop_s)
         self._alone: Estimate | None = None  # newest fit that converged, where there is no memory
@@ -117,7 +115,7 @@ class OnlineIdentifier:
         now = as_of_now(self._task, state, estimate)
         self._known = Knowledge(self._task, now, *state, YOUNG * self.options.window_s, NOISE_SIGMA, self._lasting)
         self._enter(Situation.RESUMED)
-        self._second_look.end()
+        self._beside.end_looks()
         return now
 
     def update(self, samples: Recording) -> Estimate | None:
@@ -183,13 +181,13 @@ class OnlineIdentifier:
             return
         self._situation = situation
         if not situation.follows:
-            self._opinion.begin()
+            self._beside.forget_opinions()
         if situation is Situation.RESTARTING:
             self._known = None
             self._trial.begin_anew()
         elif situation is Situation.SUSPENDED:
             assert self._known is not None
-            self._second_look.end()
+            self._beside.end_looks()
             self._trial.suspend(self._known)
         elif situation is Situation.FOLLOWING:
             self._trial = Trial(self.options.window_s)
@@ -199,8 +197,7 @@ class OnlineIdentifier:
         for samples, moves in self._watch.stretches(due):
             if moves:
                 self._window.append(samples)
-                self._second_look.append(samples)
-                self._opinion.append(samples)
+                self._beside.append(samples)
             known = self._known
             if known is None or not self._situation.follows:
                 continue
@@ -229,7 +226,7 @@ class OnlineIdentifier:
         self._enter(self._situation.after_window(same_signals and runs))
         if self._situation is not Situation.SUSPENDED:
             self._watch.noise = seen_by(data.labels, data.y, data.period, known.last.noise)
-            self._checks.begin(-np.inf)  # the first one comes at once
+            self._beside.begin(-np.inf)
 
     # --- estimates
 
@@ -256,39 +253,13 @@ class OnlineIdentifier:
         if self._situation is Situation.RESUMED and not follower.memory.blocks:
             return known.unchanged(window, self._watch.recent, Status.TOO_SHORT, (UNTESTED,))
         if known.changes.take(follower):
-            self._checks.begin(window.end)  # a window with the change in it tells nothing
-            self._second_look.end()
-            self._opinion.begin()
-        known = self._looked_again(known)
-        if not self._agrees(known):
+            self._beside.changed(window.end)
+        known = self._known = self._beside.looked_again(known, self._task, window, self._lasting)
+        if not self._beside.agrees(known, self._task, window):
             self._enter(self._situation.after_window(agrees=False))
             return with_note(known.last, window)
-        estimate = self._opinion.on(known.estimate(window), follower.tested_from)
+        estimate = self._beside.judged(known.estimate(window), follower.tested_from)
         return forgotten(estimate, self._agreement) if replaced else estimate
-
-    def _looked_again(self, known: Knowledge) -> Knowledge:
-        """Fit all samples since the start, if it is time for that; begin anew with a fit that ends elsewhere."""
-        look = self._second_look.run(lambda recording: self._task.fit(recording, None))
-        if look is None or not look.fit.converged or look.fit.free != known.last.free:
-            return known
-        if apart(look.fit, known.follower.now(), self._task.coordinates):
-            known = self._known = Knowledge.from_window(self._task, look.fit, look.samples, self._lasting)
-            self._checks.begin(self._window.end)
-        else:  # more samples show what a window hides, as a little play in the gear
-            known.take(look.fit)
-        return known
-
-    def _agrees(self, known: Knowledge) -> bool:
-        """Check the newest window, if it is time for that; return whether it agrees with what is known."""
-        if known.follower.noise_changed:
-            self._checks.ask()
-        start = known.last
-        if self._checks.due(self._window):  # from the values before a change, one search in ten ends elsewhere
-            today = known.estimate(self._window)
-            start = today if today.converged else start
-        tested_from = known.follower.tested_from
-        checked = self._checks.run(self._window, lambda recording: self._task.fit(recording, start), tested_from)
-        return checked is None or known.agrees(checked)
 
     def _fitted(self) -> Estimate:
         """Fit the newest window as a whole, without the memory; if this converges, a memory begins with it."""
@@ -311,7 +282,7 @@ class OnlineIdentifier:
         known = self._known = Knowledge.from_window(self._task, fit, recording, self._lasting)
         if known.still is not None:
             self._watch.noise = known.still
-        self._checks.begin(window.end)
+        self._beside.begin(window.end)
         self._enter(situation.after_fit())
         estimate = known.estimate(window) if known.follower.memory.blocks else fit  # whose friction may be less sharp
         return estimate if situation is Situation.STARTING else with_note(estimate, window)
