@@ -15,8 +15,9 @@ UNIT_TESTS := $(wildcard $(WS)/src/joint_id_core/test)
 NODE_TESTS := $(wildcard $(WS)/src/joint_id_ros/test tests)
 # Whose nodes stream at 500 Hz or run against a clock; the longest file first, in both lists.
 TIMED_TESTS := $(addprefix tests/test_,demo.py driver.py driver_faults.py chain.py demo_end.py)
-LONG_FILES := $(addprefix tests/test_,graph_faults.py identify_stops.py fleet.py identifier_node.py identifier_start.py \
-	knowledge_node.py launch.py identify_node.py arm_identifier_node.py examples.py player.py stopping.py)
+LONG_FILES := $(addprefix tests/test_,graph_faults.py identifier_node.py fleet.py filter_node.py knowledge_node.py \
+	identify_stops.py arm_identifier_node.py stopping.py identify_node.py graph_nodes.py player.py official_driver.py measured_regression.py \
+	identifier_start.py launch.py examples.py)
 OTHER_FILES := $(filter-out $(TIMED_TESTS) $(LONG_FILES),$(wildcard $(NODE_TESTS:%=%/test_*.py)))
 
 .PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-graph bench-cancel bench-speed bench-stats bench-drift bench-online bench-robots bench-batch bench-fleet clean
@@ -44,7 +45,7 @@ test test-long test-haswell: export OMP_NUM_THREADS := 1
 # Nodes wait more than they compute, so four of their tests run at once.
 test: setup
 	$(RUN) python -m pytest -n 2 --dist worksteal --durations=10 -m "not long" $(UNIT_TESTS)
-	$(RUN) python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --durations=10 -m "not long" $(LONG_FILES) $(OTHER_FILES)
+	$(RUN) python -m pytest -n 4 --dist loadfile --no-loadscope-reorder --durations=10 -m "not long" $(LONG_FILES) $(OTHER_FILES)
 	$(RUN) python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --durations=10 -m "not long" $(TIMED_TESTS)
 
 # The tests marked "long" (25 minutes): what costs most for what it tells, and what guards only benchmarks/

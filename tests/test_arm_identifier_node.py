@@ -140,6 +140,7 @@ def test_an_arm_is_learnt_its_payload_found_and_kept_over_a_restart(start, probe
     assert abs(arm.payloads[-1].mass - moving_arm.MASS) < 0.1
 
 
+@pytest.mark.long
 def test_another_time_or_rate_begins_a_new_run_with_what_is_known(start, probe, motions, tmp_path):
     (tmp_path / "arm.urdf").write_text(URDF)
     arm = Arm(start, probe, motions, urdf=str(tmp_path / "arm.urdf"))

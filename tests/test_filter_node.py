@@ -186,7 +186,7 @@ def backwards(message):
         (doubled_name, "twice"),
         (no_values, "holds no values"),
         (infinite, "effort of joint joint is infinite"),
-        (huge, "effort of joint joint is 1e+300"),
+        pytest.param(huge, "effort of joint joint is 1e+300", marks=pytest.mark.long),
         (before_the_epoch, "is no time"),
         (not_a_number, "not finite"),
         (unstamped, "the stamp is zero"),

@@ -89,6 +89,7 @@ def test_a_motion_is_planned_from_where_the_joint_is_and_its_promise_holds(known
     assert sent.points[0].positions[0] == pytest.approx(HOME[2], abs=1e-3)
 
 
+@pytest.mark.long
 def test_what_cannot_be_done_is_a_result_with_a_reason_and_nothing_moves(bench):
     strange, wrong = bench.folder / "strange.csv", bench.folder / "wrong.csv"
     write(motion(joint="elbow"), strange)

@@ -147,6 +147,7 @@ def test_what_an_arm_carries_while_it_is_learnt_counts_to_it():
     assert not anew.carries
 
 
+@pytest.mark.long
 def test_a_resumed_belief_weighs_a_payload_from_the_beginning():
     known = followed(moving_arm.rigid(LEARN, 0)).belief
     assert known is not None

@@ -15,6 +15,7 @@ from joint_id_core.results.estimate import Status
 
 from . import moving_arm
 from .moving_arm import COULOMB, EVERY_OTHER, JOINTS, ROTOR, URDF, VISCOUS, Motion, joint, link
+from .quick import first_quick
 
 pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
 pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
@@ -125,7 +126,7 @@ def test_a_load_of_wrong_masses_is_told_with_what_to_do():
 
 
 @pytest.mark.parametrize("estimator", [None, Regression()], ids=["innovations", "regression"])
-@pytest.mark.parametrize("name", EVERY_OTHER)
+@pytest.mark.parametrize("name", first_quick(EVERY_OTHER, 2))
 def test_a_rigid_joint_is_found_while_all_joints_move(rigid, name, estimator):
     found, k = loaded(Description(URDF), name, [rigid]), JOINTS.index(name)
     options = {"estimator": estimator} if estimator else {}
@@ -173,7 +174,7 @@ def test_a_joint_that_slides_keeps_the_inertia_at_zero():
     assert abs(typical_inertia(description)[-1] - 2.0) < 1e-9
 
 
-@pytest.mark.parametrize("cut", [("lift",), ("turn",), JOINTS])
+@pytest.mark.parametrize("cut", first_quick([[*JOINTS], ["lift"], ["turn"]]))
 def test_a_gap_of_any_joint_is_left_out(rigid, cut):
     keep = np.ones(len(rigid["lift"]), dtype=bool)
     keep[5000:5300] = False

@@ -36,6 +36,7 @@ def open_cluster():
         one.close(timeout=30.0)
 
 
+@pytest.mark.long
 def test_a_worker_that_is_killed_loses_nothing_and_doubles_nothing(tmp_path, open_cluster):
     bags = write_bags(tmp_path, 10)
     run_here(bags, tmp_path / "undisturbed.parquet")

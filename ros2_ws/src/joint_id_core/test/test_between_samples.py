@@ -27,6 +27,8 @@ from joint_id_core.simulation.position_control import ControlledJoint, PositionC
 from joint_id_core.simulation.sensors import Sensors
 from joint_id_core.simulation.simulator import simulate
 
+from .quick import first_quick
+
 MODEL = build("rigid_joint")
 TRUTH = {"J": 2.0, "c": 3.0, "tau_f": 4.0}
 FINE_HZ, KEPT = 4000, 16  # simulated, and every 16th sample is kept: 250 Hz
@@ -103,7 +105,7 @@ def every(nth: int, model: Model = RIGID) -> Recording:
     return Recording(whole.time[::nth], {n: values[::nth] for n, values in whole.channels.items()}, source="every")
 
 
-@pytest.mark.parametrize("nth", [2, 4])
+@pytest.mark.parametrize("nth", first_quick([4, 2]))
 @pytest.mark.parametrize("estimator", [Innovations(), Regression()], ids=lambda e: e.name)
 def test_some_of_the_samples_of_a_controller_give_the_same_friction(estimator, nth):
     """Viscous friction was up to 38 % too large, 7 standard deviations off, and called converged by both estimators."""
@@ -148,7 +150,7 @@ def test_all_samples_of_slow_motion_tell_that_the_drive_was_held():
     assert not any("held" in note or SAYS in note for note in found.notes)
 
 
-@pytest.mark.parametrize("nth", [3, 5])
+@pytest.mark.parametrize("nth", first_quick([3, 5]))
 def test_the_share_of_the_next_sample_is_that_of_the_samples_that_were_left_out(nth):
     """It came out too small, as the parameters had made up for a part: `J` was 5 standard deviations off."""
     found = fit(MODEL, slow_motion(nth, speed=4.0, seed=0))
@@ -227,6 +229,7 @@ def test_online_the_likelihood_tells_it_of_a_short_motion_too(nth):
     assert max(errors(found, LOAD).values()) < 3.0
 
 
+@pytest.mark.long
 def test_no_mean_is_taken_over_a_gap_or_a_missing_value():
     """The samples beside them count as held."""
     recording = motion(0, held=False)

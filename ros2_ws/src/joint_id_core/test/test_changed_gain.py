@@ -12,6 +12,8 @@ from joint_id_core.models import build
 from joint_id_core.results.estimate import Status
 from joint_id_core.simulation import simulate_motion
 
+from .quick import first_quick
+
 MODEL = build("rigid_joint")
 AT = 3.5  # s
 
@@ -22,7 +24,7 @@ def good() -> Recording:
 
 
 @pytest.mark.parametrize("estimator", [Innovations(), Regression()], ids=["innovations", "regression"])
-@pytest.mark.parametrize("factor", [0.9, 1.3])
+@pytest.mark.parametrize("factor", first_quick([0.9, 1.3]))
 def test_the_instant_and_the_factor_are_told(good, estimator, factor):
     assert fit(MODEL, good, estimator=estimator).status is Status.CONVERGED
     changed = good.with_channels({"torque": good["torque"] * np.where(good.time > AT, factor, 1.0)})

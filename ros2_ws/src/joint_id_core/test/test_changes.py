@@ -143,6 +143,7 @@ def test_a_noisier_sensor_is_no_change_of_the_joint():
     assert last.noise["motor_velocity"] == pytest.approx(np.hypot(0.1, 0.2), rel=0.2)
 
 
+@pytest.mark.long
 def test_windows_after_a_change_are_fitted_from_the_values_of_today(monkeypatch):
     """From those before it one search in ten ended in a wrong minimum: a poor fit, or intervals ten times as wide."""
     begun, real = [], Task.fit
@@ -187,6 +188,7 @@ def test_a_sensor_that_stands_still_while_the_joint_moves_is_no_good_fit():
     assert found and not any(e.converged for e in found)
 
 
+@pytest.mark.long
 def test_a_change_that_looks_like_the_jump_of_a_sensor_is_said_in_a_second():
     """Friction halves: innovations are beyond those of a sensor that jumps, again and again."""
     model = build("electromechanical")

@@ -15,6 +15,7 @@ from joint_id_core.results.estimate import Status
 from joint_id_core.simulation.position_control import simulate_closed_loop
 from joint_id_core.simulation.sensors import Sensors
 
+from .quick import first_quick
 from .test_starts import Moves
 
 TRUTH = {"J": 0.33, "c": 0.037, "tau_f": 0.37}
@@ -37,7 +38,7 @@ def worked(seed, gravity):
 
 
 @pytest.mark.parametrize("gravity", [False, True])
-@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+@pytest.mark.parametrize("seed", first_quick([1, 2, 3, 4]))
 def test_online_windows_of_single_moves_show_no_load_that_is_not_there(seed, gravity):
     model, truth, shown = worked(seed, gravity)
     joint, samples, found = OnlineIdentifier(model), complete(shown), []

@@ -18,6 +18,7 @@ from joint_id_core.simulation.sensors import Sensors
 from joint_id_core.simulation.simulator import JointSimulator, simulate
 
 from .friction_record import TRUTH
+from .quick import first_quick
 
 RIGID = build("rigid_joint")
 LIGHT, LOADED = TRUTH, TRUTH | {"J": 1.4 * TRUTH["J"]}
@@ -93,7 +94,7 @@ def test_an_estimate_that_is_not_converged_stays_as_it_is(loaded):
     assert with_constancy(alone, RIGID, recording, None) is alone
 
 
-@pytest.mark.parametrize("name", ["c", "tau_f"])
+@pytest.mark.parametrize("name", first_quick(["c", "tau_f"]))
 def test_friction_that_drifts_is_in_the_interval_of_a_regression_and_named(name):
     """Its residuals have a long memory, but their covariance left both ends 6 standard deviations away."""
     found = fit(RIGID, drifting({name: 0.3 * TRUTH[name]}, 1), estimator=Regression())
@@ -105,6 +106,7 @@ def test_friction_that_drifts_is_in_the_interval_of_a_regression_and_named(name)
         assert abs(found[other].value - TRUTH[other]) < 3.0 * found[other].std_dev < 0.05 * TRUTH[other]
 
 
+@pytest.mark.long
 def test_a_regression_of_a_joint_that_stays_the_same_names_no_halves():
     told = [n for seed in range(8) for n in fit(RIGID, drifting({}, 10 + seed), estimator=Regression()).notes]
     assert not any("halves" in note for note in told)

@@ -18,6 +18,7 @@ from joint_id_core.simulation.simulator import simulate
 from .controlled_joint import TRUTH as CONTROLLED
 from .controlled_joint import controlled
 from .online_motion import MODEL, TRUTH, motion
+from .quick import first_quick
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +97,7 @@ def test_a_load_of_other_joints_is_a_poor_fit_by_either(good):
     assert found.parameters == good.parameters
 
 
-@pytest.mark.parametrize("seed", [0, 2])
+@pytest.mark.parametrize("seed", first_quick([0, 2]))
 def test_of_a_disturbance_with_a_memory_in_a_closed_loop_the_regression_is_proposed_or_intervals_hold(seed):
     """The controller reacts to the disturbance, so it goes with the motion, and white noise does not describe it.
 

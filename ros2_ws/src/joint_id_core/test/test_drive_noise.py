@@ -17,6 +17,8 @@ from joint_id_core.models import build
 from joint_id_core.simulation.excitation import build_multisine
 from joint_id_core.simulation.simulator import simulate
 
+from .quick import first_quick
+
 MODEL = build("rigid_joint")
 TRUTH = {"J": 2.0, "c": 6.0, "tau_f": 1.0}
 TIME = np.arange(20 * 500) / 500
@@ -46,7 +48,7 @@ def noise_of(recording: Recording) -> tuple[DriveNoise, np.ndarray]:
     return told, np.sqrt(np.diag(found.covariance))
 
 
-@pytest.mark.parametrize("seed", range(1, 3))
+@pytest.mark.parametrize("seed", first_quick(range(1, 3)))
 @pytest.mark.parametrize("encoder", [FINE, 1e-5, COARSE])
 def test_the_motion_tells_whether_noise_of_the_drive_moves_the_joint(encoder, seed):
     """The score of one test alone is zero, whatever the noise is, with an encoder of about 3e-5 rad."""

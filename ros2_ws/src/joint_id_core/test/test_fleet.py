@@ -14,6 +14,8 @@ from joint_id_core.batch.table import join, write_part
 from joint_id_core.results.fleet import FALSE_ALARMS, apart, limit, of_others
 from joint_id_core.results.history import DAY_S, Known, courses
 
+from .quick import first_quick
+
 
 def fleet(values, sigmas, times=1, rng=None):
     """A parameter of one joint, of a robot a value, with as many estimates as `times`."""
@@ -25,7 +27,9 @@ def fleet(values, sigmas, times=1, rng=None):
     return courses(rows)
 
 
-@pytest.mark.parametrize(("robots", "sigma"), [(6, 0.0), (7, 0.0), (10, 0.0), (20, 0.0), (10, 1.0), (20, 5.0)])
+@pytest.mark.parametrize(
+    ("robots", "sigma"), first_quick([(6, 0.0), (20, 5.0), (7, 0.0), (10, 0.0), (20, 0.0), (10, 1.0)], 2)
+)
 def test_a_fleet_without_an_outlier_has_one_in_a_hundred_times(robots, sigma):
     """Robots differ by one unit, and are known to 0.001 to 5; the largest share allowed is three sigma of the count."""
     rng, count = np.random.default_rng(robots), 2500

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.models import build
@@ -32,6 +33,7 @@ def farthest() -> float:
     return max(found)
 
 
+@pytest.mark.long
 def test_minutes_of_a_joint_that_sticks_do_not_leave_the_bias_of_smooth_friction(monkeypatch):
     assert farthest() < 4.0
     monkeypatch.setattr(FrictionBias, "excess", lambda self, inverse: np.zeros_like(inverse))

@@ -19,6 +19,8 @@ from joint_id_core.simulation.excitation import position_reference
 from joint_id_core.simulation.position_control import ControlledJoint
 from joint_id_core.simulation.sensors import Sensors
 
+from .quick import first_quick
+
 N, RATE = 100.0, 500
 JOINT = {"N": N, "J_m": 5e-5, "c_m": 1e-4, "tau_fm": 0.01, "J_q": 0.5, "c_q": 0.3, "tau_fq": 0.4, "k_2": 1e7}
 ENCODER = 2.0 * math.pi / 2**17  # rad
@@ -56,7 +58,7 @@ def errors(estimate: Estimate, resonance_hz: float, names: tuple[str, ...] = GEA
     return {name: abs(estimate[name].value - truth[name]) / estimate[name].std_dev for name in names}
 
 
-@pytest.mark.parametrize("resonance_hz", [40.0, 50.0])
+@pytest.mark.parametrize("resonance_hz", first_quick([50.0, 40.0]))
 def test_a_gear_that_twists_little_is_not_told_by_the_motor_alone(resonance_hz):
     """The motor with the link's inertia explains the motion: J_m was `converged` and many standard deviations off."""
     found = fitted("motor_side", moved(resonance_hz, 3.0))
@@ -64,7 +66,7 @@ def test_a_gear_that_twists_little_is_not_told_by_the_motor_alone(resonance_hz):
     assert found.status is Status.POOR_FIT and "carries" in found.message and "harmonic_drive" in found.message
 
 
-@pytest.mark.parametrize("name", ["motor_side", "harmonic_drive"])
+@pytest.mark.parametrize("name", first_quick(["motor_side", "harmonic_drive"]))
 def test_a_gear_that_twists_more_is(name):
     found = fitted(name, moved(8.0, 8.0))
     assert found.converged, found.message
@@ -72,7 +74,7 @@ def test_a_gear_that_twists_more_is(name):
     assert all(found[name].std_dev < 0.1 * found[name].value for name in GEAR)
 
 
-@pytest.mark.parametrize("hidden", [0.0, 3.0, 15.0])
+@pytest.mark.parametrize("hidden", first_quick([3.0, 0.0, 15.0]))
 def test_with_a_drifting_load_a_joint_is_known_whatever_moves_its_link(hidden):
     """15 Nm are seven times the torque that the link's own inertia and friction need."""
     recording = moved(20.0, 6.0, hidden)
@@ -84,6 +86,7 @@ def test_with_a_drifting_load_a_joint_is_known_whatever_moves_its_link(hidden):
         assert fitted("harmonic_drive", recording)["J_q"].value > 1.5 * JOINT["J_q"]
 
 
+@pytest.mark.long
 def test_live_too():
     recording = complete(moved(20.0, 6.0, hidden=3.0))
     joint, found = OnlineIdentifier(build("harmonic_drive", drifting_load=True), ParameterSettings({"N": N})), []

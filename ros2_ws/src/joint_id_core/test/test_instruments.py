@@ -22,6 +22,7 @@ from .controlled_joint import controlled
 from .flexible_joint import TRUTH, flexible, late, stiffer
 from .gear_with_play import CALM, moved
 from .online_motion import batches
+from .quick import first_quick
 
 MODEL, DELAYED = build("motor_side"), build("motor_side", delays=True)
 PLAY_TRUTH = build("harmonic_drive").values()
@@ -185,6 +186,7 @@ def test_a_search_near_the_table_starts_at_the_table():
     assert fit(MODEL, flexible(0), FRICTION)["k_1"].initial == TRUTH["k_1"]
 
 
+@pytest.mark.long
 def test_intervals_of_a_search_are_no_smaller_where_the_residual_torque_has_a_memory():
     record = flexible(0, disturbance=0.02)
     found, other = fit(MODEL, record, FRICTION), regressed(record)
@@ -195,7 +197,7 @@ def test_intervals_of_a_search_are_no_smaller_where_the_residual_torque_has_a_me
             assert found[name].std_dev > 0.9 * other[name].std_dev
 
 
-@pytest.mark.parametrize("noise", [3e-3, 1e-2])
+@pytest.mark.parametrize("noise", first_quick([3e-3, 1e-2]))
 def test_the_command_as_instrument_finds_the_inertia_in_a_band_full_of_noise(noise):
     """Noise of the acceleration makes least squares small; the command has none of it (Janot et al. 2014)."""
     record, model = controlled(0.3, 0.3, noise=noise), build("rigid_joint")

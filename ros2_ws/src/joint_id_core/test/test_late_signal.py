@@ -11,6 +11,8 @@ from joint_id_core.models import build
 from joint_id_core.results.estimate import Status
 from joint_id_core.simulation import simulate_motion
 
+from .quick import first_quick
+
 DC, WHOLE = build("dc_motor"), build("electromechanical")
 
 
@@ -50,7 +52,7 @@ def test_a_late_signal_of_a_motor_is_named(name, late, said):
     assert found.status is Status.POOR_FIT and found.message.startswith(said), found.message
 
 
-@pytest.mark.parametrize("friction", ["coulomb_viscous", "stribeck", "eyring"])
+@pytest.mark.parametrize("friction", first_quick(["stribeck", "coulomb_viscous", "eyring"]))
 @pytest.mark.parametrize("rate", [200.0, pytest.param(1000.0, marks=pytest.mark.long)])
 def test_friction_of_another_law_is_no_late_signal(friction, rate):
     for seed in (1, 2):

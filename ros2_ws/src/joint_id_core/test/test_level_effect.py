@@ -75,9 +75,8 @@ def scores(estimates) -> np.ndarray:
     return np.array([[(e[n].value - TRUTH[n]) / e[n].std_dev for n in e.free] for e in estimates])
 
 
-@pytest.mark.parametrize(
-    "torque_noise, seconds", [(TORQUE, 1.5), pytest.param(SLIGHT * TORQUE, SECONDS, marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("torque_noise, seconds", [(TORQUE, 1.5), (SLIGHT * TORQUE, SECONDS)])
 def test_intervals_of_short_records_hold_although_noise_levels_are_hardly_known(torque_noise, seconds, monkeypatch):
     """The noise of the torque comes out anywhere between zero and twice of what it is."""
     records = [record(seed, torque_noise, seconds) for seed in range(40)]

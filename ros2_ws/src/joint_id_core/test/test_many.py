@@ -132,6 +132,7 @@ def test_misuse_is_said(call, said):
         call()
 
 
+@pytest.mark.long
 def test_many_starts_on_the_cpu_do_not_load_torch():
     code = (
         "import sys, joint_id_core as jid; m = jid.build('rigid_joint'); "

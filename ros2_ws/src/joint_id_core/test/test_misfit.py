@@ -21,6 +21,7 @@ from joint_id_core.simulation.sensors import Sensors
 
 from . import gear_with_hysteresis
 from .gear_with_play import CALM, moved, stepped
+from .quick import first_quick
 
 PLAIN, STRIBECK = build("harmonic_drive"), build("harmonic_drive", friction="stribeck")
 TRUTH = PLAIN.values()
@@ -43,7 +44,7 @@ def nothing(recursion, coordinates, found, last):
     return Misfit((), np.zeros_like(found.hessian))
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", first_quick([1, 2]))
 def test_friction_that_rises_at_low_speed_is_named(seed):
     estimate = fit(PLAIN, record(0.3, seed))
     assert "changes at low speed" in estimate.message and "try --friction stribeck" in estimate.message
@@ -94,7 +95,7 @@ def test_noise_of_the_torque_sensor_is_named_and_counted(monkeypatch):
     assert np.sqrt(np.mean(counted**2)) < 1.2
 
 
-@pytest.mark.parametrize(("noise", "seed"), [(3.0, 1), (3.0, 2), (1.0, 15), (1.0, 25)])
+@pytest.mark.parametrize(("noise", "seed"), first_quick([(3.0, 1), (1.0, 15), (3.0, 2), (1.0, 25)], 2))
 def test_a_controller_that_knows_more_than_is_recorded_is_no_noise_of_the_torque_sensor(noise, seed):
     """The noise moves the joint, but the controller answers to it before the encoder shows it.
 
@@ -126,7 +127,7 @@ def test_a_little_play_in_the_gear_is_named_and_in_the_intervals(reference):
         assert abs(estimate[name].value - TRUTH[name]) < 3.0 * estimate[name].std_dev, name
 
 
-@pytest.mark.parametrize("half", [2.5e-4, 1e-3])
+@pytest.mark.parametrize("half", first_quick([2.5e-4, 1e-3]))
 @pytest.mark.parametrize("reference", [position_reference(), CALM], ids=["excited", "calm"])
 def test_much_play_in_the_gear_is_no_good_fit(reference, half):
     estimate = fit(PLAIN, moved(half, reference, 1))
@@ -143,6 +144,7 @@ def test_the_motor_half_of_a_joint_shows_play_too():
     assert abs(estimate["k_1"].value - TRUTH["k_1"]) < 3.0 * estimate["k_1"].std_dev
 
 
+@pytest.mark.long
 def test_a_motor_that_is_driven_by_a_voltage_shows_play_of_its_gear():
     """No input is a torque at its motor; without the shape there, k_1 was 10 standard deviations off."""
     model = build("electromechanical")
@@ -159,8 +161,8 @@ def test_a_gear_without_play_shows_none(model):
         assert "play" not in " ".join(fit(build(model), moved(0.0, reference, 2)).notes)
 
 
-@pytest.mark.parametrize("reach", [1e-4, 1e-3])
-@pytest.mark.parametrize("model", ["harmonic_drive", "motor_side"])
+@pytest.mark.parametrize("reach", first_quick([1e-4, 1e-3]))
+@pytest.mark.parametrize("model", first_quick(["harmonic_drive", "motor_side"]))
 def test_hysteresis_of_the_gear_is_named_and_in_the_intervals(model, reach):
     """Half a newton metre: the fit takes it for a third more damping, or for a stiffer spring."""
     recording = gear_with_hysteresis.moved(0.5, reach, position_reference(), 1)

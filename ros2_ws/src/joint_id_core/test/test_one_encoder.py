@@ -51,6 +51,7 @@ def test_of_the_motor_alone_it_is_the_same():
     assert found.status is Status.MISSING_SIGNAL and "Record link_position or link_velocity" in found.message
 
 
+@pytest.mark.long
 def test_a_stiffness_that_is_held_or_believed_is_not_asked_for():
     quick = motion(2.0)
     for settings in (ParameterSettings({"k_1": 1e5}, ("k_1",)), ParameterSettings(priors={"k_1": 0.1})):

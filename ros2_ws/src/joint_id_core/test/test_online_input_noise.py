@@ -161,6 +161,7 @@ def test_beside_such_noise_a_load_is_still_seen():
     assert abs(after[-1]["J"].value - LOADED["J"]) < 4.0 * after[-1]["J"].std_dev < 0.1 * LOADED["J"]
 
 
+@pytest.mark.long
 def test_noise_that_the_filter_takes_for_that_of_the_load_counts_as_well():
     """A rigid joint hides which of the two it is: `J` was 3.8 % too large, 5 standard deviations, or seen to change."""
     small = {"J": 3e-4, "c": 6.2e-3, "tau_f": 1.02e-2, "tau_0": 1.7e-3}

@@ -13,6 +13,8 @@ from joint_id_core.estimators.shared.hysteresis import hysteresis
 from joint_id_core.models import build
 from joint_id_core.simulation.excitation import build_multisine, harmonics
 
+from .quick import first_quick
+
 MODEL = build("rigid_joint")
 TRUTH = {"J": 2.0, "c": 10.0, "tau_f": 8.0}
 RATE, FINE = 100, 20  # samples/s, and steps between two samples
@@ -55,7 +57,7 @@ def test_hysteresis_is_that_of_dahl():
 
 
 @pytest.mark.parametrize("reach", [0.01, 0.03])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", first_quick(range(3)))
 def test_inertia_is_right_where_plain_least_squares_makes_it_half(seed, reach):
     recording, plain = recorded(seed, reach)
     found = fit(MODEL, recording, None, Regression())
@@ -68,7 +70,7 @@ def test_inertia_is_right_where_plain_least_squares_makes_it_half(seed, reach):
     assert not any("late" in note or "between two samples" in note for note in found.notes)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", first_quick(range(3)))
 def test_friction_without_a_memory_is_as_before(seed):
     recording, _ = recorded(seed, 0.0)
     found = fit(MODEL, recording, None, Regression())

@@ -15,6 +15,8 @@ from joint_id_core.results.estimate import Verdict
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
 from joint_id_core.simulation.sensors import Sensors
 
+from .quick import first_quick
+
 SENSORS = Sensors(noise={"link_position": 1e-5, "motor_velocity": 0.1})
 KNOWN = {"rigid_joint": {"N": 101.0}, "harmonic_drive": {"N": 101.0}}
 TRUE = {"rigid_joint": {"J": 1.4, "c": 2.8, "tau_f": 4.6}, "harmonic_drive": {"J_q": 0.9, "tau_fq": 2.0}}
@@ -65,7 +67,7 @@ def working(name: str, places: tuple[float, ...], seconds: float, seed: int, res
 
 
 @pytest.mark.parametrize("name", list(KNOWN))
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", first_quick(range(2)))
 def test_friction_and_inertia_of_a_joint_that_rests_half_the_time_are_right(name, seed):
     recording = working(name, (0.0, 0.8, -0.3, 0.4), 9.0, seed)
     assert prepare(build(name), recording, leave_out_rests=True).rest.mean() > 0.25

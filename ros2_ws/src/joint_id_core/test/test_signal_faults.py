@@ -15,6 +15,8 @@ from joint_id_core.models import build
 from joint_id_core.results.estimate import Status
 from joint_id_core.simulation import simulate_motion
 
+from .quick import first_quick
+
 MODEL, N = build("harmonic_drive"), 101.0
 TRUTH = {"k_1": 8000.0, "J_q": 1.2, "c_q": 3.0, "tau_fm": 0.035, "J_m": 8e-5}
 
@@ -50,7 +52,7 @@ def test_a_fault_is_named_with_its_size(good, fault):
 
 
 @pytest.mark.parametrize("model", ["harmonic_drive", "motor_side", "electromechanical"])
-@pytest.mark.parametrize("rate", [125.0, 500.0])
+@pytest.mark.parametrize("rate", first_quick([125.0, 500.0]))
 def test_good_recordings_have_no_fault(model, rate):
     drive = "current" if model == "electromechanical" else "torque"
     for seed, friction in enumerate(("coulomb_viscous", "stribeck", "eyring")):

@@ -14,6 +14,8 @@ from joint_id_core.simulation.excitation import position_reference
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
 from joint_id_core.simulation.sensors import Sensors
 
+from .quick import first_quick
+
 # J in kg m^2, and torques over the rms torque of the inertia
 SIZES = {"gripper": 2e-4, "small": 2e-3, "cobot": 0.3, "industrial": 30.0}
 SHARE = {"tau_f": 1.5, "tau_0": 0.4, "a_g": 4.0, "b_g": -1.0}
@@ -34,7 +36,7 @@ def moved(J, gravity, seed=1, amplitude=0.6):
     return model, truth, shown
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", first_quick(SIZES, 2))
 def test_online_a_joint_of_any_size_is_known_after_a_window_and_stays_known(size):
     model, truth, recording = moved(SIZES[size], gravity=True)
     joint, found = OnlineIdentifier(model), []
@@ -49,7 +51,7 @@ def test_online_a_joint_of_any_size_is_known_after_a_window_and_stays_known(size
             assert abs(estimate[name].value - truth[name]) < 4.0 * estimate[name].std_dev, name
 
 
-@pytest.mark.parametrize("size", ["gripper", "industrial"])
+@pytest.mark.parametrize("size", first_quick(["industrial", "gripper"]))
 def test_several_recordings_of_a_joint_of_any_size_are_one(size):
     model, truth, first = moved(SIZES[size], gravity=True)
     _, _, second = moved(SIZES[size], gravity=True, seed=2)
@@ -60,7 +62,7 @@ def test_several_recordings_of_a_joint_of_any_size_are_one(size):
     assert estimate["a_g"].std_dev < 0.01 * abs(truth["a_g"])
 
 
-@pytest.mark.parametrize("gravity", [False, True])
+@pytest.mark.parametrize("gravity", first_quick([True, False]))
 @pytest.mark.parametrize("size", SIZES)
 def test_a_joint_of_any_size_is_found_without_a_start(size, gravity):
     model, truth, recording = moved(SIZES[size], gravity)
@@ -109,7 +111,7 @@ MEASURED = {
 }
 
 
-@pytest.mark.parametrize("factor", [0.003, 1.0, 300.0])
+@pytest.mark.parametrize("factor", first_quick([300.0, 0.003, 1.0]))
 @pytest.mark.parametrize("name", MEASURED)
 def test_a_flexible_joint_whose_torques_are_all_larger_or_smaller_is_found_with_the_same_relative_errors(name, factor):
     usual = build("harmonic_drive").values()

@@ -14,6 +14,8 @@ from joint_id_core.models import Model, build
 from joint_id_core.results.estimate import Estimate
 from joint_id_core.simulation.simulator import JointSimulator
 
+from .quick import first_quick
+
 MOTOR, JOINT = build("dc_motor"), build("electromechanical")
 STEP_S, MOVE_S = 0.3, 1.0
 NOISE = {"current": 0.002, "motor_velocity": 3e-4}  # over stall current and idle speed
@@ -74,7 +76,7 @@ def assert_right(estimate: Estimate, values: Mapping[str, float]) -> None:
         assert abs(row.value - values[name]) < 4.0 * row.std_dev, f"{name} {row.value:g} +- {row.std_dev:g}"
 
 
-@pytest.mark.parametrize("size", MOTORS)
+@pytest.mark.parametrize("size", first_quick(MOTORS))
 def test_a_motor_of_any_size_is_found_without_a_start(size):
     volts, values = MOTORS[size]
     estimate = found(MOTOR, values, moved(MOTOR, values, volts, steps(volts)))
