@@ -57,7 +57,7 @@ def test_half_of_what_a_yielding_gear_changes_is_in_the_covariance():
         Stacked(y, columns * mask, one, one, 1).weighed()[0] for mask in (np.ones(3), np.array([1.0, 1.0, 0.0]))
     )
     covariance = np.linalg.inv(columns.T @ columns)
-    found = gear.doubted(whole, covariance, np.array([2])) - covariance
+    found = gear.with_yielding(whole, covariance, np.array([2])) - covariance
     np.testing.assert_allclose(np.sqrt(np.diag(found)), 0.5 * np.abs(whole - without), rtol=1e-6)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.arm.equations import PAYLOAD, Equations
-from joint_id_core.arm.gear import doubted
+from joint_id_core.arm.gear import with_yielding
 from joint_id_core.data.recording import Array
 
 WANDER, WANDER_S = 0.05, 600.0  # of the friction of a joint, its standard deviation after a time of motion in s
@@ -139,7 +139,7 @@ class Belief:
     @property
     def told_covariance(self) -> Array:
         """The covariance (P, P) with what gears may do otherwise than straight springs."""
-        return doubted(self.values, self.covariance, self.gears)
+        return with_yielding(self.values, self.covariance, self.gears)
 
     def friction_of(self, joint: int) -> NDArray[np.intp]:
         """Return the places of the parameters of friction of a joint."""

@@ -18,7 +18,7 @@ from joint_id_core.arm.drift import drift
 from joint_id_core.arm.equations import PAYLOAD, Equations, equations
 from joint_id_core.arm.friction import Friction
 from joint_id_core.arm.gains import Gains
-from joint_id_core.arm.gear import doubted
+from joint_id_core.arm.gear import with_yielding
 from joint_id_core.arm.gravity import check_gravity
 from joint_id_core.arm.judged import base_parameters, friction, rotor
 from joint_id_core.arm.links import consistent_links
@@ -113,7 +113,7 @@ class _Fitted:
         whole = left / np.sqrt(free(table.columns / table.scatter(left)[table.joint][:, None]))
         self._noise = [noise_of(whole[table.joint == j], self._lag) for j in range(self._count)]
         changes = drift(table, left, places, self.values[places], self._lag)
-        self.covariance = doubted(self.values, self.covariance, self._friction_at + self._friction.gears)
+        self.covariance = with_yielding(self.values, self.covariance, self._friction_at + self._friction.gears)
         self.covariance[places, places] += (changes[:, None] * self.values[places]) ** 2 / len(parts)
         self._lefts = [self._left(part) for part in self._parts]
         self._band = Band.of(self._lefts)

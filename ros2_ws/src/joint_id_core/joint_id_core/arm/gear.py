@@ -48,7 +48,7 @@ def rates(load: Array, known: NDArray[np.bool_], rate: float) -> Array:
     return np.concatenate([second[:, :, None] * own, first[:, :, None] * own], axis=2)
 
 
-def doubted(values: Array, covariance: Array, places: NDArray[np.intp]) -> Array:
+def with_yielding(values: Array, covariance: Array, places: NDArray[np.intp]) -> Array:
     """Return a covariance (P, P) with what a straight spring may lack; values (P,), and places of J/k and c/k."""
     own = covariance[np.ix_(places, places)]
     shift = NOT_STRAIGHT * covariance[:, places] @ np.linalg.pinv(own, hermitian=True) @ values[places]

@@ -109,7 +109,7 @@ def with_share(
         if not left or known or late is None or abs(late.value) < late.sigma:
             break
         share = float(np.clip(share + late.value, 0.0, MOST))
-    return data, band_hz, [f.doubted(share > 0.0) for f in fitted], share
+    return data, band_hz, [f.with_delay_in_doubt(share > 0.0) for f in fitted], share
 
 
 def suits(model: Model) -> bool:
@@ -188,7 +188,7 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
         positive = [model.parameter(n).positive for n in equation.names]
         solution, lag, share = samples.solve(positive, options.lag_s), None, samples.share(positive, options.lag_s)
         if sides is not None:
-            solution, lag = sides.doubted(equation.names, samples.y, tables, solution)
+            solution, lag = sides.with_lag_in_doubt(equation.names, samples.y, tables, solution)
         gear = [sides is not None and n in (model.stiffness, model.cubic_stiffness) for n in equation.names]
         found.append(tested(samples, solution, positive, moved, band_hz, share, lag, gear))
     if not found:

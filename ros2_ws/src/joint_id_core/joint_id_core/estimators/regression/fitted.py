@@ -86,7 +86,7 @@ class Fitted:
         cross = encoders.sigma * encoders.effect[:, None]
         return np.block([[known, cross], [cross.T, np.array([[encoders.sigma**2]])]])
 
-    def doubted(self, taken: bool) -> Fitted:
+    def with_delay_in_doubt(self, taken: bool) -> Fitted:
         """Return it with intervals that contain what is not known of a late drive; `taken` as of `Share.doubt`."""
         if self.late is not None and self._may_be_late:
             samples, beside_turn = self.samples, len(self.late.factors) > len(self.names)

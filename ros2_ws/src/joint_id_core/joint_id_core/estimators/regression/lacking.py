@@ -71,7 +71,7 @@ def with_lacking(
         if (better and option != COMPLIANCE) or matters.any():
             told.append(WORDS[option])
     said = f"the residuals show {' and '.join(told)}; {CONTAINED}" if told else ""
-    return doubted(found, total, said)
+    return with_doubt(found, total, said)
 
 
 def with_late_drive(found: Solution, late: Shift, y: Array, columns: Array) -> Solution:
@@ -80,10 +80,10 @@ def with_late_drive(found: Solution, late: Shift, y: Array, columns: Array) -> S
     Columns may follow those of the parameters that were fitted beside them.
     """
     changes = np.abs(late.factors - np.linalg.lstsq(columns, y, rcond=None)[0])[: len(found.values)]
-    return doubted(found, np.where(found.unseen | found.held, 0.0, changes))
+    return with_doubt(found, np.where(found.unseen | found.held, 0.0, changes))
 
 
-def doubted(found: Solution, doubt: Array, said: str = "") -> Solution:
+def with_doubt(found: Solution, doubt: Array, said: str = "") -> Solution:
     """Return a solution whose intervals contain a doubt (k,), with the reason as a clause."""
     if not doubt.any() and not said:
         return found

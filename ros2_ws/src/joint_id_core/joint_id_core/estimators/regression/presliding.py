@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.regression.equations import Motion
-from joint_id_core.estimators.regression.lacking import TOLD, doubted
+from joint_id_core.estimators.regression.lacking import TOLD, with_doubt
 from joint_id_core.estimators.regression.least_squares import Solution
 from joint_id_core.estimators.shared.hysteresis import hysteresis
 from joint_id_core.models import Model
@@ -60,4 +60,4 @@ def with_inertia(found: Solution, other: Solution, inertia: NDArray[np.bool_], p
     covariance[place, place] = other.covariance[place, place]
     chosen = {name: np.where(inertia, getattr(other, name), getattr(found, name)) for name in OF_A_PARAMETER}
     turned = replace(found, covariance=covariance, **chosen)
-    return doubted(turned, doubt, SAID if (doubt > TOLD * np.abs(turned.unbounded)).any() else "")
+    return with_doubt(turned, doubt, SAID if (doubt > TOLD * np.abs(turned.unbounded)).any() else "")

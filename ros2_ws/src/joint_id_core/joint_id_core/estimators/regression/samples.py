@@ -107,23 +107,19 @@ class Samples:
         """Return by how much of a sample the drive comes late; None without a drive or with instruments."""
         if self.tools is not None or not self.change.any():
             return None
-        ask = self._asked(positive, lag_s)
-        if self.turn is not None and self.turns_rather_than(_explained(self.y, self.columns, self.change)):
-            beside = share_beside(self.y, self.with_turn, self.change, ask)
-            return beside and replace(beside, effect=beside.effect[: len(positive)])
         y, columns, change = self.y, self.columns, self.change
-        if self.away is not None:  # what friction does while the joint sticks hides a delay
+        if self.turns_rather_than(_explained(y, columns, change)):
+            columns = self.with_turn
+        elif self.away is not None:  # what friction does while the joint sticks hides a delay
             y, columns, change = self.away.y[:, 0], self.away.columns, self.away.change[:, 0]
-        return share_beside(y, columns, change, ask)
+        return share_beside(y, columns, change, self._asked(positive, lag_s), len(positive))
 
     def turns_rather_than(self, share: float) -> bool:
         """Return whether friction that turns after reversals explains y rather than a delay, which explains a `share`.
 
         Either explains a part of what the other does.
         """
-        if self.turn is None:
-            return False
-        return 1.0 - _explained(self.y, self.columns, self.turn) < RATHER * (1.0 - share)
+        return self.turn is not None and 1.0 - _explained(self.y, self.columns, self.turn) < RATHER * (1.0 - share)
 
     @property
     def with_turn(self) -> Array:

@@ -50,17 +50,20 @@ class Share:
         return np.asarray(np.sqrt(square) * self.effect)
 
 
-def share_beside(y: Array, columns: Array, change: Array, ask: Callable[[Array, Array], Solution]) -> Share | None:
+def share_beside(
+    y: Array, columns: Array, change: Array, ask: Callable[[Array, Array], Solution], count: int
+) -> Share | None:  # fmt: skip
     """Return the share beside the parameters of an equation; None if nothing shows it.
 
     Args:
         y, columns: of the equation, shapes (R,) and (R, k).
         change: of the drive's part of y in a sample, shape (R,).
         ask: solves an equation y = columns.
+        count: of the parameters; more columns are of what is fitted beside them.
     """
     found = ask(y, np.column_stack([columns, -change]))
     variance = float(found.covariance[-1, -1])
     if found.unseen[-1] or not variance > 0.0:
         return None
-    effect = np.linalg.lstsq(columns, change, rcond=None)[0]
+    effect = np.linalg.lstsq(columns, change, rcond=None)[0][:count]
     return Share(float(found.values[-1]), variance**0.5, np.asarray(effect))

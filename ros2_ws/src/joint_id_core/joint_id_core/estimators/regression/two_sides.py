@@ -65,7 +65,7 @@ class TwoSides:
         along = partial(columns_along, self.model, equation, values=self.values)
         return Tools(table, bent(along, self.moved, self.ratio))
 
-    def doubted(
+    def with_lag_in_doubt(
         self, names: Sequence[str], y: Array, tables: Mapping[str, Array], solution: Solution
     ) -> tuple[Solution, Lag]:
         """Return the solution of y (T,) for the parameters `names`, in doubt of the encoders, and the lag of these.
