@@ -126,7 +126,7 @@ def test_a_load_of_wrong_masses_is_told_with_what_to_do():
 
 
 @pytest.mark.parametrize("estimator", [None, Regression()], ids=["innovations", "regression"])
-@pytest.mark.parametrize("name", first_quick(EVERY_OTHER, 2))
+@pytest.mark.parametrize("name", EVERY_OTHER)
 def test_a_rigid_joint_is_found_while_all_joints_move(rigid, name, estimator):
     found, k = loaded(Description(URDF), name, [rigid]), JOINTS.index(name)
     options = {"estimator": estimator} if estimator else {}
