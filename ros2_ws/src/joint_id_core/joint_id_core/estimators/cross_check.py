@@ -55,9 +55,9 @@ def judged(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
 
     Where the two values of a parameter differ by more than their intervals, the value becomes the middle, the interval
     contains both, and the status is DISAGREE. Where the residual torque has a memory, standard deviations, which take
-    it for white, become at least those of the regression. So they do where the drive changes between two samples. If
-    the equations of motion do not explain the torque, the status is POOR_FIT. A poor fit is told what the regression
-    says of the motion. A drive that is late or early, or changes between samples, is noted.
+    it for white, become at least those of the regression. So they do where the drive is late or early, or changes
+    between two samples, which is noted. If the equations of motion do not explain the torque, the status is POOR_FIT.
+    A poor fit is told what the regression says of the motion.
     """
     estimate = _without_useless_advice(estimate, opinion)
     if opinion.lag:
@@ -79,7 +79,7 @@ def judged(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
     apart = [second for second in opinion.seconds if _disagrees(estimate, model, second, bool(opinion.between))]
     if apart:
         return _widened(estimate, model, opinion, apart)
-    found = _as_wide(estimate, model, opinion) if opinion.coloured or opinion.between else estimate
+    found = _as_wide(estimate, model, opinion) if opinion.coloured or opinion.between or opinion.lag else estimate
     return _containing(found, model, opinion)
 
 
@@ -216,6 +216,11 @@ def _as_wide(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
         wider.append(second.name)
     if not wider:
         return replace(estimate, parameters=tuple(rows.values()))
-    why = "the residual torque has a memory" if opinion.coloured else "what the drive does between samples is not known"
+    why = "what the drive does between samples is not known"
+    if opinion.lag:
+        why = "the drive is late or early"
+    elif opinion.coloured:
+        why = "the residual torque has a memory"
     said = f"{why}: the intervals of {listed(wider)} are those of a regression, which depend on it less"
-    return _with_rows(estimate, rows, scale, (*estimate.notes[:1], sentence(said), *estimate.notes[1:]))
+    place = 2 if opinion.lag else 1  # after the sentence that tells by how much
+    return _with_rows(estimate, rows, scale, (*estimate.notes[:place], sentence(said), *estimate.notes[place:]))

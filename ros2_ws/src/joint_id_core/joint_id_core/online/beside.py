@@ -10,6 +10,7 @@ from joint_id_core.online.knowledge import Knowledge
 from joint_id_core.online.lasting import Lasting
 from joint_id_core.online.second_look import SecondLook, apart
 from joint_id_core.online.second_opinion import SecondOpinion
+from joint_id_core.online.stretch import Stretch
 from joint_id_core.online.task import Task
 from joint_id_core.online.window import SlidingWindow
 from joint_id_core.results.estimate import Estimate
@@ -30,11 +31,13 @@ class Beside:
     ) -> None:
         self._checks, self._look = WindowChecks(window_s, background), SecondLook(window_s, background)
         self._opinion = SecondOpinion(model, settings, window_s, background, opinions)
+        self.stretch = Stretch(model, settings, window_s, background, opinions)
 
     def append(self, samples: Recording) -> None:
         """Add samples in motion."""
         self._look.append(samples)
         self._opinion.append(samples)
+        self.stretch.append(samples)
 
     def begin(self, end: float) -> None:
         """Begin checks anew with a window that was fitted, its end in s; -inf lets the next one come at once."""
@@ -45,6 +48,7 @@ class Beside:
         self.begin(end)
         self.end_looks()
         self.forget_opinions()
+        self.stretch.changed()
 
     def end_looks(self) -> None:
         """Fit the samples since the start no more."""

@@ -162,8 +162,10 @@ class OnlineIdentifier:
             self.finish()
         if not due:
             return None
-        estimate, window = (self._in_motion(), self._window) if self._watch.moving else (self._at_rest(), recent)
-        return estimate.updated(temperature=window.temperature)
+        stretch = self._beside.stretch
+        if self._watch.moving:
+            return stretch.on(self._in_motion()).updated(temperature=self._window.temperature)
+        return stretch.at_rest(self._at_rest()).updated(temperature=recent.temperature)
 
     def _without_memory(self) -> Estimate:
         """Fit the newest samples by themselves."""
