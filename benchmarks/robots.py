@@ -21,7 +21,7 @@ from peers.process import SINGLE_CORE
 os.environ.update(SINGLE_CORE)  # times are processor times: libraries read this when they are imported
 
 from measured_blocks import write
-from robots import followed_arm, stiffness, whole_arm
+from robots import followed_arm, live, stiffness, whole_arm
 from robots.arm_peers import found as of_arm
 from robots.arm_peers.pages import peers_table
 from robots.arm_peers.runs import methods
@@ -67,6 +67,7 @@ def main() -> None:
             "machine": machine(),
             "fits": [asdict(f) for f in rigid(args.cases)],
             "stiffness": [asdict(f) for f in stiffness.fits()] if axes and stiffness.there() else [],
+            "live": [asdict(r) for r in live.followed(args.cases)],
             "payload": whole_arm.payload() if not args.cases and whole_arm.there() else [],
             "whole_arm": [asdict(r) for r in whole_arm.rows()] if not args.cases and whole_arm.there() else [],
             "followed_arm": [asdict(r) for r in followed_arm.runs()] if not args.cases and whole_arm.there() else [],
@@ -84,6 +85,7 @@ def main() -> None:
     tables = {
         "robots-targets": targets_table(found, axes_found), "robots": methods_table(found),
         "robots-joints": joints_table(found), "robots-stiffness": stiffness_table(axes_found),
+        "robots-live": live.live_table([live.Live(**row) for row in report.get("live", [])]),
         "robots-payload": whole_arm.payload_table(report.get("payload", [])),
         "robots-arm": whole_arm.table(arm), "robots-links": whole_arm.links_table(arm),
         "robots-arm-followed": followed_arm.table([followed_arm.Run(**r) for r in report.get("followed_arm", [])]),

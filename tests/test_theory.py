@@ -39,6 +39,7 @@ from joint_id_core.online import (
     score_test,
     second_look,
     sharpness,
+    stretch,
     trial,
 )
 from joint_id_core.validation import inverse_dynamics, prediction
@@ -128,6 +129,10 @@ def test_constants_in_the_theory() -> None:
         f"explain them as well (cost within {score_test.ALIKE:g})",
         f"after {second_look.AFTER[0]}, {second_look.AFTER[1]} and {second_look.AFTER[2]} window lengths of motion",
         f"mean square distance of their estimates is above {second_look.APART:g}",
+        f"from {stretch.LEAST:g} window lengths of motion on, at most {stretch.REACH:g}, again after",
+        f"again after {stretch.EVERY:g} of new motion, or as seldom",
+        f"keep these fits below {100 * stretch.SHARE:g} % of a processor",
+        f"had described less than {stretch.LEAST:g} window lengths before",
         f"nothing confirms new values for {words[round(pending_change.PATIENT)]} windows",
         f"until {words[round(trial.TRIAL)]} windows of motion agree with the new fit",
         f"whose logarithms of variances count as known to {resume.NOISE_SIGMA:g}",

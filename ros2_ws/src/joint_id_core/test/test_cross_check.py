@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from joint_id_core.data.recording import Recording
-from joint_id_core.estimators import ParameterSettings, Regression, fit
+from joint_id_core.estimators import Innovations, ParameterSettings, Regression, fit
 from joint_id_core.estimators.cross_check import cross_checked
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Estimate, Status, Verdict
@@ -38,6 +38,18 @@ def off(estimate: Estimate, name: str, factor: float) -> Estimate:
 
 def test_what_both_find_stays_as_it_is(good):
     assert good.converged and cross_checked(good, MODEL, motion()) is good
+
+
+@pytest.mark.parametrize("estimator", [Innovations(), Regression()], ids=lambda e: e.name)
+@pytest.mark.parametrize("late_s", [-0.01, -0.005, 0.01])
+def test_intervals_contain_what_a_drive_that_is_not_in_time_does(late_s, estimator):
+    """Early, it takes c for negative: what is held at its bound is no bound of what is true."""
+    record = motion()
+    torque = np.interp(record.time - late_s, record.time, record["torque"])
+    found = fit(MODEL, record.with_channels({"torque": torque}), estimator=estimator)
+    assert "The drive seems to be" in " ".join(found.notes)
+    for name, truth in TRUTH.items():
+        assert abs(found[name].value - truth) < 2.0 * found[name].std_dev, (name, found[name])
 
 
 @pytest.mark.parametrize(("name", "factor"), [("J", 3.0), ("J", 0.3), ("tau_f", 1.5), ("tau_0", -2.0)])

@@ -134,7 +134,7 @@ class OnlineIdentifier:
             newest = self._update(part) or newest
         if newest is None:
             return None
-        newest = with_held_values(self._agreement.on(newest), self.model, self.settings)
+        newest = with_held_values(newest, self.model, self.settings)
         newest = with_computed_load(newest, self._watch.recent, self.model)
         return newest.updated(elapsed_s=time.perf_counter() - begun)
 
@@ -164,7 +164,8 @@ class OnlineIdentifier:
             return None
         stretch = self._beside.stretch
         if self._watch.moving:
-            return stretch.on(self._in_motion()).updated(temperature=self._window.temperature)
+            estimate = self._agreement.on(self._in_motion())
+            return stretch.on(estimate).updated(temperature=self._window.temperature)
         return stretch.at_rest(self._at_rest()).updated(temperature=recent.temperature)
 
     def _without_memory(self) -> Estimate:

@@ -50,7 +50,8 @@ class Stretch:
     ) -> None:
         self._model, self._settings, self._window_s, self._background = model, settings, window_s, background
         self._wanted = wanted and suits(model)
-        self._poor_since, self._found = np.inf, None
+        self._poor_since = np.inf
+        self._found: Estimate | None = None
         self._begin()
 
     def _begin(self) -> None:
@@ -58,10 +59,14 @@ class Stretch:
         self._running: Future[tuple[Estimate, float]] | None = None
 
     def changed(self) -> None:
-        """Forget the motion before a change of the joint; where the recursion finds none that hold, it found no change.
-        """
-        if self._found is None:
+        """Forget the motion before a change that the recursion tells, unless a stretch is shown in its place."""
+        if self._found is None and self._proved:
             self._begin()
+
+    @property
+    def _proved(self) -> bool:
+        """Whether the recursion has described so much motion that it is the joint that changes if it does no more."""
+        return self._motion.duration > LEAST * self._window_s
 
     def append(self, samples: Recording) -> None:
         """Add samples in motion."""
@@ -75,7 +80,8 @@ class Stretch:
             return estimate
         if estimate.status is Status.POOR_FIT and self._poor_since == np.inf:
             self._poor_since = estimate.end
-            self._begin()
+            if self._proved:
+                self._begin()
         asked = estimate.end >= self._poor_since + self._window_s
         found = self._newest() if asked else None
         described = found is not None and found.converged and found.checks is not None and not any(found.checks.texts)

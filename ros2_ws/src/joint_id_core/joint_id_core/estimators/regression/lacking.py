@@ -80,7 +80,9 @@ def with_late_drive(found: Solution, late: Shift, y: Array, columns: Array) -> S
     Columns may follow those of the parameters that were fitted beside them.
     """
     changes = np.abs(late.factors - np.linalg.lstsq(columns, y, rcond=None)[0])[: len(found.values)]
-    return with_doubt(found, np.where(found.unseen | found.held, 0.0, changes))
+    # one that is held at its bound may be off by all that the drive in time says of it
+    changes = np.where(found.held, np.abs(late.factors[: len(found.values)]), changes)
+    return with_doubt(found, np.where(found.unseen, 0.0, changes))
 
 
 def with_doubt(found: Solution, doubt: Array, said: str = "") -> Solution:
