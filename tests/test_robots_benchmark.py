@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from robots import methods, stiffness, whole_arm
+from robots import live, methods, stiffness, whole_arm
 from robots.cases import CASES, Known
 from robots.fitted import Fitted, Value, of_json
 from robots.judging import Pairs, farthest, held_out, pairs, relative_sigma, usable
@@ -179,3 +179,31 @@ def test_links_of_an_arm_are_plausible_and_its_files_predict_as_the_fit_does():
     mjcf, urdf = whole_arm.by_files(description, found, other)
     for joint, whole, without_rotor in zip(found.joints, mjcf, urdf, strict=True):
         assert whole > joint.held_out - 0.005 and without_rotor < whole + 1e-9  # a URDF has the first rotor, too
+
+
+def test_the_longest_stretch_of_wrong_estimates_lasts_until_the_next_right_one():
+    ends = [1.0, 1.5, 2.0, 2.5, 3.0]
+    assert live.longest([False] * 5, ends) == 0.0
+    assert live.longest([True, False, True, True, False], ends) == 1.0
+    assert live.longest([False, False, False, True, True], ends) == 0.5
+    assert live.longest([], []) == 0.0
+
+
+def test_a_row_of_the_live_table_is_the_sum_of_its_recordings():
+    one = live.Live(ALONE.name, "joint 1", "log", 40, 20, 10, 1, 0.5, 40, 38, 0, 0.05, 0.1)
+    rows = live.live_table(
+        [one, replace(one, known=0, good=0, wrong=0, compared=0, inside=0, sigma=np.nan)]
+    ).splitlines()
+    assert len(rows) == 4
+    assert rows[2] == f"| {ALONE.name} | 2 | 80 | 25 % | 12 % | 10 % | 0.5 s | 95 % | 0 % | 5 % | 10 % |"
+    assert rows[3] == rows[2].replace(ALONE.name, "**all**")
+
+
+@with_data
+def test_live_friction_of_a_real_joint_is_known_and_right():
+    """Of the recursion alone, friction of this joint was known at a tenth of the estimates."""
+    joint = ALONE.joints[1]
+    rows = [live.follow(ALONE, joint, recording) for recording in joint.fitted()]
+    assert sum(r.known for r in rows) > 0.4 * sum(r.moved for r in rows)
+    assert sum(r.inside for r in rows) > 0.85 * sum(r.compared for r in rows)
+    assert sum(r.far for r in rows) == 0 and max(r.longest_s for r in rows) <= 2.0

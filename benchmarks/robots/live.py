@@ -64,10 +64,11 @@ def followed(names: Sequence[str] | None = None) -> Iterator[Live]:
         if case.there and (not names or any(text in case.name for text in names)):
             for joint in case.joints:
                 for recording in joint.fitted():
-                    yield _follow(case, joint, recording)
+                    yield follow(case, joint, recording)
 
 
-def _follow(case: Case, joint: Joint, recording: Recording) -> Live:
+def follow(case: Case, joint: Joint, recording: Recording) -> Live:
+    """Follow a recording of a joint."""
     model = build("rigid_joint", gravity=joint.gravity)
     reference = _reference(joint, estimators.fit(model, recording))
     found, share = _estimates(model, complete(recording))
@@ -78,7 +79,7 @@ def _follow(case: Case, joint: Joint, recording: Recording) -> Live:
     wrong = [e.converged and _farthest(e, reference) > FAR for e in moved]
     return Live(
         case.name, joint.name, recording.source, len(moved), len(known), sum(e.converged for e in moved), sum(wrong),
-        _longest(wrong, [e.end for e in moved]), len(off), sum(abs(z) < INTERVAL for z in off),
+        longest(wrong, [e.end for e in moved]), len(off), sum(abs(z) < INTERVAL for z in off),
         sum(abs(z) > FAR for z in off), float(np.median([p.std_dev / abs(p.value) for p in friction] or [np.nan])),
         share,
     )  # fmt: skip
@@ -112,15 +113,15 @@ def _farthest(estimate: Estimate, reference: dict[str, Known]) -> float:
     return max((abs(deviation(Value(p.value, p.std_dev), reference[p.name])) for p in rows), default=0.0)
 
 
-def _longest(wrong: Sequence[bool], ends: Sequence[float]) -> float:
+def longest(wrong: Sequence[bool], ends: Sequence[float]) -> float:
     """Longest stretch of wrong estimates in s; one lasts until the next estimate."""
-    longest, begin = 0.0, None
+    found, begin = 0.0, None
     for is_wrong, end in zip([*wrong, False], [*ends, ends[-1]] if ends else [0.0], strict=True):
         if is_wrong and begin is None:
             begin = end
         if not is_wrong and begin is not None:
-            longest, begin = max(longest, end - begin), None
-    return longest
+            found, begin = max(found, end - begin), None
+    return found
 
 
 def live_table(rows: Sequence[Live]) -> str:
