@@ -78,14 +78,15 @@ class Stretch:
         """Return what holds in motion: an estimate of the recursion, or the fit of a stretch in its place."""
         if not self._wanted:
             return estimate
-        if estimate.status is Status.POOR_FIT and self._poor_since == np.inf:
+        poor = estimate.status in (Status.POOR_FIT, Status.DISAGREE)
+        if poor and self._poor_since == np.inf:
             self._poor_since = estimate.end
             if self._proved:
                 self._begin()
         asked = estimate.end >= self._poor_since + self._window_s
         found = self._newest() if asked else None
         described = found is not None and found.converged and found.checks is not None and not any(found.checks.texts)
-        if described or (not asked and estimate.status is not Status.POOR_FIT):
+        if described or not (asked or poor):
             self._poor_since, self._found = np.inf, None
         return estimate if self._found is None else self._found.updated(end=estimate.end)
 
