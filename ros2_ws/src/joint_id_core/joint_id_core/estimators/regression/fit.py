@@ -3,31 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
-from functools import partial
 
 import numpy as np
 import scipy
 
-from joint_id_core.data.recording import Array, Recording
+from joint_id_core.data.recording import Recording
 from joint_id_core.data.signals import side_of
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators.regression.equations import Motion, columns_along, equations
+from joint_id_core.estimators.regression.equations import Equation, equations
 from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.regression.fitted import Fitted
-from joint_id_core.estimators.regression.instruments import Tools, rigid
 from joint_id_core.estimators.regression.judging import estimates, judge, tested
-from joint_id_core.estimators.regression.least_squares import ACCURACY, ACCURACY_OF_CURRENT
-from joint_id_core.estimators.regression.missing import at_speed, missing_torques
-from joint_id_core.estimators.regression.path import commanded, required
-from joint_id_core.estimators.regression.presliding import turning
-from joint_id_core.estimators.regression.samples import Samples
-from joint_id_core.estimators.regression.signals import Rows, all_smoothed, bands, motion, rows
-from joint_id_core.estimators.regression.sliding import Sliding, sliding
-from joint_id_core.estimators.regression.two_sides import has_twist, two_sides
-from joint_id_core.estimators.shared.computed_load import computed
+from joint_id_core.estimators.regression.prepared import Prepared, prepared
 from joint_id_core.estimators.shared.fit_data import (
-    MIN_SAMPLES,
     FitData,
     UnusableError,
     options_of,
@@ -35,7 +23,7 @@ from joint_id_core.estimators.shared.fit_data import (
     prepare,
     unusable,
 )
-from joint_id_core.estimators.shared.mean_drive import MOST, POSITION, changes, slope, with_mean_drive
+from joint_id_core.estimators.shared.mean_drive import MOST, POSITION, changes, with_mean_drive
 from joint_id_core.estimators.shared.sentences import listed, message, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
@@ -129,89 +117,29 @@ def fitted_equations(data: FitData, options: Regression) -> tuple[float, list[Fi
     """Fit every equation of the model that holds free parameters; return the band in Hz, and the fits.
 
     Raises:
-        UnusableError: too few samples, a state that is not measured, or no equation is linear.
+        JointIdError, UnusableError: as `prepared`; or no equation is linear.
     """
-    found_bands = bands(data)
-    model, band_hz = data.model, options.band_hz or found_bands.equations
-    values: Mapping[str, float] = dict(zip(model.parameter_names, data.p.tolist(), strict=True))
-    free = data.free
-    cutoff_hz = max(band_hz, found_bands.motion)
-    moved = motion(data, cutoff_hz)
-    usable = np.all([np.isfinite(v) for part in (moved.x, moved.u, moved.rates) for v in part.values()], axis=0)
-    index = rows(data, usable, band_hz)
-    if len(index.index) < MIN_SAMPLES:
-        raise UnusableError(
-            Status.TOO_SHORT,
-            f"{data.recording.source}: {len(index.index)} independent samples of motion below {band_hz:.3g} Hz, a "
-            f"regression needs {MIN_SAMPLES}: record longer, or give a wider band (band_hz)",
-        )
-    sides, path = None, None
-    if has_twist(model):
-        sides = two_sides(data, moved, index, cutoff_hz, band_hz, options.instruments)
-        moved, values, free = sides.moved, sides.values, sides.free
-    elif options.instruments == "command":
-        path = required(commanded(data.recording, _angle_of_link(model, moved), cutoff_hz), data.recording)
-    missing, found = missing_torques(moved, model, data.recording.time, cutoff_hz), []
-    turned = turning(moved, model) if sides is path is None else np.zeros((len(usable), 0))
-    for equation in equations(model, moved, values, free):
-        drive = equation.factor * moved.u[model.drive] if model.drive else np.zeros(len(usable))
-        beside = sides.beside(equation) if sides is not None else {}
-        if path is not None:
-            beside = {"tools": rigid(partial(columns_along, model, equation, values=values), moved, path)}
-        tables = {"y": equation.y[:, None], "columns": equation.columns, "drive": drive[:, None], "turning": turned}
-        change = slope(data.recording, data.recording.time, drive)[:, None]
-        tables |= {"change": change, **missing, **beside}
-        slides = sides is path is None and equation.state in model.smoothing
-        if slides:
-            weights = sliding(moved.x[equation.state], data.period, cutoff_hz, band_hz)[:, None]
-            tables |= {"away y": weights * tables["y"], "away columns": weights * tables["columns"]}
-            tables |= {"away change": weights * change}
-            tables |= {f"away {name}": weights * table for name, table in missing.items()}
-        tables = all_smoothed(data.recording.time, tables, usable, band_hz)
-        drive = tables.pop("drive")[:, 0]
-        tables = {name: part[index.index] for name, part in tables.items()}
-        known = np.all([np.isfinite(part).all(axis=1) for part in tables.values()], axis=0)
-        tables = {name: part[known] for name, part in tables.items()}
-        tools = sides.tools(equation, tables["tools"]) if sides is not None else None
-        if path is not None:
-            tools = Tools(tables["tools"], np.zeros(len(equation.names), dtype=bool))
-        away = None
-        if slides:
-            lacked = {name: tables[f"away {name}"] for name in missing}
-            away = Sliding(tables["away y"], tables["away columns"], tables["away change"], lacked)
-        samples = Samples(
-            equation, Rows(index.index[known], index.pieces[known]), at_speed(moved, index.index[known]),
-            tables["y"][:, 0], tables["columns"], {name: tables[name] for name in missing}, data.recording.time, drive,
-            data.period, tools, ACCURACY if "current" not in model.state_names else ACCURACY_OF_CURRENT,
-            tables["turning"], tables["change"][:, 0], computed(data.recording), away,
-        )  # fmt: skip
-        positive = [model.parameter(n).positive for n in equation.names]
-        solution, lag, share = samples.solve(positive, options.lag_s), None, samples.share(positive, options.lag_s)
-        if sides is not None:
-            solution, lag = sides.with_lag_in_doubt(equation.names, samples.y, tables, solution)
-        gear = [sides is not None and n in (model.stiffness, model.cubic_stiffness) for n in equation.names]
-        found.append(tested(samples, solution, positive, moved, band_hz, share, lag, gear))
+    ready = prepared(data, options)
+    found = [_fitted(ready, each, options) for each in equations(ready.model, ready.moved, ready.values, ready.free)]
     if not found:
         raise UnusableError(
             Status.MISSING_SIGNAL,
-            f"{data.recording.source}: no equation of {model.name} is linear in {listed(data.free)}: use the estimator "
-            "innovations",
+            f"{data.recording.source}: no equation of {data.model.name} is linear in {listed(data.free)}: use the "
+            "estimator innovations",
         )
-    return band_hz, found
+    return ready.band_hz, found
 
 
-def _angle_of_link(model: Model, moved: Motion) -> Array:
-    """Return the angle of the link, shape (T,).
-
-    Raises:
-        JointIdError: it is no state of the model.
-    """
-    if "link_position" not in moved.x:
-        raise JointIdError(
-            f"instruments = command: model {model.name} has no link_position, which a command is compared with; leave "
-            "this option out"
-        )
-    return moved.x["link_position"]
+def _fitted(ready: Prepared, equation: Equation, options: Regression) -> Fitted:
+    """Fit an equation."""
+    samples, tables = ready.compared(equation)
+    positive = [ready.model.parameter(n).positive for n in equation.names]
+    solution, lag, share = samples.solve(positive, options.lag_s), None, samples.share(positive, options.lag_s)
+    if ready.sides is not None:
+        solution, lag = ready.sides.with_lag_in_doubt(equation.names, samples.y, tables, solution)
+    stiff = (ready.model.stiffness, ready.model.cubic_stiffness)
+    gear = [ready.sides is not None and n in stiff for n in equation.names]
+    return tested(samples, solution, positive, ready.moved, ready.band_hz, share, lag, gear)
 
 
 def _estimate(data: FitData, fitted: list[Fitted], band_hz: float, begun: float, told: list[str]) -> Estimate:
