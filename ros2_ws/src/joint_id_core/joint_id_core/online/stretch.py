@@ -36,8 +36,8 @@ WHOLE = "No recursion describes this motion: this is a fit of the newest {:.0f} 
 class Stretch:
     """Keeps the newest motion, and fits it as a whole once the recursion has not described it for a window's length.
 
-    That is if its estimates are poor fits, or of windows or estimators that disagree. It ends once they are not, and a
-    fit's residuals show nothing that the model lacks.
+    That is if its estimates are poor fits, or of windows or estimators that disagree. It ends with a fit whose
+    residuals show nothing that the model lacks: then the recursion fails for another reason, and says so.
 
     Args:
         model, settings: what is identified.
@@ -87,7 +87,7 @@ class Stretch:
         asked = estimate.end >= self._poor_since + self._window_s
         found = self._newest() if asked else None
         described = found is not None and found.converged and found.checks is not None and not any(found.checks.texts)
-        if not poor and (described or not asked):
+        if described or not (asked or poor):
             self._poor_since, self._found = np.inf, None
         return estimate if self._found is None else self._found.updated(end=estimate.end)
 
