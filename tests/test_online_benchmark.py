@@ -108,7 +108,7 @@ def test_measured_blocks_are_written_and_the_rest_is_left():
     page = "a\n<!-- measured: x -->\nold\n<!-- end -->\nb\n<!-- measured: y -->\n<!-- end -->\n"
     assert written(page, {"x": "new"}) == page.replace("old", "new")
     names = {name for path in DOCS.rglob("*.md") for _, name, _ in BLOCK.findall(path.read_text())}
-    parts = ("targets", "joints", "links", "stiffness", "arm", "payload", "arm-followed", "arm-peers")
+    parts = ("targets", "joints", "links", "stiffness", "arm", "payload", "arm-followed", "arm-peers", "live")
     fleet = {f"fleet-{part}" for part in ("robots", "emulator", "page", "participants")}
     others = {"changes", "steady", "peers", "soak", "robots", "batch", "batched", "batched-gpu", "bootstrap"}
     others |= {"design-arm", "design-joint", "arm-stats"}
