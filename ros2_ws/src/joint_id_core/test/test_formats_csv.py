@@ -61,7 +61,7 @@ def test_mapping_multiplies_columns_and_numbers(csv):
             r"log.csv: no known time_s among the columns when, q, i: understood are time_s, motor_position, .*in SI "
             r"units; name yours, e.g. --map time_s=when --map link_position=q \(0.0174533\*q if it is in degrees\)$",
         ),
-        ("time_s,q_deg\n0,1\n", r"among the columns time_s, q_deg: .*--map 'link_position=0.0174533\*q_deg'$"),
+        ("time_s,phi_deg\n0,1\n", r"among the columns time_s, phi_deg: .*--map 'link_position=0.0174533\*phi_deg'$"),
         ("0,1,2\n1,2,3\n", r"log.csv: no header, line 1 holds numbers only: put column names above it, time_s, motor"),
         ("time_s,current\n", r"log.csv: only a header \(time_s, current\), no samples"),
         ("\n\n", r"log.csv: the file holds no line"),

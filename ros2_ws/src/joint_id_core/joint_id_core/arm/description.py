@@ -6,7 +6,7 @@ body algorithm (Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 5 and 6)
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.arm.from_mjcf import is_mjcf, urdf_of
-from joint_id_core.arm.urdf import built, end_of, mimics_of, parsed
+from joint_id_core.arm.urdf import built, end_of, mimics_of, parsed, with_still
 from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError, close_to
 
@@ -110,8 +110,10 @@ class Description:
         return int(self._column[joint])
 
     @classmethod
-    def read(cls, path: str | Path, gravity: Sequence[float] = GRAVITY) -> Description:
+    def read(cls, path: str | Path, gravity: Sequence[float] = GRAVITY, still: Collection[str] = ()) -> Description:
         """Read a URDF or MJCF file. Gravity is that of the argument, not of the file.
+
+        Joints that stand `still` count as fixed at 0, as those of a gripper that no recording holds.
 
         Raises:
             JointIdError: the file cannot be read; as for the constructor and `from_mjcf.urdf_of`.
@@ -121,7 +123,8 @@ class Description:
         except (OSError, UnicodeDecodeError) as error:
             reason = getattr(error, "strerror", None) or "not a text file"
             raise JointIdError(f"{path}: cannot be read ({reason}): give a URDF file") from None
-        return cls(urdf_of(Path(path)) if is_mjcf(text) else text, str(path), gravity)
+        text = urdf_of(Path(path)) if is_mjcf(text) else text
+        return cls(with_still(text, still, str(path)), str(path), gravity)
 
     def require(self, joint: str) -> None:
         """Check that a joint moves by itself and drives no other one.

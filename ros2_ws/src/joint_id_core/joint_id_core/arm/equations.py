@@ -7,6 +7,7 @@ and few samples of what is left are kept (Gautier, Janot & Vandanjon, IEEE Trans
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -198,20 +199,27 @@ def below_band(columns: Array, known: NDArray[np.bool_]) -> Array:
 
 
 def _doubts(recordings: Mapping[str, Recording], joints: Sequence[str]) -> tuple[str, ...]:
-    """Return what the checks of the recordings doubt.
+    """Return what the checks of the recordings doubt; what they find alike in several joints is told once.
 
     Raises:
         JointIdError: one of them is of no use, as with angles in degrees.
     """
-    told = []
+    told: dict[str, tuple[str, list[str]]] = {}
+    used = {POSITION, *DRIVES}
     for name in joints:
         for finding in findings(recordings[name]):
-            if finding.channels and not set(finding.channels) & {POSITION, *DRIVES}:
-                continue  # of a channel that is not used
-            if finding.fatal:
+            if finding.fatal and (not finding.channels or used & {*finding.channels}):
                 raise JointIdError(f"{recordings[name].source}: joint {name}: {finding.text}")
-            told.append(f"{recordings[name].source}, joint {name}: {finding.text}")
-    return tuple(told)
+            if not finding.fatal and used >= {*finding.channels}:
+                alike = re.sub(r"\d[\d.,e+-]*", "", finding.text)
+                told.setdefault(alike, (finding.text, []))[1].append(name)
+    source = recordings[joints[0]].source
+    return tuple(f"{source}, {_names(names)}: {text}" for text, names in told.values())
+
+
+def _names(joints: Sequence[str]) -> str:
+    first, *others = joints
+    return f"joint {first}" + (f" (alike: {', '.join(others)})" if others else "")
 
 
 def _fixed_in_vain(recordings: Mapping[str, Recording], joints: Sequence[str], source: str) -> list[str]:

@@ -50,7 +50,7 @@ def require_recorded(recordings: Mapping[str, Recording], joints: Sequence[str],
         raise JointIdError(
             f"{there}: no recording of {', '.join(missing)}, which {source} moves (recorded: "
             f"{', '.join(recordings) or 'none'}): joints are found by name. Record all joints, or make one that stands "
-            "still fixed in a copy of the description"
+            "still fixed (--still of joint-id, or in a copy of the description)"
         )
 
 

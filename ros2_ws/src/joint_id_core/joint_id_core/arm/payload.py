@@ -19,6 +19,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.results.verdict import MAGNITUDE
 
 ITERATIONS = 50
+IMPOSSIBLE = 2.0  # standard deviations below zero from which a mass is told to be none
 SETTLED = 1e-6  # change of the gains, relative
 
 
@@ -43,13 +44,17 @@ class Payload:
 
     @property
     def known(self) -> bool:
-        """Whether the mass is known to half of its value."""
-        return self.mass_std_dev <= MAGNITUDE * abs(self.mass)
+        """Whether the mass is that of a body, and known to half of its value."""
+        return self.mass_std_dev <= MAGNITUDE * self.mass
 
     def __str__(self) -> str:
         """Return it in words."""
         if not self.known:
-            return f"payload on {self.link}: not known, {self.mass:.2g} ± {self.mass_std_dev:.2g} kg"
+            found = f"payload on {self.link}: not known, {self.mass:.2g} ± {self.mass_std_dev:.2g} kg"
+            less = self.mass < -IMPOSSIBLE * self.mass_std_dev
+            return (
+                f"{found}, which no body has: the torques hold what the description of the arm lacks" if less else found
+            )
         place = ", ".join(f"{c:.3g} ± {s:.1g}" for c, s in zip(self.centre, self.centre_std_dev, strict=True))
         return (
             f"payload on {self.link}: {self.mass:.4g} ± {self.mass_std_dev:.2g} kg, centre at ({place}) m in its frame"

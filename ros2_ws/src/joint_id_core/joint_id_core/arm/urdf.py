@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from joint_id_core.errors import JointIdError
+from joint_id_core.errors import JointIdError, close_to
 
 TURNING = ("revolute", "continuous")
 MOVING = (*TURNING, "prismatic")
@@ -81,6 +81,29 @@ def mimics_of(root: ET.Element, source: str) -> Mapping[str, Mimic]:
         if one.joint in found:
             raise JointIdError(f"{source}: joint {name!r} follows {one.joint!r}, which follows another one: correct it")
     return found
+
+
+def with_still(text: str, still: Collection[str], source: str) -> str:
+    """Return a URDF in which joints that stand still, at 0, are fixed, and those that follow one of them.
+
+    Raises:
+        JointIdError: it has no such joint.
+    """
+    if not still:
+        return text
+    root = parsed(text, source)  # says what is wrong
+    joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
+    for name in still:
+        if name not in joints:
+            raise JointIdError(f"--still {name}: {source} has no such joint{close_to(name, joints)}")
+    followers = {name for name, mimic in mimics_of(root, source).items() if mimic.joint in still}
+    whole = ET.fromstring(text, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
+    for joint in whole.findall("joint"):
+        if joint.get("name") in {*still, *followers}:
+            joint.set("type", "fixed")
+            for part in joint.findall("mimic"):
+                joint.remove(part)
+    return ET.tostring(whole, encoding="unicode")
 
 
 def loaded_pinocchio() -> Any:

@@ -17,7 +17,7 @@ from joint_id_core.batch.row import ERROR, Row, row_of_estimate, row_of_failure,
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.jobs.fit_job import FitJob
-from joint_id_core.jobs.given import Given, described, given_with_load, window
+from joint_id_core.jobs.given import Given, described, given_with_load, names_in, window
 
 _ONE_AT_A_TIME = threading.Lock()  # a worker of Dask may have several threads, and a fit is made for one
 
@@ -89,7 +89,7 @@ def _given(job: FitJob, recordings: Mapping[str, Recording | JointIdError]) -> C
     """Return a function that gives what is fitted of a joint; it raises what was wrong with a recording."""
     description = None
     if job.urdf is not None:
-        description = described(job.urdf, job.base_gravity)
+        description = described(job.urdf, job.base_gravity, job.still)
         description.source = job.urdf.name  # in rows: it lies in a folder of its own here
 
     def part(joint: str) -> Recording:
@@ -101,8 +101,9 @@ def _given(job: FitJob, recordings: Mapping[str, Recording | JointIdError]) -> C
     def given(joint: str) -> Given:
         if description is None:
             return Given([part(joint)])
-        names = (name for name in recordings if name in description.joints or name == joint)
-        return given_with_load(description, joint, [{name: part(name) for name in names}])
+        known = names_in(description, tuple(recordings))
+        there = {known[name]: part(name) for name in recordings if known[name] in description.joints or name == joint}
+        return given_with_load(description, known[joint], [there])
 
     return given
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
@@ -12,9 +12,9 @@ import typer
 
 from joint_id_core.arm.gains import NAMES, Drive, Gains, gains_of
 from joint_id_core.assignments import texts_by_name
-from joint_id_core.cli.fit_options import BASE_GRAVITY_HELP, EndOption, MapOption, StartOption, Texts
+from joint_id_core.cli.fit_options import BASE_GRAVITY_HELP, EndOption, MapOption, StartOption, StillOption, Texts
 from joint_id_core.errors import JointIdError
-from joint_id_core.jobs.given import Part, described, joints_of
+from joint_id_core.jobs.given import Part, described, joints_of, names_in
 from joint_id_core.jobs.robot_file import robot_settings
 from joint_id_core.models.per_joint import parse
 
@@ -35,6 +35,7 @@ class ArmOptions:
     robot: Annotated[Optional[str], typer.Option(help=ROBOT_HELP)] = None
     map_: MapOption = None
     base_gravity: Annotated[Optional[str], typer.Option(metavar="X,Y,Z", help=BASE_GRAVITY_HELP)] = None
+    still: StillOption = None
     start: StartOption = None
     end: EndOption = None
 
@@ -45,7 +46,7 @@ class ArmOptions:
 
     def description(self, urdf: Path) -> Description:
         """Read the description of the robot, with its base as it stands."""
-        return described(urdf, self.base_gravity)
+        return described(urdf, self.base_gravity, self.still or ())
 
     def gains(self, joints: Sequence[str]) -> tuple[Gains, str]:
         """Return the torques of all drives, and how far their torque constants are known."""
@@ -68,16 +69,18 @@ def read(file: Path, part: Part, description: Description) -> dict[str, Recordin
     Raises:
         JointIdError: it holds one joint without a name, or joints of other names in place of some.
     """
-    names, known = joints_of(file, part.mapping), (*description.joints, *description.fixed)
+    found = names_in(description, joints_of(file, part.mapping))
+    names, known = tuple(found.values()), (*description.joints, *description.fixed)
     missing = [name for name in description.joints if name not in names]
     others = [name for name in names if name not in known]
     if missing and others:
         raise JointIdError(
             f"{file}: no recording of {', '.join(missing)}, which {description.source} moves; it holds "
-            f"{', '.join(others)}, which the description has not: if these are the same joints, give them the same "
-            "names in a copy of the description; otherwise record all joints"
+            f"{', '.join(others)}, which the description has not: name those that were not recorded and stand still "
+            "(--still), if as many are left, numbered joints are these in their order; else give the same joints the "
+            "same names in a copy of the description, or record all"
         )
-    return {name: part.read(file, name) for name in names if name in known}
+    return {name: replace(part.read(file, own), joint=name) for own, name in found.items() if name in known}
 
 
 def _drive(robot: str | None, joint: str) -> Drive:

@@ -70,9 +70,9 @@ def batch(
     ModelOptions(**model_options)  # wrong values are said first
     job = options.job((), joint, model_options, solver)
     if options.urdf is not None:
-        described(options.urdf, options.base_gravity)  # what is wrong with it is said once
-    elif options.base_gravity is not None:
-        raise JointIdError("--base-gravity is for the robot's description: give --urdf, too, or leave it out")
+        described(options.urdf, options.base_gravity, job.still)  # what is wrong with it is said once
+    else:
+        job.require_description()
     places = {"robot": None if options.robot is None else path_of(options.robot), "urdf": options.urdf}
     files = {name: (path.name, path.read_bytes()) for name, path in places.items() if path is not None}
     given = options.given | {"joint": joint, "map": options.mapping, "estimator": estimator}

@@ -36,6 +36,8 @@ URDF_HELP = "description of the robot (URDF or MJCF), for the load of all other 
 UrdfOption = Annotated[Optional[Path], typer.Option(help=URDF_HELP)]
 BASE_GRAVITY_HELP = "gravity in the frame of the base, m/s^2, for --urdf: 9.81,0,0 for a wall (default: 0,0,-9.81)"
 BaseGravityOption = Annotated[Optional[str], typer.Option(metavar="X,Y,Z", help=BASE_GRAVITY_HELP)]
+STILL_HELP = "joint of the description that stands still, at 0, and was not recorded, as those of a gripper; repeatable"
+StillOption = Annotated[Texts, typer.Option("--still", help=STILL_HELP)]
 StartOption = Annotated[Optional[float], typer.Option(help="leave out what is before, s after the first sample")]
 EndOption = Annotated[Optional[float], typer.Option(help="leave out what is after, s after the first sample")]
 JsonOption = Annotated[bool, typer.Option("--json", help="machine-readable result")]
@@ -104,6 +106,7 @@ class FitOptions(CompareOptions):
     prior: PriorOption = None
     urdf: UrdfOption = None
     base_gravity: BaseGravityOption = None
+    still: StillOption = None
 
     @cached_property
     def settings(self) -> ParameterSettings:
@@ -121,5 +124,5 @@ class FitOptions(CompareOptions):
         """Return the fit of files."""
         return FitJob(
             files, joint, self.mapping, self.start, self.end, model_options, self.settings, estimator, self.robot,
-            self.urdf, self.base_gravity,
+            self.urdf, self.base_gravity, self.still or (),
         )  # fmt: skip

@@ -107,6 +107,7 @@ def _fit(
     from joint_id_core.estimators.correction import with_correction
     from joint_id_core.estimators.cross_check import judged_whole
     from joint_id_core.estimators.innovations.fit import fit_innovations
+    from joint_id_core.estimators.instead import changes_between, regressed_instead
     from joint_id_core.estimators.late_signal import with_late_signal
     from joint_id_core.estimators.narrowed import narrowed
     from joint_id_core.estimators.one_encoder import hides_compliance
@@ -127,10 +128,14 @@ def _fit(
     if isinstance(estimator, Innovations):
         settings = started(model, recording, settings)
     estimate = estimator.fit(model, recording, settings, progress)
-    if isinstance(estimator, Innovations):
+    other = regressed_instead(estimate, model, recording, given) if isinstance(estimator, Innovations) else None
+    if other is not None and other.converged and not changes_between(other):
+        estimate = other
+    elif isinstance(estimator, Innovations):
         again = partial(estimator.fit, model, settings=settings, progress=progress)
         near = partial(fit_innovations, model, settings=settings, options=estimator, progress=progress)
-        estimate, share = fitted_between(estimate, model, recording, near)
+        hopeless = other is not None and not changes_between(other)
+        estimate, share = (estimate, 0.0) if hopeless else fitted_between(estimate, model, recording, near)
         opinion = second_opinion(estimate, model, recording, given, share)
         estimate = estimate if opinion is None else judged_whole(estimate, model, opinion)
         recording = described(model, recording, share)

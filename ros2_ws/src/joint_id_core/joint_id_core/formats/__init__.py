@@ -36,8 +36,8 @@ def read(path: str | Place, joint: str | None = None, mapping: Mapping[str, str]
 
     Args:
         path: the file or bag.
-        joint: name of the joint; needed when a bag or a robot's log holds several. Other files hold one unnamed joint,
-            which then gets this name.
+        joint: name of the joint; needed when the file holds several. Other files hold one unnamed joint, which then
+            gets this name.
         mapping: where `time_s` and channels come from: {channel: expression}. An expression is a product of columns and
             numbers, e.g. {"time_s": "t", "torque": "gtau*vir"}. Columns of CSV and MAT files with a known name need no
             mapping. With a mapping, only the mapped channels of a bag are read, each from one field:
@@ -97,7 +97,7 @@ def read_joints(path: str | Place, mapping: Mapping[str, str] | None = None, joi
 
 
 def joints(path: str | Place, mapping: Mapping[str, str] | None = None) -> tuple[str, ...]:
-    """Return the names of the joints in a bag, in order of appearance, or in a UR robot's log, from the base.
+    """Return the names of the joints in a bag, or in a table with columns of several, in order of appearance.
 
     () for other files, which hold one joint.
 
@@ -113,9 +113,9 @@ def joints(path: str | Place, mapping: Mapping[str, str] | None = None) -> tuple
             return tuple(_bags().joints(path, mapping or {}))
         with copied(path) as here:
             return joints(here, mapping)
-    if kind == "csv":
-        return csv_file.joints(path, mapping or {})
-    return _bags().joints(path, mapping or {}) if kind == "bag" else ()
+    if kind == "bag":
+        return tuple(_bags().joints(path, mapping or {}))
+    return (csv_file if kind == "csv" else mat_file).joints(path, mapping or {})
 
 
 def contents(path: str | Path) -> tuple[str, ...]:
@@ -132,13 +132,14 @@ def contents(path: str | Path) -> tuple[str, ...]:
 
 
 def taken(path: str | Path, joint: str | None = None, mapping: Mapping[str, str] | None = None) -> list[str]:
-    """Return in words which columns of a text file are read as which channels, of other names; [] for other files.
+    """Return in words which columns are read as which channels, of other names; [] for bags.
 
     Raises:
         JointIdError: unreadable file, columns that are not understood.
     """
     path = Path(path)
-    return csv_file.taken(path, joint or "", mapping or {}) if _kind(path) == "csv" else []
+    kind = _kind(path)
+    return [] if kind == "bag" else (csv_file if kind == "csv" else mat_file).taken(path, joint or "", mapping or {})
 
 
 def write(path: str | Path, recording: Recording) -> None:

@@ -8,7 +8,7 @@ import re
 from joint_id_core.data.signals import CHANNELS
 
 TIME = "time_s"
-TIMES = ("time", "t", "timestamp", TIME)
+TIMES = ("time", "t", "timestamp", "__time", TIME)  # `__time` of PlotJuggler
 DEGREE = math.pi / 180.0
 # By SI unit: what is written for it and for others of its kind, with the factor that makes SI of it.
 UNITS: dict[str, dict[str, float]] = {
@@ -21,7 +21,7 @@ UNITS: dict[str, dict[str, float]] = {
     "Nm": {"nm": 1.0, "n m": 1.0, "n*m": 1.0, "mnm": 1e-3, "knm": 1e3, "n": 1.0, "kn": 1e3},
     "deg C": {"deg c": 1.0, "degc": 1.0, "°c": 1.0, "c": 1.0},
 }
-WITH_UNIT = re.compile(r"(.*?)\s*[(\[]\s*(.*?)\s*[)\]]")
+WITH_UNIT = re.compile(r"(.*?)\s*[(\[]\s*(\D.*?)\s*[)\]]")  # a number there is no unit: `position[0]`
 
 
 ENDINGS = ("_deg", "_rad", "_rpm", "_nm", "_s", "_ms", "_us", "_ns")  # units that are written so
@@ -40,12 +40,18 @@ def understood(column: str) -> tuple[str, float] | None:
 
 def parts(column: str) -> tuple[str, str]:
     """Return the name in a column's name, in small letters and with "_" for spaces, and its unit, "" for none."""
+    name, unit = without_unit(column)
+    return re.sub(r"[\s.-]+", "_", name.lower()), unit
+
+
+def without_unit(column: str) -> tuple[str, str]:
+    """Return a column's name without its unit, and the unit, "" for none."""
     matched = WITH_UNIT.fullmatch(column.strip())
     name, unit = matched.groups() if matched else (column, "")
-    name = re.sub(r"[\s.-]+", "_", name.strip().lower())
+    name = name.strip()
     for ending in ENDINGS:
-        if not unit and name.endswith(ending):
-            name, unit = name.removesuffix(ending), ending[1:]
+        if not unit and re.sub(r"[\s.-]+", "_", name.lower()).endswith(ending):
+            name, unit = name[: -len(ending)], ending[1:]
     return name, unit
 
 

@@ -1,9 +1,9 @@
 """CSV files: a header, then one line per sample.
 
 Columns are `time_s` and any of `joint_id_core.data.signals.CHANNELS`, in SI units, or written as people do (see
-`column_names`), or those of a robot's log (`robot_log`). A signal without a column was not measured; an empty cell or
-`nan` is a missing value. Other columns are ignored unless a mapping names them. The delimiter (comma, semicolon, tab,
-bar or spaces) is found from the header.
+`column_names`), or those of several joints (`joint_columns`). A signal without a column was not measured; an empty cell
+or `nan` is a missing value. Other columns are ignored unless a mapping names them. The delimiter (comma, semicolon,
+tab, bar or spaces) is found from the header.
 Lines that begin with #, % or // are comments; which line is the header, see `csv_header`.
 """
 
@@ -19,7 +19,7 @@ import numpy as np
 
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.formats import robot_log
+from joint_id_core.formats import joint_columns
 from joint_id_core.formats.column_names import TIME
 from joint_id_core.formats.csv_header import COMMENTS, Header, cells, find_header, is_number, lines
 from joint_id_core.formats.mapping import plan
@@ -37,7 +37,7 @@ def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:
             line and column.
     """
     header = find_header(path)
-    products = plan(path, header.names, robot_log.columns(path, header.names, joint, mapping))
+    products = plan(path, header.names, joint_columns.columns(path, header.names, joint, mapping))
     used = list(dict.fromkeys(name for product in products.values() for name in product.names))
     for name in used:
         if header.names.count(name) > 1:
@@ -136,14 +136,14 @@ def _columns(path: Path, header: Header, used: Collection[str]) -> dict[str, Arr
 
 
 def joints(path: Path, mapping: Mapping[str, str]) -> tuple[str, ...]:
-    """Return the names of the joints of a robot's log; () for a file of one unnamed joint."""
-    return robot_log.joints(find_header(path).names, mapping)
+    """Return the names of the joints of a table of several; () for a file of one unnamed joint."""
+    return joint_columns.joints(path, find_header(path).names, mapping)
 
 
 def taken(path: Path, joint: str, mapping: Mapping[str, str]) -> list[str]:
     """Return in words which columns with other names are read as which channels."""
     names = find_header(path).names
-    return in_words(plan(path, names, robot_log.columns(path, names, joint, mapping)))
+    return in_words(plan(path, names, joint_columns.columns(path, names, joint, mapping)))
 
 
 def _column(path: Path, name: str, index: int, rows: list[list[str]], numbers: list[int]) -> Array:

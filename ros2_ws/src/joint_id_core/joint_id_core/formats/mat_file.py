@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
+from joint_id_core.formats import joint_columns
 from joint_id_core.formats.mapping import TIME, plan
+from joint_id_core.formats.mapping import taken as in_words
 from joint_id_core.formats.overlooked import tell, tell_empty
 
 UNUSABLE = {  # by kind of NumPy
@@ -37,7 +39,7 @@ def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:
         for name in (part.strip() for part in expression.split("*")):
             if name in unusable:
                 raise JointIdError(f"{path}: {target}={expression}: {name} holds {unusable[name]}")
-    products = plan(path, found, mapping, unusable)
+    products = plan(path, found, joint_columns.columns(path, found, joint, mapping), unusable)
     used = {name for product in products.values() for name in product.names}
     tell(path, [name for name in found if name not in used], products, unusable)
     values: dict[str, Array] = {}
@@ -58,6 +60,17 @@ def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:
     recording = Recording(values.pop(TIME), values, source=str(path), joint=joint)
     tell_empty(recording)
     return recording
+
+
+def joints(path: Path, mapping: Mapping[str, str]) -> tuple[str, ...]:
+    """Return the names of the joints of matrices of several; () for a file of one unnamed joint."""
+    return joint_columns.joints(path, _load(path)[0], mapping)
+
+
+def taken(path: Path, joint: str, mapping: Mapping[str, str]) -> list[str]:
+    """Return in words which vectors with other names are read as which channels."""
+    found, unusable = _load(path)
+    return in_words(plan(path, found, joint_columns.columns(path, found, joint, mapping), unusable))
 
 
 def variables(path: Path) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from pathlib import Path
 from joint_id_core.data.recording import Recording
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.formats.column_names import TIME, TIMES, factor_of, parts, unit_of
+from joint_id_core.formats.joint_columns import is_of_a_joint
 
 log = logging.getLogger(__name__)
 CLOSE = 0.8  # of a name that is a typing error; `torque_cmd` is none
@@ -54,7 +55,7 @@ def overlooked(
         target = _target(name)
         close = [] if target else get_close_matches(name, KNOWN, n=1, cutoff=CLOSE)
         meant = target or next((KNOWN[one] for one in close), "")
-        if not meant or meant in targets:
+        if not meant or meant in targets or is_of_a_joint(column):
             continue
         factor = factor_of(meant, unit)
         number = "FACTOR*" if factor is None else "" if factor == 1.0 else f"{factor:.6g}*"

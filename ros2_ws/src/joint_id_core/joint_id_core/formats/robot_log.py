@@ -5,11 +5,8 @@ Source: Universal Robots, RTDE client library, `record.py`: fields of six joints
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from pathlib import Path
+from collections.abc import Collection
 
-from joint_id_core.data.signals import CHANNELS
-from joint_id_core.errors import JointIdError
 from joint_id_core.rtde.fields import JOINT_NAMES
 
 RATIO = 101  # of the gears of a UR robot: see docs/tutorials/ur_robots.md
@@ -19,30 +16,15 @@ FIELDS = {
 }  # fmt: skip
 
 
-def joints(found: Collection[str], mapping: Mapping[str, str]) -> tuple[str, ...]:
-    """Return the joints of the columns `found`, as the robot's driver names them.
-
-    () if this is no such file, or if the user's mapping gives channels: it then holds the joint that they are of.
-    """
-    if any(name in CHANNELS for name in (*found, *mapping)):
-        return ()
+def joints(found: Collection[str]) -> tuple[str, ...]:
+    """Return the joints of the columns `found`, as the robot's driver names them; () if this is no such file."""
     return tuple(name for k, name in enumerate(JOINT_NAMES) if f"{FIELDS['link_position']}_{k}" in found)
 
 
-def columns(path: Path, found: Collection[str], joint: str, mapping: Mapping[str, str]) -> dict[str, str]:
-    """Return the mapping that reads a joint, with what the user's `mapping` adds.
-
-    Raises:
-        JointIdError: the file holds several joints and none of this name.
-    """
-    names = joints(found, mapping)
-    if not names:
-        return dict(mapping)
-    if joint not in names and (joint or len(names) > 1):
-        none = f"no joint {joint!r}: it holds" if joint else "the joints"
-        raise JointIdError(f"{path} holds {none} {', '.join(names)}: choose one of them (--joint {names[0]})")
-    number = JOINT_NAMES.index(joint or names[0])
+def columns(found: Collection[str], joint: str) -> dict[str, str]:
+    """Return the mapping that reads a joint."""
+    number = JOINT_NAMES.index(joint)
     own = {channel: f"{field}_{number}" for channel, field in FIELDS.items() if f"{field}_{number}" in found}
     if "motor_velocity" in own:
         own["motor_velocity"] = f"{RATIO}*{own['motor_velocity']}"
-    return {**own, **mapping}
+    return own

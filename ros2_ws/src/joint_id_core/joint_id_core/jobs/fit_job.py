@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import Estimator, ParameterSettings, Regression, fit_several
-from joint_id_core.jobs.given import Given, Part, plain, with_load
+from joint_id_core.jobs.given import Given, Part, described, plain, with_load
 from joint_id_core.jobs.robot_file import robot_settings
 from joint_id_core.models.options import ModelOptions
 
@@ -40,6 +40,7 @@ class FitJob:
     robot: str | None = None
     urdf: Path | None = None
     base_gravity: str | None = None
+    still: Sequence[str] = ()
 
     def chosen(self) -> FitJob:
         """Return the job for all joints, if none is named, no model either, and the first file holds several."""
@@ -53,10 +54,20 @@ class FitJob:
         """Read what is fitted, and a recording to `validate` with."""
         part = Part(self.mapping, self.start, self.end)
         if self.urdf is not None:
-            return with_load(self.files, self.joint, part, validate, self.urdf, self.base_gravity)
-        if self.base_gravity is not None:
-            raise JointIdError("--base-gravity is for the robot's description: give --urdf, too, or leave it out")
+            description = described(self.urdf, self.base_gravity, self.still)
+            return with_load(self.files, self.joint, part, validate, description)
+        self.require_description()
         return plain(self.files, self.joint, part, validate)
+
+    def require_description(self) -> None:
+        """Check that no option asks for a robot's description.
+
+        Raises:
+            JointIdError: one does.
+        """
+        for option, given in (("--base-gravity", self.base_gravity), ("--still", self.still)):
+            if given:
+                raise JointIdError(f"{option} is for the robot's description: give --urdf, too, or leave it out")
 
     def built(self, recording: Recording) -> Model:
         """Return the model, for the drive that a recording has."""
@@ -80,7 +91,7 @@ class FitJob:
         from joint_id_core.comparison.proposal import proposals
 
         first = given.recordings[0]
-        left_out, found = [], proposals(first, self.model_options)
+        left_out, found, described = [], proposals(first, self.model_options), list[Result]()
         models = [proposal.options.build(proposal.options.drive_in(first)) for proposal in found]
         if not any(suited := [self._suits(model) for model in models]):
             suited = [True] * len(models)  # the first fit says what is wrong
@@ -92,11 +103,15 @@ class FitJob:
             options = {n: getattr(proposal.options, n) for n in ("model", "gravity", *self.model_options)}
             job = replace(self, model_options=options, settings=self.settings.of(model))
             together = job._fitted(given, progress)
+            result = Result(job, together, (f"model {proposal}", *left_out))
             doubt = _doubt(model, together.estimate, 1.0 / first.period)
-            if not doubt or model is models[-1]:
-                break
+            if not doubt:
+                if together.estimate.estimator == self.estimator.name:
+                    return result
+                described.append(result)  # by another estimator: a simpler model may do without
+                doubt = f"{self.estimator.name} do not describe the motion"
             left_out.append(f"{model.name} was tried and left out: {doubt}")
-        return Result(job, together, (f"model {proposal}", *left_out))
+        return described[0] if described else result
 
     def _suits(self, model: Model) -> bool:
         """Return whether the model takes the load of a description, if there is one, and suits the estimator."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -41,7 +41,7 @@ class Part:
 
 
 def joints_of(file: Path, mapping: Mapping[str, str]) -> tuple[str, ...]:
-    """Return the joints of a bag or a robot's log.
+    """Return the joints of a file.
 
     Raises:
         JointIdError: it holds one joint without a name.
@@ -50,8 +50,23 @@ def joints_of(file: Path, mapping: Mapping[str, str]) -> tuple[str, ...]:
 
     found = formats.joints(file, mapping)
     if not found:
-        raise JointIdError(f"{file} holds one joint without a name: give a bag, or a robot's log, with all joints")
+        raise JointIdError(
+            f"{file} holds one joint without a name: give a bag, or a table with columns of all joints (name those of "
+            "other names with --map link_position=NAME_# and so on, where # is the number of the joint)"
+        )
     return found
+
+
+def names_in(description: Description, names: Sequence[str]) -> dict[str, str]:
+    """Return by the name of a joint in a file its name in the description.
+
+    Joints that a table only numbers are those of the description in their order, if there are as many.
+    """
+    numbers = [name.removeprefix("joint_") for name in names]
+    same = {*names} & {*description.joints}
+    if same or len(names) != len(description.joints) or not all(map(str.isdecimal, numbers)):
+        return {name: name for name in names}
+    return dict(zip(sorted(names, key=lambda name: int(name.removeprefix("joint_"))), description.joints, strict=True))
 
 
 def plain(files: Sequence[Path], joint: str | None, part: Part, validate: Path | None) -> Given:
@@ -61,35 +76,38 @@ def plain(files: Sequence[Path], joint: str | None, part: Part, validate: Path |
 
 
 def with_load(
-    files: Sequence[Path], joint: str | None, part: Part, validate: Path | None, urdf: Path, base_gravity: str | None
+    files: Sequence[Path], joint: str | None, part: Part, validate: Path | None, description: Description
 ) -> Given:
     """Read them with the load that the rest of the arm puts on the joint.
 
     Raises:
-        JointIdError: no joint is named; the description, or the recordings of the other joints, are not what is needed.
+        JointIdError: no joint is named; the recordings of the other joints are not what is needed.
     """
     from joint_id_core import formats
 
-    description = described(urdf, base_gravity)
     if joint is None:
         raise JointIdError(f"--urdf needs the name of the joint: --joint {description.joints[0]}, or --joint all")
-    description.require(joint)
+    own = names_in(description, formats.joints(files[0], part.mapping)).get(joint, joint)
+    description.require(own)
     parts = [(file, part) for file in files]
     parts += [] if validate is None else [(validate, Part(part.mapping, None, None))]
     records = []
     for file, one in parts:
-        found = formats.joints(file, part.mapping)
-        there = [name for name in found if name in description.joints or name == joint] or [joint]
-        records.append({name: one.read(file, name) for name in there})
-    done = given_with_load(description, joint, records)
+        found = names_in(description, formats.joints(file, part.mapping)) or {joint: joint}
+        there = {name: known for name, known in found.items() if known in description.joints}
+        records.append({known: one.read(file, name) for name, known in there.items()})
+    done = given_with_load(description, own, records)
     return replace(done, recordings=done.recordings[: len(files)], other=done.recordings[-1] if validate else None)
 
 
-def described(urdf: Path, base_gravity: str | None) -> Description:
-    """Read the description of a robot whose base stands as `base_gravity` (X,Y,Z in m/s^2) says; None: upright."""
+def described(urdf: Path, base_gravity: str | None, still: Collection[str] = ()) -> Description:
+    """Read the description of a robot whose base stands as `base_gravity` (X,Y,Z in m/s^2) says; None: upright.
+
+    Joints that stand `still` count as fixed.
+    """
     from joint_id_core.arm.description import GRAVITY, Description
 
-    return Description.read(urdf, GRAVITY if base_gravity is None else vector(base_gravity, "--base-gravity"))
+    return Description.read(urdf, GRAVITY if base_gravity is None else vector(base_gravity, "--base-gravity"), still)
 
 
 def given_with_load(description: Description, joint: str, records: Sequence[Mapping[str, Recording]]) -> Given:

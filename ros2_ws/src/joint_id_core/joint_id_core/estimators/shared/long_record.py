@@ -38,7 +38,7 @@ def fitted_part(model: Model, recording: Recording) -> Recording:
 
 def with_part(estimate: Estimate, part: Recording, recording: Recording) -> Estimate:
     """Return an estimate that says which part of the recording it is of, if that is not all."""
-    if part is recording:
+    if len(part) == len(recording):
         return estimate
     said = (
         f"Fitted were {len(part):,} of {len(recording):,} samples, spread over all of the motion: a fit takes no more. "

@@ -1,0 +1,48 @@
+"""A regression in place of innovations that do not describe the motion.
+
+`innovations` predict every sample. Where the model lacks a load or a law of friction, or samples are late, they fail
+by far, though inverse dynamics explain the torque in the band in which the joint moves: friction of a real robot is
+known then, and its intervals reckon with what is left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from joint_id_core.data.recording import Recording
+from joint_id_core.errors import JointIdError
+from joint_id_core.estimators.opinion import suits
+from joint_id_core.estimators.regression.estimator import Regression
+from joint_id_core.estimators.shared.mean_drive import CHANGES
+from joint_id_core.estimators.shared.sentences import message, sentence
+from joint_id_core.estimators.shared.settings import ParameterSettings
+from joint_id_core.models import Model
+from joint_id_core.results.estimate import Estimate, Status
+
+BAD = (Status.POOR_FIT, Status.MAX_ITERATIONS, Status.DIVERGED)
+WHOSE = "this is a regression, since innovations do not describe the motion"
+
+
+def regressed_instead(
+    estimate: Estimate, model: Model, recording: Recording, settings: ParameterSettings | None
+) -> Estimate | None:
+    """Return a regression of a recording, to take the place of an estimate if it is better.
+
+    None if the estimate is not bad, or a regression does not suit the model or the settings.
+    """
+    if estimate.status not in BAD or not suits(model) or (settings is not None and settings.priors):
+        return None
+    try:
+        found = Regression().fit(model, recording, settings)
+    except JointIdError:
+        return None
+    why, *others = estimate.notes
+    advice = [note for note in others if ": try --" in note]  # a better model is better than another estimator
+    told = sentence(f"{WHOSE} ({why[:1].lower()}{why[1:].rstrip('.')})")
+    notes = (*found.notes[:1], told, *advice, *found.notes[1:])
+    return replace(found, notes=notes, message=message(notes), elapsed_s=estimate.elapsed_s + found.elapsed_s)
+
+
+def changes_between(estimate: Estimate) -> bool:
+    """Return whether the drive changes between two samples, which innovations can be told."""
+    return any(CHANGES in note for note in estimate.notes)
