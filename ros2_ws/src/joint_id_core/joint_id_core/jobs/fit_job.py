@@ -91,7 +91,7 @@ class FitJob:
         from joint_id_core.comparison.proposal import proposals
 
         first = given.recordings[0]
-        left_out, found, described = [], proposals(first, self.model_options), list[Result]()
+        left_out, described, found = list[str](), list[Result](), proposals(first, self.model_options)
         models = [proposal.options.build(proposal.options.drive_in(first)) for proposal in found]
         if not any(suited := [self._suits(model) for model in models]):
             suited = [True] * len(models)  # the first fit says what is wrong
