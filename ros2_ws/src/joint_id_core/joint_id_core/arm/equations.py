@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.arm.gains import Gains
-from joint_id_core.arm.motion import motion, require_recorded
+from joint_id_core.arm.motion import bridging, motion, require_recorded
 from joint_id_core.arm.regressor import OF_LINK, Regressor
 from joint_id_core.checking.findings import findings
 from joint_id_core.data.recording import Array, Recording
@@ -242,13 +242,14 @@ def _torque(recording: Recording, gains: Mapping[str, float], name: str, like: R
             f"{recording.source}: joint {name} has a current: give its torque constant and gear ratio (--robot, or "
             f"--set {name}.k_t=0.1 --set {name}.N=101)"
         )
-    values = differentiate(recording.time, recording[drive], FilterOptions(cutoff_hz=BAND_HZ), 0, recording.source)[0]
+    options = bridging(FilterOptions(cutoff_hz=BAND_HZ), recording.period)
+    values = differentiate(recording.time, recording[drive], options, 0, recording.source)[0]
     known = np.isfinite(values)
     if np.count_nonzero(known) < 2:
         return np.full(len(like), np.nan)
     # What is recorded acts until the next sample: in the mean half a step later.
     time = recording.time[known] + float(recording.origin - like.origin) + 0.5 * recording.period
-    gap = np.diff(time) > FilterOptions().max_gap * recording.period
+    gap = np.diff(time) > options.max_gap * recording.period
     after = np.clip(np.searchsorted(time, like.time) - 1, 0, len(gap) - 1)
     return np.where(gap[after], np.nan, gains[drive] * np.interp(like.time, time, values[known], np.nan, np.nan))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from joint_id_core.filtering.offline import FilterOptions, differentiate
 # Above it, accelerations are mostly noise: they are the second derivative of an encoder. Friction of a UR10e does not
 # depend on it between 5 and 35 Hz.
 CUTOFF_HZ = 20.0
+BRIDGED_S = 0.02  # gaps up to it are bridged: a sixth of the shortest period that the equations look at
 SETTLED_S = 0.1  # at the ends of a stretch derivatives are less accurate, as no samples are beyond
 
 
@@ -54,13 +56,18 @@ def require_recorded(recordings: Mapping[str, Recording], joints: Sequence[str],
         )
 
 
+def bridging(options: FilterOptions, period: float) -> FilterOptions:
+    """Return options that bridge gaps of `BRIDGED_S`, or of more periods: what a fast recording lost does no harm."""
+    return replace(options, max_gap=max(options.max_gap, BRIDGED_S / period))
+
+
 def _moved(recording: Recording, name: str, like: Recording) -> list[Array]:
     """Return the motion of one joint at the instants of another one."""
     if not recording.measured("link_position"):
         raise JointIdError(
             f"{recording.source}: joint {name} has no link_position: the load of an arm needs all of them"
         )
-    options = FilterOptions(cutoff_hz=CUTOFF_HZ).fitting(recording.period)
+    options = bridging(FilterOptions(cutoff_hz=CUTOFF_HZ), recording.period).fitting(recording.period)
     rows = differentiate(recording.time, recording["link_position"], options, 2, recording.source)
     known = np.isfinite(rows[2])
     time = recording.time[known] + float(recording.origin - like.origin)
