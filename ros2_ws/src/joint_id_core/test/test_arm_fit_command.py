@@ -167,3 +167,58 @@ def test_how_far_torque_constants_are_known_is_told(here):
 def test_bad_input_ends_in_one_line(here, words, told):
     code, out, err = here("arm", "fit", "arm.urdf", *words)
     assert code == 2 and not out and told in err and err.count("\n") == 1, err
+
+
+def numbered(path, record):
+    """Write a table whose columns have numbers, as many controllers log."""
+    channels = {"q": "link_position", "tau": "torque"}
+    columns = {f"{word}{k}": r[own] for word, own in channels.items() for k, r in enumerate(record.values(), start=1)}
+    time = next(iter(record.values())).time
+    rows = zip(time.tolist(), *(c.tolist() for c in columns.values()), strict=True)
+    path.write_text("\n".join([",".join(["t", *columns]), *(",".join(map(repr, row)) for row in rows)]) + "\n")
+
+
+def test_numbered_joints_are_those_of_the_description_in_its_order(here):
+    numbered(Path("table.csv"), moving_arm.rigid(SECONDS, 0))
+    values = {}
+    for log in ("torques", "table.csv"):
+        code, out, err = here("arm", "fit", "arm.urdf", log, "--json")
+        assert code == 0, out + err
+        values[log] = [(j["name"], round(j["friction"]["value"], 9)) for j in json.loads(out)["joints"]]
+    assert values["table.csv"] == values["torques"]
+    words = ("--urdf", "arm.urdf", "--model", "rigid_joint", "--json")
+    for log, joint in (("torques", JOINTS[1]), ("table.csv", "joint_2")):
+        _, out, _ = here("fit", log, "--joint", joint, *words)
+        values[log] = [(p["name"], p["value"], p["verdict"]) for p in json.loads(out)["parameters"]]
+    assert values["table.csv"] == values["torques"]
+
+
+GRIPPER = """
+  <joint name="grip" type="prismatic"><parent link="{last}"/><child link="finger"/><axis xyz="0 1 0"/>
+    <limit lower="0" upper="0.04" effort="1" velocity="1"/></joint>
+  <joint name="other" type="prismatic"><parent link="{last}"/><child link="finger_2"/><axis xyz="0 -1 0"/>
+    <limit lower="0" upper="0.04" effort="1" velocity="1"/><mimic joint="grip"/></joint>
+  <link name="finger"><inertial><mass value="0.01"/>
+    <inertia ixx="1e-6" iyy="1e-6" izz="1e-6" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="finger_2"><inertial><mass value="0.01"/>
+    <inertia ixx="1e-6" iyy="1e-6" izz="1e-6" ixy="0" ixz="0" iyz="0"/></inertial></link>
+</robot>"""
+
+
+def test_joints_that_stand_still_need_no_recording(here):
+    last = ET.fromstring(URDF).findall("joint")[-1].find("child").get("link")
+    Path("gripper.urdf").write_text(URDF.replace("</robot>", GRIPPER.format(last=last)))
+    code, _, err = here("arm", "fit", "gripper.urdf", "torques")
+    assert code == 2 and "other follows another joint" in err and "--still grip" in err
+    numbered(Path("table.csv"), moving_arm.rigid(SECONDS, 0))
+    code, out, err = here(
+        "arm", "fit", "gripper.urdf", "table.csv", "--still", "grip", "--out", "written.urdf", "--validate", "torques"
+    )
+    assert code == 0, out + err
+    assert "arm of 6 joints: converged" in out
+    kinds = {j.get("name"): j.get("type") for j in ET.parse("written.urdf").getroot().findall("joint")}
+    assert kinds["grip"] == kinds["other"] == "fixed"
+    code, _, err = here("arm", "fit", "gripper.urdf", "table.csv", "--still", "gripp")
+    assert code == 2 and "--still gripp: gripper.urdf has no such joint (did you mean grip?)" in err
+    code, _, err = here("fit", "table.csv", "--still", "grip")
+    assert code == 2 and "--still is for the robot's description: give --urdf" in err

@@ -77,6 +77,11 @@ class Description:
         return np.array([not kind.startswith("JointModelP") for kind in kinds])
 
     @property
+    def leaders(self) -> tuple[str, ...]:
+        """Names of the joints that others follow."""
+        return tuple(dict.fromkeys(mimic.joint for mimic in self._mimics.values()))
+
+    @property
     def mimics(self) -> tuple[str, ...]:
         """Names of joints that follow another one."""
         return tuple(self._mimics)

@@ -44,7 +44,8 @@ class Regressor:
         if description.mimics:
             raise JointIdError(
                 f"{description.source}: {', '.join(description.mimics)} follows another joint (mimic), which no linear "
-                "model has: make it fixed in a copy of the description"
+                f"model has: if it stands still, say so (--still {description.leaders[0]}, or fixed in a copy of the "
+                "description)"
             )
         self.joints = description.joints
         self.links = tuple(map(description.link_of, self.joints))

@@ -71,8 +71,6 @@ def batch(
     job = options.job((), joint, model_options, solver)
     if options.urdf is not None:
         described(options.urdf, options.base_gravity, job.still)  # what is wrong with it is said once
-    else:
-        job.require_description()
     places = {"robot": None if options.robot is None else path_of(options.robot), "urdf": options.urdf}
     files = {name: (path.name, path.read_bytes()) for name, path in places.items() if path is not None}
     given = options.given | {"joint": joint, "map": options.mapping, "estimator": estimator}

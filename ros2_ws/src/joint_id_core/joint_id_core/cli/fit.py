@@ -186,12 +186,15 @@ def _result(together: Together) -> dict[str, Any]:
 
 def _fit_all(job: FitJob, json: bool) -> None:
     """Fit every joint of the files, and print a row a joint."""
+    from joint_id_core import formats
+
     with Progress() as progress:
         results = run_all(job.of_every_joint(), progress)
     if json:
         print_json(joints_json(results))
     else:
-        print(joints_table(results))
+        taken = formats.taken(job.files[0], None, job.mapping)
+        print("\n".join([*taken, *([""] if taken else []), joints_table(results)]))
     estimates = [r.estimate for r in results.values() if not isinstance(r, str)]
     bad = [joint for joint, r in results.items() if isinstance(r, str) or not r.estimate.converged]
     if bad:

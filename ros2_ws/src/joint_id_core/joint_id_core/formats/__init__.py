@@ -134,6 +134,8 @@ def contents(path: str | Path) -> tuple[str, ...]:
 def taken(path: str | Path, joint: str | None = None, mapping: Mapping[str, str] | None = None) -> list[str]:
     """Return in words which columns are read as which channels, of other names; [] for bags.
 
+    Without a `joint`, those of every joint of a table that holds several.
+
     Raises:
         JointIdError: unreadable file, columns that are not understood.
     """

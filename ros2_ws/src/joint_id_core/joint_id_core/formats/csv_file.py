@@ -143,6 +143,8 @@ def joints(path: Path, mapping: Mapping[str, str]) -> tuple[str, ...]:
 def taken(path: Path, joint: str, mapping: Mapping[str, str]) -> list[str]:
     """Return in words which columns with other names are read as which channels."""
     names = find_header(path).names
+    if not joint and (of_all := joint_columns.in_words(path, names, mapping)):
+        return of_all
     return in_words(plan(path, names, joint_columns.columns(path, names, joint, mapping)))
 
 

@@ -76,14 +76,13 @@ def columns(path: Path, found: Collection[str], joint: str, mapping: Mapping[str
     return {**by_joint[joint or names[0]], **own}
 
 
-def in_words(path: Path, found: Collection[str], mapping: Mapping[str, str]) -> str:
-    """Return from which columns the channels of each joint are read, shown for the first one; "" for one joint."""
-    by_joint = _by_joint(path, found, mapping)
-    if len(by_joint) < 2:
-        return ""
-    first, own = next(iter(by_joint.items()))
-    shown = ", ".join(f"{channel} = {column}" for channel, column in own.items())
-    return f"{len(by_joint)} joints, each as {first}: {shown}"
+def in_words(path: Path, found: Collection[str], mapping: Mapping[str, str]) -> list[str]:
+    """Return in words from which columns the channels of every joint are read; [] for a table of one joint."""
+    words: dict[str, list[str]] = {}
+    for own in _by_joint(path, found, mapping).values():
+        for channel, column in own.items():
+            words.setdefault(channel, []).append(column)
+    return [f"{channel} = {', '.join(columns)}" for channel, columns in words.items()]
 
 
 def _by_joint(path: Path, found: Collection[str], mapping: Mapping[str, str]) -> dict[str, dict[str, str]]:

@@ -70,6 +70,8 @@ def joints(path: Path, mapping: Mapping[str, str]) -> tuple[str, ...]:
 def taken(path: Path, joint: str, mapping: Mapping[str, str]) -> list[str]:
     """Return in words which vectors with other names are read as which channels."""
     found, unusable = _load(path)
+    if not joint and (of_all := joint_columns.in_words(path, found, mapping)):
+        return of_all
     return in_words(plan(path, found, joint_columns.columns(path, found, joint, mapping), unusable))
 
 

@@ -42,6 +42,11 @@ class FitJob:
     base_gravity: str | None = None
     still: Sequence[str] = ()
 
+    def __post_init__(self) -> None:
+        for option, given in (("--base-gravity", self.base_gravity), ("--still", self.still)):
+            if given and self.urdf is None:
+                raise JointIdError(f"{option} is for the robot's description: give --urdf, too, or leave it out")
+
     def chosen(self) -> FitJob:
         """Return the job for all joints, if none is named, no model either, and the first file holds several."""
         from joint_id_core import formats
@@ -56,18 +61,7 @@ class FitJob:
         if self.urdf is not None:
             description = described(self.urdf, self.base_gravity, self.still)
             return with_load(self.files, self.joint, part, validate, description)
-        self.require_description()
         return plain(self.files, self.joint, part, validate)
-
-    def require_description(self) -> None:
-        """Check that no option asks for a robot's description.
-
-        Raises:
-            JointIdError: one does.
-        """
-        for option, given in (("--base-gravity", self.base_gravity), ("--still", self.still)):
-            if given:
-                raise JointIdError(f"{option} is for the robot's description: give --urdf, too, or leave it out")
 
     def built(self, recording: Recording) -> Model:
         """Return the model, for the drive that a recording has."""

@@ -1,0 +1,51 @@
+"""A regression in place of innovations that do not describe the motion."""
+
+import numpy as np
+import pytest
+
+from joint_id_core.data.recording import Recording
+from joint_id_core.estimators import Innovations, ParameterSettings, Regression, fit
+from joint_id_core.models import build
+from joint_id_core.results.status import Status
+from joint_id_core.simulation import simulate
+
+from .online_motion import MODEL, TRUTH, motion
+
+
+@pytest.fixture(scope="module")
+def loaded():
+    """A joint with a load that goes with the angle, which the model lacks."""
+    record = motion()
+    values = {**TRUTH, "a_g": 1.0, "b_g": 1.0}
+    moved = simulate(build("rigid_joint", gravity=True), record.time, {"torque": record["torque"]}, values)
+    return Recording(record.time, {"link_position": moved["link_position"], "torque": record["torque"]})
+
+
+def test_it_holds_the_truth_and_says_why_it_is_there(loaded):
+    alone = Innovations().fit(MODEL, loaded)
+    assert alone.status is Status.POOR_FIT
+    found = fit(MODEL, loaded)
+    assert found.converged and found.estimator == Regression.name
+    for name in ("J", "c", "tau_f"):
+        assert abs(found[name].value - TRUTH[name]) < 3.0 * found[name].std_dev
+    assert found.notes[1].startswith(
+        "This is a regression, since innovations do not describe the motion (the residuals"
+    )
+    assert any("try --gravity" in note for note in found.notes[:3])  # a better model is better than another estimator
+
+
+def test_what_the_user_believes_is_not_dropped_for_it(loaded):
+    """A regression takes no priors, so it does not take the place of a fit that has them."""
+    found = fit(MODEL, loaded, ParameterSettings(priors={"J": 0.2}))
+    assert found.estimator == Innovations.name and found.status is Status.POOR_FIT
+    assert "take --estimator regression" in found.message
+
+
+def test_a_torque_that_does_not_cause_the_motion_is_a_poor_fit_of_both():
+    record, rng = motion(), np.random.default_rng(0)
+    found = fit(MODEL, record.with_channels({"torque": rng.normal(0.0, 3.0, len(record))}))
+    assert found.estimator == Innovations.name and found.status is Status.POOR_FIT
+
+
+def test_a_good_fit_stays():
+    assert fit(MODEL, motion()).estimator == Innovations.name
