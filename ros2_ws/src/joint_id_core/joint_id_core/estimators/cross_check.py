@@ -32,6 +32,7 @@ CAUSE = (
     "memory), or its samples are late"
 )
 # What the equations lack between two samples, where friction reverses, moves values by a few percent.
+DOUBTED = 0.01  # least doubt of a regression, over the value, that is taken; below it, chance in a correct model
 MATTERS = 0.1  # least difference of a positive parameter, over its value, that counts as one
 MATTERS_TORQUE = 0.05  # the same of other parameters: the torque that it makes, over the rms torque
 
@@ -79,7 +80,9 @@ def judged(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
     apart = [second for second in opinion.seconds if _disagrees(estimate, model, second, bool(opinion.between))]
     if apart:
         return _widened(estimate, model, opinion, apart)
-    found = _as_wide(estimate, model, opinion) if opinion.coloured or opinion.between or opinion.lag else estimate
+    wide = opinion.coloured or opinion.between or opinion.lag
+    known = opinion.seconds if wide else [s for s in opinion.seconds if _in_doubt(estimate[s.name], s)]
+    found = _as_wide(estimate, model, opinion, known) if known else estimate
     return _containing(found, model, opinion)
 
 
@@ -101,6 +104,11 @@ def _containing(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
         return estimate
     said = f"the intervals of {listed(further)} contain the values of a regression, which are further away than chance"
     return _with_rows(estimate, rows, scale, (*estimate.notes[:1], sentence(said), *estimate.notes[1:]))
+
+
+def _in_doubt(row: ParameterEstimate, second: Second) -> bool:
+    """Return whether a regression doubts a value by more than its standard deviation, and by what matters."""
+    return second.doubt > max(row.std_dev, DOUBTED * abs(row.value))
 
 
 def _claims(row: ParameterEstimate, model: Model) -> bool:
@@ -199,15 +207,18 @@ def _with_rows(
     )  # fmt: skip
 
 
-def _as_wide(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
-    """Return an estimate whose intervals are at least as wide as those of the regression, which know of the memory."""
+def _as_wide(estimate: Estimate, model: Model, opinion: Opinion, seconds: Sequence[Second]) -> Estimate:
+    """Return an estimate whose intervals are at least as wide as those of the regression.
+
+    They know of the memory of the residual torque, and of torques that the model lacks.
+    """
     rows, scale = {row.name: row for row in estimate.parameters}, np.ones(len(estimate.free))
     wider = []
     for name in opinion.unseen:
         if rows[name].verdict is Verdict.ESTIMATED:
             said = "a regression, which knows the memory of the residual torque, does not find it in this motion"
             rows[name] = replace(rows[name], verdict=Verdict.PRIOR, reason=said)
-    for second in opinion.seconds:
+    for second in seconds:
         first = rows[second.name]
         if not _claims(first, model) or not second.wide > first.std_dev:
             continue
@@ -221,6 +232,8 @@ def _as_wide(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
         why = "the drive is late or early"
     elif opinion.coloured:
         why = "the residual torque has a memory"
+    elif not opinion.between:
+        why = "the residual torque may hold one that the model lacks"
     said = f"{why}: the intervals of {listed(wider)} are those of a regression, which depend on it less"
     place = 2 if opinion.lag else 1  # after the sentence that tells by how much
     return _with_rows(estimate, rows, scale, (*estimate.notes[:place], sentence(said), *estimate.notes[place:]))
