@@ -273,15 +273,18 @@ class OnlineIdentifier:
                 return with_note(trial.shown, window)
         elif not self._window_full:
             return too_short(self.model, window if len(window) else self._watch.recent, self.options.window_s)
-        recording, known = window.recording(), self._known
+        elif trial.shown is not None and trial.waits(self._watch.recent.end):
+            return trial.shown.updated(end=window.end)
+        recording, known, begun = window.recording(), self._known, time.thread_time()
         if known is None:
             self._task = self._task.started(recording, self.settings)
         found = self._task.fit(recording, known.last if known else None)
         fit = self._task.cross_checked(found, recording, self.settings)
         if not fit.converged:
-            trial.shown = fit
+            trial.failed(fit, self._watch.recent.end, time.thread_time() - begun)
             # Beside a memory that does not describe the window, two estimators that disagree on it tell nothing more.
             return with_note(fit, window) if fit.status is Status.DISAGREE and known else fit
+        trial.succeeded()
         known = self._known = Knowledge.from_window(self._task, fit, recording, self._lasting)
         if known.still is not None:
             self._watch.noise = known.still

@@ -13,6 +13,9 @@ from joint_id_core.online.late_sensor import Late
 from joint_id_core.results.estimate import Estimate
 
 AGAIN_S = 1.0  # time between two fits of windows that the memory does not describe
+# Fits of windows that the model does not describe take the longest: once they failed for so many window lengths, they
+# may take this share of a processor.
+PATIENCE, SHARE = 2.0, 0.1
 # Window lengths of motion that must agree with a new fit where no change of the joint explained the samples: then the
 # model may not describe them, as with a sensor that is late, and a window can be fitted well by parameters far off.
 TRIAL = 4.0
@@ -35,7 +38,7 @@ class Trial:
         self.shown: Estimate | None = None
         self._window_s = window_s
         self._trusted: Knowledge | None = None  # what was known, until something new counts
-        self._fit_next = -np.inf
+        self._fit_next, self._fails_since = -np.inf, np.inf
 
     def suspend(self, known: Knowledge) -> None:
         """Put aside a memory that does not describe the newest samples."""
@@ -53,10 +56,25 @@ class Trial:
 
     def due(self, end: float) -> bool:
         """Return whether the newest window, which ends at an instant in s, is to be fitted; call it once a hop."""
-        if end < self._fit_next:
+        if self.waits(end):
             return False
         self._fit_next = end + AGAIN_S
         return True
+
+    def waits(self, end: float) -> bool:
+        """Return whether the newest window, which ends at an instant in s, is not to be fitted yet."""
+        return end < self._fit_next
+
+    def failed(self, fit: Estimate, end: float, took_s: float) -> None:
+        """Take a fit that does not describe the newest window, which ends at an instant in s, and its processor time."""
+        self.shown = fit
+        self._fails_since = min(self._fails_since, end)
+        if end > self._fails_since + PATIENCE * self._window_s:
+            self._fit_next = max(self._fit_next, end + took_s / SHARE)
+
+    def succeeded(self) -> None:
+        """Take that a fit described the newest window."""
+        self._fails_since = np.inf
 
     def late(self, recording: Recording) -> Late | None:
         """Return the sensor whose delay explains a window of a joint that is as it was; None if there is none."""
