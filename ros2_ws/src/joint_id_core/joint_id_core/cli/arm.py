@@ -38,7 +38,7 @@ arm.command("friction-scales")(friction_scales)
 @with_group("options", ArmOptions)
 def fit(
     urdf: UrdfArgument,
-    files: Annotated[list[Path], typer.Argument(help="bags or robot's logs with all joints; several: one fit of all")],
+    files: Annotated[list[Path], typer.Argument(help="bags, or tables, with all joints; several: one fit of all")],
     options: ArmOptions,
     payload: Annotated[
         Optional[list[Path]], typer.Option(help="recording in which the last link carries a payload; repeatable")

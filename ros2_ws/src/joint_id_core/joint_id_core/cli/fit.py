@@ -36,7 +36,7 @@ SHOWN = (
     "epochs",
     "learning_rate",
 )  # of the options of the estimators
-JOINT_HELP = f"joint of a bag or a robot's log that holds several; {ALL}: each of them, on all cores, a row a joint"
+JOINT_HELP = f"joint of a file that holds several; {ALL}: each of them, on all cores, a row a joint"
 
 
 @with_options("model_options", (ModelOptions,), no_default=("model",))
@@ -59,7 +59,7 @@ def fit(
     """Identify the parameters of a joint model, with standard deviations and verdicts.
 
     Several files are recordings of the same joint: common physics; own start, noise and offsets. Without --model, the
-    models that the signals allow are tried, and every joint of a bag or a robot's log is fitted.
+    models that the signals allow are tried, and every joint of a file is fitted.
 
     Exit code 0: converged; 1: no convergence or a poor fit; 2: bad input.
     """

@@ -13,7 +13,7 @@ from joint_id_core.cli.output import Progress
 from joint_id_core.cli.outputs import require_apart, require_different
 from joint_id_core.text_file import write_text
 
-FILES_HELP = "bags or robot's logs with all joints, their currents and target currents"
+FILES_HELP = "bags, or tables, with all joints, their currents and target currents"
 
 
 @with_group("options", ArmOptions)

@@ -44,7 +44,7 @@ def report(
 ) -> None:
     """Write a page about a recording and its fit: one file of HTML that needs no network.
 
-    Of a bag or a robot's log, the page shows all joints, unless --joint or --model is given. Of an estimate alone, it
+    Of a file with several joints, the page shows all, unless --joint or --model is given. Of an estimate alone, it
     has no pictures: they need the recording.
 
     Exit code 0: converged; 1: no convergence or a poor fit, which has its page, too; 2: bad input.

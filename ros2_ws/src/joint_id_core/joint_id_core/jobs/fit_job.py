@@ -146,7 +146,7 @@ class FitJob:
             found = formats.joints(file, self.mapping)
             if not found:
                 raise JointIdError(
-                    f"{file}: --joint {ALL} needs a bag or a robot's log; this file holds one joint without a name"
+                    f"{file}: --joint {ALL} needs a file with several joints; this one holds one without a name"
                 )
             names |= dict.fromkeys(found)
         return [replace(self, joint=name) for name in names]

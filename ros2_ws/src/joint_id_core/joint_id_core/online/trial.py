@@ -66,7 +66,7 @@ class Trial:
         return end < self._fit_next
 
     def failed(self, fit: Estimate, end: float, took_s: float) -> None:
-        """Take a fit that does not describe the newest window, which ends at an instant in s, and its processor time."""
+        """Take a fit that does not describe the newest window, which ends at `end` (s), and its processor time in s."""
         self.shown = fit
         self._fails_since = min(self._fails_since, end)
         if end > self._fails_since + PATIENCE * self._window_s:
