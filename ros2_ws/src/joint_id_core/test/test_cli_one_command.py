@@ -154,3 +154,22 @@ def test_a_joint_that_a_log_does_not_have_is_named_and_what_all_joints_lack_is_s
     assert code == 2 and "no joint 'elbow_joint': it holds shoulder_pan_joint, shoulder_lift_joint" in out
     code, out = run_here("fit", robot_log)
     assert code == 2 and out.count("needs k_t") == 1 and "(--robot ur3e, ur5e, ur10e)" in out
+
+
+def test_a_table_of_several_joints_is_fitted_joint_by_joint(tmp_path, run_here, in_this_process):
+    records = {1: motion(6.0), 2: motion(6.0, seed=1)}
+    columns = {"t": records[1].time}
+    for k, record in records.items():
+        columns |= {f"q{k}": record["link_position"], f"tau{k}": record["torque"]}
+    rows = [",".join(repr(float(v)) for v in row) for row in zip(*columns.values(), strict=True)]
+    (tmp_path / "table.csv").write_text("\n".join([",".join(columns), *rows]) + "\n")
+    code, out = run_here("fit", "table.csv")
+    assert code == 0 and "link_position = q1, q2\ntorque = tau1, tau2" in out
+    rows = [line.split()[:3] for line in out.splitlines() if line.startswith("  joint_")]
+    assert rows == [["joint_1", "rigid_joint", "converged"], ["joint_2", "rigid_joint", "converged"]]
+    assert "joints move at the same time" in out and "joint-id arm fit robot.urdf table.csv" in out
+    code, out = run_here("fit", "table.csv", "--joint", "joint_2")
+    assert code == 0 and "torque = tau2" in out
+    code, out = run_here(*pasted(out), "--json")
+    found = {p["name"]: p for p in json.loads(out)["parameters"]}
+    assert all(abs(found[n]["value"] - truth) < 4.0 * found[n]["std_dev"] for n, truth in TRUTH.items())

@@ -81,9 +81,9 @@ def test_empty_bag(tmp_path, storage):
     ("topic", "message"),
     [
         (
-            "/joint_states",
-            r"no known topic: it has /joint_states \(sensor_msgs/msg/JointState\); understood are link_states, .*"
-            r"; name the fields of others, e.g. --map link_position=joint_states.position --map current=joint_st",
+            ["/left/joint_states", "/right/joint_states"],
+            r"no known topic: it has /left/joint_states \(sensor_msgs/msg/JointState\), .*; understood are link_st.*"
+            r"; name the fields of others, e.g. --map link_position=left/joint_states.position --map current=left/jo",
         ),
         (
             "/a/motor_torques",

@@ -131,3 +131,31 @@ def test_a_mapping_that_is_not_understood(tmp_path, mapping, message):
     for action in (formats.joints, lambda path, given: formats.read(path, "elbow", given)):
         with pytest.raises(JointIdError, match=message):
             action(bag, mapping)
+
+
+# Joint states alone
+
+
+def test_a_single_topic_of_joint_states_needs_no_mapping(tmp_path):
+    bag = joint_states_bag(tmp_path / "bag", "/arm/joint_states")
+    assert formats.joints(bag) == ("elbow", "wrist")
+    channels = formats.read(bag, "elbow").channels
+    assert {name: values.tolist() for name, values in channels.items()} == {
+        "link_position": [1.0, 2.0, 3.0], "link_velocity": [1.5, 2.5, 3.5], "torque": [1.0, 2.0, 3.0],
+    }  # fmt: skip
+    assert set(formats.read_joints(bag).recordings) == {"elbow", "wrist"}
+    (told,) = formats.taken(bag)
+    assert told.startswith("/arm/joint_states.effort is taken as a torque in Nm, as the message is defined")
+    assert told.endswith("--map link_position=arm/joint_states.position --map current=arm/joint_states.effort")
+    assert formats.taken(bag, "elbow", {"torque": "arm/joint_states.effort"}) == []
+
+
+def test_efforts_of_a_ur_robot_may_be_currents_so_they_are_asked_for(tmp_path):
+    store, path = get_typestore(Stores.ROS2_JAZZY), tmp_path / "bag"
+    with Writer(path, version=9) as writer:
+        connection = writer.add_connection("/joint_states", JOINT_STATE, typestore=store)
+        names = ["left_wrist_3_joint", "left_shoulder_pan_joint"]
+        message = joint_state(store, 10**9, names, position=[1, 2], effort=[3, 4])
+        writer.write(connection, 0, store.serialize_cdr(message, JOINT_STATE))
+    with pytest.raises(JointIdError, match=r"--map current=joint_states.effort, or torque=joint_states.effort if it"):
+        formats.joints(path)

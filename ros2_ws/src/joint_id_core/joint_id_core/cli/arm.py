@@ -62,6 +62,7 @@ def fit(
 
     Exit code 0: the torques of all joints are explained; 1: not of all; 2: bad input.
     """
+    from joint_id_core import formats
     from joint_id_core.arm.exported import OF_MUJOCO, exported
     from joint_id_core.arm.fit import fit_arm
     from joint_id_core.arm.written import explained_by
@@ -84,6 +85,8 @@ def fit(
     if json:
         print_json(found.to_dict())
     else:
+        for text in formats.taken(files[0], None, options.part.mapping):
+            print(text)
         print(found)
         if parameters:
             print(f"\n{found.combinations}\n")

@@ -12,7 +12,7 @@ import typer
 from joint_id_core.cli.design_hint import design_hint
 from joint_id_core.cli.fit_options import FilesArgument, FitOptions, JsonOption
 from joint_id_core.cli.group import BAD_INPUT, complain
-from joint_id_core.cli.joints import joints_json, joints_table
+from joint_id_core.cli.joints import at_once, joints_json, joints_table
 from joint_id_core.cli.options import completed, with_group, with_options
 from joint_id_core.cli.output import Progress, print_json
 from joint_id_core.cli.outputs import require_apart, require_different
@@ -195,6 +195,8 @@ def _fit_all(job: FitJob, json: bool) -> None:
     else:
         taken = formats.taken(job.files[0], None, job.mapping)
         print("\n".join([*taken, *([""] if taken else []), joints_table(results)]))
+        if job.urdf is None and (advice := at_once(job.files, job.mapping)):
+            print(advice)
     estimates = [r.estimate for r in results.values() if not isinstance(r, str)]
     bad = [joint for joint, r in results.items() if isinstance(r, str) or not r.estimate.converged]
     if bad:

@@ -36,6 +36,8 @@ def info(
         print_json({"file": str(file), "contents": list(contents), "unknown": unknown, "joints": described})
         return
     print(f"{file}: {listed(contents)}")
+    for text in formats.taken(file, joint, mapping):
+        print(text)
     for row in described:
         _show(row)
     if unknown:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import shlex
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from joint_id_core.jobs.fit_job import Result
@@ -36,6 +38,23 @@ def remarks(told: Mapping[str, str]) -> list[str]:
     for joint, text in told.items():
         also.setdefault(text, []).append(joint)
     return [f"  {', '.join(joints)}: {text}" for text, joints in also.items()]
+
+
+def at_once(files: Sequence[Path], mapping: Mapping[str, str]) -> str:
+    """Return what to do if joints of the first file move at the same time; "" if they do not."""
+    from joint_id_core import formats
+    from joint_id_core.checking.others import others_move
+    from joint_id_core.data.recording import Recording
+
+    found = formats.read_joints(files[0], mapping).recordings.values()
+    read = [recording for recording in found if isinstance(recording, Recording)]
+    if not any(any(others_move(recording, read)) for recording in read):
+        return ""
+    again = shlex.join(["joint-id", "arm", "fit", "robot.urdf", *map(str, files)])
+    return (
+        "\njoints move at the same time, so each feels the load of the others; with the robot's description it is "
+        f"known: --urdf robot.urdf, or all at once: {again}"
+    )
 
 
 def joints_json(results: Mapping[str, Result | str]) -> list[dict[str, Any]]:

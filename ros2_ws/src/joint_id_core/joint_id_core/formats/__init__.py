@@ -132,7 +132,7 @@ def contents(path: str | Path) -> tuple[str, ...]:
 
 
 def taken(path: str | Path, joint: str | None = None, mapping: Mapping[str, str] | None = None) -> list[str]:
-    """Return in words which columns are read as which channels, of other names; [] for bags.
+    """Return in words which columns or fields are read as which channels, where their names do not say it.
 
     Without a `joint`, those of every joint of a table that holds several.
 
@@ -141,7 +141,9 @@ def taken(path: str | Path, joint: str | None = None, mapping: Mapping[str, str]
     """
     path = Path(path)
     kind = _kind(path)
-    return [] if kind == "bag" else (csv_file if kind == "csv" else mat_file).taken(path, joint or "", mapping or {})
+    if kind == "bag":
+        return list(_bags().taken(path, mapping or {}))
+    return (csv_file if kind == "csv" else mat_file).taken(path, joint or "", mapping or {})
 
 
 def write(path: str | Path, recording: Recording) -> None:

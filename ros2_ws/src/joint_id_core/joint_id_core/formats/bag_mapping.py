@@ -1,4 +1,4 @@
-"""User mappings from fields of bag topics to channels, such as `current=joint_states.effort`."""
+"""Fields of bag topics as channels: mappings of the user, such as `current=joint_states.effort`, and joint states."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from joint_id_core.formats.mapping import TIME, parse
 from joint_id_core.formats.remote import Place
 from joint_id_core.formats.topics import JOINT_STATE, RAW, SIGNAL_FIELDS, SIGNALS, Topic
 
+# Of a topic of joint states that is the only one. The message is defined with efforts in Nm.
+STATES = {"position": "link_position", "velocity": "link_velocity", "effort": "torque"}
+OF_UR = ("shoulder_pan_joint", "wrist_3_joint")  # whose effort may be a current, by version of the driver
 FIELDS = {topic.type: tuple(topic.fields) for topic in RAW}
 FIELDS |= {JOINT_STATE: ("position", "velocity", "effort"), SIGNALS.type: SIGNAL_FIELDS}
 
@@ -62,9 +65,33 @@ def plan(path: Place, connections: Sequence[Connection], mapping: Mapping[str, s
     return sources
 
 
+def only_states(connections: Sequence[Connection]) -> Connection | None:
+    """Return the topic of joint states of a bag, if it is the only one with messages."""
+    found = [c for c in connections if c.msgtype == JOINT_STATE and c.msgcount]
+    return found[0] if len(found) == 1 else None
+
+
+def states(connection: Connection, names: Sequence[str]) -> Topic | None:
+    """Return how joint states are read; None if nobody can know: the joints have the `names` of a UR robot."""
+    if all(any(name.endswith(one) for name in names) for one in OF_UR):
+        return None
+    return Topic(connection.topic.strip("/"), JOINT_STATE, STATES)
+
+
+def of_states(topic: Topic) -> str:
+    """Return in words what is taken for what on a topic of joint states."""
+    return (
+        f"/{topic.name}.effort is taken as a torque in Nm, as the message is defined; if it is a current: --map "
+        f"link_position={topic.name}.position --map current={topic.name}.effort"
+    )
+
+
 def example(connections: Sequence[Connection]) -> str:
     """Return advice on how to map the fields of an unknown topic; "" if no topic can be mapped."""
     topic = next((c.topic.strip("/") for c in connections if c.msgtype == JOINT_STATE), None)
     if topic is None:
         return ""
-    return f"; name the fields of others, e.g. --map link_position={topic}.position --map current={topic}.effort"
+    return (
+        f"; name the fields of others, e.g. --map link_position={topic}.position --map current={topic}.effort, or "
+        f"torque={topic}.effort if it is in Nm"
+    )

@@ -2,7 +2,8 @@
 
 Topics are recognised by the last part of their name (`topics.py`), so a namespace per robot works. The raw topics are
 merged on the union of their stamps, NaN where a topic has no sample. `joint_samples` is read only if there is no raw
-topic. A mapping (`bag_mapping.py`) can name other topics and fields. The time of a sample is its `header.stamp`, never
+topic. A mapping (`bag_mapping.py`) can name other topics and fields; a single topic of joint states, as of
+`joint_state_broadcaster`, needs none. The time of a sample is its `header.stamp`, never
 the time at which it was recorded.
 """
 
@@ -20,7 +21,7 @@ from rosbags.typesys.store import Typestore
 
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.formats.bag_mapping import Source, example, plan
+from joint_id_core.formats.bag_mapping import STATES, Source, example, of_states, only_states, plan, states
 from joint_id_core.formats.definitions import typestore
 from joint_id_core.formats.opened_bag import Bag, opened
 from joint_id_core.formats.remote import Place
@@ -117,6 +118,16 @@ def _named(path: Place, seen: dict[str, None]) -> tuple[str, ...]:
     return tuple(seen)
 
 
+def taken(path: Place, mapping: Mapping[str, str]) -> list[str]:
+    """Return in words what is taken for what where that is not certain.
+
+    Raises:
+        JointIdError: as `joints`.
+    """
+    with opened(path) as reader:
+        return [of_states(s.topic) for s in _sources(path, reader, mapping) if s.topic.fields is STATES]
+
+
 def topics(path: Place) -> tuple[str, ...]:
     """Return the topics with their types, "topic (type)".
 
@@ -142,6 +153,10 @@ def _known(path: Place, reader: Bag) -> list[tuple[Topic, Connection]]:
     """Return the topics with joint_id's own names, all in one namespace: the raw topics, or else `joint_samples`."""
     by_name = {topic.name: topic for topic in (*RAW, SAMPLES)}
     matched = [(by_name[last], c) for c in reader.connections if (last := c.topic.rsplit("/", 1)[-1]) in by_name]
+    if not matched and (found := only_states(reader.connections)) is not None:
+        named = next((message.name for message in _messages(reader, found)), ())
+        if (topic := states(found, named)) is not None:
+            return [(topic, found)]
     if not matched:
         raise JointIdError(
             f"{path}: no known topic: it has {', '.join(_topics(reader))}; understood are {', '.join(by_name)}"
