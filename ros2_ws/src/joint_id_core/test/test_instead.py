@@ -5,6 +5,7 @@ import pytest
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import Innovations, ParameterSettings, Regression, fit
+from joint_id_core.estimators.instead import regressed_instead
 from joint_id_core.models import build
 from joint_id_core.results.status import Status
 from joint_id_core.simulation import simulate
@@ -49,3 +50,12 @@ def test_a_torque_that_does_not_cause_the_motion_is_a_poor_fit_of_both():
 
 def test_a_good_fit_stays():
     assert fit(MODEL, motion()).estimator == Innovations.name
+
+
+def test_where_a_regression_lacks_a_signal_the_fit_of_innovations_goes_on(loaded):
+    """It needs a position: its refusal says nothing of the motion, and another drive between samples is tried."""
+    velocity = np.gradient(loaded["link_position"], loaded.time)
+    record = Recording(loaded.time, {"link_velocity": velocity, "torque": loaded["torque"]})
+    alone = Innovations().fit(MODEL, record)
+    assert alone.status is Status.POOR_FIT
+    assert regressed_instead(alone, MODEL, record, None) is None

@@ -28,13 +28,15 @@ def regressed_instead(
 ) -> Estimate | None:
     """Return a regression of a recording, to take the place of an estimate if it is better.
 
-    None if the estimate is not bad, or a regression does not suit the model or the settings.
+    None if the estimate is not bad, or a regression does not suit the model, the recording or the settings.
     """
     if estimate.status not in BAD or not suits(model) or (settings is not None and settings.priors):
         return None
     try:
         found = Regression().fit(model, recording, settings)
     except JointIdError:
+        return None
+    if found.status.unusable:
         return None
     why, *others = estimate.notes
     advice = [note for note in others if ": try --" in note]  # a better model is better than another estimator
