@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from joint_id_core.errors import JointIdError, close_to
@@ -102,21 +101,12 @@ def _fit(
     progress: Progress | None,
 ) -> Estimate:
     """Return the estimate of one recording, as if its load were measured."""
-    from joint_id_core.estimators.between_samples import described, fitted_between  # loads NumPy, as the next
-    from joint_id_core.estimators.constancy import with_constancy
-    from joint_id_core.estimators.correction import with_correction
-    from joint_id_core.estimators.cross_check import judged_whole
-    from joint_id_core.estimators.innovations.fit import fit_innovations
-    from joint_id_core.estimators.instead import changes_between, regressed_instead
-    from joint_id_core.estimators.late_signal import with_late_signal
-    from joint_id_core.estimators.narrowed import narrowed
+    from joint_id_core.estimators.checked import checked  # loads NumPy, as the next
     from joint_id_core.estimators.one_encoder import hides_compliance
-    from joint_id_core.estimators.opinion import second_opinion
     from joint_id_core.estimators.regression_starts import started
     from joint_id_core.estimators.shared.data_check import concerning, noted, refused
     from joint_id_core.estimators.shared.held_values import with_held_values
     from joint_id_core.estimators.shared.long_record import fitted_part, with_part
-    from joint_id_core.estimators.signal_faults import with_signal_faults
 
     found = concerning(model, recording)
     bad = refused(model, estimator.name, found, recording)
@@ -128,23 +118,8 @@ def _fit(
     if isinstance(estimator, Innovations):
         settings = started(model, recording, settings)
     estimate = estimator.fit(model, recording, settings, progress)
-    other = regressed_instead(estimate, model, recording, given) if isinstance(estimator, Innovations) else None
-    if other is not None and other.converged and not changes_between(other):
-        estimate = other
-    elif isinstance(estimator, Innovations):
-        again = partial(estimator.fit, model, settings=settings, progress=progress)
-        near = partial(fit_innovations, model, settings=settings, options=estimator, progress=progress)
-        hopeless = other is not None and not changes_between(other)
-        estimate, share = (estimate, 0.0) if hopeless else fitted_between(estimate, model, recording, near)
-        opinion = second_opinion(estimate, model, recording, given, share)
-        estimate = estimate if opinion is None else judged_whole(estimate, model, opinion)
-        recording = described(model, recording, share)
-        late = with_late_signal(estimate, model, recording, again)
-        in_time = late is estimate
-        estimate = with_signal_faults(estimate, model, recording, settings) if in_time else late
-        estimate = with_constancy(estimate, model, recording, settings)
-        estimate = narrowed(estimate, model, opinion) if opinion is not None and in_time else estimate
-        estimate = with_correction(estimate, model, settings)
+    if isinstance(estimator, Innovations):
+        estimate, recording = checked(estimate, model, recording, given, settings, estimator, progress)
     if estimate.status.unusable:
         return estimate
     estimate = with_held_values(noted(estimate, found, model, recording), model, settings)
