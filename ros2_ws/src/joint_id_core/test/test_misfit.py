@@ -172,7 +172,7 @@ def test_hysteresis_of_the_gear_is_named_and_in_the_intervals(model, reach):
     names = set(estimate.free) & TRUTH.keys()
     for name in names:
         assert abs(estimate[name].value - TRUTH[name]) < 3.0 * estimate[name].std_dev, name
-    if estimate.converged:
+    if estimate.converged and estimate.estimator == before.estimator:  # else the regression takes its place
         off = [np.mean([abs(f[n].value / TRUTH[n] - 1.0) for n in names]) for f in (estimate, before)]
         assert off[0] < 0.85 * off[1], "the values are corrected"
 

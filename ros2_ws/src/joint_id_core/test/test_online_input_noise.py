@@ -166,8 +166,9 @@ def test_noise_that_the_filter_takes_for_that_of_the_load_counts_as_well():
     """A rigid joint hides which of the two it is: `J` was 3.8 % too large, 5 standard deviations, or seen to change."""
     small = {"J": 3e-4, "c": 6.2e-3, "tau_f": 1.02e-2, "tau_0": 1.7e-3}
     waves = Multisine((0.25, 0.2, 0.15, 0.1), (0.31, 0.53, 0.83, 1.31), (0.0, 1.0, 4.0, 2.0))
-    found = [e for e in estimates(1.0, small, waves, torque=1.2e-3, encoder=9.6e-5) if e.converged]
-    assert len(found) > 40 and max(max(errors(estimate, small)) for estimate in found) < 4.0
+    usable = (Status.CONVERGED, Status.DISAGREE)  # the noise of the torque makes `c` of the second opinion too large
+    found = [e for e in estimates(1.0, small, waves, torque=1.2e-3, encoder=9.6e-5) if e.status in usable]
+    assert len(found) > 50 and max(max(errors(estimate, small)) for estimate in found) < 3.0
 
 
 def test_the_noise_of_the_load_is_that_of_a_rigid_drive_through_its_gear():

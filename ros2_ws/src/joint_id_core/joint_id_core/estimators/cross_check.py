@@ -236,4 +236,6 @@ def _as_wide(estimate: Estimate, model: Model, opinion: Opinion, seconds: Sequen
         why = "the residual torque may hold one that the model lacks"
     said = f"{why}: the intervals of {listed(wider)} are those of a regression, which depend on it less"
     place = 2 if opinion.lag else 1  # after the sentence that tells by how much
+    if not (opinion.lag or opinion.coloured or opinion.between):
+        place = len(estimate.notes)  # what the residuals show tells more
     return _with_rows(estimate, rows, scale, (*estimate.notes[:place], sentence(said), *estimate.notes[place:]))
