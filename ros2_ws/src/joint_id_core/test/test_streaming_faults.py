@@ -24,6 +24,14 @@ def test_sampling_too_slow_for_the_cutoff_gets_the_highest_one_that_fits_and_say
     assert StreamingFilter(period=0.01).latency < 0.5
 
 
+def test_a_rate_that_allows_the_cutoff_but_for_its_jitter_is_not_told():
+    """A UR of the CB series: of 125 samples/s 50 Hz is the highest, and its stamps say 124.99."""
+    time = np.arange(300) / 124.99
+    learnt = StreamingFilter()
+    stream(learnt, time, motion(time))
+    assert not learnt.counts
+
+
 def test_hardly_any_sample_at_all_is_said():
     learnt = StreamingFilter()
     time = np.arange(60) * 10.0

@@ -20,6 +20,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.filtering.fixed_lag import CUT, FilterDesign, Run
 from joint_id_core.filtering.offline import FilterOptions, derivatives
 
+TOLD = 0.99  # of the cutoff that was asked for, below which another one is told: at 125 samples/s jitter allows 49.9 Hz
 _STAMPS = 50  # number of stamps from which the period is estimated if it is not given
 
 
@@ -157,7 +158,7 @@ class StreamingFilter:
 
     def _set_period(self, period: float) -> None:
         options = self.options.fitting(period)
-        if options != self.options:
+        if options.cutoff_hz < TOLD * self.options.cutoff_hz:
             asked, rate = f"cutoff_hz = {self.options.cutoff_hz:g} Hz", f"{1.0 / period:.4g} samples/s"
             self._note("rate", f"{asked} is too high for {rate}: {options.cutoff_hz:.3g} Hz is taken")
         self._design = FilterDesign(options, period, self._cut)
