@@ -28,8 +28,10 @@ def test_after_a_minute_an_offset_is_known_as_two_windows_tell_it_and_the_joint_
     assert np.linalg.eigvalsh(last.covariance).min() > 0.0
 
 
-def blocks(*informations: float) -> list[SimpleNamespace]:
-    return [SimpleNamespace(matrix=i * np.eye(len(FREE)), duration=0.5) for i in informations]
+def blocks(*informations: float) -> SimpleNamespace:
+    """A memory with blocks of half a second, the newest one last."""
+    found = [SimpleNamespace(matrix=i * np.eye(len(FREE)), duration=0.5) for i in informations]
+    return SimpleNamespace(blocks=found, newest=found[-1] if found else None)
 
 
 def test_only_the_newest_samples_count():
@@ -43,7 +45,7 @@ def test_after_a_restart_half_a_second_stands_for_the_rest():
     """Else what was known would be forgotten."""
     offsets, covariance = Offsets(MODEL, FREE, np.full(len(FREE), 100.0), 1.0), 1e-6 * np.eye(len(FREE))
     assert offsets.widened(covariance, blocks(4.0))[3, 3] == pytest.approx(REACH**2 / 16.0, rel=1e-3)
-    assert offsets.widened(covariance, []) is covariance
+    assert offsets.widened(covariance, blocks()) is covariance
 
 
 def test_an_interval_that_is_wider_already_stays():
@@ -54,3 +56,9 @@ def test_an_interval_that_is_wider_already_stays():
 def test_models_without_offsets_are_as_they_were():
     covariance = np.eye(2)
     assert Offsets(build("dc_motor"), ("R", "k_b"), np.ones(2), 1.0).widened(covariance, blocks(4.0)) is covariance
+
+
+def test_another_newest_block_counts_at_once():
+    offsets, covariance = Offsets(MODEL, FREE, np.full(len(FREE), 100.0), 1.0), 1e-6 * np.eye(len(FREE))
+    offsets.widened(covariance, blocks(4.0, 4.0, 4.0, 4.0))
+    assert offsets.widened(covariance, blocks(9.0, 9.0, 9.0, 9.0))[3, 3] == pytest.approx(REACH**2 / 36.0, rel=1e-3)

@@ -28,6 +28,7 @@ Indices = NDArray[np.intp]
 # Central difference of 7 points, in 1/period: exact for polynomials up to degree 6.
 STENCIL = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0
 HIGHEST = 0.4  # cutoff over the sampling rate: near half of it, the filter would do nothing but delay
+SAME = 1e-5  # periods up to which instants are the same: at 500 Hz and 1 rad/s the joint moves by 2e-8 rad in it
 REACH = 3  # samples that the stencil reaches to either side
 
 # Position, velocity and acceleration by side of the gear; each one can be computed from the one before.
@@ -183,6 +184,8 @@ def interpolate(at: Array, time: Array, values: Array) -> Array:
 
     At the instant of a sample the result is that sample, so samples on an even grid do not change.
     """
+    if len(at) == len(time) and np.abs(at - time).max() < SAME * (time[-1] - time[0]) / len(time):
+        return values.copy()  # a third of the time of a regression goes into weights that are 1
     first = np.clip(np.searchsorted(time, at, "right") - 2, 0, len(time) - 4)
     result = np.zeros(len(at))
     for j in range(4):

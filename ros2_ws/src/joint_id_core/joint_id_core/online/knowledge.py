@@ -156,7 +156,7 @@ class Knowledge:
     def _published(self, changes: tuple[ParameterChange, ...], **fields: Any) -> Estimate:
         """Return the estimate of now, with these other `fields`."""
         coordinates, (mean, covariance) = self._task.coordinates, self.follower.now()
-        now = mean, self._offsets.widened(covariance, self.follower.memory.blocks)
+        now = mean, self._offsets.widened(covariance, self.follower.memory)
         fields |= {"noise": self.noise, "changes": changes}
         return published(coordinates, self.last, now, self._in_words(now, changes), fields)
 

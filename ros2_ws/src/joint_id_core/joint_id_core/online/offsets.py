@@ -13,6 +13,7 @@ import numpy as np
 
 from joint_id_core.data.recording import Array
 from joint_id_core.models import Model
+from joint_id_core.online.memory import Memory
 from joint_id_core.online.piece import Piece
 
 WINDOWS = 2.0  # in which a change must be found
@@ -25,14 +26,24 @@ class Offsets:
     def __init__(self, model: Model, free: Sequence[str], spread: Array, window_s: float) -> None:
         self._at = np.array([k for k, name in enumerate(free) if model.parameter(name).of_recording], dtype=np.intp)
         self._before, self._seconds = 1.0 / spread[self._at] ** 2, WINDOWS * window_s
+        self._least: tuple[Piece, Array] | None = None  # variances, and the newest block that is in them
 
-    def widened(self, covariance: Array, blocks: Sequence[Piece]) -> Array:
-        """Return the covariance (k, k) of the coordinates; `blocks` of samples are in it, the newest one last.
+    def widened(self, covariance: Array, memory: Memory) -> Array:
+        """Return the covariance (k, k) of the coordinates, in which the blocks of a memory are.
 
-        Blocks that are shorter together stand for as much as two windows would show.
+        Blocks that are shorter together than two windows stand for as much as these would show.
         """
-        if not len(self._at) or not len(blocks):
+        newest = memory.newest
+        if not len(self._at) or newest is None:
             return covariance
+        if self._least is None or self._least[0] is not newest:  # it stays for half a second
+            self._least = newest, self._least_of(memory.blocks)
+        wider = covariance.copy()
+        wider[self._at, self._at] = np.maximum(wider[self._at, self._at], self._least[1])
+        return wider
+
+    def _least_of(self, blocks: Sequence[Piece]) -> Array:
+        """Return the least variances."""
         shown, seconds = np.zeros(len(self._at)), 0.0
         for block in reversed(blocks):
             shown += block.matrix[self._at, self._at]
@@ -40,6 +51,4 @@ class Offsets:
             if seconds >= self._seconds:
                 break
         shown = self._before + shown * max(1.0, self._seconds / max(seconds, 1e-9))
-        wider = covariance.copy()
-        wider[self._at, self._at] = np.maximum(wider[self._at, self._at], REACH**2 / shown)
-        return wider
+        return np.asarray(REACH**2 / shown)
