@@ -1,0 +1,52 @@
+"""What fits of windows that the model does not describe may cost."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from joint_id_core.online import OnlineIdentifier, OnlineOptions, trial
+from joint_id_core.online.task import Task
+from joint_id_core.online.trial import PATIENCE, SHARE, Trial
+from joint_id_core.results.status import Status
+
+from .online_motion import MODEL, batches, motion
+
+WINDOW_S, TOOK_S = 2.0, 0.6
+POOR = SimpleNamespace(status=Status.POOR_FIT)
+
+
+def test_fits_that_fail_again_and_again_wait_for_what_they_cost():
+    now = Trial(WINDOW_S)
+    now.failed(POOR, 1.0, TOOK_S)
+    assert not now.waits(1.1) and now.shown is POOR
+    late = 1.1 + PATIENCE * WINDOW_S
+    now.failed(POOR, late, TOOK_S)
+    assert now.waits(late + 0.99 * TOOK_S / SHARE) and not now.waits(late + 1.01 * TOOK_S / SHARE)
+    assert not now.due(late + 1.0) and now.due(late + 1.01 * TOOK_S / SHARE)
+
+
+def test_a_fit_that_describes_the_motion_ends_the_patience_anew():
+    now = Trial(WINDOW_S)
+    now.failed(POOR, 1.0, TOOK_S)
+    now.succeeded()
+    now.failed(POOR, 20.0, TOOK_S)
+    assert not now.waits(20.1)
+
+
+def test_a_joint_that_its_model_never_describes_still_has_an_estimate_at_every_hop(monkeypatch):
+    """Its torque is another one's: a joint at 1 kHz took 1.5 of a core for that."""
+    monkeypatch.setattr(trial, "SHARE", 1e-6)
+    ended, fit = [], Task.fit
+
+    def counted(task, recording, previous):
+        ended.append(recording.time[-1])
+        return fit(task, recording, previous)
+
+    monkeypatch.setattr(Task, "fit", counted)
+    rng, record = np.random.default_rng(0), motion(16.0)
+    wrong = record.with_channels({"torque": rng.normal(0.0, 3.0, len(record))})
+    identifier = OnlineIdentifier(MODEL, options=OnlineOptions(window_s=WINDOW_S, hop_s=0.5))
+    found = [e for e in map(identifier.update, batches(wrong)) if e is not None and e.status is not Status.TOO_SHORT]
+    assert len(found) > 25 and {e.status for e in found} == {Status.POOR_FIT}
+    assert np.all(np.diff([e.end for e in found]) > 0.0)
+    assert max(ended) < WINDOW_S + PATIENCE * WINDOW_S + 1.1  # then they wait
