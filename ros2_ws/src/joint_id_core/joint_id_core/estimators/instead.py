@@ -21,7 +21,7 @@ from joint_id_core.results.estimate import Estimate, Status
 
 BAD = (Status.POOR_FIT, Status.MAX_ITERATIONS, Status.DIVERGED)
 SHOWN = "The residuals show"  # begins a note of what the model lacks
-WHOSE = "this is a regression, since innovations do not describe the motion"
+WHOSE = "this is a regression, since innovations do not describe every sample of the motion"
 
 
 def regressed_instead(
@@ -42,8 +42,7 @@ def regressed_instead(
     why, *others = estimate.notes
     # What the model lacks, and what to try: a better model is better than another estimator.
     shown = [sentence(note.partition("; the standard deviations")[0].rstrip(".")) for note in others if SHOWN in note]
-    told = sentence(f"{WHOSE} ({why[:1].lower()}{why[1:].rstrip('.')})")
-    notes = (*found.notes[:1], told, *shown, *found.notes[1:])
+    notes = (*found.notes[:1], sentence(WHOSE), *shown, *found.notes[1:], f"Of innovations: {why[:1].lower()}{why[1:]}")
     return replace(found, notes=notes, message=message(notes), elapsed_s=estimate.elapsed_s + found.elapsed_s)
 
 
