@@ -191,6 +191,8 @@ def test_numbered_joints_are_those_of_the_description_in_its_order(here):
         _, out, _ = here("fit", log, "--joint", joint, *words)
         values[log] = [(p["name"], p["value"], p["verdict"]) for p in json.loads(out)["parameters"]]
     assert values["table.csv"] == values["torques"]
+    here("fit", "table.csv", "--joint", "joint_2", *words[:-1], "--save", "second.json")
+    assert json.loads(Path("second.json").read_text())["joint"] == JOINTS[1]  # by which `export` finds it
 
 
 GRIPPER = """

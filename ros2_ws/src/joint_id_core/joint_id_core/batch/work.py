@@ -102,7 +102,8 @@ def _given(job: FitJob, recordings: Mapping[str, Recording | JointIdError]) -> C
         if description is None:
             return Given([part(joint)])
         known = names_in(description, tuple(recordings))
-        there = {known[name]: part(name) for name in recordings if known[name] in description.joints or name == joint}
+        used = [name for name in recordings if known[name] in description.joints or name == joint]
+        there = {known[name]: replace(part(name), joint=known[name]) for name in used}
         return given_with_load(description, known[joint], [there])
 
     return given

@@ -95,7 +95,7 @@ def with_load(
     for file, one in parts:
         found = names_in(description, formats.joints(file, part.mapping)) or {joint: joint}
         there = {name: known for name, known in found.items() if known in description.joints}
-        records.append({known: one.read(file, name) for name, known in there.items()})
+        records.append({known: replace(one.read(file, name), joint=known) for name, known in there.items()})
     done = given_with_load(description, own, records)
     return replace(done, recordings=done.recordings[: len(files)], other=done.recordings[-1] if validate else None)
 
