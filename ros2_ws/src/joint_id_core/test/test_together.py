@@ -145,7 +145,7 @@ def test_every_joint_of_a_file_without_names_is_refused(tmp_path, run):
     path = tmp_path / "one.csv"
     formats.write_csv(path, PARTS[0])
     code, _, err = run("fit", path, "--model", "rigid_joint", "--joint", "all")
-    assert code == 2 and "needs a bag" in err
+    assert code == 2 and "needs a file with several joints" in err
 
 
 def test_an_offset_is_known_no_better_than_in_one_recording():

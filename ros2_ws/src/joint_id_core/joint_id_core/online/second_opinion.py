@@ -18,7 +18,7 @@ from joint_id_core.estimators.shared.mean_drive import changes
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.online.checks import CHECK_AFTER, CHECK_EVERY, Background
-from joint_id_core.online.window import SlidingWindow
+from joint_id_core.online.newest_motion import NewestMotion
 from joint_id_core.results.estimate import Estimate
 
 REACH = 8.0  # lengths of the window in which friction and inertia are compared
@@ -51,30 +51,27 @@ class SecondOpinion:
     def begin(self) -> None:
         """Begin anew: the joint has changed, or what was known of it is forgotten."""
         self.newest = None
-        self._motion = SlidingWindow(REACH * self._window_s)
-        self._count, self._waits_s = 0, CHECK_AFTER[0] * self._window_s
+        self._count, self._motion = 0, NewestMotion(REACH * self._window_s, CHECK_AFTER[0] * self._window_s)
         self._running: tuple[Future[Opinion | None], float] | None = None
 
     def _forget_motion(self) -> None:
         """Ask again soon, about new motion: what was wrong may have been in the samples, and may have ended."""
-        self._motion = SlidingWindow(REACH * self._window_s)
-        self._waits_s = AFTER_FAULT * self._window_s
+        self._motion = NewestMotion(REACH * self._window_s, AFTER_FAULT * self._window_s)
 
     def append(self, samples: Recording) -> None:
         """Add samples in motion."""
         if self._wanted:
             self._motion.append(samples)
-            self._waits_s -= samples.duration + samples.duration / max(1, len(samples) - 1)
 
     def on(self, estimate: Estimate, tested_from: float) -> Estimate:
         """Return an estimate with the newest opinion; ask for one if it is time for that.
 
         The newest stretch of samples that agreed with what is known began at `tested_from`, in s.
         """
-        if self._running is None and self._wanted and self._waits_s <= 0.0:
+        if self._running is None and self._wanted and self._motion.due:
             self._count += 1
             length = CHECK_AFTER[self._count] if self._count < len(CHECK_AFTER) else CHECK_EVERY
-            self._waits_s = length * self._window_s
+            self._motion.wait(length * self._window_s)
             ask = partial(_opinion, estimate, self._model, self._motion.recording(), self._settings)
             self._running = self._background(ask), self._motion.end
         if self._running is not None and tested_from >= self._running[1] and self._running[0].done():

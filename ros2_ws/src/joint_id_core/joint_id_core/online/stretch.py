@@ -22,7 +22,7 @@ from joint_id_core.estimators.shared.sentences import message
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.online.checks import Background
-from joint_id_core.online.window import SlidingWindow
+from joint_id_core.online.newest_motion import NewestMotion
 from joint_id_core.results.estimate import Estimate, Status
 
 # Lengths of the window. Of fits of real robots, those of 8 and 16 s had 95 % intervals of friction that contain the
@@ -56,7 +56,7 @@ class Stretch:
         self._begin()
 
     def _begin(self) -> None:
-        self._motion, self._waits_s = SlidingWindow(REACH * self._window_s), LEAST * self._window_s
+        self._motion = NewestMotion(REACH * self._window_s, LEAST * self._window_s)
         self._running: Future[tuple[Estimate, float]] | None = None
 
     def changed(self) -> None:
@@ -73,7 +73,6 @@ class Stretch:
         """Add samples in motion."""
         if self._wanted:
             self._motion.append(samples)
-            self._waits_s -= samples.duration + samples.duration / max(1, len(samples) - 1)
 
     def on(self, estimate: Estimate) -> Estimate:
         """Return what holds in motion: an estimate of the recursion, or the fit of a stretch in its place."""
@@ -100,11 +99,11 @@ class Stretch:
 
     def _newest(self) -> Estimate | None:
         """Return the newest fit; start another one if it is time for that."""
-        if self._running is None and self._waits_s <= 0.0:
+        if self._running is None and self._motion.due:
             self._running = self._background(partial(_fitted, self._model, self._motion.recording(), self._settings))
         if self._running is not None and self._running.done():
             (found, took_s), self._running = self._running.result(), None
-            self._waits_s = max(EVERY * self._window_s, took_s / SHARE)
+            self._motion.wait(max(EVERY * self._window_s, took_s / SHARE))
             self._found = found if found.status in (Status.CONVERGED, Status.DISAGREE) else None
         return self._found
 
