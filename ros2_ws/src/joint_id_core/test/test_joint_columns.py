@@ -35,6 +35,11 @@ TIME = np.arange(5) * 0.01
         ("- arm_1_joint_effort", "arm_1_joint", "torque"),
         ("/joint_states/elbow_joint/velocity", "elbow_joint", "link_velocity"),
         ("elbow.position", "elbow", "link_position"),
+        ("jointPosition1", "joint_1", "link_position"),
+        ("qDot3", "joint_3", "link_velocity"),
+        ("msrJntPos_2", "joint_2", "link_position"),
+        ("DQ4", "joint_4", "link_velocity"),
+        ("elbowTorque", "elbow", "torque"),
         ("Velocity", "", "link_velocity"),
     ],
 )

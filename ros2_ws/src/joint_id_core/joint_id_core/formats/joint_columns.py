@@ -18,7 +18,7 @@ from joint_id_core.formats.column_names import factor_of, without_unit
 ANY = "#"  # stands for the number of the joint in a mapping, as in `--map link_position=q_#`
 WORDS = {
     "link_position": ("q", "pos", "position", "positions", "angle", "angles"),
-    "link_velocity": ("dq", "qd", "qdot", "q dot", "dot q", "vel", "velocity", "velocities", "speed"),
+    "link_velocity": ("dq", "qd", "qdot", "q dot", "dot q", "d q", "vel", "velocity", "velocities", "speed"),
     "torque": ("tau", "trq", "torque", "torques", "motor torque", "effort", "efforts"),
     "current": ("cur", "curr", "current", "currents", "motor current"),
     **{name: () for name in CHANNELS if name not in ("link_position", "link_velocity", "torque", "current")},
@@ -30,10 +30,11 @@ CHANNEL = {
     for word in (channel, *words)
 }  # fmt: skip
 LONGEST = max(map(len, CHANNEL))
-TOKEN = re.compile(r"[^\W\d_]+|\d+")
+TOKEN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[^\W\d_]+|\d+")  # also of `jointPosition1`
 # Words that say nothing of which joint it is, or that what stands there was measured.
 BESIDE = {
-    "actual", "axis", "data", "field", "j", "joint", "joints", "link", "log", "measured", "robot", "state", "states",
+    "act", "actual", "axis", "data", "feedback", "field", "j", "jnt", "joint", "joints", "link", "log", "meas",
+    "measured", "msr", "robot", "state", "states",
 }  # fmt: skip
 COMMANDED = {"cmd", "command", "commanded", "des", "desired", "ref", "reference", "target"}
 OF_COMMAND = {"link_position": "reference_position", "current": "target_current"}
