@@ -191,7 +191,9 @@ def test_numbered_joints_are_those_of_the_description_in_its_order(here):
         _, out, _ = here("fit", log, "--joint", joint, *words)
         values[log] = [(p["name"], p["value"], p["verdict"]) for p in json.loads(out)["parameters"]]
     assert values["table.csv"] == values["torques"]
-    here("fit", "table.csv", "--joint", "joint_2", *words[:-1], "--save", "second.json")
+    _, out, _ = here("fit", "table.csv", "--joint", "joint_2", *words[:-1], "--save", "second.json")
+    told = f"The joints are taken in the order of arm.urdf: joint_1 = {JOINTS[0]}, joint_2 = {JOINTS[1]}, "
+    assert told in out and told in here("arm", "fit", "arm.urdf", "table.csv")[1]
     assert json.loads(Path("second.json").read_text())["joint"] == JOINTS[1]  # by which `export` finds it
 
 

@@ -17,6 +17,7 @@ from joint_id_core.cli.group import complain
 from joint_id_core.cli.options import with_group
 from joint_id_core.cli.output import Progress, print_json
 from joint_id_core.cli.outputs import require_apart, require_different
+from joint_id_core.jobs.given import in_order, joints_of, names_in
 from joint_id_core.text_file import write_text
 
 if TYPE_CHECKING:
@@ -85,7 +86,8 @@ def fit(
     if json:
         print_json(found.to_dict())
     else:
-        for text in formats.taken(files[0], None, options.part.mapping):
+        ordered = in_order(description, names_in(description, joints_of(files[0], options.part.mapping)))
+        for text in (*formats.taken(files[0], None, options.part.mapping), *([ordered] if ordered else [])):
             print(text)
         print(found)
         if parameters:

@@ -16,6 +16,7 @@ from joint_id_core.formats import robot_log
 from joint_id_core.formats.column_names import factor_of, without_unit
 
 ANY = "#"  # stands for the number of the joint in a mapping, as in `--map link_position=q_#`
+NUMBERED = "joint_"  # before the number of a joint that has no other name
 WORDS = {
     "link_position": ("q", "pos", "position", "positions", "angle", "angles"),
     "link_velocity": ("dq", "qd", "qdot", "q dot", "dot q", "d q", "vel", "velocity", "velocities", "speed"),
@@ -105,7 +106,7 @@ def _by_joint(path: Path, found: Collection[str], mapping: Mapping[str, str]) ->
                 )
             by_joint[joint][channel] = expression
     by_joint = {name: own for name, own in by_joint.items() if _is_joint(name, own)}
-    return by_joint if len(by_joint) > 1 or any(map(_is_numbered, by_joint)) else {}
+    return by_joint if len(by_joint) > 1 or any(number_of(name) is not None for name in by_joint) else {}
 
 
 def _numbered(path: Path, found: Collection[str], mapping: Mapping[str, str]) -> dict[str, dict[str, str]]:
@@ -125,7 +126,7 @@ def _numbered(path: Path, found: Collection[str], mapping: Mapping[str, str]) ->
                 f"{path}: {first}={patterns[first]} has columns of the joints {', '.join(every)}, "
                 f"{target}={patterns[target]} of {', '.join(own)}: they must be the same"
             )
-    return {f"joint_{n}": {t: e.replace(ANY, n) for t, e in patterns.items()} for n in every}
+    return {f"{NUMBERED}{n}": {t: e.replace(ANY, n) for t, e in patterns.items()} for n in every}
 
 
 def _of_one(found: Collection[str], mapping: Mapping[str, str]) -> dict[str, str]:
@@ -138,12 +139,14 @@ def _of_one(found: Collection[str], mapping: Mapping[str, str]) -> dict[str, str
 
 
 def _is_joint(name: str, own: Mapping[str, str]) -> bool:
-    beside = _is_numbered(name) or any(n in own for n in BESIDE_POSITION)
+    beside = number_of(name) is not None or any(n in own for n in BESIDE_POSITION)
     return beside and any(n in own for n in POSITIONS)
 
 
-def _is_numbered(name: str) -> bool:
-    return name.removeprefix("joint_").isdecimal()
+def number_of(joint: str) -> int | None:
+    """Return the number of a joint that a table only numbers; None if it has another name."""
+    number = joint.removeprefix(NUMBERED)
+    return int(number) if joint.startswith(NUMBERED) and number.isdecimal() else None
 
 
 def understood(column: str) -> tuple[str, str, str] | None:
@@ -156,7 +159,7 @@ def understood(column: str) -> tuple[str, str, str] | None:
     word = tuple(word for word in told if word not in numbers)
     joint, left = "", list[str]()
     if word in CHANNEL and len(numbers) < 2:
-        joint = f"joint_{int(numbers[0])}" if numbers else ""
+        joint = f"{NUMBERED}{int(numbers[0])}" if numbers else ""
     else:
         count = next((c for c in range(min(LONGEST, len(tokens) - 1), 0, -1) if tuple(lower[-c:]) in CHANNEL), 0)
         if not count:

@@ -85,7 +85,7 @@ class FitJob:
         from joint_id_core.comparison.proposal import proposals
 
         first = given.recordings[0]
-        left_out, described, found = list[str](), list[Result](), proposals(first, self.model_options)
+        left_out, by_another, found = list[str](), list[Result](), proposals(first, self.model_options)
         models = [proposal.options.build(proposal.options.drive_in(first)) for proposal in found]
         if not any(suited := [self._suits(model) for model in models]):
             suited = [True] * len(models)  # the first fit says what is wrong
@@ -102,10 +102,10 @@ class FitJob:
             if not doubt:
                 if together.estimate.estimator == self.estimator.name:
                     return result
-                described.append(result)  # by another estimator: a simpler model may do without
+                by_another.append(result)  # a simpler model may do without another estimator
                 doubt = f"{self.estimator.name} do not describe the motion"
             left_out.append(f"{model.name} was tried and left out: {doubt}")
-        return described[0] if described else result
+        return by_another[0] if by_another else result
 
     def _suits(self, model: Model) -> bool:
         """Return whether the model takes the load of a description, if there is one, and suits the estimator."""

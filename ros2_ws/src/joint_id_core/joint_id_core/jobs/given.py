@@ -62,11 +62,21 @@ def names_in(description: Description, names: Sequence[str]) -> dict[str, str]:
 
     Joints that a table only numbers are those of the description in their order, if there are as many.
     """
-    numbers = [name.removeprefix("joint_") for name in names]
+    from joint_id_core.formats.joint_columns import number_of
+
+    numbers = {name: number for name in names if (number := number_of(name)) is not None}
     same = {*names} & {*description.joints}
-    if same or len(names) != len(description.joints) or not all(map(str.isdecimal, numbers)):
+    if same or len(numbers) != len(names) or len(names) != len(description.joints):
         return {name: name for name in names}
-    return dict(zip(sorted(names, key=lambda name: int(name.removeprefix("joint_"))), description.joints, strict=True))
+    return dict(zip(sorted(numbers, key=numbers.__getitem__), description.joints, strict=True))
+
+
+def in_order(description: Description, names: Mapping[str, str]) -> str:
+    """Return in words which joints of a file are which of a description; "" if they have the same names."""
+    if all(own == known for own, known in names.items()):
+        return ""
+    pairs = ", ".join(f"{own} = {known}" for own, known in names.items())
+    return f"The joints are taken in the order of {description.source}: {pairs}."
 
 
 def plain(files: Sequence[Path], joint: str | None, part: Part, validate: Path | None) -> Given:
@@ -87,7 +97,8 @@ def with_load(
 
     if joint is None:
         raise JointIdError(f"--urdf needs the name of the joint: --joint {description.joints[0]}, or --joint all")
-    own = names_in(description, formats.joints(files[0], part.mapping)).get(joint, joint)
+    names = names_in(description, formats.joints(files[0], part.mapping))
+    own, told = names.get(joint, joint), in_order(description, names)
     description.require(own)
     parts = [(file, part) for file in files]
     parts += [] if validate is None else [(validate, Part(part.mapping, None, None))]
@@ -97,7 +108,8 @@ def with_load(
         there = {name: known for name, known in found.items() if known in description.joints}
         records.append({known: replace(one.read(file, name), joint=known) for name, known in there.items()})
     done = given_with_load(description, own, records)
-    return replace(done, recordings=done.recordings[: len(files)], other=done.recordings[-1] if validate else None)
+    notes, other = (*done.notes, *([told] if told else [])), done.recordings[-1] if validate else None
+    return replace(done, recordings=done.recordings[: len(files)], other=other, notes=notes)
 
 
 def described(urdf: Path, base_gravity: str | None, still: Collection[str] = ()) -> Description:
