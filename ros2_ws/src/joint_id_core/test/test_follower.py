@@ -136,7 +136,7 @@ def test_means_outside_of_the_bounds_are_no_start_for_new_values():
     tracker, blocks = known.follower.tracker, known.follower.memory.blocks
     mean = known.follower.memory.mean.copy()
     mean[j] = -1000.0
-    learned = relearn(tracker, blocks, mean, np.diag(one.coordinates.spread**-2.0), changed=True)
+    learned = relearn(tracker, blocks, mean, np.diag(one.coordinates.spread**-2.0), from_mean=True)
     assert learned is not None and np.isfinite(learned.z).all() and np.isfinite(learned.cost)
     assert np.all(learned.z >= one.coordinates.lower) and len(learned.z) == len(free)
 

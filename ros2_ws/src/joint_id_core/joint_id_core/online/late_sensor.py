@@ -72,7 +72,7 @@ def late_sensor(
     if not np.isfinite(none) or none - cost < float(chdtri(1, RARE)):
         return None
     without = tuple(_cost(tracker, _shifted(motions, 0, 0.0), other) for other in others)
-    learned = relearn(tracker, _shifted(motions, k, delay), mean, precision, changed=True)
+    learned = relearn(tracker, _shifted(motions, k, delay), mean, precision, from_mean=True)
     if learned is None or not learned.explained:
         return None
     occam = (delay / SPREAD) ** 2 + math.log(max(1.0, 0.5 * bend * (SPREAD / TRIED) ** 2))
@@ -102,7 +102,7 @@ def _delay(tracker: Tracker, motions: Sequence[Piece], z: Array, label: int, non
 
 
 def _cost(tracker: Tracker, motions: Sequence[Piece], z: Array) -> float:
-    passed = tracker.again(motions, z, changed=True)
+    passed = tracker.again(motions, z)
     return np.inf if passed is None else float(passed[0].sum())
 
 
@@ -125,7 +125,7 @@ def _shifted(motions: Sequence[Piece], label: int, delay: float) -> list[Piece]:
         first = samples if start is None else joined([start[1], samples])
         whole = _without(first, label, delay)
         at = len(whole.time) - len(samples.time)
-        parts = [Samples(whole.time[k], whole.u[k], whole.y[k]) for k in (slice(at), slice(at, None))]
+        parts = whole.split(at)
         begin = piece.begin if start is None else replace(piece.begin, start=(start[0], parts[0]))
         found.append(replace(piece, begin=begin, samples=parts[1]))
     return found

@@ -63,6 +63,9 @@ def learn(tracker: Tracker, stretches: Sequence[Piece], change: Change, coordina
         The explanation by one cause, with all causes opened that explain the samples nearly as well; else that by a
         change of all parameters; None if this does not explain the samples either, or a late sensor is more likely.
     """
+    stretches = tracker.since_change(stretches)
+    if not stretches:
+        return None
     count = len(coordinates.groups)
     every = _fitted(tracker, stretches, change, range(count), coordinates)
     single = [(group, _fitted(tracker, stretches, change, group, coordinates)) for group in causes(coordinates.groups)]
@@ -80,7 +83,7 @@ def learn(tracker: Tracker, stretches: Sequence[Piece], change: Change, coordina
     if best is not None and _late_instead(tracker, stretches, change, explained, coordinates):
         best = None
     if best is not None and tracker.z is not best.learned.z:
-        tracker.again(stretches, best.learned.z, changed=True)
+        tracker.again(stretches, best.learned.z)
     return best
 
 
@@ -125,7 +128,7 @@ def _fitted(
     """
     may = replace(change, names=(), likely=tuple(opened))
     mean, precision = may.still_known(coordinates.spread)
-    learned = relearn(tracker, stretches, mean, precision, changed=True)
+    learned = relearn(tracker, stretches, mean, precision, from_mean=True)
     if learned is None or not learned.explained:
         return None
     information = np.sum([piece.matrix for piece in learned.pieces], axis=0)

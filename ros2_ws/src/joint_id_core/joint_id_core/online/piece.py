@@ -22,6 +22,11 @@ class Samples:
     u: Array
     y: Array
 
+    def split(self, at: int) -> tuple[Samples, Samples]:
+        """Return the samples before one, and those from it on."""
+        first, then = (Samples(self.time[k], self.u[k], self.y[k]) for k in (slice(at), slice(at, None)))
+        return first, then
+
 
 def joined(samples: Sequence[Samples]) -> Samples:
     """Return consecutive samples as one stretch."""

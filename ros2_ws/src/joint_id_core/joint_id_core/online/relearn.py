@@ -47,8 +47,8 @@ def relearn(
     stretches: Sequence[Piece],
     mean: Array,
     precision: Array,
-    changed: bool = False,
     weights: Sequence[float] | None = None,
+    from_mean: bool = False,
 ) -> Learned | None:
     """Fit the parameters to stretches of samples, with the noise levels of the tracker.
 
@@ -60,14 +60,14 @@ def relearn(
         mean, precision: what is known of the parameters without them, shapes (k,) and (k, k), in estimation
             coordinates.
         weights: of the stretches; 1 if not given.
-        changed: whether the parameters changed where the stretches begin; the iteration then starts at the mean.
+        from_mean: whether the iteration starts at the mean, not at the values of the tracker.
 
     Returns:
         The minimum; None if the path diverges at the start.
     """
     coordinates = tracker.coordinates
-    z, damping = coordinates.clip(mean if changed else tracker.z), 1e-3
-    here = tracker.again(stretches, z, changed)
+    z, damping = coordinates.clip(mean if from_mean else tracker.z), 1e-3
+    here = tracker.again(stretches, z)
     if here is None:
         return None
     share = np.ones(len(stretches)) if weights is None else np.array(weights)
@@ -81,7 +81,7 @@ def relearn(
         if longest > LONGEST:
             step *= LONGEST / longest
         moved = coordinates.clip(z + step)
-        there = tracker.again(stretches, moved, changed)
+        there = tracker.again(stretches, moved)
         worth = np.inf if there is None else float(there[0] @ share + (moved - mean) @ precision @ (moved - mean))
         last = step @ matrix @ step < SETTLED and worth < cost + RISE
         if last or worth < cost:
@@ -94,7 +94,7 @@ def relearn(
             if damping > 1e6:
                 break
     if tracker.z is not z:
-        tracker.again(stretches, z, changed)
+        tracker.again(stretches, z)
     return Learned(z, pieces, cost)
 
 

@@ -15,14 +15,16 @@ from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.input_noise import shown_noise
 from joint_id_core.estimators.innovations.recursion import STATE_NOISE
 from joint_id_core.estimators.shared.fit_data import LONGEST_GAP, SETTLE_S, FitData, without_frozen
-from joint_id_core.estimators.shared.initial_state import start_state
+from joint_id_core.estimators.shared.initial_state import rough_states, start_state
 from joint_id_core.online.block import Block, Sizes, room
 from joint_id_core.online.memory import BLOCK_S
 from joint_id_core.online.piece import Piece, Samples, State
 from joint_id_core.online.sharpness import Friction, Sharpness
 
 LEAST = 10  # samples of the shortest motion that is used
-UNSURE = 1e4  # factor on the covariance of the state where parameters changed
+SLOW = 0.1  # share of the largest speed of a stretch below which the joint may be near a reversal
+SAME = 1e-9  # relative difference of two speeds that rounding can make
+TINY = 1e-300
 
 
 class Tracker:
@@ -103,13 +105,6 @@ class Tracker:
         moved[:, 0] += kept[:, 1 + self._n + self.columns] @ (self._p[self._index] - self.coordinates.values(z))
         return moved
 
-    def _unsure(self, kept: Array) -> Array:
-        """Return a state that says little about the one after a change of the parameters."""
-        unsure = kept.copy()
-        unsure[:, 1 + self._n :] = 0.0
-        unsure[:, 1 : 1 + self._n] *= UNSURE
-        return unsure
-
     def _take(self, z: Array) -> None:
         self.z, self._slope = z, self.coordinates.slope(z)
         self._p[self._index] = self.coordinates.values(z)
@@ -130,22 +125,14 @@ class Tracker:
             settled = max(begin + 1, int(np.searchsorted(data.time, data.time[begin] + SETTLE_S)))
             if end - settled < LEAST:
                 continue
-            mean, spread = start_state(data, begin, self._p)
-            kept = np.zeros((self._n, 1 + self._n + self._k))
-            kept[:, 0] = mean
-            kept[:, 1 : 1 + self._n] = np.diag(spread**2)
-            self._noise = STATE_NOISE * spread**2
-            self._state = State(kept, float(data.time[begin]), np.ascontiguousarray(data.u[begin]))
-            first, then = (
-                Samples(data.time[rows], data.u[rows], data.y[rows])
-                for rows in (slice(begin + 1, settled), slice(settled, end))
-            )
-            start = self._settled((self._state, first))
-            if start is None:
+            start = self._at_labels(data, begin, settled)
+            self._noise = STATE_NOISE * np.diag(start[0].kept[:, 1 : 1 + self._n])
+            state = self._settled(start)
+            if state is None:
                 return None
-            self._state = start
-            block = self.begin(end - settled)
-            if not self._put(block, then, self._longest):
+            self._state = state
+            block, rows = self.begin(end - settled), slice(settled, end)
+            if not self._put(block, Samples(data.time[rows], data.u[rows], data.y[rows]), self._longest):
                 return None
             self._state = block.end
             found.append(block)
@@ -202,17 +189,62 @@ class Tracker:
             self._usual = kind
         return np.array(found)
 
-    def again(self, pieces: Sequence[Piece], z: Array, changed: bool = False) -> tuple[Array, list[Piece]] | None:
+    def since_change(self, pieces: Sequence[Piece]) -> list[Piece]:
+        """Return stretches after a change of the parameters, of which the first begins anew at its labels.
+
+        The filter was at the parameters before the change, so what it found of the state may be far off. Empty if the
+        stretches are too short.
+        """
+        for k, piece in enumerate(pieces):
+            if piece.begin.start is not None:  # begins at its labels
+                return list(pieces[k:])
+            anew = self._anew(piece)
+            if anew is not None:
+                return [anew, *pieces[k + 1 :]]
+        return []
+
+    def _anew(self, piece: Piece) -> Piece | None:
+        """Return a stretch that begins at its labels; None if it is too short.
+
+        It begins where the joint moves: near a reversal, friction that is smooth at first leaves the state far off.
+        """
+        time, u, y = piece.samples.time, piece.samples.u, piece.samples.y
+        settle = round(SETTLE_S / self.data.period)
+        latest = len(time) // 2 - settle
+        if latest < LEAST:
+            return None
+        recording = self.data.recording.trusted(time, {}, frozenset())
+        data = replace(self.data, time=time, u=u, y=y, recording=recording)
+        sliding = [k for k, name in enumerate(self.data.model.state_names) if name in self.data.model.smoothing]
+        begin = 0
+        if sliding:
+            speed = np.nan_to_num(np.abs(rough_states(data)[:, sliding]))
+            speed = (speed / np.maximum(speed.max(axis=0), TINY)).min(axis=1)
+            slowest = np.lib.stride_tricks.sliding_window_view(speed, settle + 1).min(axis=1)[:latest]
+            begin = int(np.argmax(slowest > min(SLOW, float(slowest.max()) * (1.0 - SAME))))
+        start = self._at_labels(data, begin, begin + 1 + settle)
+        return replace(piece, begin=replace(start[0], start=start), samples=piece.samples.split(begin + 1 + settle)[1])
+
+    def _at_labels(self, data: FitData, begin: int, settled: int) -> tuple[State, Samples]:
+        """Return the state at sample `begin` by its labels, and the samples in which the filter settles."""
+        mean, spread = start_state(data, begin, self._p)
+        kept = np.zeros((self._n, 1 + self._n + self._k))
+        kept[:, 0] = mean
+        kept[:, 1 : 1 + self._n] = np.diag(spread**2)
+        state = State(kept, float(data.time[begin]), np.ascontiguousarray(data.u[begin]))
+        rows = slice(begin + 1, settled)
+        return state, Samples(data.time[rows], data.u[rows], data.y[rows])
+
+    def again(self, pieces: Sequence[Piece], z: Array) -> tuple[Array, list[Piece]] | None:
         """Run over stretches again at another reference; return the cost of each and what it says now.
 
-        With `changed` parameters the derivatives of the state at the begin are zero. None if the path diverges. The
-        filter then stands at the end of the last stretch.
+        None if the path diverges. The filter then stands at the end of the last stretch.
         """
         self._take(z)
         costs, found = list[float](), list[Piece]()
         for k, piece in enumerate(pieces):
             goes_on = k and piece.begin.time == pieces[k - 1].samples.time[-1]
-            begin = self._state if goes_on else self._begin(piece, changed)
+            begin = self._state if goes_on else self._begin(piece)
             block = None if begin is None else self._passed(begin, piece.samples)
             if block is None or block.diverged:
                 return None
@@ -221,12 +253,12 @@ class Tracker:
             found.append(block.piece())
         return np.array(costs), found
 
-    def _begin(self, piece: Piece, changed: bool) -> State | None:
+    def _begin(self, piece: Piece) -> State | None:
         """Return the state at the begin of a stretch, at the present reference; None if the path diverges."""
         begin = piece.begin
         if begin.start is not None:
             return self._settled(begin.start)
-        return replace(begin, kept=self._unsure(begin.kept) if changed else self._moved(begin.kept, piece.z))
+        return replace(begin, kept=self._moved(begin.kept, piece.z))
 
     def _settled(self, start: tuple[State, Samples]) -> State | None:
         """Return the state after the first samples; None if the path diverges.

@@ -1,0 +1,119 @@
+"""Stretches after a change of the joint: the filter found the state at their begin with the values before."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from joint_id_core.data.recording import Array, Recording
+from joint_id_core.estimators import Innovations, ParameterSettings
+from joint_id_core.estimators.innovations.belief import Coordinates
+from joint_id_core.online.knowledge import Knowledge
+from joint_id_core.online.learning import learn
+from joint_id_core.online.memory import Change
+from joint_id_core.online.options import OnlineOptions
+from joint_id_core.online.piece import Piece, Samples, State
+from joint_id_core.online.task import Task
+from joint_id_core.online.tracker import Tracker
+from joint_id_core.simulation.plants import MotionOptions, PositionControl
+from joint_id_core.simulation.sensors import ur_robot_sensors
+
+RATE, WINDOW_S, LENGTH_S = 500, 2.0, 0.5
+SENSORS = ("link_position", "motor_velocity", "current")
+
+
+@functools.cache
+def recording() -> Recording:
+    """A joint under position control, which turns back in each second, as a UR robot shows it."""
+    joint, rng = PositionControl({}, MotionOptions(), 0), np.random.default_rng(1)
+    sensors = ur_robot_sensors(joint.values["N"])
+    moved = [joint.tick(1.0 / RATE) for _ in range(round(WINDOW_S * RATE))]
+    rows = [[float(sensors.reading(name, row[name], rng)) for name in SENSORS] for row in moved]
+    return Recording(np.arange(len(rows)) / RATE, dict(zip(SENSORS, np.array(rows).T, strict=True)))
+
+
+@functools.cache
+def known() -> Knowledge:
+    joint = PositionControl({}, MotionOptions(), 0)
+    settings = ParameterSettings({"k_t": joint.K_T})
+    coordinates = Coordinates(joint.model, settings.applied_to(joint.model)[1])
+    task = Task(joint.model, settings, OnlineOptions(window_s=WINDOW_S), Innovations(), coordinates)
+    fit = task.fit(recording(), None)
+    assert fit.converged
+    made = Knowledge.from_window(task, fit, recording())
+    assert made.follower.tracker is not None
+    made.follower.tracker.sharpen(0.0)
+    return made
+
+
+def tracker() -> Tracker:
+    found = known().follower.tracker
+    assert found is not None
+    return found
+
+
+def begins() -> list[int]:
+    """First samples of stretches, among them those at which the joint turns back."""
+    speed = recording()["motor_velocity"]
+    turns = np.flatnonzero(speed[1:] * speed[:-1] < 0.0)
+    latest = len(speed) - round(LENGTH_S * RATE) - 1
+    return sorted({*range(50, latest, 30), *(int(k) for k in turns if 50 <= k < latest)})
+
+
+def stuck(begin: int, kept: Array) -> Piece:
+    """A stretch at whose begin the filter is sure of a joint that stands still and is not where it is."""
+    data, rows = tracker().data, slice(begin + 1, begin + 1 + round(LENGTH_S * RATE))
+    samples = Samples(data.time[rows], data.u[rows], data.y[rows])
+    state = State(kept, float(data.time[begin]), data.u[begin].copy())
+    block = known().follower.memory.blocks[-1]
+    return replace(block, begin=state, samples=samples, passed=None)
+
+
+def standing(begin: int) -> Array:
+    model, data = tracker().data.model, tracker().data
+    kept = known().follower.memory.blocks[-1].begin.kept.copy()
+    place = float(data.y[begin, data.labels.index("link_position")])
+    there = {"link_position": place + 1e-3, "motor_position": (place + 7e-3) * known().last["N"].value}
+    kept[:, 0] = [there.get(name, 0.0) for name in model.state_names]
+    return kept
+
+
+def mean_square(pieces: list[Piece]) -> Array:
+    return np.array([float(np.nanmean(piece.white**2)) for piece in pieces])
+
+
+def test_the_stretches_begin_at_their_labels_wherever_the_joint_turns_back():
+    one = tracker()
+    assert len(begins()) > 15
+    for begin in begins():
+        passed = one.again(one.since_change([stuck(begin, standing(begin))]), one.z.copy())
+        assert passed is not None
+        assert mean_square(passed[1]) < 1.35, f"from {begin / RATE} s"
+
+
+def test_a_load_is_learned_from_such_a_stretch():
+    """Where the filter held the joint, no change explained the samples, and the load was followed 8 s later."""
+    one, memory = tracker(), known().follower.memory
+    coordinates = one.coordinates
+    true, free = one.z.copy(), list(known().last.free)
+    j = free.index("J_q")
+    before = true.copy()
+    before[j] -= np.log(2.0)
+    change = Change((j,), (), tuple(memory.blocks[-1:]), before, memory.covariance, 50.0)
+    for begin in begins()[::4]:
+        found = learn(one, [stuck(begin, standing(begin))], change, coordinates)
+        assert found is not None, f"from {begin / RATE} s"
+        assert [free[k] for k in found.change.names] == ["J_q"]
+        assert found.learned.z[j] == pytest.approx(true[j], abs=0.02)
+
+
+def test_a_stretch_that_is_too_short_to_settle_is_left_out():
+    one, whole = tracker(), stuck(100, standing(100))
+    short = replace(whole, samples=whole.samples.split(40)[0])
+    assert one.since_change([short]) == []
+    kept = one.since_change([short, whole])
+    assert len(kept) == 1 and kept[0].begin.start is not None
+    assert one.since_change(kept)[0] is kept[0]
