@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import Future
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,9 @@ from .online_motion import MODEL, TRUTH, batches, motion
 WINDOW_S = 2.0
 
 
+FIT = SimpleNamespace(end=0.0)
+
+
 def part(begin: float, end: float) -> Recording:
     time = np.arange(begin, end, 0.01)
     return Recording(time, {"link_position": np.sin(time)})
@@ -28,7 +32,7 @@ def test_all_samples_are_fitted_after_two_four_and_eight_windows():
     look, fitted = SecondLook(WINDOW_S, at_once), []
     for k in range(50):
         look.append(part(0.5 * k, 0.5 * (k + 1)))
-        look.run(lambda recording: fitted.append(recording))
+        look.run(lambda recording: fitted.append(recording) or FIT, np.inf)
     assert [round(r.duration) for r in fitted] == [WINDOW_S * count for count in AFTER]
     assert {r.time[0] for r in fitted} == {0.0}
 
@@ -38,12 +42,12 @@ def test_the_result_comes_with_all_samples_so_far_and_nothing_is_kept_after_the_
     look = SecondLook(WINDOW_S, lambda job: running.append(Future()) or running[-1])
     for k in range(50):
         look.append(part(0.5 * k, 0.5 * (k + 1)))
-        found = look.run(lambda recording: None)
+        found = look.run(lambda recording: None, np.inf)
         if running and k % 10 == 9 and not running[-1].done():
             assert found is None
-            running[-1].set_result("the fit")
-            found = look.run(lambda recording: None)
-            assert found.fit == "the fit" and found.samples.time[-1] == pytest.approx(0.5 * (k + 1), abs=0.02)
+            running[-1].set_result(FIT)
+            found = look.run(lambda recording: None, np.inf)
+            assert found.fit is FIT and found.samples.time[-1] == pytest.approx(0.5 * (k + 1), abs=0.02)
     assert len(running) == len(AFTER) and len(look._samples) == 0
 
 
@@ -51,10 +55,28 @@ def test_a_fit_that_runs_when_the_joint_changes_counts_no_more():
     pending: Future = Future()
     look = SecondLook(WINDOW_S, lambda job: pending)
     look.append(part(0.0, 2.5 * WINDOW_S))
-    assert look.run(lambda recording: None) is None
+    assert look.run(lambda recording: None, np.inf) is None
     look.end()
-    pending.set_result("the fit")
-    assert look.run(lambda recording: None) is None
+    pending.set_result(FIT)
+    assert look.run(lambda recording: None, np.inf) is None
+
+
+def test_a_fit_waits_until_its_samples_were_tested():
+    look = SecondLook(WINDOW_S, lambda job: at_once(lambda: SimpleNamespace(end=4.0)))
+    look.append(part(0.0, 2.5 * WINDOW_S))
+    assert look.run(lambda recording: None, 3.9) is None
+    found = look.run(lambda recording: None, 4.0)
+    assert found is not None and found.fit.end == 4.0
+
+
+def test_looks_begin_anew_with_other_samples():
+    look, fitted = SecondLook(WINDOW_S, at_once), []
+    look.append(part(0.0, 2.5 * WINDOW_S))
+    look.begin(part(4.0, 5.0))
+    for k in range(10, 30):
+        look.append(part(0.5 * k, 0.5 * (k + 1)))
+        look.run(lambda recording: fitted.append(recording) or FIT, np.inf)
+    assert [(round(r.time[0]), round(r.duration)) for r in fitted] == [(4, 4), (4, 8)]
 
 
 def test_a_fit_is_apart_from_a_memory_that_is_standard_deviations_off():

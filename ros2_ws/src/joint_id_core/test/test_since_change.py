@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from joint_id_core.data.recording import Array, Recording
+from joint_id_core.data.recording import Array
 from joint_id_core.estimators import Innovations, ParameterSettings
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.online.knowledge import Knowledge
@@ -18,32 +18,21 @@ from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.piece import Piece, Samples, State
 from joint_id_core.online.task import Task
 from joint_id_core.online.tracker import Tracker
-from joint_id_core.simulation.plants import MotionOptions, PositionControl
-from joint_id_core.simulation.sensors import ur_robot_sensors
 
-RATE, WINDOW_S, LENGTH_S = 500, 2.0, 0.5
-SENSORS = ("link_position", "motor_velocity", "current")
+from .loaded_joint import FACTOR, INERTIA, RATE, loaded, plant
 
-
-@functools.cache
-def recording() -> Recording:
-    """A joint under position control, which turns back in each second, as a UR robot shows it."""
-    joint, rng = PositionControl({}, MotionOptions(), 0), np.random.default_rng(1)
-    sensors = ur_robot_sensors(joint.values["N"])
-    moved = [joint.tick(1.0 / RATE) for _ in range(round(WINDOW_S * RATE))]
-    rows = [[float(sensors.reading(name, row[name], rng)) for name in SENSORS] for row in moved]
-    return Recording(np.arange(len(rows)) / RATE, dict(zip(SENSORS, np.array(rows).T, strict=True)))
+WINDOW_S, LENGTH_S = 2.0, 0.5
 
 
 @functools.cache
 def known() -> Knowledge:
-    joint = PositionControl({}, MotionOptions(), 0)
+    joint = plant()
     settings = ParameterSettings({"k_t": joint.K_T})
     coordinates = Coordinates(joint.model, settings.applied_to(joint.model)[1])
     task = Task(joint.model, settings, OnlineOptions(window_s=WINDOW_S), Innovations(), coordinates)
-    fit = task.fit(recording(), None)
+    fit = task.fit(loaded(WINDOW_S), None)
     assert fit.converged
-    made = Knowledge.from_window(task, fit, recording())
+    made = Knowledge.from_window(task, fit, loaded(WINDOW_S))
     assert made.follower.tracker is not None
     made.follower.tracker.sharpen(0.0)
     return made
@@ -57,7 +46,7 @@ def tracker() -> Tracker:
 
 def begins() -> list[int]:
     """First samples of stretches, among them those at which the joint turns back."""
-    speed = recording()["motor_velocity"]
+    speed = loaded(WINDOW_S)["motor_velocity"]
     turns = np.flatnonzero(speed[1:] * speed[:-1] < 0.0)
     latest = len(speed) - round(LENGTH_S * RATE) - 1
     return sorted({*range(50, latest, 30), *(int(k) for k in turns if 50 <= k < latest)})
@@ -99,14 +88,14 @@ def test_a_load_is_learned_from_such_a_stretch():
     one, memory = tracker(), known().follower.memory
     coordinates = one.coordinates
     true, free = one.z.copy(), list(known().last.free)
-    j = free.index("J_q")
+    j = free.index(INERTIA)
     before = true.copy()
-    before[j] -= np.log(2.0)
+    before[j] -= np.log(FACTOR)
     change = Change((j,), (), tuple(memory.blocks[-1:]), before, memory.covariance, 50.0)
     for begin in begins()[::4]:
         found = learn(one, [stuck(begin, standing(begin))], change, coordinates)
         assert found is not None, f"from {begin / RATE} s"
-        assert [free[k] for k in found.change.names] == ["J_q"]
+        assert [free[k] for k in found.change.names] == [INERTIA]
         assert found.learned.z[j] == pytest.approx(true[j], abs=0.02)
 
 

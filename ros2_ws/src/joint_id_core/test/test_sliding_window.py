@@ -82,3 +82,19 @@ def test_samples_that_come_one_by_one_cover_time_too():
         window.append(part)
     assert len(window) in (100, 101)
     np.testing.assert_allclose(window.end - window.start, 1.0, atol=1.5 * PERIOD)
+
+
+@given(sizes=parts, length=st.floats(0.05, 5.0), instant=st.floats(0.0, 1.0))
+def test_a_window_since_an_instant_holds_the_samples_from_there_on_and_goes_on(sizes, length, instant):
+    window, later = SlidingWindow(length), Recording(np.array([1e4]), {"link_position": np.zeros(1)})
+    for part in recordings(sizes):
+        window.append(part)
+    whole = window.recording()
+    since = whole.time[0] + instant * (whole.time[-1] - whole.time[0])
+    kept = window.since(since)
+    wanted, found = whole.time[whole.time >= since], kept.recording().time
+    np.testing.assert_array_equal(found, wanted[len(wanted) - len(found) :])
+    assert len(wanted) - len(found) <= 1, "the step before the first part counts as one of its own"
+    assert kept.end == window.end
+    kept.append(later)
+    assert kept.end == 1e4

@@ -50,6 +50,10 @@ class Beside:
         self.forget_opinions()
         self.stretch.changed()
 
+    def look_anew(self, samples: Recording) -> None:
+        """Fit samples since the start again, of which these are the first."""
+        self._look.begin(samples)
+
     def end_looks(self) -> None:
         """Fit the samples since the start no more."""
         self._look.end()
@@ -60,11 +64,15 @@ class Beside:
 
     def looked_again(self, known: Knowledge, task: Task, window: SlidingWindow, lasting: Lasting) -> Knowledge:
         """Fit all samples since the start, if it is time for that; begin anew with a fit that ends elsewhere."""
-        look = self._look.run(lambda recording: task.fit(recording, None))
+        follower = known.follower
+        look = self._look.run(lambda recording: task.fit(recording, None), follower.tested_from)
         if look is None or not look.fit.converged or look.fit.free != known.last.free:
             return known
-        if apart(look.fit, known.follower.now(), task.coordinates):
-            known = Knowledge.from_window(task, look.fit, look.samples, lasting)
+        if apart(look.fit, follower.now(), task.coordinates):
+            tested, untested = follower.tested(look.samples)
+            known = Knowledge.from_window(task, look.fit, tested, lasting)
+            if len(untested):
+                known.follower.move(untested, window)
             self.begin(window.end)
         else:  # more samples show what a window hides, as a little play in the gear
             known.take(look.fit)

@@ -55,7 +55,7 @@ class Follower:
         tracker: the filter; None while the joint rests.
         found: what the newest samples say.
         explanation: the newest change that was taken into the memory; None if there is none.
-        since: instant in s at which that change began.
+        since: instant in s at which that change, or a disagreement of the first windows, began.
         age_s: time of motion in s that is in the memory.
         lost_s: time of motion in s since a block was added to the memory.
         tested_from: begin in s of the newest block that agreed with the memory.
@@ -141,6 +141,12 @@ class Follower:
         if tracker is not None and block is not None and block.duration > BLOCK_S - 1.5 * tracker.data.period:
             self._add_block()
 
+    def tested(self, samples: Recording) -> tuple[Recording, Recording]:
+        """Return samples up to the newest that was tested, and those after it."""
+        newest = self.memory.newest
+        count = 0 if newest is None else int(samples.time.searchsorted(newest.samples.time[-1], "right"))
+        return samples.slice(0, count), samples.slice(count, len(samples))
+
     def _start(self, recording: Recording) -> None:
         """Start the filter at the estimate of the memory, with the samples since the joint moves."""
         pending = self._pending
@@ -191,7 +197,7 @@ class Follower:
             self.noise_changed = self._innovations.noise_changed
             self._refined.learn(self.tracker, block)
         elif self.age_s < YOUNG * self._options.window_s:
-            self.found = Found.WRONG_START
+            self.found, self.since = Found.WRONG_START, change.blocks[0].begin.time
         else:
             self.found = Found.CHANGING
             if not self._reconsider(self.tracker):

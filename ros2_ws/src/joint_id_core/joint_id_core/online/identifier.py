@@ -182,12 +182,16 @@ class OnlineIdentifier:
         """Go to another situation, or stay in this one."""
         if situation is self._situation:
             return
-        self._situation = situation
+        again, self._situation = self._situation is Situation.ON_TRIAL, situation
         if not situation.follows:
             self._beside.forget_opinions()
         if situation is Situation.RESTARTING:
+            assert self._known is not None
+            if again:  # the joint may have changed, so the next fit takes no sample from before
+                self._window = self._window.since(self._known.follower.since)
+            self._beside.look_anew(self._window.recording())
+            self._trial.begin_anew(self._known)
             self._known = None
-            self._trial.begin_anew()
         elif situation is Situation.SUSPENDED:
             assert self._known is not None
             self._beside.end_looks()
@@ -272,6 +276,8 @@ class OnlineIdentifier:
             if not trial.due(self._watch.recent.end) or trial.late(window.recording()):
                 return with_note(trial.shown, window)
         elif not self._window_full:
+            if trial.shown is not None:
+                return with_note(trial.shown, window)
             return too_short(self.model, window if len(window) else self._watch.recent, self.options.window_s)
         elif trial.shown is not None and trial.waits(self._watch.recent.end):
             return trial.shown.updated(end=window.end)
@@ -290,5 +296,6 @@ class OnlineIdentifier:
             self._watch.noise = known.still
         self._beside.begin(window.end)
         self._enter(situation.after_fit())
-        estimate = known.estimate(window) if known.follower.memory.blocks else fit  # whose friction may be less sharp
-        return estimate if situation is Situation.STARTING else with_note(estimate, window)
+        if situation is not Situation.STARTING:
+            return with_note(fit, window)
+        return known.estimate(window) if known.follower.memory.blocks else fit  # whose friction may be less sharp

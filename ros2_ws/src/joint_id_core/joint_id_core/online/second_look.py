@@ -41,9 +41,15 @@ class SecondLook:
 
     def __init__(self, window_s: float, background: Background) -> None:
         self._window_s, self._background = window_s, background
-        self._samples = SlidingWindow(2.0 * AFTER[-1] * window_s)
-        self._left = [count * window_s for count in AFTER]
+        self.begin()
+
+    def begin(self, samples: Recording | None = None) -> None:
+        """Begin with the first samples, or anew with these: those before may be of another joint."""
+        self._samples = SlidingWindow(2.0 * AFTER[-1] * self._window_s)
+        self._left = [count * self._window_s for count in AFTER]
         self._running: Future[Estimate] | None = None
+        if samples is not None:
+            self.append(samples)
 
     def append(self, samples: Recording) -> None:
         """Add samples in motion."""
@@ -54,13 +60,17 @@ class SecondLook:
         """Fit no more: the joint has changed, or the samples since the start are not all that is known."""
         self._left, self._running, self._samples = [], None, SlidingWindow(self._window_s)
 
-    def run(self, fit: Callable[[Recording], Estimate]) -> Look | None:
-        """Start a fit if one is due; return the result of one that has ended, else None."""
+    def run(self, fit: Callable[[Recording], Estimate], tested_from: float) -> Look | None:
+        """Start a fit if one is due; return the result of one that has ended, else None.
+
+        It waits until the samples of the fit were tested: the joint may have changed at their end. The newest stretch
+        that agreed with what is known began at `tested_from`, in s.
+        """
         if self._running is None and self._left and self._samples.duration >= self._left[0]:
             del self._left[0]
             recording = self._samples.recording()
             self._running = self._background(lambda: fit(recording))
-        if self._running is None or not self._running.done():
+        if self._running is None or not self._running.done() or self._running.result().end > tested_from:
             return None
         look, self._running = Look(self._running.result(), self._samples.recording()), None
         if not self._left:

@@ -50,9 +50,9 @@ class Trial:
             self._trusted = known
         self.replaces = True
 
-    def begin_anew(self) -> None:
+    def begin_anew(self, known: Knowledge) -> None:
         """Trust nothing that was known."""
-        self._trusted = None
+        self.shown, self.replaces, self._trusted = known.last, True, None
 
     def due(self, end: float) -> bool:
         """Return whether the newest window, which ends at an instant in s, is to be fitted; call it once a hop."""

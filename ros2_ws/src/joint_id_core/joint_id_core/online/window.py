@@ -166,6 +166,13 @@ class SlidingWindow:
         old, count = _warmth(first.slice(0, self._begin()))
         return (self._warm - old) / (self._known - count) if self._known > count else np.nan
 
+    def since(self, instant: float) -> SlidingWindow:
+        """Return a window of the same length with the samples from an instant in s on."""
+        kept = SlidingWindow(self._length)
+        for part in self._parts:
+            kept.append(part.samples.slice(int(part.samples.time.searchsorted(instant)), len(part.samples)))
+        return kept
+
     def recording(self, since: float = -np.inf) -> Recording:
         """Return the samples of the window from `since` (s) on as one recording, NaN where a part lacks a channel."""
         found: list[Recording] = []

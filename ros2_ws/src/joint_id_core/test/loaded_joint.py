@@ -1,0 +1,34 @@
+"""A joint of a UR robot under position control, which may pick up a load."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from joint_id_core.data.recording import Recording
+from joint_id_core.simulation.plants import MotionOptions, PositionControl
+from joint_id_core.simulation.sensors import ur_robot_sensors
+
+RATE = 500  # Hz
+SENSORS = ("link_position", "motor_velocity", "current")
+INERTIA = "J_q"  # of the link, with what it holds
+FACTOR = 2.0  # of the load, on it
+
+
+def plant() -> PositionControl:
+    return PositionControl({}, MotionOptions(), 0)
+
+
+@functools.cache
+def loaded(seconds: float, loaded_s: float = np.inf, seed: int = 1) -> Recording:
+    """What the sensors of the joint show, which holds the load from an instant in s on."""
+    joint, rng = plant(), np.random.default_rng(seed)
+    picked = round(min(loaded_s, seconds) * RATE)
+    sensors, rows = ur_robot_sensors(joint.values["N"]), []
+    for k in range(round(seconds * RATE)):
+        if k == picked:
+            joint.change({INERTIA: FACTOR * joint.values[INERTIA]})
+        row = joint.tick(1.0 / RATE)
+        rows.append([float(sensors.reading(name, row[name], rng)) for name in SENSORS])
+    return Recording(np.arange(len(rows)) / RATE, dict(zip(SENSORS, np.array(rows).T, strict=True)))
