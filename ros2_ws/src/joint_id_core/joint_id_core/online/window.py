@@ -162,8 +162,7 @@ class SlidingWindow:
         """Mean temperature of the joint in the window; NaN if it is not known."""
         if not self._known:
             return np.nan
-        first = self._parts[0].samples
-        old, count = _warmth(first.slice(0, self._begin()))
+        old, count = _warmth(self._parts[0].samples, self._begin())
         return (self._warm - old) / (self._known - count) if self._known > count else np.nan
 
     def since(self, instant: float) -> SlidingWindow:
@@ -191,11 +190,12 @@ class SlidingWindow:
         return _joined(found)
 
 
-def _warmth(samples: Recording) -> tuple[float, int]:
-    """Return the sum of the temperatures of samples, and how many of them are known."""
+def _warmth(samples: Recording, end: int | None = None) -> tuple[float, int]:
+    """Return the sum of the temperatures of samples, of those before the number `end`, and how many are known."""
     warm = samples.channels.get(TEMPERATURE)
     if warm is None:
         return 0.0, 0
+    warm = warm[:end]
     total = float(warm.sum())
     if total == total:
         return total, len(warm)
