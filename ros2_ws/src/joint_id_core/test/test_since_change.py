@@ -101,7 +101,8 @@ def test_a_load_is_learned_from_such_a_stretch():
 
 def test_a_stretch_that_is_too_short_to_settle_is_left_out():
     one, whole = tracker(), stuck(100, standing(100))
-    short = replace(whole, samples=whole.samples.split(40)[0])
+    short, enough = (replace(whole, samples=whole.samples.split(count)[0]) for count in (35, 36))
+    assert len(one.since_change([enough])[0].samples.time) == 10
     assert one.since_change([short]) == []
     kept = one.since_change([short, whole])
     assert len(kept) == 1 and kept[0].begin.start is not None

@@ -210,8 +210,7 @@ class Tracker:
         """
         time, u, y = piece.samples.time, piece.samples.u, piece.samples.y
         settle = round(SETTLE_S / self.data.period)
-        latest = len(time) // 2 - settle
-        if latest < LEAST:
+        if len(time) - settle <= LEAST:
             return None
         recording = self.data.recording.trusted(time, {}, frozenset())
         data = replace(self.data, time=time, u=u, y=y, recording=recording)
@@ -220,7 +219,8 @@ class Tracker:
         if sliding:
             speed = np.nan_to_num(np.abs(rough_states(data)[:, sliding]))
             speed = (speed / np.maximum(speed.max(axis=0), TINY)).min(axis=1)
-            slowest = np.lib.stride_tricks.sliding_window_view(speed, settle + 1).min(axis=1)[:latest]
+            slowest = np.lib.stride_tricks.sliding_window_view(speed, settle + 1).min(axis=1)
+            slowest = slowest[: max(1, len(time) // 2 - settle)]
             begin = int(np.argmax(slowest > min(SLOW, float(slowest.max()) * (1.0 - SAME))))
         start = self._at_labels(data, begin, begin + 1 + settle)
         return replace(piece, begin=replace(start[0], start=start), samples=piece.samples.split(begin + 1 + settle)[1])
