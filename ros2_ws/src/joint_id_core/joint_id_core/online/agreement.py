@@ -24,7 +24,7 @@ from joint_id_core.results.verdict import Verdict
 KEPT = 8  # estimates, each of another window, that must agree
 # Different fits while nothing described the motion, old and new values among them, up to which the new ones prove that
 # the joint changed.
-TRIED = 2
+TRIED = 3
 FAR = 4.0  # standard deviations of their difference from which two disagree; each may be 1.2 times too small
 EVERY_S = 0.1  # estimates that follow each other sooner are not compared one by one, as long as none disagrees
 MATTERS = 0.1  # least difference of a positive parameter over its value,

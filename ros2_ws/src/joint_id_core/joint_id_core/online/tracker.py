@@ -15,16 +15,13 @@ from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.input_noise import shown_noise
 from joint_id_core.estimators.innovations.recursion import STATE_NOISE
 from joint_id_core.estimators.shared.fit_data import LONGEST_GAP, SETTLE_S, FitData, without_frozen
-from joint_id_core.estimators.shared.initial_state import rough_states, start_state
+from joint_id_core.online.beginnings import at_labels, first_in_motion
 from joint_id_core.online.block import Block, Sizes, room
 from joint_id_core.online.memory import BLOCK_S
 from joint_id_core.online.piece import Piece, Samples, State
 from joint_id_core.online.sharpness import Friction, Sharpness
 
 LEAST = 10  # samples of the shortest motion that is used
-SLOW = 0.1  # share of the largest speed of a stretch below which the joint may be near a reversal
-SAME = 1e-9  # relative difference of two speeds that rounding can make
-TINY = 1e-300
 
 
 class Tracker:
@@ -125,7 +122,7 @@ class Tracker:
             settled = max(begin + 1, int(np.searchsorted(data.time, data.time[begin] + SETTLE_S)))
             if end - settled < LEAST:
                 continue
-            start = self._at_labels(data, begin, settled)
+            start = at_labels(data, self._p, slice(begin, settled), self._k)
             self._noise = STATE_NOISE * np.diag(start[0].kept[:, 1 : 1 + self._n])
             state = self._settled(start)
             if state is None:
@@ -204,36 +201,16 @@ class Tracker:
         return []
 
     def _anew(self, piece: Piece) -> Piece | None:
-        """Return a stretch that begins at its labels; None if it is too short.
-
-        It begins where the joint moves: near a reversal, friction that is smooth at first leaves the state far off.
-        """
-        time, u, y = piece.samples.time, piece.samples.u, piece.samples.y
-        settle = round(SETTLE_S / self.data.period)
-        if len(time) - settle <= LEAST:
+        """Return a stretch that begins at its labels, where the joint moves; None if it is too short."""
+        samples, settle = piece.samples, round(SETTLE_S / self.data.period)
+        if len(samples.time) - settle <= LEAST:
             return None
-        recording = self.data.recording.trusted(time, {}, frozenset())
-        data = replace(self.data, time=time, u=u, y=y, recording=recording)
-        sliding = [k for k, name in enumerate(self.data.model.state_names) if name in self.data.model.smoothing]
-        begin = 0
-        if sliding:
-            speed = np.nan_to_num(np.abs(rough_states(data)[:, sliding]))
-            speed = (speed / np.maximum(speed.max(axis=0), TINY)).min(axis=1)
-            slowest = np.lib.stride_tricks.sliding_window_view(speed, settle + 1).min(axis=1)
-            slowest = slowest[: max(1, len(time) // 2 - settle)]
-            begin = int(np.argmax(slowest > min(SLOW, float(slowest.max()) * (1.0 - SAME))))
-        start = self._at_labels(data, begin, begin + 1 + settle)
-        return replace(piece, begin=replace(start[0], start=start), samples=piece.samples.split(begin + 1 + settle)[1])
-
-    def _at_labels(self, data: FitData, begin: int, settled: int) -> tuple[State, Samples]:
-        """Return the state at sample `begin` by its labels, and the samples in which the filter settles."""
-        mean, spread = start_state(data, begin, self._p)
-        kept = np.zeros((self._n, 1 + self._n + self._k))
-        kept[:, 0] = mean
-        kept[:, 1 : 1 + self._n] = np.diag(spread**2)
-        state = State(kept, float(data.time[begin]), np.ascontiguousarray(data.u[begin]))
-        rows = slice(begin + 1, settled)
-        return state, Samples(data.time[rows], data.u[rows], data.y[rows])
+        recording = self.data.recording.trusted(samples.time, {}, frozenset())
+        data = replace(self.data, time=samples.time, u=samples.u, y=samples.y, recording=recording)
+        begin = first_in_motion(data, settle)
+        settled = begin + 1 + settle
+        start = at_labels(data, self._p, slice(begin, settled), self._k)
+        return replace(piece, begin=replace(start[0], start=start), samples=samples.split(settled)[1])
 
     def again(self, pieces: Sequence[Piece], z: Array) -> tuple[Array, list[Piece]] | None:
         """Run over stretches again at another reference; return the cost of each and what it says now.
