@@ -13,12 +13,13 @@ from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.online.block import Block
 from joint_id_core.online.checks import Background, at_once
 from joint_id_core.online.curvature import curvature
-from joint_id_core.online.learning import Explanation, learn
+from joint_id_core.online.learning import Explanation
 from joint_id_core.online.levels import Levels
 from joint_id_core.online.memory import BLOCK_S, Change, Memory
 from joint_id_core.online.newest_innovations import NewestInnovations
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.pending_change import PATIENT, PendingChange
+from joint_id_core.online.pending_changes import PendingChanges
 from joint_id_core.online.piece import Piece
 from joint_id_core.online.refined_memory import RefinedMemory
 from joint_id_core.online.tracker import Tracker
@@ -88,7 +89,8 @@ class Follower:
         self._jumped = False  # since the newest block
         self._innovations = NewestInnovations(options.window_s)
         self._moved_since, self._moved_until = np.inf, -np.inf
-        self._pending: PendingChange | None = None
+        self._pending: PendingChanges | None = None
+        self._pursued: PendingChange | None = None  # the newest one that was taken into the memory
         self._settled_s = 0.0  # time of motion in s since the explanation was taken
 
     @property
@@ -182,8 +184,7 @@ class Follower:
         if self.found in (Found.UNEXPLAINED, Found.WRONG_START):
             return
         if self._pending is not None:
-            self._pending.blocks.append(block)
-            self._pursue(self.tracker, self._pending)
+            self._pursue(self.tracker, self._pending, block)
             return
         self.memory.add(block, self._options.memory_s)
         self.lost_s = 0.0
@@ -199,53 +200,41 @@ class Follower:
         elif self.age_s < YOUNG * self._options.window_s:
             self.found, self.since = Found.WRONG_START, change.blocks[0].begin.time
         else:
-            self.found = Found.CHANGING
-            if not self._reconsider(self.tracker):
-                self._refined.drop(change)
-                change = self._less_sure(self.tracker, change)
-                self._pursue(self.tracker, PendingChange(change, list(change.blocks), self._coordinates, self._options))
-
-    def _less_sure(self, tracker: Tracker, change: Change) -> Change:
-        """Return a change whose covariance contains that the memory before it is only linear."""
-        z = tracker.z
-        more = curvature(tracker, self.memory, self._coordinates, self._options.memory_s)
-        tracker.again(change.blocks[-1:], z)
-        return replace(change, covariance=change.covariance + more)
-
-    def _reconsider(self, tracker: Tracker) -> bool:
-        """Explain all samples since a recent change anew: what was taken for its cause may have been another one.
-
-        Returns whether they can be explained; if not, it is another change.
-        """
-        if self.explanation is None or self._settled_s > PATIENT * self._options.window_s:
-            return False
-        change, blocks = self.explanation.change, self.memory.blocks
-        found = learn(tracker, blocks, change, self._coordinates)
-        if found is None:
-            return False
-        self._pending = PendingChange(change, [blocks[0], *blocks], self._coordinates, self._options)
-        self._pending.guess = found, found.memory(self._coordinates.spread, self._options.memory_s)
-        return True
+            self._begin_change(self.tracker, change)
 
     # --- changes
 
-    def _pursue(self, tracker: Tracker, pending: PendingChange) -> None:
-        """Learn a change from the blocks since it happened, and take it into the memory once it is confirmed."""
-        self._pending = pending
-        confirmed = pending.learn(tracker)
+    def _begin_change(self, tracker: Tracker, change: Change) -> None:
+        """Learn what changed: this may be one change with a recent one, whose cause was mistaken."""
+        self.found = Found.CHANGING
+        z, earlier = tracker.z, None
+        if self._pursued is not None and self._settled_s < PATIENT * self._options.window_s:
+            earlier = self._pursued.again(self.memory.blocks)
+        before = self._refined.drop(change)
+        more = curvature(tracker, self.memory, self._coordinates, self._options.memory_s)
+        tracker.again(change.blocks[-1:], z)
+        change = replace(change, covariance=change.covariance + more)
+        newest = PendingChange(change, change.blocks, self._coordinates, self._options, before)
+        self._pending = PendingChanges(tracker, newest, earlier)
+
+    def _pursue(self, tracker: Tracker, pending: PendingChanges, block: Piece) -> None:
+        """Learn a change from a new block, too, and take it into the memory once it is confirmed."""
+        confirmed = pending.add(tracker, block)
         if confirmed is not None:
-            self._take(tracker, *confirmed)
+            self._take(tracker, confirmed)
         elif pending.unexplained:
             self.found = Found.UNEXPLAINED
 
-    def _take(self, tracker: Tracker, explanation: Explanation, memory: Memory) -> None:
+    def _take(self, tracker: Tracker, pending: PendingChange) -> None:
         """Go on with the memory after a change."""
+        assert pending.guess is not None
+        explanation, memory = pending.guess
         self.explanation, self.found = explanation, Found.AGREES
         self.since = explanation.learned.pieces[0].begin.time
-        self._pending = None
+        self._pursued, self._pending = pending, None
         self.lost_s = self._settled_s = 0.0
         self._innovations.clear()
         self.chi2 = None
         changed = (*explanation.change.names, *explanation.change.likely)
         _, still_known = explanation.change.still_known(self._coordinates.spread)
-        self._refined.replace(tracker, memory, changed, still_known)
+        self._refined.replace(tracker, memory, changed, still_known, pending.before)

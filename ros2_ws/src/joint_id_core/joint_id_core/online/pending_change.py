@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Coordinates
+from joint_id_core.online.effects import Effects
 from joint_id_core.online.learning import Explanation, learn
 from joint_id_core.online.memory import BLOCK_S, Change, Memory
 from joint_id_core.online.options import OnlineOptions
@@ -23,36 +27,67 @@ class PendingChange:
         blocks: of samples; the change happened in the first one.
         coordinates: of the free parameters.
         options: window, forgetting.
+        before: effects of noise and friction before the change, and the inverse (k, k) of the information then.
 
     Attributes:
-        blocks: those so far; the caller appends new ones.
         guess: what may have changed, and the memory that this gives; None if nothing explains the blocks yet.
         unexplained: whether no change of parameters explains them.
+        before: as given.
     """
 
-    def __init__(self, change: Change, blocks: list[Piece], coordinates: Coordinates, options: OnlineOptions) -> None:
-        self.blocks = blocks
+    def __init__(
+        self,
+        change: Change,
+        blocks: Sequence[Piece],
+        coordinates: Coordinates,
+        options: OnlineOptions,
+        before: tuple[Effects, Array],
+    ) -> None:
         self.guess: tuple[Explanation, Memory] | None = None
         self.unexplained = False
+        self.before = before
+        self._blocks = list(blocks)
         self._change, self._coordinates, self._options = change, coordinates, options
+        self._lost_s = 0.0  # motion in s before the joint changed again
 
-    def learn(self, tracker: Tracker) -> tuple[Explanation, Memory] | None:
-        """Test the guess with the newest block; return it if it is confirmed, else learn it from all blocks."""
-        since, window_s, memory_s = self.blocks[1:], self._options.window_s, self._options.memory_s
-        if not since:
-            return None
-        seen_s = sum(block.duration for block in since)
-        if self.guess is not None:
-            explanation, memory = self.guess
-            memory.add(self.blocks[-1], memory_s)
-            # Where nothing is kept, new values need a window of motion, as the first ones do.
-            enough = not explanation.all_new or seen_s > window_s - BLOCK_S
-            if memory.test() is None and enough:
-                return self.guess
-        found = learn(tracker, since, self._change, self._coordinates)
+    @property
+    def keeps(self) -> bool:
+        """Whether a part of what was known explains the samples together with some new values."""
+        return self.guess is not None and not self.guess[0].all_new
+
+    @property
+    def _seen_s(self) -> float:
+        """Motion in s since the change."""
+        return sum(block.duration for block in self._blocks[1:])
+
+    def again(self, blocks: Sequence[Piece]) -> PendingChange:
+        """Return it with the blocks of the memory that it gave: newer ones may show another cause."""
+        return PendingChange(self._change, [blocks[0], *blocks], self._coordinates, self._options, self.before)
+
+    def add(self, block: Piece) -> bool:
+        """Add the newest block; return whether it confirms the guess."""
+        self._blocks.append(block)
+        if self.guess is None:
+            return False
+        explanation, memory = self.guess
+        memory.add(block, self._options.memory_s)
+        # Where nothing is kept, new values need a window of motion, as the first ones do.
+        enough = not explanation.all_new or self._seen_s > self._options.window_s - BLOCK_S
+        return memory.test() is None and enough
+
+    def learn(self, tracker: Tracker) -> None:
+        """Learn a guess from all blocks.
+
+        If there was one before and there is none now, the joint may have changed again, in the newest block.
+        """
+        had, seen_s, window_s = self.guess is not None, self._seen_s, self._options.window_s
+        patient = self._lost_s + seen_s < PATIENT * window_s
+        found = learn(tracker, self._blocks[1:], self._change, self._coordinates)
         self.guess = None
-        if found is not None and seen_s < PATIENT * window_s:
-            self.guess = found, found.memory(self._coordinates.spread, memory_s)
-        elif seen_s > window_s:
-            self.unexplained = True
-        return None
+        if found is not None and patient:
+            self.guess = found, found.memory(self._coordinates.spread, self._options.memory_s)
+        elif had and patient:
+            self._lost_s += seen_s
+            self._blocks = self._blocks[-1:]
+        else:
+            self.unexplained = seen_s > window_s

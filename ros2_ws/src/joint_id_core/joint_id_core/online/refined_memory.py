@@ -52,7 +52,6 @@ class RefinedMemory:
         self._nothing = np.zeros((k, k)), np.zeros(k)
         self._shifted = np.zeros(k)  # the mean, by new noise levels, since the blocks were passed
         self._effects = Effects(levels, coordinates.spread, memory_s)
-        self._before = self._effects, memory.inverse  # those before the newest change, and what the memory knew then
         self._profiles = ProfileSearch(coordinates, memory_s, background)
 
     @property
@@ -106,18 +105,25 @@ class RefinedMemory:
         self._learn_noise(tracker, self.memory.blocks, anew=True)
         self._search_on(tracker)
 
-    def drop(self, change: Change) -> None:
-        """Take back the blocks of a change, and keep what was known before it."""
+    def drop(self, change: Change) -> tuple[Effects, Array]:
+        """Take back the blocks of a change; return the effects before it, and the inverse (k, k) of the information."""
         self.memory.drop(len(change.blocks))
-        self._before = self._effects, self.memory.inverse
+        return self._effects, self.memory.inverse
 
-    def replace(self, tracker: Tracker, memory: Memory, changed: Collection[int], still_known: Array) -> None:
-        """Go on with the memory since a change.
+    def replace(
+        self,
+        tracker: Tracker,
+        memory: Memory,
+        changed: Collection[int],
+        still_known: Array,
+        before: tuple[Effects, Array],
+    ) -> None:
+        """Go on with the memory since a change; `before` as `drop` returned it.
 
         Noise and friction act on the other parameters as before; what they do to the changed ones is learned from all
         samples since then. The precision of what is `still_known` (k, k) is that of the memory's begin.
         """
-        effects, inverse = self._before
+        effects, inverse = before
         self._effects = effects.changed(list(changed), inverse, still_known)
         self.memory, self._shifted = memory, np.zeros_like(self._shifted)
         self._learn_noise(tracker, memory.blocks, anew=False)
