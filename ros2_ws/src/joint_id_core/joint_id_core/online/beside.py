@@ -43,9 +43,9 @@ class Beside:
         """Begin checks anew with a window that was fitted, its end in s; -inf lets the next one come at once."""
         self._checks.begin(end)
 
-    def changed(self, end: float) -> None:
-        """Begin anew: the joint changed, and a window with the change in it, its end in s, tells nothing."""
-        self.begin(end)
+    def changed(self, end: float, changed_at: float) -> None:
+        """Begin anew: the joint changed at an instant in s, and the newest window, its end in s, tells nothing."""
+        self._checks.begin(end, changed_at)
         self.end_looks()
         self.forget_opinions()
         self.stretch.changed()

@@ -41,7 +41,7 @@ class Changes:
             return False
         self._explanation = explanation
         now = follower.memory.mean, follower.memory.covariance
-        found = self._found(explanation.change, now, since)
+        found = self._found(explanation.change, now, since) or self._back(now, since)
         for old in self.told:
             if since - old.since < self._window_s:
                 after, sigma = self._physical(*now)
@@ -65,6 +65,16 @@ class Changes:
             if j in change.names or abs(z[j] - change.mean[j]) > SHOWN * sigma:
                 was, is_ = (float(before[j]), float(before_sigma[j])), (float(after[j]), float(after_sigma[j]))
                 found[self._free[j]] = ParameterChange(self._free[j], *was, *is_, since)
+        return found
+
+    def _back(self, now: tuple[Array, Array], since: float) -> dict[str, ParameterChange]:
+        """Return the parameters that were told as changed: they are again as they were before."""
+        after, sigma = self._physical(*now)
+        found = {}
+        for old in self.told:
+            j = self._free.index(old.name)
+            was, is_ = (old.after, old.after_std_dev), (float(after[j]), float(sigma[j]))
+            found[old.name] = ParameterChange(old.name, *was, *is_, since)
         return found
 
     def _physical(self, z: Array, covariance: Array) -> tuple[Array, Array]:

@@ -83,10 +83,11 @@ class WindowChecks:
         self._window_s, self._background = window_s, background
         self._count, self._next = 0, np.inf
         self._running: _Running | None = None
-        self._doubt = False
+        self._doubt, self._changed_at = False, -np.inf
 
-    def begin(self, end: float) -> None:
-        """Begin anew with a window that was fitted, its end in s."""
+    def begin(self, end: float, changed_at: float = -np.inf) -> None:
+        """Begin anew with a window that was fitted, its end in s; no window with a change in it, at an instant in s."""
+        self._changed_at = changed_at
         self._count, self._next, self._running, self._doubt = 0, end + CHECK_AFTER[0] * self._window_s, None, False
 
     def ask(self) -> None:
@@ -96,7 +97,7 @@ class WindowChecks:
 
     def due(self, window: SlidingWindow) -> bool:
         """Return whether `run` starts a check."""
-        return self._running is None and window.end >= self._next
+        return self._running is None and window.end >= self._next and window.start >= self._changed_at
 
     def run(self, window: SlidingWindow, fit: Callable[[Recording], Estimate], tested_from: float) -> Checked | None:
         """Start a check if one is due; return the result of one that has ended, else None.

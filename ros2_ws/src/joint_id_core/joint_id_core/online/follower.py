@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from enum import Enum
 
 import numpy as np
@@ -28,6 +28,7 @@ from joint_id_core.online.window import SlidingWindow
 # Innovation, in standard deviations, from which a sensor jumped: the filter starts again. If it jumps again before it
 # has followed a block, it is the joint that changed: the next block is tested.
 JUMP = 300.0
+LEFT = 3  # changes before which the joint may have been as it is after the next one
 YOUNG = 1.0  # window lengths of motion before which a disagreement is not taken for a change of the joint
 
 
@@ -90,6 +91,8 @@ class Follower:
         self._innovations = NewestInnovations(options.window_s)
         self._moved_since, self._moved_until = np.inf, -np.inf
         self._pending: PendingChanges | None = None
+        self._leaving: PendingChange | None = None  # the newest change that was found
+        self._left = deque[PendingChange](maxlen=LEFT)  # those that were taken into the memory, the newest first
         self._pursued: PendingChange | None = None  # the newest one that was taken into the memory
         self._settled_s = 0.0  # time of motion in s since the explanation was taken
 
@@ -184,7 +187,7 @@ class Follower:
         if self.found in (Found.UNEXPLAINED, Found.WRONG_START):
             return
         if self._pending is not None:
-            self._pursue(self.tracker, self._pending, block)
+            self._pursue(self.tracker, self._pending, self._pending.add(self.tracker, block))
             return
         self.memory.add(block, self._options.memory_s)
         self.lost_s = 0.0
@@ -211,16 +214,17 @@ class Follower:
         if self._pursued is not None and self._settled_s < PATIENT * self._options.window_s:
             earlier = self._pursued.again(self.memory.blocks)
         before = self._refined.drop(change)
+        self._leaving = PendingChange(change, change.blocks, self._coordinates, self._options, before)
         more = curvature(tracker, self.memory, self._coordinates, self._options.memory_s)
         tracker.again(change.blocks[-1:], z)
-        change = replace(change, covariance=change.covariance + more)
-        newest = PendingChange(change, change.blocks, self._coordinates, self._options, before)
-        self._pending = PendingChanges(tracker, newest, earlier)
+        self._pending = PendingChanges(self._leaving.less_sure(more), earlier, self._left)
+        self._pursue(tracker, self._pending, self._pending.learn(tracker))
 
-    def _pursue(self, tracker: Tracker, pending: PendingChanges, block: Piece) -> None:
-        """Learn a change from a new block, too, and take it into the memory once it is confirmed."""
-        confirmed = pending.add(tracker, block)
+    def _pursue(self, tracker: Tracker, pending: PendingChanges, confirmed: PendingChange | None) -> None:
+        """Take a change into the memory once it is confirmed."""
         if confirmed is not None:
+            assert self._leaving is not None
+            self._left.appendleft(self._leaving)
             self._take(tracker, confirmed)
         elif pending.unexplained:
             self.found = Found.UNEXPLAINED

@@ -260,7 +260,7 @@ class OnlineIdentifier:
         if self._situation is Situation.RESUMED and not follower.memory.blocks:
             return known.unchanged(window, self._watch.recent, Status.TOO_SHORT, (UNTESTED,))
         if known.changes.take(follower):
-            self._beside.changed(window.end)
+            self._beside.changed(window.end, follower.since)
         known = self._known = self._beside.looked_again(known, self._task, window, self._lasting)
         if not self._beside.agrees(known, self._task, window):
             self._enter(self._situation.after_window(agrees=False))

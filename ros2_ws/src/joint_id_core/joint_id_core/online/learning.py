@@ -26,6 +26,7 @@ from joint_id_core.online.tracker import Tracker
 
 VAGUE = 0.5  # standard deviation of a coordinate, in its unit, from which little was known before
 STAYED = 1e-5  # probability from which opened parameters may have stayed where they were
+CLEARLY = 6.0  # difference of minus twice the logarithm of the evidence from which a joint is as it was before
 UNNEEDED = 0.001  # probability from which a lower cost with more changed parameters counts as noise
 
 
@@ -40,6 +41,10 @@ class Explanation:
     def all_new(self) -> bool:
         """Whether nothing that was known before is kept."""
         return len(self.change.names) + len(self.change.likely) == len(self.learned.z)
+
+    def unlikely(self, spread: Array) -> float:
+        """Return minus twice the logarithm of the evidence: see `Learned.occam`; `spread` as in `memory`."""
+        return self.learned.cost + self.learned.occam(self.change.still_known(spread)[1])
 
     def memory(self, spread: Array, memory_s: float) -> Memory:
         """Return a memory of what is still known and of the samples since; `spread` (k,): prior standard deviations."""
@@ -85,6 +90,30 @@ def learn(tracker: Tracker, stretches: Sequence[Piece], change: Change, coordina
     if best is not None and tracker.z is not best.learned.z:
         tracker.again(stretches, best.learned.z)
     return best
+
+
+def returned(
+    tracker: Tracker, stretches: Sequence[Piece], known: Change, instead: Explanation, coordinates: Coordinates
+) -> Explanation | None:
+    """Explain stretches of samples by the joint as it was before an earlier change: a load was put down.
+
+    Args:
+        tracker, stretches, coordinates: as in `learn`.
+        known: that change; only what was known before it counts.
+        instead: explanation of these samples by new values.
+
+    Returns:
+        The explanation, in which no parameter changed; None if it is not clearly more likely than the other one. So
+        samples that hardly show what changed tell of no return.
+    """
+    stretches, may = tracker.since_change(stretches), replace(known, names=(), likely=())
+    if not stretches:
+        return None
+    learned = relearn(tracker, stretches, *may.still_known(coordinates.spread), from_mean=True)
+    if learned is None or not learned.explained:
+        return None
+    found, spread = Explanation(may, learned), coordinates.spread
+    return found if found.unlikely(spread) < instead.unlikely(spread) - CLEARLY else None
 
 
 def _late_instead(

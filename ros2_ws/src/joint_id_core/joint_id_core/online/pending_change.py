@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.online.effects import Effects
-from joint_id_core.online.learning import Explanation, learn
+from joint_id_core.online.learning import Explanation, learn, returned
 from joint_id_core.online.memory import BLOCK_S, Change, Memory
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.piece import Piece
@@ -60,9 +61,29 @@ class PendingChange:
         """Motion in s since the change."""
         return sum(block.duration for block in self._blocks[1:])
 
+    def less_sure(self, more: Array) -> PendingChange:
+        """Return it with a larger covariance of what was known before: by `more`, shape (k, k)."""
+        change = replace(self._change, covariance=self._change.covariance + more)
+        return PendingChange(change, self._blocks, self._coordinates, self._options, self.before)
+
     def again(self, blocks: Sequence[Piece]) -> PendingChange:
         """Return it with the blocks of the memory that it gave: newer ones may show another cause."""
         return PendingChange(self._change, [blocks[0], *blocks], self._coordinates, self._options, self.before)
+
+    def back(self, tracker: Tracker, newest: PendingChange) -> PendingChange | None:
+        """Return this change with the guess that the joint is as it was before it, if that is what samples show.
+
+        `newest` is the change that these samples show.
+        """
+        if newest.guess is None:
+            return None
+        blocks, (instead, _) = newest._blocks, newest.guess
+        found = returned(tracker, blocks[1:], self._change, instead, self._coordinates)
+        if found is None:
+            return None
+        pending = PendingChange(self._change, blocks, self._coordinates, self._options, self.before)
+        pending.guess = found, found.memory(self._coordinates.spread, self._options.memory_s)
+        return pending
 
     def add(self, block: Piece) -> bool:
         """Add the newest block; return whether it confirms the guess."""

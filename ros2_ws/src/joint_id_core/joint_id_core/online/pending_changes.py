@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from joint_id_core.online.learning import Explanation
 from joint_id_core.online.memory import Memory
 from joint_id_core.online.pending_change import PendingChange
@@ -15,15 +17,17 @@ class PendingChanges:
     What keeps a part of what was known is preferred to new values of all parameters, and one change to two.
 
     Args:
-        tracker: the filter, which ends with the newest block.
         newest: the change that the newest blocks show.
         earlier: a recent one, with all blocks since then; None if there is none.
+        left: changes of which the joint may be again as it was before them, the newest one first.
+
+    Attributes:
+        newest: as given.
     """
 
-    def __init__(self, tracker: Tracker, newest: PendingChange, earlier: PendingChange | None) -> None:
-        self._newest = newest
+    def __init__(self, newest: PendingChange, earlier: PendingChange | None, left: Sequence[PendingChange]) -> None:
+        self.newest, self._left = newest, left
         self._changes = [newest] if earlier is None else [earlier, newest]
-        self._learn(tracker)
 
     @property
     def guess(self) -> tuple[Explanation, Memory] | None:
@@ -40,19 +44,26 @@ class PendingChanges:
         return min(self._changes, key=lambda change: (change.guess is None, not change.keeps))
 
     def add(self, tracker: Tracker, block: Piece) -> PendingChange | None:
-        """Add the newest block; return the likely change if it confirms that, else learn all from all blocks."""
+        """Add the newest block; return the change that it confirms, or else what `learn` does."""
         likely = self._likely
         confirmed = [change for change in self._changes if change.add(block)]
-        if likely in confirmed:
-            return likely
-        self._learn(tracker)
-        return None
+        return likely if likely in confirmed else self.learn(tracker)
 
-    def _learn(self, tracker: Tracker) -> None:
-        """Learn the changes, and let the filter go on at the values of the likely one."""
+    def learn(self, tracker: Tracker) -> PendingChange | None:
+        """Learn the changes, and let the filter go on at the values of the likely one.
+
+        Args:
+            tracker: the filter, which ends with the newest block.
+
+        Returns:
+            The change before which the joint was as it is now; None if there is none.
+        """
         for change in self._changes:
             change.learn(tracker)
-        self._changes = [change for change in self._changes if change.guess is not None or change is self._newest]
-        if self.guess is not None and tracker.z is not self.guess[0].learned.z:
-            learned = self.guess[0].learned
+        self._changes = [change for change in self._changes if change.guess is not None or change is self.newest]
+        back = next(filter(None, (change.back(tracker, self.newest) for change in self._left)), None)
+        guess = self.guess if back is None else back.guess
+        if guess is not None and tracker.z is not guess[0].learned.z:
+            learned = guess[0].learned
             tracker.again(learned.pieces, learned.z)
+        return back
