@@ -34,16 +34,19 @@ class Changes:
     def take(self, follower: Follower) -> bool:
         """Take the newest change that the memory took; return whether there is a new one.
 
-        A change that corrects a recent one is told together with it.
+        A change that corrects a recent one is told together with it. One back to what was before is told by itself.
         """
         explanation, since = follower.explanation, follower.since
         if explanation is None or explanation is self._explanation:
             return False
         self._explanation = explanation
         now = follower.memory.mean, follower.memory.covariance
-        found = self._found(explanation.change, now, since) or self._back(now, since)
+        change = explanation.change
+        if explanation.left is not None:
+            change = replace(explanation.left, names=(), likely=tuple(range(len(self._free))))
+        found = self._found(change, now, since)
         for old in self.told:
-            if since - old.since < self._window_s:
+            if since - old.since < self._window_s and explanation.left is None:
                 after, sigma = self._physical(*now)
                 j = self._free.index(old.name)
                 found[old.name] = replace(old, after=float(after[j]), after_std_dev=float(sigma[j]))
@@ -65,16 +68,6 @@ class Changes:
             if j in change.names or abs(z[j] - change.mean[j]) > SHOWN * sigma:
                 was, is_ = (float(before[j]), float(before_sigma[j])), (float(after[j]), float(after_sigma[j]))
                 found[self._free[j]] = ParameterChange(self._free[j], *was, *is_, since)
-        return found
-
-    def _back(self, now: tuple[Array, Array], since: float) -> dict[str, ParameterChange]:
-        """Return the parameters that were told as changed: they are again as they were before."""
-        after, sigma = self._physical(*now)
-        found = {}
-        for old in self.told:
-            j = self._free.index(old.name)
-            was, is_ = (old.after, old.after_std_dev), (float(after[j]), float(sigma[j]))
-            found[old.name] = ParameterChange(old.name, *was, *is_, since)
         return found
 
     def _physical(self, z: Array, covariance: Array) -> tuple[Array, Array]:

@@ -32,10 +32,14 @@ UNNEEDED = 0.001  # probability from which a lower cost with more changed parame
 
 @dataclass(frozen=True)
 class Explanation:
-    """The change with the parameters that are opened, and the fit of their new values."""
+    """The change with the parameters that are opened, and the fit of their new values.
+
+    `left` is what was known of a joint that is again as it was before that; else None.
+    """
 
     change: Change
     learned: Learned
+    left: Change | None = None
 
     @property
     def all_new(self) -> bool:
@@ -93,13 +97,19 @@ def learn(tracker: Tracker, stretches: Sequence[Piece], change: Change, coordina
 
 
 def returned(
-    tracker: Tracker, stretches: Sequence[Piece], known: Change, instead: Explanation, coordinates: Coordinates
+    tracker: Tracker,
+    stretches: Sequence[Piece],
+    known: Change,
+    left: Change,
+    instead: Explanation,
+    coordinates: Coordinates,
 ) -> Explanation | None:
     """Explain stretches of samples by the joint as it was before an earlier change: a load was put down.
 
     Args:
         tracker, stretches, coordinates: as in `learn`.
         known: that change; only what was known before it counts.
+        left: the newest change.
         instead: explanation of these samples by new values.
 
     Returns:
@@ -112,7 +122,7 @@ def returned(
     learned = relearn(tracker, stretches, *may.still_known(coordinates.spread), from_mean=True)
     if learned is None or not learned.explained:
         return None
-    found, spread = Explanation(may, learned), coordinates.spread
+    found, spread = Explanation(may, learned, left), coordinates.spread
     return found if found.unlikely(spread) < instead.unlikely(spread) - CLEARLY else None
 
 

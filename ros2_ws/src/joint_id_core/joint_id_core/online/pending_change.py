@@ -78,7 +78,7 @@ class PendingChange:
         if newest.guess is None:
             return None
         blocks, (instead, _) = newest._blocks, newest.guess
-        found = returned(tracker, blocks[1:], self._change, instead, self._coordinates)
+        found = returned(tracker, blocks[1:], self._change, newest._change, instead, self._coordinates)
         if found is None:
             return None
         pending = PendingChange(self._change, blocks, self._coordinates, self._options, self.before)
