@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from enum import Enum
 
 import numpy as np
@@ -13,6 +14,7 @@ from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.online.block import Block
 from joint_id_core.online.checks import Background, at_once
 from joint_id_core.online.curvature import curvature
+from joint_id_core.online.effects import Effects
 from joint_id_core.online.learning import Explanation
 from joint_id_core.online.levels import Levels
 from joint_id_core.online.memory import BLOCK_S, Change, Memory
@@ -91,8 +93,7 @@ class Follower:
         self._innovations = NewestInnovations(options.window_s)
         self._moved_since, self._moved_until = np.inf, -np.inf
         self._pending: PendingChanges | None = None
-        self._leaving: PendingChange | None = None  # the newest change that was found
-        self._left = deque[PendingChange](maxlen=LEFT)  # those that were taken into the memory, the newest first
+        self._left = deque[PendingChange](maxlen=LEFT)  # changes that were taken into the memory, the newest first
         self._pursued: PendingChange | None = None  # the newest one that was taken into the memory
         self._settled_s = 0.0  # time of motion in s since the explanation was taken
 
@@ -213,18 +214,21 @@ class Follower:
         z, earlier = tracker.z, None
         if self._pursued is not None and self._settled_s < PATIENT * self._options.window_s:
             earlier = self._pursued.again(self.memory.blocks)
-        before = self._refined.drop(change)
-        self._leaving = PendingChange(change, change.blocks, self._coordinates, self._options, before)
+        before, surely = self._refined.drop(change)
+        leaving = self._changed(replace(change, mean=surely.mean, covariance=surely.covariance), before)
         more = curvature(tracker, self.memory, self._coordinates, self._options.memory_s)
         tracker.again(change.blocks[-1:], z)
-        self._pending = PendingChanges(self._leaving.less_sure(more), earlier, self._left)
+        newest = self._changed(replace(change, covariance=change.covariance + more), before)
+        self._pending = PendingChanges(newest, earlier, leaving, self._left)
         self._pursue(tracker, self._pending, self._pending.learn(tracker))
+
+    def _changed(self, change: Change, before: tuple[Effects, Array]) -> PendingChange:
+        return PendingChange(change, change.blocks, self._coordinates, self._options, before)
 
     def _pursue(self, tracker: Tracker, pending: PendingChanges, confirmed: PendingChange | None) -> None:
         """Take a change into the memory once it is confirmed."""
         if confirmed is not None:
-            assert self._leaving is not None
-            self._left.appendleft(self._leaving)
+            self._left.appendleft(pending.leaving)
             self._take(tracker, confirmed)
         elif pending.unexplained:
             self.found = Found.UNEXPLAINED

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Coordinates
@@ -31,6 +30,7 @@ class PendingChange:
         before: effects of noise and friction before the change, and the inverse (k, k) of the information then.
 
     Attributes:
+        change: as given.
         guess: what may have changed, and the memory that this gives; None if nothing explains the blocks yet.
         unexplained: whether no change of parameters explains them.
         before: as given.
@@ -48,7 +48,7 @@ class PendingChange:
         self.unexplained = False
         self.before = before
         self._blocks = list(blocks)
-        self._change, self._coordinates, self._options = change, coordinates, options
+        self.change, self._coordinates, self._options = change, coordinates, options
         self._lost_s = 0.0  # motion in s before the joint changed again
 
     @property
@@ -61,27 +61,22 @@ class PendingChange:
         """Motion in s since the change."""
         return sum(block.duration for block in self._blocks[1:])
 
-    def less_sure(self, more: Array) -> PendingChange:
-        """Return it with a larger covariance of what was known before: by `more`, shape (k, k)."""
-        change = replace(self._change, covariance=self._change.covariance + more)
-        return PendingChange(change, self._blocks, self._coordinates, self._options, self.before)
-
     def again(self, blocks: Sequence[Piece]) -> PendingChange:
         """Return it with the blocks of the memory that it gave: newer ones may show another cause."""
-        return PendingChange(self._change, [blocks[0], *blocks], self._coordinates, self._options, self.before)
+        return PendingChange(self.change, [blocks[0], *blocks], self._coordinates, self._options, self.before)
 
-    def back(self, tracker: Tracker, newest: PendingChange) -> PendingChange | None:
+    def back(self, tracker: Tracker, newest: PendingChange, left: Change) -> PendingChange | None:
         """Return this change with the guess that the joint is as it was before it, if that is what samples show.
 
-        `newest` is the change that these samples show.
+        `newest` is the change that these samples show, and `left` what was known before it.
         """
         if newest.guess is None:
             return None
         blocks, (instead, _) = newest._blocks, newest.guess
-        found = returned(tracker, blocks[1:], self._change, newest._change, instead, self._coordinates)
+        found = returned(tracker, blocks[1:], self.change, left, instead, self._coordinates)
         if found is None:
             return None
-        pending = PendingChange(self._change, blocks, self._coordinates, self._options, self.before)
+        pending = PendingChange(self.change, blocks, self._coordinates, self._options, self.before)
         pending.guess = found, found.memory(self._coordinates.spread, self._options.memory_s)
         return pending
 
@@ -103,7 +98,7 @@ class PendingChange:
         """
         had, seen_s, window_s = self.guess is not None, self._seen_s, self._options.window_s
         patient = self._lost_s + seen_s < PATIENT * window_s
-        found = learn(tracker, self._blocks[1:], self._change, self._coordinates)
+        found = learn(tracker, self._blocks[1:], self.change, self._coordinates)
         self.guess = None
         if found is not None and patient:
             self.guess = found, found.memory(self._coordinates.spread, self._options.memory_s)

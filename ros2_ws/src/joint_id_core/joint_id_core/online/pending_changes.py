@@ -19,14 +19,21 @@ class PendingChanges:
     Args:
         newest: the change that the newest blocks show.
         earlier: a recent one, with all blocks since then; None if there is none.
+        leaving: the newest change, with what is known for sure of the joint before it.
         left: changes of which the joint may be again as it was before them, the newest one first.
 
     Attributes:
-        newest: as given.
+        leaving: as given.
     """
 
-    def __init__(self, newest: PendingChange, earlier: PendingChange | None, left: Sequence[PendingChange]) -> None:
-        self.newest, self._left = newest, left
+    def __init__(
+        self,
+        newest: PendingChange,
+        earlier: PendingChange | None,
+        leaving: PendingChange,
+        left: Sequence[PendingChange],
+    ) -> None:
+        self.leaving, self._newest, self._left = leaving, newest, left
         self._changes = [newest] if earlier is None else [earlier, newest]
 
     @property
@@ -60,8 +67,10 @@ class PendingChanges:
         """
         for change in self._changes:
             change.learn(tracker)
-        self._changes = [change for change in self._changes if change.guess is not None or change is self.newest]
-        back = next(filter(None, (change.back(tracker, self.newest) for change in self._left)), None)
+        self._changes = [change for change in self._changes if change.guess is not None or change is self._newest]
+        back = next(
+            filter(None, (change.back(tracker, self._newest, self.leaving.change) for change in self._left)), None
+        )
         guess = self.guess if back is None else back.guess
         if guess is not None and tracker.z is not guess[0].learned.z:
             learned = guess[0].learned

@@ -105,10 +105,18 @@ class RefinedMemory:
         self._learn_noise(tracker, self.memory.blocks, anew=True)
         self._search_on(tracker)
 
-    def drop(self, change: Change) -> tuple[Effects, Array]:
-        """Take back the blocks of a change; return the effects before it, and the inverse (k, k) of the information."""
+    def drop(self, change: Change) -> tuple[tuple[Effects, Array], Memory]:
+        """Take back the blocks of a change.
+
+        Returns:
+            The effects before it, and the inverse (k, k) of the information then; and what was known for sure: the last
+            block before may hold the begin of the change.
+        """
         self.memory.drop(len(change.blocks))
-        return self._effects, self.memory.inverse
+        surely = self.memory.copy()
+        if surely.blocks:
+            surely.drop(1)
+        return (self._effects, self.memory.inverse), surely
 
     def replace(
         self,
