@@ -23,6 +23,7 @@ from joint_id_core.online.relearn import Learned, relearn
 from joint_id_core.online.score_test import ALIKE
 from joint_id_core.online.symmetric import inverse_of, solve
 from joint_id_core.online.tracker import Tracker
+from joint_id_core.results.estimate import SHOWN
 
 VAGUE = 0.5  # standard deviation of a coordinate, in its unit, from which little was known before
 STAYED = 1e-5  # probability from which opened parameters may have stayed where they were
@@ -113,17 +114,27 @@ def returned(
         instead: explanation of these samples by new values.
 
     Returns:
-        The explanation, in which no parameter changed; None if it is not clearly more likely than the other one. So
-        samples that hardly show what changed tell of no return.
+        The explanation, in which what is other than before the newest change is learned anew: the next load may be a
+        little heavier. None if the joint as it was is not clearly more likely than `instead`; so samples that hardly
+        show what changed tell of no return.
     """
-    stretches, may = tracker.since_change(stretches), replace(known, names=(), likely=())
+    stretches, as_before, spread = (
+        tracker.since_change(stretches),
+        replace(known, names=(), likely=()),
+        coordinates.spread,
+    )
     if not stretches:
         return None
-    learned = relearn(tracker, stretches, *may.still_known(coordinates.spread), from_mean=True)
+    learned = relearn(tracker, stretches, *as_before.still_known(spread), from_mean=True)
     if learned is None or not learned.explained:
         return None
-    found, spread = Explanation(may, learned, left), coordinates.spread
-    return found if found.unlikely(spread) < instead.unlikely(spread) - CLEARLY else None
+    if Explanation(as_before, learned).unlikely(spread) > instead.unlikely(spread) - CLEARLY:
+        return None
+    sigma = np.sqrt(np.diag(known.covariance) + np.diag(left.covariance))
+    other = np.flatnonzero(np.abs(known.mean - left.mean) > SHOWN * sigma).tolist()
+    may = replace(known, names=(), likely=tuple(other))
+    learned = relearn(tracker, stretches, *may.still_known(spread), from_mean=True)
+    return None if learned is None else Explanation(may, learned, left)
 
 
 def _late_instead(
