@@ -219,7 +219,7 @@ class Follower:
         more = curvature(tracker, self.memory, self._coordinates, self._options.memory_s)
         tracker.again(change.blocks[-1:], z)
         newest = self._changed(replace(change, covariance=change.covariance + more), before)
-        self._pending = PendingChanges(newest, earlier, leaving, self._left)
+        self._pending = PendingChanges(change, newest, earlier, leaving, self._left)
         self._pursue(tracker, self._pending, self._pending.learn(tracker))
 
     def _changed(self, change: Change, before: tuple[Effects, Array]) -> PendingChange:

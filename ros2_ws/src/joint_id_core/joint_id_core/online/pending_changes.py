@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from joint_id_core.online.learning import Explanation
-from joint_id_core.online.memory import Memory
+from joint_id_core.online.memory import Change, Memory
 from joint_id_core.online.pending_change import PendingChange
 from joint_id_core.online.piece import Piece
 from joint_id_core.online.tracker import Tracker
@@ -17,9 +17,10 @@ class PendingChanges:
     What keeps a part of what was known is preferred to new values of all parameters, and one change to two.
 
     Args:
-        newest: the change that the newest blocks show.
+        found: what the memory has found.
+        newest: that change, to be learned.
         earlier: a recent one, with all blocks since then; None if there is none.
-        leaving: the newest change, with what is known for sure of the joint before it.
+        leaving: that change, with what is known for sure of the joint before it.
         left: changes of which the joint may be again as it was before them, the newest one first.
 
     Attributes:
@@ -28,12 +29,13 @@ class PendingChanges:
 
     def __init__(
         self,
+        found: Change,
         newest: PendingChange,
         earlier: PendingChange | None,
         leaving: PendingChange,
         left: Sequence[PendingChange],
     ) -> None:
-        self.leaving, self._newest, self._left = leaving, newest, left
+        self.leaving, self._found, self._newest, self._left = leaving, found, newest, left
         self._changes = [newest] if earlier is None else [earlier, newest]
 
     @property
@@ -68,9 +70,7 @@ class PendingChanges:
         for change in self._changes:
             change.learn(tracker)
         self._changes = [change for change in self._changes if change.guess is not None or change is self._newest]
-        back = next(
-            filter(None, (change.back(tracker, self._newest, self.leaving.change) for change in self._left)), None
-        )
+        back = next(filter(None, (change.back(tracker, self._newest, self._found) for change in self._left)), None)
         guess = self.guess if back is None else back.guess
         if guess is not None and tracker.z is not guess[0].learned.z:
             learned = guess[0].learned
