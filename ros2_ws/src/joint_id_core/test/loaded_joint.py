@@ -20,15 +20,20 @@ def plant() -> PositionControl:
     return PositionControl({}, MotionOptions(), 0)
 
 
-@functools.cache
 def loaded(seconds: float, loaded_s: float = np.inf, seed: int = 1) -> Recording:
     """What the sensors of the joint show, which holds the load from an instant in s on."""
+    return carrying(seconds, ((min(loaded_s, seconds), FACTOR),), seed)
+
+
+@functools.cache
+def carrying(seconds: float, loads: tuple[tuple[float, float], ...], seed: int = 1) -> Recording:
+    """The same with several loads: from instants in s on, the inertia is that of the joint alone times a factor."""
     joint, rng = plant(), np.random.default_rng(seed)
-    picked = round(min(loaded_s, seconds) * RATE)
+    alone, at = joint.values[INERTIA], {round(since * RATE): factor for since, factor in loads}
     sensors, rows = ur_robot_sensors(joint.values["N"]), []
     for k in range(round(seconds * RATE)):
-        if k == picked:
-            joint.change({INERTIA: FACTOR * joint.values[INERTIA]})
+        if k in at:
+            joint.change({INERTIA: at[k] * alone})
         row = joint.tick(1.0 / RATE)
         rows.append([float(sensors.reading(name, row[name], rng)) for name in SENSORS])
     return Recording(np.arange(len(rows)) / RATE, dict(zip(SENSORS, np.array(rows).T, strict=True)))
