@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -26,6 +24,8 @@ from joint_id_core.results.estimate import Estimate, Status, Verdict
 from joint_id_core.simulation.excitation import Multisine
 from joint_id_core.simulation.position_control import ControlledJoint, Reference
 from joint_id_core.simulation.sensors import Sensors
+
+from .moves import random_moves
 
 SECONDS = 40
 MEASURED = ("link_position", "motor_velocity", "current")
@@ -84,42 +84,12 @@ CHANGES_S, ENDS_S = 16.0, 30.0
 LOADED = {**JOINT, "J": 1.5 * JOINT["J"]}
 
 
-@dataclass(frozen=True)
-class Moves:
-    """Moves from point to point, each a quintic polynomial of the time."""
-
-    begins: np.ndarray
-    seconds: np.ndarray
-    points: np.ndarray
-
-    def _at(self, time: float) -> tuple[int, float]:
-        k = max(0, int(np.searchsorted(self.begins, time, "right")) - 1)
-        return k, min(1.0, (time - self.begins[k]) / self.seconds[k])
-
-    def value(self, time: float) -> float:
-        k, x = self._at(time)
-        return float(self.points[k] + (self.points[k + 1] - self.points[k]) * x**3 * (10.0 - 15.0 * x + 6.0 * x * x))
-
-    def rate(self, time: float) -> float:
-        k, x = self._at(time)
-        return float((self.points[k + 1] - self.points[k]) * 30.0 * (x * (1.0 - x)) ** 2 / self.seconds[k])
-
-
-@cache
-def moves() -> Moves:
-    """Moves of 0.4 to 2 s from point to point, with rests in between."""
-    rng = np.random.default_rng(3)
-    seconds, rests = rng.uniform(0.4, 2.0, 40), rng.uniform(0.0, 1.0, 40)
-    begins = np.concatenate([[0.0], np.cumsum(seconds + rests)[:-1]])
-    return Moves(begins, seconds, np.array([0.0, *rng.uniform(-1.0, 1.0, 40)]))
-
-
 def estimates(
     load: float = 1.0, values: Mapping[str, float] = JOINT, reference: Reference | None = None,
     torque: float = TORQUE_NM, encoder: float = ENCODER_RAD,
 ) -> list[Estimate]:  # fmt: skip
     """Estimates while a joint moves from point to point, whose inertia becomes `load` times as large."""
-    joint = ControlledJoint(RIGID, controller_of(RIGID, values), reference or moves(), values)
+    joint = ControlledJoint(RIGID, controller_of(RIGID, values), reference or random_moves(3), values)
     rows: list[dict[str, float]] = []
     for k in range(round(ENDS_S * HZ)):
         if k == round(CHANGES_S * HZ):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
@@ -15,37 +13,12 @@ from joint_id_core.results.estimate import Verdict
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
 from joint_id_core.simulation.sensors import Sensors
 
+from .moves import repeated_moves
 from .quick import first_quick
 
 SENSORS = Sensors(noise={"link_position": 1e-5, "motor_velocity": 0.1})
 KNOWN = {"rigid_joint": {"N": 101.0}, "harmonic_drive": {"N": 101.0}}
 TRUE = {"rigid_joint": {"J": 1.4, "c": 2.8, "tau_f": 4.6}, "harmonic_drive": {"J_q": 0.9, "tau_fq": 2.0}}
-
-
-@dataclass(frozen=True)
-class Moves:
-    """Moves of least jerk, each of `move_s`, to the next of `places` in rad, with rests of `rest_s` between them."""
-
-    places: tuple[float, ...]
-    move_s: float = 0.8
-    rest_s: float = 0.7
-
-    def value(self, time: float) -> float:
-        k, x = self._done(time)
-        begin, end = self._ends(k)
-        return begin + (end - begin) * x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
-
-    def rate(self, time: float) -> float:
-        k, x = self._done(time)
-        begin, end = self._ends(k)
-        return (end - begin) / self.move_s * 30.0 * (x * (1.0 - x)) ** 2
-
-    def _done(self, time: float) -> tuple[int, float]:
-        k, rest = divmod(time, self.move_s + self.rest_s)
-        return int(k), min(1.0, rest / self.move_s)
-
-    def _ends(self, k: int) -> tuple[float, float]:
-        return self.places[k % len(self.places)], self.places[(k + 1) % len(self.places)]
 
 
 def working(name: str, places: tuple[float, ...], seconds: float, seed: int, rest_s: float = 0.7) -> Recording:
@@ -55,7 +28,7 @@ def working(name: str, places: tuple[float, ...], seconds: float, seed: int, res
     seen = simulate_closed_loop(
         model,
         PositionController(),
-        Moves(places, rest_s=rest_s),
+        repeated_moves(places, 0.8, rest_s),
         time,
         values,
         torque_noise=0.003,

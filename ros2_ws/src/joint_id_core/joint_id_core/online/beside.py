@@ -70,7 +70,7 @@ class Beside:
             return known
         if apart(look.fit, follower.now(), task.coordinates):
             tested, untested = follower.tested(look.samples)
-            known = Knowledge.from_window(task, look.fit, tested, lasting)
+            known = Knowledge.from_window(task, look.fit, tested, lasting, follower.age_s)
             if len(untested):
                 known.follower.move(untested, window)
             self.begin(window.end)

@@ -69,16 +69,18 @@ class Knowledge:
         self.follower = Follower(memory, task.coordinates, task.options, levels, self._tracker, age_s, task.background)
 
     @classmethod
-    def from_window(cls, task: Task, fit: Estimate, recording: Recording, lasting: Lasting | None = None) -> Knowledge:
-        """Begin with a window in motion and its fit; `lasting` as above."""
+    def from_window(
+        cls, task: Task, fit: Estimate, recording: Recording, lasting: Lasting | None = None, age_s: float = 0.0
+    ) -> Knowledge:
+        """Begin with a window in motion and its fit; `lasting` and `age_s` as above."""
         after = Belief.after(fit, task.coordinates)
         tracker = task.tracker(recording, after.mean, fit)
         blocks = None if tracker is None else tracker.start()
         if tracker is None or not blocks:
-            return cls(task, fit, after.mean, np.asarray(np.linalg.inv(after.precision)), lasting=lasting)
+            return cls(task, fit, after.mean, np.asarray(np.linalg.inv(after.precision)), age_s, lasting=lasting)
         data = tracker.data
         before = Belief.before_data(data, task.coordinates)
-        known = cls(task, fit, before.mean, np.asarray(np.linalg.inv(before.precision)), lasting=lasting)
+        known = cls(task, fit, before.mean, np.asarray(np.linalg.inv(before.precision)), age_s, lasting=lasting)
         known.still = seen_by(data.labels, data.y, data.period, fit.noise)
         known.follower.begin(tracker, [block.piece() for block in blocks])
         if data.rest[-1]:
