@@ -41,10 +41,7 @@ class Changes:
             return False
         self._explanation = explanation
         now = follower.memory.mean, follower.memory.covariance
-        change = explanation.change
-        if explanation.left is not None:
-            change = replace(explanation.left, names=(), likely=tuple(range(len(self._free))))
-        found = self._found(change, now, since)
+        found = self._found(explanation.left or explanation.change, now, since)
         for old in self.told:
             if since - old.since < self._window_s and explanation.left is None:
                 after, sigma = self._physical(*now)

@@ -219,8 +219,14 @@ class Follower:
         more = curvature(tracker, self.memory, self._coordinates, self._options.memory_s)
         tracker.again(change.blocks[-1:], z)
         newest = self._changed(replace(change, covariance=change.covariance + more), before)
-        self._pending = PendingChanges(change, newest, earlier, leaving, self._left)
+        self._pending = PendingChanges(replace(change, likely=self._learned), newest, earlier, leaving, self._left)
         self._pursue(tracker, self._pending, self._pending.learn(tracker))
+
+    @property
+    def _learned(self) -> tuple[int, ...]:
+        """Parameters that were learned anew at the newest change, as indices."""
+        newest = self.explanation
+        return () if newest is None else (*newest.change.names, *newest.change.likely)
 
     def _changed(self, change: Change, before: tuple[Effects, Array]) -> PendingChange:
         return PendingChange(change, change.blocks, self._coordinates, self._options, before)

@@ -110,7 +110,7 @@ def returned(
     Args:
         tracker, stretches, coordinates: as in `learn`.
         known: that change; only what was known before it counts.
-        left: the newest change.
+        left: the newest change; `likely` are what had changed before, so that little may have been known of it.
         instead: explanation of these samples by new values.
 
     Returns:
@@ -130,11 +130,13 @@ def returned(
         return None
     if Explanation(as_before, learned).unlikely(spread) > instead.unlikely(spread) - CLEARLY:
         return None
-    sigma = np.sqrt(np.diag(known.covariance) + np.diag(left.covariance))
-    other = np.flatnonzero(np.abs(known.mean - left.mean) > SHOWN * sigma).tolist()
-    may = replace(known, names=(), likely=tuple(other))
+    was = np.diag(left.covariance)
+    moved = np.abs(known.mean - left.mean) > SHOWN * np.sqrt(np.diag(known.covariance) + was)
+    moved[list(left.likely)] |= np.sqrt(was[list(left.likely)]) > VAGUE * coordinates.unit[list(left.likely)]
+    other = tuple(np.flatnonzero(moved).tolist())
+    may = replace(known, names=(), likely=other)
     learned = relearn(tracker, stretches, *may.still_known(spread), from_mean=True)
-    return None if learned is None else Explanation(may, learned, left)
+    return None if learned is None else Explanation(may, learned, replace(left, names=other, likely=()))
 
 
 def _late_instead(
