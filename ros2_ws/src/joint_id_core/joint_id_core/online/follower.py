@@ -30,6 +30,7 @@ from joint_id_core.online.window import SlidingWindow
 # Innovation, in standard deviations, from which a sensor jumped: the filter starts again. If it jumps again before it
 # has followed a block, it is the joint that changed: the next block is tested.
 JUMP = 300.0
+ENOUGH = 2  # blocks of a memory that tell enough of the joint to know it again
 LEFT = 3  # changes before which the joint may have been as it is after the next one
 YOUNG = 1.0  # window lengths of motion before which a disagreement is not taken for a change of the joint
 
@@ -93,6 +94,7 @@ class Follower:
         self._innovations = NewestInnovations(options.window_s)
         self._moved_since, self._moved_until = np.inf, -np.inf
         self._pending: PendingChanges | None = None
+        self._leaving: PendingChange | None = None  # the newest change that was found, if enough was known before it
         self._left = deque[PendingChange](maxlen=LEFT)  # changes that were taken into the memory, the newest first
         self._pursued: PendingChange | None = None  # the newest one that was taken into the memory
         self._settled_s = 0.0  # time of motion in s since the explanation was taken
@@ -215,11 +217,12 @@ class Follower:
         if self._pursued is not None and self._settled_s < PATIENT * self._options.window_s:
             earlier = self._pursued.again(self.memory.blocks)
         before, surely = self._refined.drop(change)
-        leaving = self._changed(replace(change, mean=surely.mean, covariance=surely.covariance), before)
+        known = replace(change, mean=surely.mean, covariance=surely.covariance)
+        self._leaving = self._changed(known, before) if len(surely.blocks) >= ENOUGH else None
         more = curvature(tracker, self.memory, self._coordinates, self._options.memory_s)
         tracker.again(change.blocks[-1:], z)
         newest = self._changed(replace(change, covariance=change.covariance + more), before)
-        self._pending = PendingChanges(replace(change, likely=self._learned), newest, earlier, leaving, self._left)
+        self._pending = PendingChanges(replace(change, likely=self._learned), newest, earlier, self._left)
         self._pursue(tracker, self._pending, self._pending.learn(tracker))
 
     @property
@@ -234,7 +237,8 @@ class Follower:
     def _pursue(self, tracker: Tracker, pending: PendingChanges, confirmed: PendingChange | None) -> None:
         """Take a change into the memory once it is confirmed."""
         if confirmed is not None:
-            self._left.appendleft(pending.leaving)
+            if self._leaving is not None:
+                self._left.appendleft(self._leaving)
             self._take(tracker, confirmed)
         elif pending.unexplained:
             self.found = Found.UNEXPLAINED

@@ -20,11 +20,7 @@ class PendingChanges:
         found: what the memory has found.
         newest: that change, to be learned.
         earlier: a recent one, with all blocks since then; None if there is none.
-        leaving: that change, with what is known for sure of the joint before it.
         left: changes of which the joint may be again as it was before them, the newest one first.
-
-    Attributes:
-        leaving: as given.
     """
 
     def __init__(
@@ -32,10 +28,9 @@ class PendingChanges:
         found: Change,
         newest: PendingChange,
         earlier: PendingChange | None,
-        leaving: PendingChange,
         left: Sequence[PendingChange],
     ) -> None:
-        self.leaving, self._found, self._newest, self._left = leaving, found, newest, left
+        self._found, self._newest, self._left = found, newest, left
         self._changes = [newest] if earlier is None else [earlier, newest]
 
     @property
