@@ -98,3 +98,15 @@ def test_the_result_of_a_window_waits_until_samples_after_it_were_tested():
     assert result(window.end - 0.1) is None
     checks.begin(window.end)  # the test has found a change
     assert result(window.end + 0.1) is None
+
+
+def test_no_window_with_a_change_in_it_is_checked_even_if_the_noise_is_in_doubt():
+    """A window may reach back many seconds, with rests in it; a load in it looked like another joint."""
+    checks, window = WindowChecks(2.0, at_once), SlidingWindow(2.0)
+    window.append(motion().slice(0, 1000))
+    checks.begin(window.end - 1.0, changed_at=window.end - 0.5)
+    checks.ask()
+    assert not checks.due(window)
+    checks.begin(window.end - 1.0, changed_at=window.start)
+    checks.ask()
+    assert checks.due(window)

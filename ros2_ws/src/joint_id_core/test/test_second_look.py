@@ -13,6 +13,7 @@ from joint_id_core.estimators import fit
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.online import OnlineIdentifier, OnlineOptions, identifier, second_look
 from joint_id_core.online.checks import at_once
+from joint_id_core.online.memory import BLOCK_S
 from joint_id_core.online.second_look import AFTER, SecondLook, apart
 
 from .online_motion import MODEL, TRUTH, batches, motion
@@ -105,4 +106,7 @@ def test_the_memory_begins_anew_with_all_samples_where_a_fit_ends_elsewhere(monk
     assert last.converged and not last.changes
     for name in last.free:
         assert abs(last[name].value - TRUTH[name]) < 4.0 * last[name].std_dev
-    assert one._known.follower.memory.blocks[0].begin.time < 1.0
+    follower = one._known.follower
+    assert follower.memory.blocks[0].begin.time < 1.0
+    # A load soon after that is a change: for a window after such a fit, it was taken for a wrong first one.
+    assert follower.age_s > 8.0 - 2.0 * BLOCK_S

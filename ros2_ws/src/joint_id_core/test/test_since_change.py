@@ -11,8 +11,9 @@ import pytest
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators import Innovations, ParameterSettings
 from joint_id_core.estimators.innovations.belief import Coordinates
+from joint_id_core.online import learning
 from joint_id_core.online.knowledge import Knowledge
-from joint_id_core.online.learning import learn
+from joint_id_core.online.learning import Explanation, learn, returned
 from joint_id_core.online.memory import Change
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.piece import Piece, Samples, State
@@ -107,3 +108,52 @@ def test_a_stretch_that_is_too_short_to_settle_is_left_out():
     kept = one.since_change([short, whole])
     assert len(kept) == 1 and kept[0].begin.start is not None
     assert one.since_change(kept)[0] is kept[0]
+
+
+@functools.cache
+def learned(length_s: float) -> tuple[list[Piece], Change, Explanation]:
+    """A stretch with the joint as it is, the change that is found with a lighter one, and its new inertia."""
+    one, memory = tracker(), known().follower.memory
+    whole = stuck(100, standing(100))
+    stretch = [replace(whole, samples=whole.samples.split(round(length_s * RATE))[0])]
+    j = list(known().last.free).index(INERTIA)
+    lighter = memory.mean.copy()
+    lighter[j] -= np.log(FACTOR)
+    left = Change((j,), (), tuple(memory.blocks[-1:]), lighter, memory.covariance, 50.0)
+    found = learn(one, stretch, left, one.coordinates)
+    assert found is not None
+    return stretch, left, found
+
+
+@pytest.mark.parametrize("heavier", [0.0, 2.0], ids=["the same", "a little heavier"])
+def test_a_joint_that_is_as_it_was_is_known_again_and_its_load_is_learned_anew(heavier):
+    """The next load may be a little heavier: that of the last time was believed, 6 standard deviations off for 6 s."""
+    one, memory = tracker(), known().follower.memory
+    stretch, left, instead = learned(LENGTH_S)
+    j = list(known().last.free).index(INERTIA)
+    before = memory.mean.copy()
+    before[j] -= heavier * np.sqrt(memory.covariance[j, j])
+    state = replace(left, mean=before, covariance=memory.covariance)
+    found = returned(one, stretch, state, left, instead, one.coordinates)
+    assert found is not None and found.left is not None
+    assert found.change.likely == found.left.names == (j,)
+    assert found.learned.z[j] == pytest.approx(memory.mean[j], abs=0.01)
+
+
+def test_another_load_is_no_return():
+    one, memory = tracker(), known().follower.memory
+    stretch, left, instead = learned(LENGTH_S)
+    j = list(known().last.free).index(INERTIA)
+    before = memory.mean.copy()
+    before[j] -= 0.5 * np.log(FACTOR)
+    assert returned(one, stretch, replace(left, mean=before), left, instead, one.coordinates) is None
+
+
+def test_what_is_not_clearly_more_likely_is_no_return(monkeypatch):
+    """As where samples hardly show the load: then any load explains them as well as the one before."""
+    one, memory = tracker(), known().follower.memory
+    stretch, left, instead = learned(LENGTH_S)
+    state = replace(left, mean=memory.mean, covariance=memory.covariance)
+    assert returned(one, stretch, state, left, instead, one.coordinates) is not None
+    monkeypatch.setattr(learning, "CLEARLY", 50.0)
+    assert returned(one, stretch, state, left, instead, one.coordinates) is None
