@@ -11,12 +11,13 @@ import pytest
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators import Innovations, ParameterSettings
 from joint_id_core.estimators.innovations.belief import Coordinates
-from joint_id_core.online import learning
+from joint_id_core.online import returned as module
 from joint_id_core.online.knowledge import Knowledge
-from joint_id_core.online.learning import Explanation, learn, returned
+from joint_id_core.online.learning import Explanation, learn
 from joint_id_core.online.memory import Change
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.piece import Piece, Samples, State
+from joint_id_core.online.returned import returned
 from joint_id_core.online.task import Task
 from joint_id_core.online.tracker import Tracker
 
@@ -154,5 +155,5 @@ def test_what_is_not_clearly_more_likely_is_no_return(monkeypatch):
     stretch, left, instead = learned(LENGTH_S)
     state = replace(left, mean=memory.mean, covariance=memory.covariance)
     assert returned(one, stretch, state, left, instead, one.coordinates) is not None
-    monkeypatch.setattr(learning, "CLEARLY", 50.0)
+    monkeypatch.setattr(module, "CLEARLY", 50.0)
     assert returned(one, stretch, state, left, instead, one.coordinates) is None

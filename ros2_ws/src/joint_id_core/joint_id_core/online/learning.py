@@ -23,11 +23,9 @@ from joint_id_core.online.relearn import Learned, relearn
 from joint_id_core.online.score_test import ALIKE
 from joint_id_core.online.symmetric import inverse_of, solve
 from joint_id_core.online.tracker import Tracker
-from joint_id_core.results.estimate import SHOWN
 
 VAGUE = 0.5  # standard deviation of a coordinate, in its unit, from which little was known before
 STAYED = 1e-5  # probability from which opened parameters may have stayed where they were
-CLEARLY = 6.0  # difference of minus twice the logarithm of the evidence from which a joint is as it was before
 UNNEEDED = 0.001  # probability from which a lower cost with more changed parameters counts as noise
 
 
@@ -95,48 +93,6 @@ def learn(tracker: Tracker, stretches: Sequence[Piece], change: Change, coordina
     if best is not None and tracker.z is not best.learned.z:
         tracker.again(stretches, best.learned.z)
     return best
-
-
-def returned(
-    tracker: Tracker,
-    stretches: Sequence[Piece],
-    known: Change,
-    left: Change,
-    instead: Explanation,
-    coordinates: Coordinates,
-) -> Explanation | None:
-    """Explain stretches of samples by the joint as it was before an earlier change: a load was put down.
-
-    Args:
-        tracker, stretches, coordinates: as in `learn`.
-        known: that change; only what was known before it counts.
-        left: the newest change; `likely` are what had changed before, so that little may have been known of it.
-        instead: explanation of these samples by new values.
-
-    Returns:
-        The explanation, in which what is other than before the newest change is learned anew: the next load may be a
-        little heavier. None if the joint as it was is not clearly more likely than `instead`; so samples that hardly
-        show what changed tell of no return.
-    """
-    stretches, as_before, spread = (
-        tracker.since_change(stretches),
-        replace(known, names=(), likely=()),
-        coordinates.spread,
-    )
-    if not stretches:
-        return None
-    learned = relearn(tracker, stretches, *as_before.still_known(spread), from_mean=True)
-    if learned is None or not learned.explained:
-        return None
-    if Explanation(as_before, learned).unlikely(spread) > instead.unlikely(spread) - CLEARLY:
-        return None
-    was = np.diag(left.covariance)
-    moved = np.abs(known.mean - left.mean) > SHOWN * np.sqrt(np.diag(known.covariance) + was)
-    moved[list(left.likely)] |= np.sqrt(was[list(left.likely)]) > VAGUE * coordinates.unit[list(left.likely)]
-    other = tuple(np.flatnonzero(moved).tolist())
-    may = replace(known, names=(), likely=other)
-    learned = relearn(tracker, stretches, *may.still_known(spread), from_mean=True)
-    return None if learned is None else Explanation(may, learned, replace(left, names=other, likely=()))
 
 
 def _late_instead(

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.online.effects import Effects
-from joint_id_core.online.learning import Explanation, learn, returned
+from joint_id_core.online.learning import Explanation, learn
 from joint_id_core.online.memory import BLOCK_S, Change, Memory
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.piece import Piece
+from joint_id_core.online.returned import returned
 from joint_id_core.online.tracker import Tracker
 
 PATIENT = 4.0  # window lengths of motion after which new values that nothing confirms are given up

@@ -1,0 +1,67 @@
+"""A load that was put down: the joint is as it was before an earlier change.
+
+Then all is known of the other parameters that was known before that change, and the load needs no second stretch of
+samples that confirms it. Only a load comes and goes. Friction that seems to is that of a current with an offset, which
+looks like more friction in one direction and less in the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from joint_id_core.estimators.innovations.belief import Coordinates
+from joint_id_core.online.learning import VAGUE, Explanation
+from joint_id_core.online.memory import Change
+from joint_id_core.online.piece import Piece
+from joint_id_core.online.relearn import relearn
+from joint_id_core.online.tracker import Tracker
+from joint_id_core.results.estimate import SHOWN
+
+LOAD = "load"  # group of parameters
+CLEARLY = 6.0  # difference of minus twice the logarithm of the evidence from which the joint is as it was before
+
+
+def returned(
+    tracker: Tracker,
+    stretches: Sequence[Piece],
+    known: Change,
+    left: Change,
+    instead: Explanation,
+    coordinates: Coordinates,
+) -> Explanation | None:
+    """Explain stretches of samples after a change by the joint as it was before an earlier one.
+
+    Args:
+        tracker, stretches, coordinates: as in `learning.learn`.
+        known: the earlier change; only what was known before it counts.
+        left: the newest one; `likely` are what had changed before, so that little may have been known of it.
+        instead: explanation of these samples by new values.
+
+    Returns:
+        The explanation. The load is learned anew in it, as the next one may be a little heavier. None if the joint as
+        it was is not clearly more likely than `instead`; so samples that hardly show the load tell of no return.
+    """
+    other = _other(known, left, coordinates)
+    stretches = tracker.since_change(stretches)
+    if not stretches or not other or any(coordinates.groups[j] != LOAD for j in other):
+        return None
+    spread, as_before = coordinates.spread, replace(known, names=(), likely=())
+    learned = relearn(tracker, stretches, *as_before.still_known(spread), from_mean=True)
+    if learned is None or not learned.explained:
+        return None
+    if Explanation(as_before, learned).unlikely(spread) > instead.unlikely(spread) - CLEARLY:
+        return None
+    may = replace(known, names=(), likely=other)
+    learned = relearn(tracker, stretches, *may.still_known(spread), from_mean=True)
+    return None if learned is None else Explanation(may, learned, replace(left, names=other, likely=()))
+
+
+def _other(known: Change, left: Change, coordinates: Coordinates) -> tuple[int, ...]:
+    """Return the parameters that were other before the two changes, as indices, or that were not known yet."""
+    was, learned = np.diag(left.covariance), list(left.likely)
+    moved = np.abs(known.mean - left.mean) > SHOWN * np.sqrt(np.diag(known.covariance) + was)
+    moved[learned] |= np.sqrt(was[learned]) > VAGUE * coordinates.unit[learned]
+    return tuple(np.flatnonzero(moved).tolist())
