@@ -95,15 +95,16 @@ class PendingChange:
     def learn(self, tracker: Tracker) -> None:
         """Learn a guess from all blocks.
 
-        If there was one before and there is none now, the joint may have changed again, in the newest block.
+        If a part of what was known explained them before and nothing does now, the joint may have changed again, in the
+        newest block.
         """
-        had, seen_s, window_s = self.guess is not None, self._seen_s, self._options.window_s
+        kept, seen_s, window_s = self.keeps, self._seen_s, self._options.window_s
         patient = self._lost_s + seen_s < PATIENT * window_s
         found = learn(tracker, self._blocks[1:], self.change, self._coordinates)
         self.guess = None
         if found is not None and patient:
             self.guess = found, found.memory(self._coordinates.spread, self._options.memory_s)
-        elif had and patient:
+        elif kept and patient:
             self._lost_s += seen_s
             self._blocks = self._blocks[-1:]
         else:

@@ -37,17 +37,19 @@ def returned(
     Args:
         tracker, stretches, coordinates: as in `learning.learn`.
         known: the earlier change; only what was known before it counts.
-        left: the newest one; `likely` are what had changed before, so that little may have been known of it.
+        left: the newest one; `likely` are what had changed before, so that little may have been known of it. If this is
+            all, no part of what was known held, and this is no joint whose load comes and goes.
         instead: explanation of these samples by new values.
 
     Returns:
         The explanation. The load is learned anew in it, as the next one may be a little heavier. None if the joint as
         it was is not clearly more likely than `instead`; so samples that hardly show the load tell of no return.
     """
-    other = _other(known, left, coordinates)
+    moved, vague = _moved(known, left), _vague(left, coordinates)
     stretches = tracker.since_change(stretches)
-    if not stretches or not other or any(coordinates.groups[j] != LOAD for j in other):
+    if not stretches or {coordinates.groups[j] for j in moved} != {LOAD} or len(left.likely) == len(left.mean):
         return None
+    other = tuple(sorted(moved | vague))
     spread, as_before = coordinates.spread, replace(known, names=(), likely=())
     learned = relearn(tracker, stretches, *as_before.still_known(spread), from_mean=True)
     if learned is None or not learned.explained:
@@ -59,9 +61,13 @@ def returned(
     return None if learned is None else Explanation(may, learned, replace(left, names=other, likely=()))
 
 
-def _other(known: Change, left: Change, coordinates: Coordinates) -> tuple[int, ...]:
-    """Return the parameters that were other before the two changes, as indices, or that were not known yet."""
-    was, learned = np.diag(left.covariance), list(left.likely)
-    moved = np.abs(known.mean - left.mean) > SHOWN * np.sqrt(np.diag(known.covariance) + was)
-    moved[learned] |= np.sqrt(was[learned]) > VAGUE * coordinates.unit[learned]
-    return tuple(np.flatnonzero(moved).tolist())
+def _moved(known: Change, left: Change) -> set[int]:
+    """Return the parameters that were other before the two changes, as indices."""
+    sigma = np.sqrt(np.diag(known.covariance) + np.diag(left.covariance))
+    return set(np.flatnonzero(np.abs(known.mean - left.mean) > SHOWN * sigma).tolist())
+
+
+def _vague(left: Change, coordinates: Coordinates) -> set[int]:
+    """Return the parameters of which little was known before the newest change, as they had just changed."""
+    sigma = np.sqrt(np.diag(left.covariance))
+    return {j for j in left.likely if sigma[j] > VAGUE * coordinates.unit[j]}
