@@ -21,8 +21,9 @@ from typing import Any
 from measured_blocks import write
 from online.cases import CASES, MOTIONS
 from online.joints import JOINTS
+from online.loads import EVERY_S, JOINTS_WITH_LOAD, Loads, loads
 from online.long_run import AT_S, LongRun, long_run
-from online.pages import changes_table, long_table
+from online.pages import changes_table, loads_table, long_table
 from online.runs import spread, watched
 from online.watching import Outcome
 from peers.process import SINGLE_CORE
@@ -60,16 +61,27 @@ def steady(args: argparse.Namespace) -> Iterator[LongRun]:
         yield run
 
 
+def coming_and_going(args: argparse.Namespace) -> Iterator[Loads]:
+    """Loads that come and go, of the models that have one."""
+    models = [m for m in args.models if m in JOINTS_WITH_LOAD]
+    every = EVERY_S[:1] if args.quick else EVERY_S
+    tasks = [(m, "ordinary", k, at) for k in _seeds(args, args.seeds) for m in models for at in every]
+    for found in spread(loads, tasks, args.workers):
+        print(f"{found.model:18}{found.seed:3d} every {found.every_s:g} s  right {found.right:.2f}  "
+              f"wrong {found.wrong:.2f}  longest {found.longest_s:.1f} s", flush=True)  # fmt: skip
+        yield found
+
+
 def _seeds(args: argparse.Namespace, count: int) -> range:
     return range(args.first, args.first + count)
 
 
 def _key(row: dict[str, Any]) -> tuple[Any, ...]:
     """What a row is of: measured again, it replaces the row of an earlier run."""
-    return tuple(row.get(name) for name in ("model", "motion", "seed", "case"))
+    return tuple(row.get(name) for name in ("model", "motion", "seed", "case", "every_s"))
 
 
-SECTIONS = {"changes": changing, "steady": steady}
+SECTIONS = {"changes": changing, "loads": coming_and_going, "steady": steady}
 
 
 def main() -> None:
@@ -109,6 +121,8 @@ def main() -> None:
     tables = {}
     if "changes" in report:
         tables["changes"] = changes_table([Outcome(**row) for row in report["changes"]])
+    if "loads" in report:
+        tables["loads"] = loads_table([Loads(**row) for row in report["loads"]])
     if "steady" in report:
         runs = [{**row, "off": {float(at): z for at, z in row["off"].items()}} for row in report["steady"]]
         tables["steady"] = long_table([LongRun(**row) for row in runs])

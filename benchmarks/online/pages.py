@@ -9,6 +9,7 @@ import numpy as np
 
 from online.cases import CASES, MOTIONS
 from online.joints import JOINTS
+from online.loads import EVERY_S, Loads
 from online.long_run import AT_S, LongRun, honesty
 from online.watching import FAR, Outcome
 
@@ -64,6 +65,19 @@ def _times(times: Sequence[float]) -> str:
 
 def _time(seconds: float) -> str:
     return f"{seconds:.1f}" if np.isfinite(seconds) else "never"
+
+
+def loads_table(runs: Sequence[Loads]) -> str:
+    """Shares of the estimates while loads come and go, and how long one is wrong: medians of joints and the worst."""
+    head = ["model", "a change every", "joints", "right", "wrong", "longest, s"]
+    rows = []
+    for model, every in dict.fromkeys((m, every) for m in JOINTS for every in EVERY_S):
+        some = [r for r in runs if (r.model, r.every_s) == (model, every)]
+        if some:
+            right, wrong = [r.right for r in some], [r.wrong for r in some]
+            shares = [f"{np.median(right):.0%} ({min(right):.0%})", f"{np.median(wrong):.0%} ({max(wrong):.0%})"]
+            rows.append([f"`{model}`", f"{every:g} s", str(len(some)), *shares, _times([r.longest_s for r in some])])
+    return _table(head, rows)
 
 
 def long_table(runs: Sequence[LongRun]) -> str:

@@ -52,7 +52,7 @@ def steady(joint: Joint, motion: str, seed: int, seconds: float) -> Watched:
     values = joint.values(seed)
     shown, true = stretch(joint.moving(motion, values, seed), seconds, joint.rate)
     truth, time = joint.truth(values), _time(shown, joint.rate)
-    return Watched(joint.recording(time, shown), 0.0, lambda _: truth, _moves(time, true))
+    return Watched(joint.recording(time, shown), 0.0, lambda _: truth, moves(time, true))
 
 
 def stretch(loop: ControlledJoint | VoltageJoint, seconds: float, rate: float) -> tuple[Channels, Channels]:
@@ -88,14 +88,14 @@ def _record(
     for _ in range(round(after_s / STEP_S) if case.drift else 1):
         loop.change(at(loop.joint.time + 0.5 * STEP_S))
         parts.append(stretch(loop, STEP_S if case.drift else after_s, joint.rate))
-    shown, true = (_joined([part[k] for part in parts]) for k in (0, 1))
+    shown, true = (joined([part[k] for part in parts]) for k in (0, 1))
     time, offset = _time(shown, joint.rate), 0.0
     fault = FAULTS.get(case.fault)
     if fault is not None:
         fault(joint, time, shown, true, time >= since - 0.5 / joint.rate, np.random.default_rng([seed, 12]))
         offset = OFFSET_A if case.fault == "offset" else 0.0
     recording = joint.recording(time, shown)
-    return Watched(recording, since, lambda t: joint.truth(at(t), offset if t > since else 0.0), _moves(time, true))
+    return Watched(recording, since, lambda t: joint.truth(at(t), offset if t > since else 0.0), moves(time, true))
 
 
 def _frozen(
@@ -124,7 +124,8 @@ def _columns(rows: Sequence[Mapping[str, float]]) -> Channels:
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
-def _joined(parts: Sequence[Channels]) -> Channels:
+def joined(parts: Sequence[Channels]) -> Channels:
+    """Stretches that follow each other, as one."""
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
@@ -132,7 +133,8 @@ def _time(channels: Channels, rate: float) -> Array:
     return np.arange(len(next(iter(channels.values())))) / rate
 
 
-def _moves(time: Array, true: Channels) -> Callable[[float], bool]:
+def moves(time: Array, true: Channels) -> Callable[[float], bool]:
+    """Return `Watched.moves` of true states."""
     at_link = "link_velocity" in true
     speed = np.abs(true["link_velocity"] if at_link else true["motor_velocity"] / GEAR_RATIO)
     way = np.cumsum(speed) * (time[1] - time[0])

@@ -30,7 +30,9 @@ from joint_id_core.online.window import SlidingWindow
 # Innovation, in standard deviations, from which a sensor jumped: the filter starts again. If it jumps again before it
 # has followed a block, it is the joint that changed: the next block is tested.
 JUMP = 300.0
-ENOUGH = 2  # blocks of a memory that tell enough of the joint to know it again
+# Blocks of a memory that tell enough of the joint to know it again, and up to which `curvature`, as a standard
+# deviation in units of a coordinate: values far along a bent memory would not be those of the joint.
+ENOUGH, BENT = 2, 0.1
 LEFT = 3  # changes before which the joint may have been as it is after the next one
 YOUNG = 1.0  # window lengths of motion before which a disagreement is not taken for a change of the joint
 
@@ -217,9 +219,11 @@ class Follower:
         if self._pursued is not None and self._settled_s < PATIENT * self._options.window_s:
             earlier = self._pursued.again(self.memory.blocks)
         before, surely = self._refined.drop(change)
-        known = replace(change, mean=surely.mean, covariance=surely.covariance)
-        self._leaving = self._changed(known, before) if len(surely.blocks) >= ENOUGH else None
         more = curvature(tracker, self.memory, self._coordinates, self._options.memory_s)
+        known = replace(change, mean=surely.mean, covariance=surely.covariance + more)
+        straight = bool(np.all(np.sqrt(np.diag(more)) < BENT * self._coordinates.unit))
+        enough = len(surely.blocks) >= ENOUGH and straight
+        self._leaving = self._changed(known, before) if enough else None
         tracker.again(change.blocks[-1:], z)
         newest = self._changed(replace(change, covariance=change.covariance + more), before)
         self._pending = PendingChanges(replace(change, likely=self._learned), newest, earlier, self._left)
