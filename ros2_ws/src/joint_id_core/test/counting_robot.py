@@ -2,7 +2,7 @@
 
 `python counting_robot.py HOST PERIOD` listens at the port of RTDE and prints a line when it does. It serves one
 connection after the other, with a sample every PERIOD s; time stamps are those of 500 Hz. Lines on standard input:
-`cut` ends the connection, `mute` sends no more from then on.
+`cut` ends the connection, `mute` sends no more from then on. Each is answered by `true` once it holds.
 """
 
 import socket
@@ -75,3 +75,4 @@ def listen():
 threading.Thread(target=listen, daemon=True).start()
 for line in sys.stdin:
     {"cut": cut, "mute": mute}[line.strip()].set()
+    print("true", flush=True)

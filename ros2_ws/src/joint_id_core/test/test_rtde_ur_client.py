@@ -72,12 +72,9 @@ class Child:
         self.watchdog = threading.Timer(PATIENCE_S, self.process.kill)
         self.watchdog.start()
 
-    def tell(self, line):
+    def ask(self, line):
         self.process.stdin.write(line + "\n")
         self.process.stdin.flush()
-
-    def ask(self, line):
-        self.tell(line)
         return json.loads(self.process.stdout.readline())
 
     def end(self):
@@ -146,7 +143,7 @@ def test_every_sample_is_whole(reader):
 def test_a_connection_that_is_cut(reader):
     robot, child = reader("127.0.0.24")
     assert child.ask("read 1")
-    robot.tell("cut")
+    robot.ask("cut")
     lost = "UnreachableError: robot 127.0.0.24:30004: ur_rtde has lost the connection"
     for _ in range(100):  # samples from before
         answer = child.ask("wait 5.0")
@@ -161,7 +158,7 @@ def test_silence_and_closing(reader):
     """A read of a silent robot ends when it is closed, and so does the process, with nothing left."""
     robot, child = reader("127.0.0.25")
     assert child.ask("read 1")
-    robot.tell("mute")
+    robot.ask("mute")
     while child.ask("wait 0.3"):
         pass
     closed = "UnreachableError: robot 127.0.0.25:30004: the connection is closed on this side"
@@ -173,7 +170,7 @@ def test_silence_and_closing(reader):
 
 def test_a_robot_that_starts_but_sends_nothing_never_gets_as_far_as_the_library(robot):
     """There it would hang, and with it this whole process."""
-    robot("127.0.0.27").tell("mute")
+    robot("127.0.0.27").ask("mute")
     client = UrRtdeClient(Request("127.0.0.27", FIELDS, timeout=2.0))
     with pytest.raises(UnreachableError, match=r"robot 127\.0\.0\.27:30004 sends nothing within 2 s"):
         client.open()
