@@ -110,7 +110,7 @@ def test_measured_blocks_are_written_and_the_rest_is_left():
     names = {name for path in DOCS.rglob("*.md") for _, name, _ in BLOCK.findall(path.read_text())}
     parts = ("targets", "joints", "links", "stiffness", "arm", "payload", "arm-followed", "arm-peers", "live")
     fleet = {f"fleet-{part}" for part in ("robots", "emulator", "page", "participants")}
-    others = {"changes", "steady", "peers", "soak", "robots", "batch", "batched", "batched-gpu", "bootstrap"}
+    others = {"changes", "loads", "steady", "peers", "soak", "robots", "batch", "batched", "batched-gpu", "bootstrap"}
     others |= {"design-arm", "design-joint", "arm-stats", "other-arms", "other-panda", "other-tx40"}
     assert names == others | {f"robots-{part}" for part in parts} | fleet
 
@@ -126,6 +126,7 @@ def script(name: str, *arguments: str) -> str:
 def test_the_scripts_run(tmp_path):
     text = script("online.py", "--quick", "--json", str(tmp_path / "online.json"))
     assert "| load + 10 % |" in text and "| `harmonic_drive` | excited | 600 s |" in text
+    assert "| `harmonic_drive` | 8 s | 1 |" in text
     report = json.loads((tmp_path / "online_quick.json").read_text())
     assert {row["case"] for row in report["changes"]} == {"nothing", "load + 10 %", "encoder frozen"}
     file = tmp_path / "peers.json"
