@@ -8,6 +8,7 @@ import numpy as np
 
 from joint_id_core.data.recording import Array
 from joint_id_core.simulation.excitation import STEP_S, STEPS_V, position_reference
+from joint_id_core.simulation.minimum_jerk import minimum_jerk
 from joint_id_core.simulation.position_control import Reference
 
 LONGEST_S = 4000.0
@@ -18,7 +19,7 @@ VOLTS = 8.0  # V for a reference speed of 1 rad/s
 
 @dataclass(frozen=True)
 class PointToPoint:
-    """Moves of least jerk (Flash and Hogan 1985) to random positions in rad, with rests: what a robot does all day."""
+    """Moves of least jerk to random positions in rad, with rests: what a robot does all day."""
 
     seed: int
     _begins: Array = field(init=False, repr=False, compare=False)
@@ -37,12 +38,12 @@ class PointToPoint:
     def value(self, time: float) -> float:
         """Position in rad at a time in s."""
         x, _, at, to = self._place(time)
-        return at + (to - at) * x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
+        return at + (to - at) * minimum_jerk(x)[0]
 
     def rate(self, time: float) -> float:
         """Velocity in rad/s at a time in s."""
         x, length, at, to = self._place(time)
-        return (to - at) / length * 30.0 * x * x * (1.0 - x) ** 2
+        return (to - at) / length * minimum_jerk(x)[1]
 
     def _place(self, time: float) -> tuple[float, float, float, float]:
         """How much of a move is done, its length in s, begin and end in rad."""

@@ -14,6 +14,7 @@ from joint_id_core.online.drift import DriftMonitor, DriftOptions
 from joint_id_core.online.identifier import OnlineIdentifier, OnlineOptions
 from joint_id_core.results.estimate import Estimate, Verdict
 from joint_id_core.simulation.excitation import position_reference
+from joint_id_core.simulation.minimum_jerk import minimum_jerk
 from joint_id_core.simulation.position_control import PositionController
 from joint_id_core.simulation.simulator import JointSimulator
 
@@ -58,8 +59,8 @@ def reference(kind: str, seconds: float, seed: int) -> tuple[Array, Array]:
     points = rng.uniform(-1.0, 1.0, math.ceil(seconds / length) + 1)
     which, at = (time // length).astype(int), np.clip((time % length) / MOVE_S, 0.0, 1.0)
     away = points[which + 1] - points[which]
-    smooth = at**3 * (10.0 - 15.0 * at + 6.0 * at**2)  # minimum jerk
-    return points[which] + away * smooth, away * 30.0 * at**2 * (1.0 - at) ** 2 / MOVE_S
+    share, rate = minimum_jerk(at)
+    return points[which] + away * share, away * rate / MOVE_S
 
 
 @dataclass(frozen=True)

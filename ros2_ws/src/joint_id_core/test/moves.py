@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from joint_id_core.simulation.minimum_jerk import minimum_jerk
+
 
 @dataclass(frozen=True)
 class Moves:
@@ -18,11 +20,11 @@ class Moves:
 
     def value(self, time: float) -> float:
         k, x = self._at(time)
-        return float(self.points[k] + (self.points[k + 1] - self.points[k]) * x**3 * (10.0 - 15.0 * x + 6.0 * x * x))
+        return float(self.points[k] + (self.points[k + 1] - self.points[k]) * minimum_jerk(x)[0])
 
     def rate(self, time: float) -> float:
         k, x = self._at(time)
-        return float((self.points[k + 1] - self.points[k]) * 30.0 * (x * (1.0 - x)) ** 2 / self.seconds[k])
+        return float((self.points[k + 1] - self.points[k]) * minimum_jerk(x)[1] / self.seconds[k])
 
     def _at(self, time: float) -> tuple[int, float]:
         k = max(0, int(np.searchsorted(self.begins, time, "right")) - 1)

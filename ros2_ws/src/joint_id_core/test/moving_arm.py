@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from joint_id_core.data.recording import Array, Recording
+from joint_id_core.simulation.minimum_jerk import minimum_jerk
 
 JOINTS = ("turn", "lift", "bend", "roll", "tilt", "spin")
 # For tests of single joints: every other one in `make test`, the rest in `make test-long`.
@@ -135,7 +136,7 @@ def with_rests(time: Array, seed: int = 0) -> Motion:
     rest, ramp, period = 1.0, 0.5, 4.0
     phase = np.mod(time, period) - (period - rest)
     speed = np.clip(np.minimum(-phase, phase + period - rest) / ramp, 0.0, 1.0)
-    smooth = 10.0 * speed**3 - 15.0 * speed**4 + 6.0 * speed**5
+    smooth, _ = minimum_jerk(speed)
     moved = np.concatenate([[0.0], np.cumsum(0.5 * (smooth[1:] + smooth[:-1]) * np.diff(time))])
     there, rate = at(moved, seed), np.gradient(smooth, time)
     s = smooth[:, None]
@@ -157,8 +158,7 @@ def point_to_point(moves: int, seed: int = 0) -> dict[str, Recording]:
     data, rng = mujoco.MjData(model), np.random.default_rng([seed, 3])
     poses = np.concatenate([np.zeros((1, len(JOINTS))), rng.uniform(-1.2, 1.2, (moves, len(JOINTS)))])
     move, rest = round(1.2 * RATE), round(1.5 * RATE)
-    share = np.linspace(0.0, 1.0, move)
-    share = np.concatenate([share**3 * (10.0 - 15.0 * share + 6.0 * share**2), np.ones(rest)])
+    share = np.concatenate([minimum_jerk(np.linspace(0.0, 1.0, move))[0], np.ones(rest)])
     reference = np.concatenate([a + share[:, None] * (b - a) for a, b in pairwise(poses)])
     speed = np.gradient(reference, 1.0 / RATE, axis=0)
     gain = 30.0 * COULOMB  # Nm/rad: the arm stops up to 2 degrees away

@@ -20,6 +20,7 @@ from joint_id_core.online.levels import DOUBTED, MOST_LOST, Levels
 from joint_id_core.online.noise_effects import noise_information
 from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.piece import Samples
+from joint_id_core.simulation.minimum_jerk import minimum_jerk
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
 from joint_id_core.simulation.sensors import Sensors
 
@@ -46,11 +47,11 @@ class Steps:
 
     def value(self, time):
         begin, way, x = self._place(time)
-        return begin + way * x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
+        return begin + way * minimum_jerk(x)[0]
 
     def rate(self, time):
         _, way, x = self._place(time)
-        return self.tempo * way / 0.4 * 30.0 * x * x * (1.0 - x) ** 2
+        return self.tempo * way / 0.4 * minimum_jerk(x)[1]
 
 
 STEPS = Steps()

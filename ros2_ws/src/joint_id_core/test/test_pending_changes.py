@@ -25,8 +25,8 @@ class Filter:
 class Pending:
     """A change that is explained as it is told, and confirmed if `right`."""
 
-    def __init__(self, guess: bool = True, keeps: bool = True, right: bool = True, back: Any = None) -> None:
-        self.explained, self.keeps, self.right, self.returns = guess, guess and keeps, right, back
+    def __init__(self, guess: bool = True, keeps: bool = True, right: bool = True, before: Any = None) -> None:
+        self.explained, self.keeps, self.right, self.as_it_was = guess, guess and keeps, right, before
         self.unexplained, self.blocks = not guess, 0
         learned = SimpleNamespace(pieces=[], z=Z.copy())
         self.guess = (SimpleNamespace(learned=learned), None) if guess else None
@@ -38,13 +38,13 @@ class Pending:
     def learn(self, tracker: Any) -> None:
         pass
 
-    def back(self, tracker: Any, newest: Any, found: Any) -> Any:
-        return self.returns
+    def undone(self, tracker: Any, newest: Any, recent: Any) -> Any:
+        return self.as_it_was
 
 
-def pending(newest: Pending, earlier: Pending | None = None, left: tuple[Pending, ...] = ()) -> PendingChanges:
+def pending(newest: Pending, earlier: Pending | None = None, undoable: tuple[Pending, ...] = ()) -> PendingChanges:
     many: Any = PendingChanges
-    made: PendingChanges = many(None, newest, earlier, left)
+    made: PendingChanges = many(newest, earlier, undoable, ())
     return made
 
 
@@ -81,7 +81,7 @@ def test_both_are_followed_until_one_is_confirmed():
 
 def test_a_joint_that_is_as_it_was_needs_no_confirmation():
     known = Pending()
-    one, tracker = pending(Pending(), Pending(), (Pending(), Pending(back=known))), Filter()
+    one, tracker = pending(Pending(), Pending(), (Pending(), Pending(before=known))), Filter()
     assert one.learn(tracker) is known
     assert tracker.z is known.guess[0].learned.z
 

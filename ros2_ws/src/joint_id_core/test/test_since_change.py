@@ -120,40 +120,40 @@ def learned(length_s: float) -> tuple[list[Piece], Change, Explanation]:
     j = list(known().last.free).index(INERTIA)
     lighter = memory.mean.copy()
     lighter[j] -= np.log(FACTOR)
-    left = Change((j,), (), tuple(memory.blocks[-1:]), lighter, memory.covariance, 50.0)
-    found = learn(one, stretch, left, one.coordinates)
+    newest = Change((j,), (), tuple(memory.blocks[-1:]), lighter, memory.covariance, 50.0)
+    found = learn(one, stretch, newest, one.coordinates)
     assert found is not None
-    return stretch, left, found
+    return stretch, newest, found
 
 
 @pytest.mark.parametrize("heavier", [0.0, 3.0], ids=["the same", "a little heavier"])
 def test_a_joint_that_is_as_it_was_is_known_again_and_its_load_is_learned_anew(heavier):
     """The next load may be a little heavier: that of the last time was believed, 6 standard deviations off for 6 s."""
     one, memory = tracker(), known().follower.memory
-    stretch, left, instead = learned(LENGTH_S)
+    stretch, newest, instead = learned(LENGTH_S)
     j = list(known().last.free).index(INERTIA)
     before = memory.mean - heavier * memory.covariance[j] / np.sqrt(memory.covariance[j, j])
-    state = replace(left, mean=before, covariance=memory.covariance)
-    found = returned(one, stretch, state, left, instead, one.coordinates)
-    assert found is not None and found.left is not None
-    assert found.change.likely == found.left.names == (j,)
+    state = replace(newest, mean=before, covariance=memory.covariance)
+    found = returned(one, stretch, state, newest, (), instead, one.coordinates)
+    assert found is not None and found.undoes is not None
+    assert found.change.likely == found.undoes.names == (j,)
     assert found.learned.z[j] == pytest.approx(memory.mean[j], abs=0.01)
 
 
 def test_another_load_is_no_return():
     one, memory = tracker(), known().follower.memory
-    stretch, left, instead = learned(LENGTH_S)
+    stretch, newest, instead = learned(LENGTH_S)
     j = list(known().last.free).index(INERTIA)
     before = memory.mean.copy()
     before[j] -= 0.5 * np.log(FACTOR)
-    assert returned(one, stretch, replace(left, mean=before), left, instead, one.coordinates) is None
+    assert returned(one, stretch, replace(newest, mean=before), newest, (), instead, one.coordinates) is None
 
 
 def test_what_is_not_clearly_more_likely_is_no_return(monkeypatch):
     """As where samples hardly show the load: then any load explains them as well as the one before."""
     one, memory = tracker(), known().follower.memory
-    stretch, left, instead = learned(LENGTH_S)
-    state = replace(left, mean=memory.mean, covariance=memory.covariance)
-    assert returned(one, stretch, state, left, instead, one.coordinates) is not None
+    stretch, newest, instead = learned(LENGTH_S)
+    state = replace(newest, mean=memory.mean, covariance=memory.covariance)
+    assert returned(one, stretch, state, newest, (), instead, one.coordinates) is not None
     monkeypatch.setattr(module, "CLEARLY", 50.0)
-    assert returned(one, stretch, state, left, instead, one.coordinates) is None
+    assert returned(one, stretch, state, newest, (), instead, one.coordinates) is None

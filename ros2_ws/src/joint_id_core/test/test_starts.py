@@ -18,6 +18,7 @@ from joint_id_core.estimators.innovations.search import Search
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Status
 from joint_id_core.simulation.excitation import position_reference
+from joint_id_core.simulation.minimum_jerk import minimum_jerk
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
 from joint_id_core.simulation.sensors import Sensors
 
@@ -41,11 +42,11 @@ class Moves:
 
     def value(self, time):
         x, first, last, _ = self._at(float(time))
-        return first + (last - first) * (10.0 * x**3 - 15.0 * x**4 + 6.0 * x**5)
+        return first + (last - first) * minimum_jerk(x)[0]
 
     def rate(self, time):
         x, first, last, lasts = self._at(float(time))
-        return (last - first) * (30.0 * x**2 - 60.0 * x**3 + 30.0 * x**4) / lasts if x < 1.0 else 0.0
+        return (last - first) * minimum_jerk(x)[1] / lasts
 
 
 @functools.cache

@@ -5,11 +5,9 @@ from __future__ import annotations
 import os
 import threading
 import time
-import traceback
 from collections import deque
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
-from typing import TypeVar
 
 import numpy as np
 
@@ -18,6 +16,7 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.online.identifier import OnlineIdentifier
 from joint_id_core.results.estimate import Estimate
+from joint_id_ros.joint_identifiers import JointIdentifiers, place_of
 from joint_id_ros.raw_messages import RawMessage
 from joint_id_ros.sample_queue import SampleQueue
 from joint_id_ros.samples import to_recordings
@@ -31,8 +30,6 @@ GATHER, GATHER_S = 0.2, 0.02
 LONG_S = 0.05
 GONE_S = 2.0  # a joint that the samples have not named for so long is not identified any more
 STOP_S = 2.0  # longest wait for the thread; launch and systemd kill a process that needs 5 s or more to end
-
-T = TypeVar("T")
 
 
 def gathered_s(hop_s: float) -> float:
@@ -109,10 +106,9 @@ class Worker:
         self._named_ns: dict[str, int] = {}  # newest sample in which a joint was named
         self._known = tuple(known)
         self._longest_lag_s = 0.0
-        self._make, self._wanted, self._expected, self._callbacks = make, tuple(joints), tuple(expected), callbacks
-        self._identifiers: dict[str, OnlineIdentifier] = {}
+        self._wanted, self._expected, self._callbacks = tuple(joints), tuple(expected), callbacks
+        self._identifiers = JointIdentifiers(make, callbacks.problem)
         self._origin_ns: int | None = None
-        self._begun: dict[str, float] = {}
         self._working = False
         self._stop, self._arrived = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="identifier", daemon=True)
@@ -126,7 +122,7 @@ class Worker:
     @property
     def busy_s(self) -> float:
         """Duration so far of the longest running fit in s; 0 if no fit is running."""
-        return (now := time.monotonic()) - min(self._begun.copy().values(), default=now)
+        return self._identifiers.busy_s
 
     @property
     def full(self) -> bool:
@@ -212,7 +208,7 @@ class Worker:
             except JointIdError as error:
                 self._callbacks.problem("samples left out", str(error))
             except Exception as error:  # a bug must not end the thread silently
-                self._callbacks.problem("internal error", f"samples left out after {_where(error)}")
+                self._callbacks.problem("internal error", f"samples left out after {place_of(error)}")
             self._working = False
 
     def _update(self, batch: list[tuple[int, RawMessage]]) -> None:
@@ -242,15 +238,16 @@ class Worker:
         if not self._stop.is_set():
             self._callbacks.publish()
         for joint in recordings:
-            if joint in self._identifiers and not self._stop.is_set():
-                self._guarded(joint, self._identifiers[joint].finish)
+            if not self._stop.is_set():
+                self._identifiers.finish(joint)
 
     def _forget_the_gone(self, joints: Collection[str], newest_ns: int) -> None:
         """End the identification of joints that the samples do not name any more."""
         self._named_ns |= dict.fromkeys(joints, newest_ns)
         for joint in [j for j, named_ns in self._named_ns.items() if newest_ns - named_ns > GONE_S * NANO]:
-            for known in (self._named_ns, self._done_ns, self._identifiers):
-                known.pop(joint, None)
+            self._named_ns.pop(joint)
+            self._done_ns.pop(joint, None)
+            self._identifiers.forget(joint)
             self._callbacks.gone(joint)
 
     def _fit_all(self, batch: _Batch) -> None:
@@ -269,32 +266,11 @@ class Worker:
                 self._callbacks.publish()
 
     def _fit(self, joint: str, recording: Recording, origin_ns: int) -> None:
-        def updated() -> Estimate | None:
-            if joint not in self._identifiers:
-                self._identifiers[joint] = self._make(joint, recording)
-            return self._identifiers[joint].update(recording)
-
-        estimate = self._guarded(joint, updated)
+        estimate = self._identifiers.update(joint, recording)
         if estimate is not None:
             if not self._stop.is_set():
                 self._callbacks.estimated(joint, estimate, origin_ns)
             self._count_missed(recording)
-
-    def _guarded(self, joint: str, work: Callable[[], T]) -> T | None:
-        """Do work for a joint; return None after an error, which is reported."""
-        self._begun[joint] = time.monotonic()
-        try:
-            return work()
-        except JointIdError as error:
-            self._callbacks.problem("samples left out", f"joint {joint}: {error}")
-        except Exception as error:  # a bug must not end the thread silently
-            self._identifiers.pop(joint, None)
-            self._callbacks.problem(
-                "internal error", f"joint {joint}: identification starts anew after {_where(error)}"
-            )
-        finally:
-            self._begun.pop(joint, None)
-        return None
 
     def _count_missed(self, recording: Recording) -> None:
         """Count the hops that the samples of one estimate cover, without gaps, but the first."""
@@ -303,9 +279,3 @@ class Worker:
         covered_s = len(recording) * float(np.median(np.diff(recording.time)))
         with self._lock:
             self.missed += max(0, round(covered_s / self._hop_s) - 1)
-
-
-def _where(error: Exception) -> str:
-    """Return an exception and the place that raised it, in one line."""
-    frame = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{type(error).__name__}: {' '.join(str(error).split())} ({frame.filename}:{frame.lineno})"

@@ -11,6 +11,7 @@ from joint_id_core.design.search import Search
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.shared.sentences import listed, sentence
 from joint_id_core.results.verdict import Verdict
+from joint_id_core.simulation.minimum_jerk import minimum_jerk
 
 SLOW = 0.05  # of the limit of velocity
 
@@ -49,9 +50,7 @@ def _slow(search: Search) -> tuple[Array, Array]:
 
 
 def _one_way(search: Search) -> tuple[Array, Array]:
-    """Return position and velocity of the smoothest way from one limit to the other (Flash & Hogan, 1985)."""
+    """Return position and velocity of the smoothest way from one limit to the other."""
     low, high = float(search.limits.lower[0]), float(search.limits.upper[0])
-    x = search.time / search.duration
-    return low + (high - low) * x**3 * (10.0 - 15.0 * x + 6.0 * x**2), (
-        (high - low) / search.duration * 30.0 * x**2 * (1.0 - x) ** 2
-    )
+    share, rate = minimum_jerk(search.time / search.duration)
+    return low + (high - low) * share, (high - low) / search.duration * rate

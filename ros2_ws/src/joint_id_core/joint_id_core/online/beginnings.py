@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from joint_id_core.data.recording import Array
-from joint_id_core.estimators.shared.fit_data import FitData
+from joint_id_core.estimators.shared.fit_data import SETTLE_S, FitData
 from joint_id_core.estimators.shared.initial_state import rough_states, start_state
-from joint_id_core.online.piece import Samples, State
+from joint_id_core.online.piece import Piece, Samples, State
 
+LEAST = 10  # samples of the shortest motion that is used
 SLOW = 0.1  # share of the largest speed of a stretch below which the joint may be near a reversal
 SAME = 1e-9  # relative difference of two speeds that rounding can make
 TINY = 1e-300
@@ -46,3 +49,19 @@ def first_in_motion(data: FitData, settle: int) -> int:
     slowest = np.lib.stride_tricks.sliding_window_view(speed, settle + 1).min(axis=1)
     slowest = slowest[: max(1, len(speed) // 2 - settle)]
     return int(np.argmax(slowest > min(SLOW, float(slowest.max()) * (1.0 - SAME))))
+
+
+def begun_anew(data: FitData, p: Array, piece: Piece, sensitive: int) -> Piece | None:
+    """Return a stretch that begins at its labels, where the joint moves; None if it is too short.
+
+    `data`, `p` and `sensitive` are as in `at_labels`; the samples are those of the stretch.
+    """
+    samples, settle = piece.samples, round(SETTLE_S / data.period)
+    if len(samples.time) - settle <= LEAST:
+        return None
+    recording = data.recording.trusted(samples.time, {}, frozenset())
+    data = replace(data, time=samples.time, u=samples.u, y=samples.y, recording=recording)
+    begin = first_in_motion(data, settle)
+    settled = begin + 1 + settle
+    start = at_labels(data, p, slice(begin, settled), sensitive)
+    return replace(piece, begin=replace(start[0], start=start), samples=samples.split(settled)[1])

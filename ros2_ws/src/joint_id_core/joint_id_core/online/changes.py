@@ -41,9 +41,9 @@ class Changes:
             return False
         self._explanation = explanation
         now = follower.memory.mean, follower.memory.covariance
-        found = self._found(explanation.left or explanation.change, now, since)
+        found = self._found(explanation.undoes or explanation.change, now, since)
         for old in self.told:
-            if since - old.since < self._window_s and explanation.left is None:
+            if since - old.since < self._window_s and explanation.undoes is None:
                 after, sigma = self._physical(*now)
                 j = self._free.index(old.name)
                 found[old.name] = replace(old, after=float(after[j]), after_std_dev=float(sigma[j]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -65,3 +66,15 @@ class Effects:
         """Return a bias (k,) that is taken off and counts as uncertain, and what else is added to the covariance."""
         inverse = memory.inverse
         return self._input_noise.bias(inverse), self._friction.excess(inverse)
+
+
+@dataclass(frozen=True)
+class EffectsBefore:
+    """Effects as they were before a change, with the inverse (k, k) of the information matrix then."""
+
+    effects: Effects
+    inverse: Array
+
+    def changed(self, changed: Sequence[int], still_known: Array) -> Effects:
+        """Return what is still known of them: see `Effects.changed`."""
+        return self.effects.changed(changed, self.inverse, still_known)

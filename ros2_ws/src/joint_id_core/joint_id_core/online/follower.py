@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from enum import Enum
 
 import numpy as np
@@ -12,15 +10,14 @@ import numpy as np
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.online.block import Block
+from joint_id_core.online.change_history import ChangeHistory
 from joint_id_core.online.checks import Background, at_once
-from joint_id_core.online.curvature import curvature
-from joint_id_core.online.effects import Effects
 from joint_id_core.online.learning import Explanation
 from joint_id_core.online.levels import Levels
 from joint_id_core.online.memory import BLOCK_S, Change, Memory
 from joint_id_core.online.newest_innovations import NewestInnovations
 from joint_id_core.online.options import OnlineOptions
-from joint_id_core.online.pending_change import PATIENT, PendingChange
+from joint_id_core.online.pending_change import PendingChange
 from joint_id_core.online.pending_changes import PendingChanges
 from joint_id_core.online.piece import Piece
 from joint_id_core.online.refined_memory import RefinedMemory
@@ -30,10 +27,6 @@ from joint_id_core.online.window import SlidingWindow
 # Innovation, in standard deviations, from which a sensor jumped: the filter starts again. If it jumps again before it
 # has followed a block, it is the joint that changed: the next block is tested.
 JUMP = 300.0
-# Blocks of a memory that tell enough of the joint to know it again, and up to which `curvature`, as a standard
-# deviation in units of a coordinate: values far along a bent memory would not be those of the joint.
-ENOUGH, BENT = 2, 0.1
-LEFT = 3  # changes before which the joint may have been as it is after the next one
 YOUNG = 1.0  # window lengths of motion before which a disagreement is not taken for a change of the joint
 
 
@@ -61,8 +54,7 @@ class Follower:
     Attributes:
         tracker: the filter; None while the joint rests.
         found: what the newest samples say.
-        explanation: the newest change that was taken into the memory; None if there is none.
-        since: instant in s at which that change, or a disagreement of the first windows, began.
+        since: instant in s at which the change of `explanation`, or a disagreement of the first windows, began.
         age_s: time of motion in s that is in the memory.
         lost_s: time of motion in s since a block was added to the memory.
         tested_from: begin in s of the newest block that agreed with the memory.
@@ -82,7 +74,6 @@ class Follower:
     ) -> None:
         self.tracker: Tracker | None = None
         self.found = Found.AGREES
-        self.explanation: Explanation | None = None
         self.since = -np.inf
         self.age_s = age_s
         self.lost_s = 0.0
@@ -96,10 +87,12 @@ class Follower:
         self._innovations = NewestInnovations(options.window_s)
         self._moved_since, self._moved_until = np.inf, -np.inf
         self._pending: PendingChanges | None = None
-        self._leaving: PendingChange | None = None  # the newest change that was found, if enough was known before it
-        self._left = deque[PendingChange](maxlen=LEFT)  # changes that were taken into the memory, the newest first
-        self._pursued: PendingChange | None = None  # the newest one that was taken into the memory
-        self._settled_s = 0.0  # time of motion in s since the explanation was taken
+        self._history = ChangeHistory(coordinates, options)
+
+    @property
+    def explanation(self) -> Explanation | None:
+        """The newest change that was taken into the memory; None if there is none."""
+        return self._history.explanation
 
     @property
     def memory(self) -> Memory:
@@ -199,7 +192,7 @@ class Follower:
         self._innovations.add(block.white)
         self.chi2 = self._innovations.chi2
         self.age_s += block.duration
-        self._settled_s += block.duration
+        self._history.moved(block.duration)
         change = self._refined.tested(self.tracker)
         if change is None:
             self.tested_from = block.begin.time
@@ -213,50 +206,27 @@ class Follower:
     # --- changes
 
     def _begin_change(self, tracker: Tracker, change: Change) -> None:
-        """Learn what changed: this may be one change with a recent one, whose cause was mistaken."""
+        """Learn what changed."""
         self.found = Found.CHANGING
-        z, earlier = tracker.z, None
-        if self._pursued is not None and self._settled_s < PATIENT * self._options.window_s:
-            earlier = self._pursued.again(self.memory.blocks)
-        before, surely = self._refined.drop(change)
-        more = curvature(tracker, self.memory, self._coordinates, self._options.memory_s)
-        known = replace(change, mean=surely.mean, covariance=surely.covariance + more)
-        straight = bool(np.all(np.sqrt(np.diag(more)) < BENT * self._coordinates.unit))
-        enough = len(surely.blocks) >= ENOUGH and straight
-        self._leaving = self._changed(known, before) if enough else None
-        tracker.again(change.blocks[-1:], z)
-        newest = self._changed(replace(change, covariance=change.covariance + more), before)
-        self._pending = PendingChanges(replace(change, likely=self._learned), newest, earlier, self._left)
+        self._pending = self._history.begin(self._refined, tracker, change)
         self._pursue(tracker, self._pending, self._pending.learn(tracker))
-
-    @property
-    def _learned(self) -> tuple[int, ...]:
-        """Parameters that were learned anew at the newest change, as indices."""
-        newest = self.explanation
-        return () if newest is None else (*newest.change.names, *newest.change.likely)
-
-    def _changed(self, change: Change, before: tuple[Effects, Array]) -> PendingChange:
-        return PendingChange(change, change.blocks, self._coordinates, self._options, before)
 
     def _pursue(self, tracker: Tracker, pending: PendingChanges, confirmed: PendingChange | None) -> None:
         """Take a change into the memory once it is confirmed."""
         if confirmed is not None:
-            if self._leaving is not None:
-                self._left.appendleft(self._leaving)
             self._take(tracker, confirmed)
         elif pending.unexplained:
             self.found = Found.UNEXPLAINED
 
-    def _take(self, tracker: Tracker, pending: PendingChange) -> None:
+    def _take(self, tracker: Tracker, confirmed: PendingChange) -> None:
         """Go on with the memory after a change."""
-        assert pending.guess is not None
-        explanation, memory = pending.guess
-        self.explanation, self.found = explanation, Found.AGREES
-        self.since = explanation.learned.pieces[0].begin.time
-        self._pursued, self._pending = pending, None
-        self.lost_s = self._settled_s = 0.0
+        assert confirmed.guess is not None
+        explanation, memory = confirmed.guess
+        self._history.take(confirmed)
+        self.found, self.since = Found.AGREES, explanation.learned.pieces[0].begin.time
+        self._pending = None
+        self.lost_s = 0.0
         self._innovations.clear()
         self.chi2 = None
-        changed = (*explanation.change.names, *explanation.change.likely)
         _, still_known = explanation.change.still_known(self._coordinates.spread)
-        self._refined.replace(tracker, memory, changed, still_known, pending.before)
+        self._refined.replace(tracker, memory, explanation.opened, still_known, confirmed.before)

@@ -33,17 +33,22 @@ UNNEEDED = 0.001  # probability from which a lower cost with more changed parame
 class Explanation:
     """The change with the parameters that are opened, and the fit of their new values.
 
-    `left` is what was known of a joint that is again as it was before that; else None.
+    `undoes` is set where the joint is again as it was before an earlier change: what was known of it just before.
     """
 
     change: Change
     learned: Learned
-    left: Change | None = None
+    undoes: Change | None = None
+
+    @property
+    def opened(self) -> tuple[int, ...]:
+        """Parameters that were learned anew, as indices."""
+        return *self.change.names, *self.change.likely
 
     @property
     def all_new(self) -> bool:
         """Whether nothing that was known before is kept."""
-        return len(self.change.names) + len(self.change.likely) == len(self.learned.z)
+        return len(self.opened) == len(self.learned.z)
 
     def unlikely(self, spread: Array) -> float:
         """Return minus twice the logarithm of the evidence: see `Learned.occam`; `spread` as in `memory`."""

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
-from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Coordinates
-from joint_id_core.online.effects import Effects
+from joint_id_core.online.effects import EffectsBefore
 from joint_id_core.online.learning import Explanation, learn
 from joint_id_core.online.memory import BLOCK_S, Change, Memory
 from joint_id_core.online.options import OnlineOptions
@@ -28,7 +27,7 @@ class PendingChange:
         blocks: of samples; the change happened in the first one.
         coordinates: of the free parameters.
         options: window, forgetting.
-        before: effects of noise and friction before the change, and the inverse (k, k) of the information then.
+        before: effects of noise and friction before the change.
 
     Attributes:
         change: as given.
@@ -43,7 +42,7 @@ class PendingChange:
         blocks: Sequence[Piece],
         coordinates: Coordinates,
         options: OnlineOptions,
-        before: tuple[Effects, Array],
+        before: EffectsBefore,
     ) -> None:
         self.guess: tuple[Explanation, Memory] | None = None
         self.unexplained = False
@@ -64,22 +63,29 @@ class PendingChange:
 
     def again(self, blocks: Sequence[Piece]) -> PendingChange:
         """Return it with the blocks of the memory that it gave: newer ones may show another cause."""
-        return PendingChange(self.change, [blocks[0], *blocks], self._coordinates, self._options, self.before)
+        return self._with([blocks[0], *blocks])
 
-    def back(self, tracker: Tracker, newest: PendingChange, left: Change) -> PendingChange | None:
+    def undone(self, tracker: Tracker, newest: PendingChange, recent: Collection[int]) -> PendingChange | None:
         """Return this change with the guess that the joint is as it was before it, if that is what samples show.
 
-        `newest` is the change that these samples show, and `left` what was known before it.
+        `newest` is the change that these samples show; `recent` are parameters that had just been learned anew, as
+        indices.
         """
         if newest.guess is None:
             return None
-        blocks, (instead, _) = newest._blocks, newest.guess
-        found = returned(tracker, blocks[1:], self.change, left, instead, self._coordinates)
+        instead = newest.guess[0]
+        found = returned(tracker, newest._blocks[1:], self.change, newest.change, recent, instead, self._coordinates)
         if found is None:
             return None
-        pending = PendingChange(self.change, blocks, self._coordinates, self._options, self.before)
-        pending.guess = found, found.memory(self._coordinates.spread, self._options.memory_s)
+        pending = self._with(newest._blocks)
+        pending.guess = pending._memory(found)
         return pending
+
+    def _with(self, blocks: Sequence[Piece]) -> PendingChange:
+        return PendingChange(self.change, blocks, self._coordinates, self._options, self.before)
+
+    def _memory(self, found: Explanation) -> tuple[Explanation, Memory]:
+        return found, found.memory(self._coordinates.spread, self._options.memory_s)
 
     def add(self, block: Piece) -> bool:
         """Add the newest block; return whether it confirms the guess."""
@@ -103,7 +109,7 @@ class PendingChange:
         found = learn(tracker, self._blocks[1:], self.change, self._coordinates)
         self.guess = None
         if found is not None and patient:
-            self.guess = found, found.memory(self._coordinates.spread, self._options.memory_s)
+            self.guess = self._memory(found)
         elif kept and patient:
             self._lost_s += seen_s
             self._blocks = self._blocks[-1:]

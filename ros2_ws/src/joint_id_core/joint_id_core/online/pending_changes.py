@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from joint_id_core.online.learning import Explanation
-from joint_id_core.online.memory import Change, Memory
+from joint_id_core.online.memory import Memory
 from joint_id_core.online.pending_change import PendingChange
 from joint_id_core.online.piece import Piece
 from joint_id_core.online.tracker import Tracker
@@ -17,20 +17,20 @@ class PendingChanges:
     What keeps a part of what was known is preferred to new values of all parameters, and one change to two.
 
     Args:
-        found: what the memory has found.
-        newest: that change, to be learned.
+        newest: what the memory has found, to be learned.
         earlier: a recent one, with all blocks since then; None if there is none.
-        left: changes of which the joint may be again as it was before them, the newest one first.
+        undoable: changes before which the joint may have been as it is now, the newest one first.
+        recent: parameters that had just been learned anew, as indices.
     """
 
     def __init__(
         self,
-        found: Change,
         newest: PendingChange,
         earlier: PendingChange | None,
-        left: Sequence[PendingChange],
+        undoable: Sequence[PendingChange],
+        recent: Collection[int],
     ) -> None:
-        self._found, self._newest, self._left = found, newest, left
+        self._newest, self._undoable, self._recent = newest, undoable, recent
         self._changes = [newest] if earlier is None else [earlier, newest]
 
     @property
@@ -60,14 +60,14 @@ class PendingChanges:
             tracker: the filter, which ends with the newest block.
 
         Returns:
-            The change before which the joint was as it is now; None if there is none.
+            The change that is undone: the joint is as it was before it. None if there is none.
         """
         for change in self._changes:
             change.learn(tracker)
         self._changes = [change for change in self._changes if change.guess is not None or change is self._newest]
-        back = next(filter(None, (change.back(tracker, self._newest, self._found) for change in self._left)), None)
-        guess = self.guess if back is None else back.guess
+        undone = next(filter(None, (c.undone(tracker, self._newest, self._recent) for c in self._undoable)), None)
+        guess = self.guess if undone is None else undone.guess
         if guess is not None and tracker.z is not guess[0].learned.z:
             learned = guess[0].learned
             tracker.again(learned.pieces, learned.z)
-        return back
+        return undone

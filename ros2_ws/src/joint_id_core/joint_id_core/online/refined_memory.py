@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.online.block import Block
 from joint_id_core.online.checks import Background, at_once
-from joint_id_core.online.effects import Effects
+from joint_id_core.online.effects import Effects, EffectsBefore
 from joint_id_core.online.explained_by_noise import explained_by_noise
 from joint_id_core.online.levels import Levels
 from joint_id_core.online.memory import Change, Memory
@@ -105,34 +105,32 @@ class RefinedMemory:
         self._learn_noise(tracker, self.memory.blocks, anew=True)
         self._search_on(tracker)
 
-    def drop(self, change: Change) -> tuple[tuple[Effects, Array], Memory]:
+    def drop(self, change: Change) -> tuple[EffectsBefore, Memory]:
         """Take back the blocks of a change.
 
         Returns:
-            The effects before it, and the inverse (k, k) of the information then; and what was known for sure: the last
-            block before may hold the begin of the change.
+            The effects before it, and what was known for sure: the last block before may hold the begin of the change.
         """
         self.memory.drop(len(change.blocks))
         surely = self.memory.copy()
         if surely.blocks:
             surely.drop(1)
-        return (self._effects, self.memory.inverse), surely
+        return EffectsBefore(self._effects, self.memory.inverse), surely
 
     def replace(
         self,
         tracker: Tracker,
         memory: Memory,
-        changed: Collection[int],
+        changed: Sequence[int],
         still_known: Array,
-        before: tuple[Effects, Array],
+        before: EffectsBefore,
     ) -> None:
         """Go on with the memory since a change; `before` as `drop` returned it.
 
         Noise and friction act on the other parameters as before; what they do to the changed ones is learned from all
         samples since then. The precision of what is `still_known` (k, k) is that of the memory's begin.
         """
-        effects, inverse = before
-        self._effects = effects.changed(list(changed), inverse, still_known)
+        self._effects = before.changed(changed, still_known)
         self.memory, self._shifted = memory, np.zeros_like(self._shifted)
         self._learn_noise(tracker, memory.blocks, anew=False)
         self._profiles = self._profiles.anew()

@@ -7,7 +7,7 @@ looks like more friction in one direction and less in the other.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,7 +28,8 @@ def returned(
     tracker: Tracker,
     stretches: Sequence[Piece],
     known: Change,
-    left: Change,
+    newest: Change,
+    recent: Collection[int],
     instead: Explanation,
     coordinates: Coordinates,
 ) -> Explanation | None:
@@ -36,18 +37,18 @@ def returned(
 
     Args:
         tracker, stretches, coordinates: as in `learning.learn`.
-        known: the earlier change; only what was known before it counts.
-        left: the newest one; `likely` are what had changed before, so that little may have been known of it. If this is
-            all, no part of what was known held, and this is no joint whose load comes and goes.
+        known, newest: the earlier and the newest change; only what was known before them counts.
+        recent: parameters that had just been learned anew at the newest one, as indices, so that little may have been
+            known of them. If these are all, no part of what was known held: this is no joint whose load comes and goes.
         instead: explanation of these samples by new values.
 
     Returns:
         The explanation. The load is learned anew in it, as the next one may be a little heavier. None if the joint as
         it was is not clearly more likely than `instead`; so samples that hardly show the load tell of no return.
     """
-    moved, vague = _moved(known, left), _vague(left, coordinates)
+    moved, vague = _moved(known, newest), _vague(newest, recent, coordinates)
     stretches = tracker.since_change(stretches)
-    if not stretches or {coordinates.groups[j] for j in moved} != {LOAD} or len(left.likely) == len(left.mean):
+    if not stretches or {coordinates.groups[j] for j in moved} != {LOAD} or len(recent) == len(newest.mean):
         return None
     other = tuple(sorted(moved | vague))
     spread, as_before = coordinates.spread, replace(known, names=(), likely=())
@@ -58,16 +59,16 @@ def returned(
         return None
     may = replace(known, names=(), likely=other)
     learned = relearn(tracker, stretches, *may.still_known(spread), from_mean=True)
-    return None if learned is None else Explanation(may, learned, replace(left, names=other, likely=()))
+    return None if learned is None else Explanation(may, learned, replace(newest, names=other, likely=()))
 
 
-def _moved(known: Change, left: Change) -> set[int]:
+def _moved(known: Change, newest: Change) -> set[int]:
     """Return the parameters that were other before the two changes, as indices."""
-    sigma = np.sqrt(np.diag(known.covariance) + np.diag(left.covariance))
-    return set(np.flatnonzero(np.abs(known.mean - left.mean) > SHOWN * sigma).tolist())
+    sigma = np.sqrt(np.diag(known.covariance) + np.diag(newest.covariance))
+    return set(np.flatnonzero(np.abs(known.mean - newest.mean) > SHOWN * sigma).tolist())
 
 
-def _vague(left: Change, coordinates: Coordinates) -> set[int]:
-    """Return the parameters of which little was known before the newest change, as they had just changed."""
-    sigma = np.sqrt(np.diag(left.covariance))
-    return {j for j in left.likely if sigma[j] > VAGUE * coordinates.unit[j]}
+def _vague(newest: Change, recent: Collection[int], coordinates: Coordinates) -> set[int]:
+    """Return the recent parameters of which little was known before the newest change."""
+    sigma = np.sqrt(np.diag(newest.covariance))
+    return {j for j in recent if sigma[j] > VAGUE * coordinates.unit[j]}

@@ -15,13 +15,11 @@ from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.input_noise import shown_noise
 from joint_id_core.estimators.innovations.recursion import STATE_NOISE
 from joint_id_core.estimators.shared.fit_data import LONGEST_GAP, SETTLE_S, FitData, without_frozen
-from joint_id_core.online.beginnings import at_labels, first_in_motion
+from joint_id_core.online.beginnings import LEAST, at_labels, begun_anew
 from joint_id_core.online.block import Block, Sizes, room
 from joint_id_core.online.memory import BLOCK_S
 from joint_id_core.online.piece import Piece, Samples, State
 from joint_id_core.online.sharpness import Friction, Sharpness
-
-LEAST = 10  # samples of the shortest motion that is used
 
 
 class Tracker:
@@ -195,22 +193,10 @@ class Tracker:
         for k, piece in enumerate(pieces):
             if piece.begin.start is not None:  # begins at its labels
                 return list(pieces[k:])
-            anew = self._anew(piece)
+            anew = begun_anew(self.data, self._p, piece, self._k)
             if anew is not None:
                 return [anew, *pieces[k + 1 :]]
         return []
-
-    def _anew(self, piece: Piece) -> Piece | None:
-        """Return a stretch that begins at its labels, where the joint moves; None if it is too short."""
-        samples, settle = piece.samples, round(SETTLE_S / self.data.period)
-        if len(samples.time) - settle <= LEAST:
-            return None
-        recording = self.data.recording.trusted(samples.time, {}, frozenset())
-        data = replace(self.data, time=samples.time, u=samples.u, y=samples.y, recording=recording)
-        begin = first_in_motion(data, settle)
-        settled = begin + 1 + settle
-        start = at_labels(data, self._p, slice(begin, settled), self._k)
-        return replace(piece, begin=replace(start[0], start=start), samples=samples.split(settled)[1])
 
     def again(self, pieces: Sequence[Piece], z: Array) -> tuple[Array, list[Piece]] | None:
         """Run over stretches again at another reference; return the cost of each and what it says now.
