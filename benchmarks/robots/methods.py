@@ -11,6 +11,7 @@ import numpy as np
 from joint_id_core import estimators
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import Estimator, Innovations, ParameterSettings, Regression
+from joint_id_core.estimators.matched_load import MatchedLoad
 from joint_id_core.models import Model, build
 from robots.cases import Case, Joint
 from robots.fitted import FRICTION, Fitted, Value
@@ -34,7 +35,8 @@ def fits(case: Case, methods: Sequence[str] = METHODS) -> Iterator[Fitted]:
             for k, recording in enumerate(recordings):
                 fit, values = _fit(method, model, joint, recording)
                 rest = [*recordings[:k], *recordings[k + 1 :], *others] if fit.usable else []
-                held_out = tuple(r_squared_in_motion(model, values, other) for other in rest)
+                load = MatchedLoad(model, [recording] if method != PLAIN else [], None)
+                held_out = tuple(r_squared_in_motion(model, values, load.of(other)) for other in rest)
                 name = f"{recording.source}, part {k + 1}" if case.alone and len(recordings) > 1 else recording.source
                 yield replace(fit, case=case.name, recording=name, held_out=held_out)
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from joint_id_core.arm.description import Description
+from joint_id_core.arm.load_errors import Errors
 from joint_id_core.arm.motion import motion
 from joint_id_core.arm.typical_inertia import typical_inertia
 from joint_id_core.data.recording import Array, Recording
@@ -73,13 +74,18 @@ def loaded(description: Description, joint: str, records: Sequence[Mapping[str, 
             raise JointIdError(
                 f"{own.source}: the joints of the arm were not recorded at the same time: no load is known"
             )
-        loads.append((own, load, accelerations[:, description.joints.index(joint)]))
-    inertia = float(typical_inertia(description)[description.joints.index(joint)])
+        loads.append((own, load, (positions, velocities, accelerations)))
+    k = description.joints.index(joint)
+    inertia = float(typical_inertia(description)[k])
     torques = [
-        means_over_steps(own.time, load.torque + (load.inertia - inertia) * acceleration, own.period)
-        for own, load, acceleration in loads
+        means_over_steps(own.time, load.torque + (load.inertia - inertia) * moved[2][:, k], own.period)
+        for own, load, moved in loads
     ]
-    recordings = tuple(_known(own, torque) for (own, _, _), torque in zip(loads, torques, strict=True))
+    errors = Errors(description, joint)
+    recordings = tuple(
+        replace(_known(own, torque), load_errors=errors.along(own.time, moved))
+        for (own, _, moved), torque in zip(loads, torques, strict=True)
+    )
     rms = float(np.sqrt(np.nanmean(np.concatenate(torques) ** 2)))
     return Loaded(recordings, inertia, rms, description.source)
 

@@ -16,7 +16,15 @@ POSES = 1024  # over which the mean is taken; it is then known to about 0.1 %
 
 
 def typical_inertia(description: Description) -> Array:
-    """Return the mean over all poses of the inertia that each joint moves, in kg m^2 (or kg), shape (joints,).
+    """Return the mean over all poses of the inertia that each joint moves, in kg m^2 (or kg), shape (joints,)."""
+    poses = typical_poses(description)
+    still = np.zeros_like(poses)
+    inertia: Array = description.loads(poses, still, still).inertia.mean(axis=0)
+    return inertia
+
+
+def typical_poses(description: Description) -> Array:
+    """Return positions of all joints that stand for all poses, shape (POSES, joints).
 
     Joints that turn do so over a full turn, whatever their limits; sliding ones are at 0. The zero pose would be no
     better: in that of many arms some joints carry nearly no inertia, as links stand on their axes. The poses are those
@@ -29,7 +37,4 @@ def typical_inertia(description: Description) -> Array:
     for _ in range(60):
         root = (1.0 + root) ** (1.0 / (count + 1))
     steps = root ** -np.arange(1.0, count + 1.0)
-    poses = 2.0 * np.pi * (np.outer(np.arange(1, POSES + 1), steps) % 1.0)
-    still = np.zeros_like(poses)
-    inertia: Array = description.loads(np.where(turns, poses, 0.0), still, still).inertia.mean(axis=0)
-    return inertia
+    return np.where(turns, 2.0 * np.pi * (np.outer(np.arange(1, POSES + 1), steps) % 1.0), 0.0)

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from joint_id_core.data.load_errors import LoadErrors
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError
 
@@ -35,6 +36,7 @@ class Recording:
         joint: name of the joint.
         origin: zero of `time` in whole seconds on the clock of the source. Seconds since 1970 as doubles have a
             resolution of 0.24 us; in that time a motor turns by more than the noise of its encoder.
+        load_errors: what an external torque that was computed may be off by; None if that is not told.
 
     Raises:
         JointIdError: unknown channel, wrong shape, infinite values, time that is not strictly increasing.
@@ -46,6 +48,7 @@ class Recording:
     source: str = "recording"
     joint: str = ""
     origin: int = 0
+    load_errors: LoadErrors | None = None
 
     def __post_init__(self) -> None:
         time = np.asarray(self.time, dtype=float)
@@ -140,7 +143,7 @@ class Recording:
         made = object.__new__(Recording)
         made.__dict__.update(
             time=time, channels=channels, derived=derived, source=self.source,
-            joint=self.joint if joint is None else joint, origin=self.origin,
+            joint=self.joint if joint is None else joint, origin=self.origin, load_errors=self.load_errors,
         )  # fmt: skip
         return made
 

@@ -87,10 +87,14 @@ def fit(
     require_types(model, recording, settings, estimator)
     if isinstance(recording, Sequence):
         return fit_several(model, recording, settings, estimator, progress).estimate
-    from joint_id_core.estimators.shared.computed_load import computed, with_doubt  # loads NumPy
+    from joint_id_core.estimators.matched_load import MatchedLoad  # loads NumPy, as the next
+    from joint_id_core.estimators.shared.computed_load import computed, with_doubt
 
-    estimate = _fit(model, recording, settings, estimator, progress)
-    return with_doubt(estimate, model) if computed(recording) else estimate
+    if not computed(recording):
+        return _fit(model, recording, settings, estimator, progress)
+    load = MatchedLoad(model, [recording], settings)
+    estimate = load.with_doubt(_fit(model, load.of(recording), settings, estimator, progress))
+    return with_doubt(estimate, model)
 
 
 def _fit(
@@ -161,14 +165,17 @@ def fit_several(
     Returns:
         The estimate of all recordings, that of each by itself, and how far each is from all.
     """
-    from joint_id_core.estimators.shared.computed_load import computed, with_doubt  # loads NumPy, as the next
+    from joint_id_core.estimators.matched_load import MatchedLoad  # loads NumPy, as the next
+    from joint_id_core.estimators.shared.computed_load import computed, with_doubt
     from joint_id_core.estimators.together.fit import together
 
-    found = together(model, [_fit(model, one, settings, estimator, progress) for one in recordings], settings)
+    load = MatchedLoad(model, recordings, settings)
+    fits = [_fit(model, load.of(one), settings, estimator, progress) for one in recordings]
+    found = together(model, fits, settings)
     if not any(map(computed, recordings)):
         return found
-    alone = tuple(with_doubt(estimate, model) for estimate in found.alone)
-    return replace(found, estimate=with_doubt(found.estimate, model), alone=alone)
+    alone = tuple(with_doubt(load.with_doubt(one, k), model) for k, one in enumerate(found.alone))
+    return replace(found, estimate=with_doubt(load.with_doubt(found.estimate), model), alone=alone)
 
 
 def build(name: str, **options: object) -> Innovations | Regression | HPinn:
