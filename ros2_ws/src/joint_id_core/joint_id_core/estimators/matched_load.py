@@ -24,10 +24,11 @@ from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate
 
-TINY = 1e-300
-ROUNDS = 5  # in which the noise is found
-TOLD = 0.1  # rms of what was added to the load, over that of the load, from which it is told
-FAR = 4.0  # standard deviations of its prior from which more is wrong than masses
+ROUNDS = 5  # in which the noise is found, and how wide a prior must be
+# Parameters of a flexible joint that take what is wrong with the load on its link, by those of a rigid one.
+OF_LINK = {"J": "J_q", "c": "c_q", "tau_f": "tau_fq", "tau_0": ""}
+TOLD = 0.1  # rms of what was added to the load, over that of the load or of the other torque, from which it is told
+FAR = 1.0  # rms of the factors from which more is wrong than masses
 
 
 @dataclass(frozen=True)
@@ -37,20 +38,24 @@ class _Seen:
     Attributes:
         names: of the k parameters.
         moves: what one unit of each error changes of them, shape (k, m).
+        least: their least standard deviations, shape (k,), as the equations are not exact: see `least_squares`.
         information, vector: on the factors, shapes (m, m) and (m,).
+        torque: rms of the torque that the parameters explain.
     """
 
     names: tuple[str, ...]
     moves: Array
+    least: Array
     information: Array
     vector: Array
+    torque: float
 
 
 class MatchedLoad:
     """The load that suits the motion of recordings of one joint.
 
-    If nothing is told of its errors, or the regression does not suit the model or the recordings, it is the computed
-    one.
+    It is found by inverse dynamics, of a flexible joint by those of a rigid one. If nothing is told of its errors, or
+    these do not suit the recordings, it is the computed one.
 
     Args:
         model, settings: as of `estimators.fit`.
@@ -67,9 +72,9 @@ class MatchedLoad:
         known = [seen for seen in self._seen if seen is not None]
         self._factors: Array | None = None
         if known:
-            self._covariance = np.linalg.inv(sum(one.information for one in known) + np.eye(len(known[0].vector)))
-            self._factors = self._covariance @ sum(one.vector for one in known)
-        self._share = max((self._share_of(recording) for recording in recordings), default=0.0)
+            information = np.sum([one.information for one in known], axis=0)
+            self._factors, self._covariance = _solved(information, np.sum([one.vector for one in known], axis=0))
+        self._said = self._told(recordings)
 
     def of(self, recording: Recording) -> Recording:
         """Return a recording with this load; it may be another one of the joint."""
@@ -78,14 +83,6 @@ class MatchedLoad:
             return bare
         return bare.with_channels({LOAD: recording[LOAD] + errors.at(recording.time) @ self._factors}, derived=True)
 
-    def _share_of(self, recording: Recording) -> float:
-        """Return the rms of what is added to the load, over that of the load."""
-        if self._factors is None or recording.load_errors is None:
-            return 0.0
-        load = recording[LOAD]
-        added = self.of(recording)[LOAD] - load
-        return float(np.sqrt(np.nanmean(added**2) / (np.nanmean(load**2) + TINY)))
-
     def with_doubt(self, estimate: Estimate, number: int | None = None) -> Estimate:
         """Return an estimate of the recording with this number, or of all, with what is not known of the load."""
         used = [one for one in (self._seen if number is None else self._seen[number : number + 1]) if one is not None]
@@ -93,24 +90,50 @@ class MatchedLoad:
             return estimate
         names = [name for name in used[0].names if name in estimate.free]
         own, here = [used[0].names.index(n) for n in names], [estimate.free.index(n) for n in names]
-        moves = np.mean([one.moves for one in used], axis=0)[own]
+        moves, least = (np.mean([getattr(one, what) for one in used], axis=0)[own] for what in ("moves", "least"))
         covariance = estimate.covariance.copy()
-        covariance[np.ix_(here, here)] += moves @ self._covariance @ moves.T
-        return self._told(with_covariance(self._model, estimate, covariance))
-
-    def _told(self, estimate: Estimate) -> Estimate:
-        """Return an estimate that tells how far the load is from the computed one, if it is far."""
-        if self._factors is None or self._share < TOLD:
+        covariance[np.ix_(here, here)] += moves @ self._covariance @ moves.T + np.diag(least**2)
+        estimate = with_covariance(self._model, estimate, covariance)
+        if not self._said:
             return estimate
-        why = "masses of the description or the torque constant are off"
-        if np.abs(self._factors).max() > FAR:
-            why = "more than masses of the description is off, perhaps a tool is missing"
-        said = (
-            f"the load was matched to the motion, by {100.0 * self._share:.0f} % of it: {why} (joint-id arm fit --out "
-            "writes a description that suits)"
-        )
-        notes = (*estimate.notes, sentence(said))
+        notes = (*estimate.notes[:1], sentence(self._said), *estimate.notes[1:])
         return replace(estimate, notes=notes, message=message(notes))
+
+    def _told(self, recordings: Sequence[Recording]) -> str:
+        """Return how far the load is from the computed one, as a clause; "" if it is near."""
+        used = [(one, seen) for one, seen in zip(recordings, self._seen, strict=True) if seen is not None]
+        if self._factors is None:
+            return ""
+        load = _rms(np.concatenate([one[LOAD] for one, _ in used]))
+        added = _rms(np.concatenate([self.of(one)[LOAD] - one[LOAD] for one, _ in used]))
+        if added < TOLD * max(load, *(seen.torque for _, seen in used)):
+            return ""
+        why = "masses of the description or the torque constant are off"
+        if _rms(self._factors) > FAR:
+            why = "more than masses of the description is off, perhaps a tool is missing"
+        return (
+            f"the load was matched to the motion: {added:.3g} Nm rms were added to {load:.3g} Nm, as {why} "
+            "(joint-id arm fit --out writes a description that suits)"
+        )
+
+
+def _rms(values: Array) -> float:
+    """Return the root of the mean square of the known values."""
+    return float(np.sqrt(np.nanmean(values**2)))
+
+
+def _solved(information: Array, vector: Array) -> tuple[Array, Array]:
+    """Return the factors (m,) and their covariance (m, m), from what the recordings say of them.
+
+    Their prior is as wide as the factors that are found, if these are larger (MacKay, Neural Computation 4, 1992).
+    """
+    count, width = len(vector), 1.0
+    for _ in range(ROUNDS):
+        covariance = np.asarray(np.linalg.inv(information + np.eye(count) / width**2), dtype=float)
+        factors = covariance @ vector
+        known = count - float(np.trace(covariance)) / width**2  # factors that the recordings tell
+        width = max(1.0, float(np.linalg.norm(factors)) / np.sqrt(max(known, 1.0)))
+    return factors, covariance
 
 
 def _require_one(loads: Sequence[str]) -> None:
@@ -123,17 +146,23 @@ def _seen(model: Model, recording: Recording, settings: ParameterSettings | None
     errors = recording.load_errors
     if errors is None or model.load != LOAD or LOAD not in recording:
         return None
-    from joint_id_core.estimators.regression.equations import equations  # loads SciPy, as the next
+    from joint_id_core.estimators.regression.as_rigid import as_rigid  # loads SciPy, as the next
+    from joint_id_core.estimators.regression.equations import equations
     from joint_id_core.estimators.regression.estimator import Regression
     from joint_id_core.estimators.regression.fit import suits
     from joint_id_core.estimators.regression.prepared import prepared
     from joint_id_core.estimators.regression.signals import all_smoothed, at_samples
     from joint_id_core.estimators.shared.fit_data import prepare
 
+    part, names = fitted_part(model, recording), dict[str, str]()
     if not suits(model):
-        return None
+        p, _ = (settings or ParameterSettings()).applied_to(model)
+        rigid = as_rigid(part, dict(zip(model.parameter_names, p.tolist(), strict=True)), gravity=False)
+        if rigid is None or rigid.side != "link":
+            return None
+        model, part, settings, names = rigid.model, rigid.recording, rigid.settings, OF_LINK
     try:
-        data = prepare(model, fitted_part(model, recording), settings, leave_out_rests=True)
+        data = prepare(model, part, settings, leave_out_rests=True)
         ready = prepared(data, Regression())
     except JointIdError:
         return None
@@ -149,7 +178,16 @@ def _seen(model: Model, recording: Recording, settings: ParameterSettings | None
     moves[seen] = np.linalg.lstsq(columns, table, rcond=None)[0]
     beside = table - columns @ moves[seen]
     noise = _noise(samples.y, columns, beside, samples.rows.pieces)
-    return _Seen(found.names, moves, beside.T @ beside / noise, beside.T @ samples.y / noise)
+    least = np.zeros(len(seen))
+    least[seen] = samples.accuracy * np.sqrt(np.mean(samples.y**2) / np.mean(columns**2, axis=0))
+    return _Seen(
+        tuple(names.get(n, n) for n in found.names),
+        moves,
+        least,
+        beside.T @ beside / noise,
+        beside.T @ samples.y / noise,
+        _rms(samples.y),
+    )
 
 
 def _noise(y: Array, columns: Array, errors: Array, pieces: NDArray[np.int64]) -> float:

@@ -12,7 +12,19 @@ from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.regression.fit import regressed
 from joint_id_core.estimators.regression.fitted import Fitted
 from joint_id_core.estimators.shared.settings import ParameterSettings
-from joint_id_core.models import build
+from joint_id_core.models import Model, build
+
+
+class Rigid(NamedTuple):
+    """What a recording of any joint shows of a rigid one: its model, the recording and the settings for it.
+
+    `side` is the one whose motion they have: "link" or "motor".
+    """
+
+    model: Model
+    recording: Recording
+    settings: ParameterSettings
+    side: str
 
 
 class AsRigid(NamedTuple):
@@ -22,17 +34,15 @@ class AsRigid(NamedTuple):
     side: str
 
 
-def regressed_as_rigid(recording: Recording, values: Mapping[str, float] | None = None) -> AsRigid | None:
-    """Return the regression of a recording as that of a rigid joint; None if a drive or a motion is not measured.
+def as_rigid(recording: Recording, values: Mapping[str, float] | None = None, gravity: bool = True) -> Rigid | None:
+    """Return a recording as that of a rigid joint; None if a drive or a motion is not measured.
 
     Of two sides, the link's is taken.
 
     Args:
         recording: of any joint.
         values: gear ratio `N` and torque constant `k_t`; 1 if missing. Of the motor's side, the gear ratio is 1.
-
-    Raises:
-        JointIdError: the recording cannot be used.
+        gravity: whether the model has gravity, if the angle of the link is measured.
     """
     measured = [n for n in recording.channels if recording.measured(n)]
     drive = next((n for n in ("torque", "current") if n in measured), None)
@@ -44,9 +54,21 @@ def regressed_as_rigid(recording: Recording, values: Mapping[str, float] | None 
     if sides[0] == "motor":
         channels = {across_gear(n) or n: values for n, values in channels.items()}
     has_angle = sides[0] == "link" and "link_position" in channels
-    model = build("rigid_joint", gravity=has_angle, actuation=drive)
+    model = build("rigid_joint", gravity=gravity and has_angle, actuation=drive)
     given = {"N": 1.0, "k_t": 1.0, **(values or {})}
     constants = {"N": given["N"] if sides[0] == "link" else 1.0}
     constants |= {"k_t": given["k_t"]} if drive == "current" else {}
     part = Recording(recording.time, channels, source=recording.source)
-    return AsRigid(regressed(model, part, ParameterSettings(constants), Regression()), sides[0])
+    return Rigid(model, part, ParameterSettings(constants), sides[0])
+
+
+def regressed_as_rigid(recording: Recording, values: Mapping[str, float] | None = None) -> AsRigid | None:
+    """Return the regression of a recording as that of a rigid joint; arguments and None as of `as_rigid`.
+
+    Raises:
+        JointIdError: the recording cannot be used.
+    """
+    rigid = as_rigid(recording, values)
+    if rigid is None:
+        return None
+    return AsRigid(regressed(rigid.model, rigid.recording, rigid.settings, Regression()), rigid.side)

@@ -1,0 +1,181 @@
+"""A load whose description has other masses than the arm: it is matched to the motion, and intervals reckon with it."""
+
+from __future__ import annotations
+
+import functools
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from joint_id_core.data.load_errors import LoadErrors
+from joint_id_core.data.recording import Recording
+from joint_id_core.errors import JointIdError
+from joint_id_core.estimators import Innovations, Regression, fit, fit_several
+from joint_id_core.estimators.matched_load import MatchedLoad
+from joint_id_core.models import build
+
+from . import moving_arm
+from .moving_arm import CARRYING, COULOMB, EVERY_OTHER, JOINTS, ROTOR, URDF, VISCOUS
+
+pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
+pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
+
+from joint_id_core.arm.description import Description
+from joint_id_core.arm.loaded import loaded
+from joint_id_core.arm.typical_inertia import typical_inertia
+
+RIGID, LOAD = build("rigid_joint"), "external_torque"
+GAIN = 0.85  # of the torque constant that the user takes over the true one
+ESTIMATORS = [Innovations(), Regression()]
+NAMES = [one.name for one in ESTIMATORS]
+
+
+def real(seed: int, urdf: str = URDF, spread: float = 0.25) -> str:
+    """The arm as it was built: other masses, and centres of mass some cm away."""
+    rng = np.random.default_rng([seed, 7])
+
+    def mass(found: re.Match[str]) -> str:
+        return f'mass value="{float(found[1]) * np.exp(spread * rng.standard_normal())}"'
+
+    def centre(found: re.Match[str]) -> str:
+        moved = [float(part) + 0.1 * spread * rng.standard_normal() for part in found[1].split()]
+        return f'<origin xyz="{" ".join(map(str, moved))}" rpy="0 0 0.3"/>'
+
+    other = re.sub(r'mass value="([^"]*)"', mass, urdf)
+    return re.sub(r'<origin xyz="([^"]*)" rpy="0 0 0.3"/>', centre, other)
+
+
+@functools.cache
+def moved(urdf: str, seed: int, seconds: float = 12.0) -> dict[str, Recording]:
+    recordings = moving_arm.rigid(seconds, seed, urdf)
+    return {n: r.with_channels({"torque": GAIN * r["torque"]}) for n, r in recordings.items()}
+
+
+def described(urdf: str, name: str, *seeds: int) -> list[Recording]:
+    """Recordings of a joint of that arm, with the load of the description that its user has."""
+    return list(loaded(Description(URDF), name, [moved(urdf, seed) for seed in seeds]).recordings)
+
+
+def truth(urdf: str, name: str) -> dict[str, float]:
+    """In units of the torque constant that the user takes."""
+    k = JOINTS.index(name)
+    inertia = ROTOR[k] + typical_inertia(Description(urdf))[k]
+    return {n: GAIN * value for n, value in (("J", inertia), ("c", VISCOUS[k]), ("tau_f", COULOMB[k]))}
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=NAMES)
+@pytest.mark.parametrize("name", EVERY_OTHER)
+def test_friction_and_inertia_are_right_though_masses_and_torque_constants_are_not(name, estimator):
+    urdf = real(1)
+    estimate = fit(RIGID, described(urdf, name, 1)[0], None, estimator)
+    assert estimate.converged, estimate.message
+    for parameter, value in truth(urdf, name).items():
+        row = estimate[parameter]
+        assert abs(row.value - value) < 4.0 * row.std_dev, (parameter, row, value)
+        assert row.std_dev < 0.03 * value
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=NAMES)
+def test_without_that_the_inertia_is_far_off(estimator):
+    """Otherwise the test above would show nothing."""
+    urdf = real(1)
+    off = []
+    for name in ("turn", "lift"):
+        raw = replace(described(urdf, name, 1)[0], load_errors=None)
+        estimate = fit(RIGID, raw, None, estimator)
+        row = estimate["J"]
+        off.append(not estimate.converged or abs(row.value - truth(urdf, name)["J"]) > 0.1 * row.value)
+    assert any(off)
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=NAMES)
+@pytest.mark.parametrize("name", EVERY_OTHER)
+def test_a_tool_that_the_description_lacks_is_told(name, estimator):
+    estimate = fit(RIGID, described(CARRYING, name, 1)[0], None, estimator)
+    assert estimate.converged, estimate.message
+    for parameter, value in truth(CARRYING, name).items():
+        assert abs(estimate[parameter].value - value) < 4.0 * estimate[parameter].std_dev, parameter
+    assert "perhaps a tool is missing (joint-id arm fit --out" in estimate.message
+
+
+def test_the_load_of_the_right_description_stays_as_it_is():
+    recording = loaded(Description(URDF), "bend", [moving_arm.rigid(12.0, 1)]).recordings[0]
+    found = MatchedLoad(RIGID, [recording], None).of(recording)[LOAD]
+    size = np.sqrt(np.nanmean(recording[LOAD] ** 2))
+    assert np.sqrt(np.nanmean((found - recording[LOAD]) ** 2)) < 0.003 * size
+    assert not any("matched" in note for note in fit(RIGID, recording).notes)
+
+
+def test_it_is_the_load_of_other_motions_too():
+    """As where a fit is to predict another recording: what is added to its load comes from the first one."""
+    urdf = real(2)
+    first, other = described(urdf, "lift", 1, 2)
+    found = MatchedLoad(RIGID, [first], None).of(other)
+    exact = loaded(Description(urdf), "lift", [moved(urdf, 2)]).recordings[0]
+    before = other[LOAD] - GAIN * exact[LOAD]
+    after = found[LOAD] - GAIN * exact[LOAD]
+    assert found.load_errors is None and LOAD in found.derived
+    assert np.nanstd(after) < 0.1 * np.nanstd(before)
+    assert np.nanstd(before) > 0.1 * np.nanstd(exact[LOAD])
+
+
+def test_recordings_that_are_fitted_together_have_one_load():
+    urdf = real(3)
+    recordings = described(urdf, "lift", 1, 2)
+    both = fit_several(RIGID, recordings, None, Regression())
+    for parameter, value in truth(urdf, "lift").items():
+        row = both.estimate[parameter]
+        assert abs(row.value - value) < 4.0 * row.std_dev, (parameter, row, value)
+        assert row.std_dev <= 1.05 * min(one[parameter].std_dev for one in both.alone)
+
+
+def test_what_is_not_known_of_the_load_widens_the_intervals():
+    """Against the scatter of least squares when the load is drawn from its prior, where the motion does not tell it."""
+    recording = loaded(Description(URDF), "lift", [moving_arm.rigid(12.0, 1)]).recordings[0]
+    alone = fit(RIGID, replace(recording, load_errors=None), None, Regression())
+    with_errors = fit(RIGID, recording, None, Regression())
+    for name in ("J", "c", "tau_f"):
+        assert with_errors[name].std_dev > alone[name].std_dev
+        assert abs(with_errors[name].value - alone[name].value) < 4.0 * with_errors[name].std_dev
+
+
+def test_factors_follow_from_least_squares_with_their_prior():
+    """Against the same with more columns and a row for the prior of each factor."""
+    from joint_id_core.estimators.matched_load import _solved
+
+    rng = np.random.default_rng(0)
+    errors, true = rng.standard_normal((200, 3)), np.array([0.5, -0.8, 0.1])
+    y = errors @ true + 0.1 * rng.standard_normal(200)
+    factors, covariance = _solved(errors.T @ errors / 0.01, errors.T @ y / 0.01)
+    rows, wanted = np.vstack([errors / 0.1, np.eye(3)]), np.concatenate([y / 0.1, np.zeros(3)])
+    np.testing.assert_allclose(factors, np.linalg.lstsq(rows, wanted, rcond=None)[0], rtol=1e-9)
+    np.testing.assert_allclose(covariance, np.linalg.inv(rows.T @ rows), rtol=1e-9)
+
+
+def test_a_prior_that_is_too_narrow_gets_wider():
+    from joint_id_core.estimators.matched_load import _solved
+
+    rng = np.random.default_rng(0)
+    errors, true = rng.standard_normal((200, 3)), np.array([30.0, -20.0, 25.0])
+    y = errors @ true + 10.0 * rng.standard_normal(200)
+    factors, _ = _solved(errors.T @ errors / 100.0, errors.T @ y / 100.0)
+    np.testing.assert_allclose(factors, np.linalg.lstsq(errors, y, rcond=None)[0], rtol=0.01)
+
+
+def test_errors_between_their_instants_are_a_straight_line():
+    errors = LoadErrors(np.array([0.0, 1.0]), np.array([[0.0, 1.0], [2.0, -1.0]]), "a load")
+    np.testing.assert_allclose(errors.at(np.array([0.25, 0.5])), [[0.5, 0.5], [1.0, 0.0]])
+
+
+def test_loads_of_two_descriptions_are_refused():
+    one = described(URDF, "lift", 1)[0]
+    other = loaded(Description(URDF, "other.urdf"), "lift", [moved(URDF, 2)]).recordings[0]
+    with pytest.raises(JointIdError, match="one description"):
+        fit_several(RIGID, [one, other])
+
+
+def test_a_model_without_a_load_does_not_need_it():
+    recording = described(URDF, "lift", 1)[0]
+    assert MatchedLoad(build("motor_side"), [recording], None).of(recording).load_errors is None
