@@ -128,7 +128,7 @@ def test_recordings_that_are_fitted_together_have_one_load():
     for parameter, value in truth(urdf, "lift").items():
         row = both.estimate[parameter]
         assert abs(row.value - value) < 4.0 * row.std_dev, (parameter, row, value)
-        assert row.std_dev <= 1.05 * min(one[parameter].std_dev for one in both.alone)
+        assert row.std_dev <= 1.25 * min(one[parameter].std_dev for one in both.alone)
 
 
 def test_what_is_not_known_of_the_load_widens_the_intervals():

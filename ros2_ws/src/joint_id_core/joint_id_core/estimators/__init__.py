@@ -169,13 +169,15 @@ def fit_several(
     from joint_id_core.estimators.shared.computed_load import computed, with_doubt
     from joint_id_core.estimators.together.fit import together
 
+    if not any(map(computed, recordings)):
+        return together(model, [_fit(model, one, settings, estimator, progress) for one in recordings], settings)
     load = MatchedLoad(model, recordings, settings)
     fits = [_fit(model, load.of(one), settings, estimator, progress) for one in recordings]
-    found = together(model, fits, settings)
-    if not any(map(computed, recordings)):
-        return found
-    alone = tuple(with_doubt(load.with_doubt(one, k), model) for k, one in enumerate(found.alone))
-    return replace(found, estimate=with_doubt(load.with_doubt(found.estimate), model), alone=alone)
+    found = together(model, [load.with_doubt(one, k) for k, one in enumerate(fits)], settings)
+    # What is not known of the load is the same in all recordings, so they do not average it away.
+    estimate = load.with_doubt(found.estimate) if len(fits) > 1 else found.estimate
+    alone = tuple(with_doubt(one, model) for one in found.alone)
+    return replace(found, estimate=with_doubt(estimate, model), alone=alone)
 
 
 def build(name: str, **options: object) -> Innovations | Regression | HPinn:
