@@ -8,6 +8,9 @@ them, with factors that follow from the motion (see `arm.regressor`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
 
 from joint_id_core.arm.description import Description
@@ -15,7 +18,6 @@ from joint_id_core.arm.regressor import OF_LINK, Regressor
 from joint_id_core.arm.typical_inertia import typical_poses
 from joint_id_core.data.load_errors import LoadErrors
 from joint_id_core.data.recording import Array
-from joint_id_core.errors import JointIdError
 
 SHARE = 0.3  # standard deviation of a mass, of first moments and inertias as far as the mass makes them
 SCALE = 0.2  # the same of the whole load, in units of a torque that is current times a constant
@@ -26,46 +28,68 @@ RATE_HZ = 100.0  # of the samples at which they are computed: loads of an arm ar
 
 
 class Errors:
-    """What the load of a joint may be off by; nothing is told if a joint of the description follows another one.
+    """What the loads of the joints of an arm may be off by.
 
     Args:
-        description, joint: of the arm, and whose load it is.
+        description: of the arm.
+
+    Raises:
+        JointIdError: a joint of it follows another one.
     """
 
-    def __init__(self, description: Description, joint: str) -> None:
-        self._joint, self._of = description.joints.index(joint), f"the load of {joint} by {description.source}"
-        try:
-            self._regressor: Regressor | None = Regressor(description)
-        except JointIdError:
-            self._regressor = None
-            return
-        poses = typical_poses(description)
-        still, moved = np.zeros_like(poses), np.zeros_like(poses)
-        moved[:, self._joint] = 1.0
-        inertia = self._rows(poses, still, moved) - self._rows(poses, still, still)
-        self._kept_inertia = inertia.mean(axis=0)  # stays with the model, as the typical inertia does
-        rng = np.random.default_rng(0)
-        speed, rate = rng.standard_normal((2, *poses.shape))  # rad/s, rad/s^2
-        ways = _one_sigma(self._regressor)
-        _, sizes, turned = np.linalg.svd(self._torques(poses, speed, rate) @ ways, full_matrices=False)
-        self._ways = ways @ turned[sizes > LITTLE * sizes[0]].T
+    def __init__(self, description: Description) -> None:
+        self._regressor, self._description = Regressor(description), description
+        self._sigma = _one_sigma(self._regressor)
+        self._joints: dict[int, _OfJoint] = {}
 
-    def along(self, time: Array, motion: tuple[Array, Array, Array]) -> LoadErrors | None:
-        """Return the errors at instants (T,) in s; motion: positions, velocities, accelerations, each (T, n)."""
-        if self._regressor is None:
-            return None
+    def along(self, joints: Sequence[str], time: Array, motion: tuple[Array, Array, Array]) -> dict[str, LoadErrors]:
+        """Return the errors of the loads of some joints at instants (T,) in s, where the motion is known.
+
+        Args:
+            joints: of the description.
+            time: of the samples.
+            motion: positions, velocities and accelerations of all joints of the description, shapes (T, n).
+        """
         known = np.flatnonzero(np.all([np.isfinite(part).all(axis=1) for part in motion], axis=0))
         period = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
         rows = known[:: max(1, round(1.0 / (RATE_HZ * period)))]
-        return LoadErrors(time[rows], self._torques(*(part[rows] for part in motion)) @ self._ways, self._of)
+        q, dq, ddq = (part[rows] for part in motion)
+        torques, source = self._regressor.rows(q, dq, ddq)[0], self._description.source
+        found = {}
+        for name in joints:
+            k = self._description.joints.index(name)
+            of_joint = self._of_joint(k)
+            own = torques[:, k] - np.outer(ddq[:, k], of_joint.inertia)
+            found[name] = LoadErrors(time[rows], own @ of_joint.ways, f"the load of {name} by {source}")
+        return found
 
-    def _torques(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return the load by unit base parameters, shape (T, B)."""
-        return self._rows(q, dq, ddq) - np.outer(ddq[:, self._joint], self._kept_inertia)
+    def _of_joint(self, k: int) -> _OfJoint:
+        if k not in self._joints:
+            poses = typical_poses(self._description)
+            still, moved = np.zeros_like(poses), np.zeros_like(poses)
+            moved[:, k] = 1.0
+            rows = self._regressor.rows
+            inertia = (rows(poses, still, moved)[0] - rows(poses, still, still)[0])[:, k].mean(axis=0)
+            speed, rate = np.random.default_rng(0).standard_normal((2, *poses.shape))  # rad/s, rad/s^2
+            torques = rows(poses, speed, rate)[0][:, k] - np.outer(rate[:, k], inertia)
+            _, sizes, turned = np.linalg.svd(torques @ self._sigma, full_matrices=False)
+            self._joints[k] = _OfJoint(inertia, self._sigma @ turned[sizes > LITTLE * sizes[0]].T)
+        return self._joints[k]
 
-    def _rows(self, q: Array, dq: Array, ddq: Array) -> Array:
-        assert self._regressor is not None
-        return self._regressor.rows(q, dq, ddq)[0][:, self._joint]
+
+class _OfJoint(NamedTuple):
+    """What unit base parameters add to the typical inertia, (B,), and the directions (B, m) that the load shows.
+
+    That inertia stays with the model.
+    """
+
+    inertia: Array
+    ways: Array
+
+
+def errors_of(description: Description) -> Errors | None:
+    """Return the errors of the loads of an arm; None if nothing can be told of them, as joints follow other ones."""
+    return None if description.mimics else Errors(description)
 
 
 def _one_sigma(regressor: Regressor) -> Array:

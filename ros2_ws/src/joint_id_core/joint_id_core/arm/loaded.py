@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from joint_id_core.arm.description import Description
-from joint_id_core.arm.load_errors import Errors
+from joint_id_core.arm.load_errors import errors_of
 from joint_id_core.arm.motion import motion
 from joint_id_core.arm.typical_inertia import typical_inertia
 from joint_id_core.data.recording import Array, Recording
@@ -42,7 +42,7 @@ class Loaded:
         """What was done, as a sentence."""
         return (
             f"The load of the rest of the arm, {self.rms:.3g} Nm rms, is from {self.source}; the estimated inertia "
-            f"holds {self.inertia:.3g} kg m^2 of the links, the rest is of the rotor."
+            f"holds {self.inertia:.3g} kg m^2 of the links by its masses, the rest is of the rotor."
         )
 
 
@@ -81,9 +81,11 @@ def loaded(description: Description, joint: str, records: Sequence[Mapping[str, 
         means_over_steps(own.time, load.torque + (load.inertia - inertia) * moved[2][:, k], own.period)
         for own, load, moved in loads
     ]
-    errors = Errors(description, joint)
+    errors = errors_of(description)
     recordings = tuple(
-        replace(_known(own, torque), load_errors=errors.along(own.time, moved))
+        replace(
+            _known(own, torque), load_errors=None if errors is None else errors.along([joint], own.time, moved)[joint]
+        )
         for (own, _, moved), torque in zip(loads, torques, strict=True)
     )
     rms = float(np.sqrt(np.nanmean(np.concatenate(torques) ** 2)))

@@ -81,7 +81,8 @@ class MatchedLoad:
         errors, bare = recording.load_errors, replace(recording, load_errors=None)
         if errors is None or self._factors is None:
             return bare
-        return bare.with_channels({LOAD: recording[LOAD] + errors.at(recording.time) @ self._factors}, derived=True)
+        middle = recording.time + 0.5 * recording.period  # a load is held over the step after each sample
+        return bare.with_channels({LOAD: recording[LOAD] + errors.at(middle) @ self._factors}, derived=True)
 
     def with_doubt(self, estimate: Estimate, number: int | None = None) -> Estimate:
         """Return an estimate of the recording with this number, or of all, with what is not known of the load."""
@@ -151,7 +152,7 @@ def _seen(model: Model, recording: Recording, settings: ParameterSettings | None
     from joint_id_core.estimators.regression.estimator import Regression
     from joint_id_core.estimators.regression.fit import suits
     from joint_id_core.estimators.regression.prepared import prepared
-    from joint_id_core.estimators.regression.signals import all_smoothed, at_samples
+    from joint_id_core.estimators.regression.signals import all_smoothed
     from joint_id_core.estimators.shared.fit_data import prepare
 
     part, names = fitted_part(model, recording), dict[str, str]()
@@ -170,8 +171,8 @@ def _seen(model: Model, recording: Recording, settings: ParameterSettings | None
     if found is None:
         return None
     samples, _ = ready.compared(found)
-    torques = np.array([at_samples(column) for column in errors.at(ready.time).T]).T
-    table = all_smoothed(ready.time, {LOAD: torques}, ready.usable, ready.band_hz)[LOAD][samples.rows.index]
+    torques = {LOAD: errors.at(ready.time)}
+    table = all_smoothed(ready.time, torques, ready.usable, ready.band_hz)[LOAD][samples.rows.index]
     seen = np.any(samples.columns != 0.0, axis=0)
     columns = samples.columns[:, seen]
     moves = np.zeros((len(found.names), table.shape[1]))

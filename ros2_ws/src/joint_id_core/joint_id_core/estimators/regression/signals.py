@@ -129,11 +129,11 @@ def motion(data: FitData, cutoff_hz: float) -> Motion:
         rates[name] = known.channels.get(derivative_of(name) or "", rate)
     zero = np.zeros(len(known))
     u = {s.name: known.channels.get(s.name, recording.channels.get(s.name, zero)) for s in model.inputs}
-    u = {s.name: at_samples(u[s.name]) if s.hold == "zero" else u[s.name] for s in model.inputs}
+    u = {s.name: _at_samples(u[s.name]) if s.hold == "zero" else u[s.name] for s in model.inputs}
     return Motion(x, {n: differentiate(known.time, v, options, 0)[0] for n, v in u.items()}, rates)
 
 
-def at_samples(held: Array) -> Array:
+def _at_samples(held: Array) -> Array:
     """Return what an input that is constant from each sample to the next does at the instants of the samples.
 
     Such an input acts half a period late, with the gain sinc(w T / 2). The weights have this gain up to (w T)^4.
