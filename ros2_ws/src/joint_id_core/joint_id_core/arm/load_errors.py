@@ -9,6 +9,7 @@ them, with factors that follow from the motion (see `arm.regressor`).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ SCALE = 0.2  # the same of the whole load, in units of a torque that is current 
 # Sizes that a body has at least, over the means of all: a tool or cables may be missing in the description.
 LEAST_MASS, LEAST_LEVER = 0.1, 0.5
 LITTLE = 1e-3  # size of an error over that of the largest one that does not count
+STATES = 256  # random ones that show which errors count
 RATE_HZ = 100.0  # of the samples at which they are computed: loads of an arm are slower than 10 Hz
 
 
@@ -63,13 +65,26 @@ class Errors:
             found[name] = LoadErrors(time[rows], own @ of_joint.ways, f"the load of {name} by {source}")
         return found
 
+    def prepare(self, joints: Sequence[str]) -> None:
+        """Compute what `along` needs of these joints; else it takes a tenth of a second for each at its first call."""
+        for name in joints:
+            self._of_joint(self._description.joints.index(name))
+
+    @cached_property
+    def _at_rest(self) -> tuple[Array, Array]:
+        """Typical poses (P, n), and the torques of all joints there by unit base parameters, shape (P, n, B)."""
+        poses = typical_poses(self._description)
+        still = np.zeros_like(poses)
+        return poses, self._regressor.rows(poses, still, still)[0]
+
     def _of_joint(self, k: int) -> _OfJoint:
         if k not in self._joints:
-            poses = typical_poses(self._description)
-            still, moved = np.zeros_like(poses), np.zeros_like(poses)
+            poses, resting = self._at_rest
+            moved = np.zeros_like(poses)
             moved[:, k] = 1.0
             rows = self._regressor.rows
-            inertia = (rows(poses, still, moved)[0] - rows(poses, still, still)[0])[:, k].mean(axis=0)
+            inertia = (rows(poses, np.zeros_like(poses), moved)[0] - resting)[:, k].mean(axis=0)
+            poses = poses[:STATES]
             speed, rate = np.random.default_rng(0).standard_normal((2, *poses.shape))  # rad/s, rad/s^2
             torques = rows(poses, speed, rate)[0][:, k] - np.outer(rate[:, k], inertia)
             _, sizes, turned = np.linalg.svd(torques @ self._sigma, full_matrices=False)

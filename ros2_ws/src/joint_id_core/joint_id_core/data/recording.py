@@ -152,3 +152,9 @@ class Recording:
         names = frozenset(changes)
         marks = self.derived | names if derived else self.derived - names
         return replace(self, channels={**self.channels, **changes}, derived=marks)
+
+    def with_load_errors(self, errors: LoadErrors | None) -> Recording:
+        """Return a copy with what its computed external torque may be off by; None: that is not told."""
+        made = self.trusted(self.time, self.channels, self.derived)
+        made.__dict__["load_errors"] = errors
+        return made

@@ -78,7 +78,7 @@ class MatchedLoad:
 
     def of(self, recording: Recording) -> Recording:
         """Return a recording with this load; it may be another one of the joint."""
-        errors, bare = recording.load_errors, replace(recording, load_errors=None)
+        errors, bare = recording.load_errors, recording.with_load_errors(None)
         if errors is None or self._factors is None:
             return bare
         middle = recording.time + 0.5 * recording.period  # a load is held over the step after each sample

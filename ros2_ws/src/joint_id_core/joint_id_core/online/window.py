@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.cell.kernel import compile_shared
+from joint_id_core.data.load_errors import joined
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 
@@ -168,6 +169,7 @@ class SlidingWindow:
     def since(self, instant: float) -> SlidingWindow:
         """Return a window of the same length with the samples from an instant in s on."""
         kept = SlidingWindow(self._length)
+        kept._period = self._period  # that a pause is one
         for part in self._parts:
             kept.append(part.samples.slice(int(part.samples.time.searchsorted(instant)), len(part.samples)))
         return kept
@@ -217,4 +219,5 @@ def _joined(parts: Sequence[Recording]) -> Recording:
             [np.full(len(part), np.nan) if row is None else row for part, row in zip(parts, rows, strict=True)]
         )
     # the parts and their order were already checked
-    return last.trusted(np.concatenate([part.time for part in parts]), channels, derived)
+    whole = last.trusted(np.concatenate([part.time for part in parts]), channels, derived)
+    return whole if last.load_errors is None else whole.with_load_errors(joined(part.load_errors for part in parts))
