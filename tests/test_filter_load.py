@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from core_arm import moving_arm
@@ -157,3 +159,27 @@ def test_wrong_parameters_end_the_filter_with_one_line(start, probe, parameters,
     assert process.wait() == 2
     (line,) = process.text.strip().splitlines()
     assert line.startswith("filter: ") and told in line
+
+
+def test_the_identifier_matches_the_load_of_other_masses_to_the_motion(start, probe, arm, tmp_path):
+    """The description of the user has masses that are 40 % too large; as computed, the load leaves poor fits."""
+    masses = re.sub(r'mass value="([^"]*)"', lambda found: f'mass value="{1.4 * float(found[1])}"', URDF)
+    (tmp_path / "arm.urdf").write_text(masses)
+    found = probe.collect(JointParams, "joint_params", LATEST)
+    start("identifier", model="rigid_joint", actuation="torque", joints=["lift"], urdf=str(tmp_path / "arm.urdf"))
+    playing = Playing(start, probe, arm, urdf=str(tmp_path / "arm.urdf"))
+    probe.until(lambda: probe.count_subscribers("joint_samples") >= 2, "the identifier")
+
+    def matched() -> JointEstimate | None:
+        lift = found[-1].joints[0] if found and found[-1].joints else None
+        return lift if lift is not None and "The load was matched to the motion" in lift.message else None
+
+    for _ in range(28):  # a fit of the newest seconds takes its time, too
+        playing.send(0.5)
+        probe.spin(0.3)
+    probe.until(lambda: matched() is not None, "an estimate with a load that is matched")
+    lift = matched()
+    assert lift.status == JointEstimate.CONVERGED, lift.message
+    k, rows = JOINTS.index("lift"), {p.name: p for p in lift.parameters}
+    for name, truth in (("c", moving_arm.VISCOUS[k]), ("tau_f", moving_arm.COULOMB[k])):
+        assert abs(rows[name].value - truth) < 4.0 * rows[name].std_dev < 0.3 * truth, (name, rows[name], truth)

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from joint_id_core.data.load_errors import LoadErrors
+from joint_id_core.data.load_errors import SampledErrors
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import Innovations, Regression, fit, fit_several
@@ -165,8 +165,9 @@ def test_a_prior_that_is_too_narrow_gets_wider():
 
 
 def test_errors_between_their_instants_are_a_straight_line():
-    errors = LoadErrors(np.array([0.0, 1.0]), np.array([[0.0, 1.0], [2.0, -1.0]]), "a load")
+    errors = SampledErrors(np.array([0.0, 1.0]), np.array([[0.0, 1.0], [2.0, -1.0]]), "a load")
     np.testing.assert_allclose(errors.at(np.array([0.25, 0.5])), [[0.5, 0.5], [1.0, 0.0]])
+    assert np.isnan(errors.at(np.array([-1.6, 2.6]))).all()
 
 
 def test_loads_of_two_descriptions_are_refused():

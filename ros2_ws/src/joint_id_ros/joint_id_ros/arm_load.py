@@ -6,17 +6,15 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 from rclpy.node import Node
-from std_msgs.msg import String
 
 from joint_id_core.alignment.aligner import AlignedSamples
 from joint_id_core.alignment.inputs import InputOptions
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.gravity_watch import GravityWatch
 from joint_id_core.arm.online_load import OnlineLoad, with_unknown_load
-from joint_id_core.arm.urdf import loaded_pinocchio
 from joint_id_core.errors import JointIdError
+from joint_id_ros.description_source import DescriptionSource
 from joint_id_ros.options.load import LoadOptions
-from joint_id_ros.qos import LATEST
 
 
 class ArmLoad:
@@ -45,7 +43,6 @@ class ArmLoad:
         self._options, self._max_gap, self._tell = options, max_gap, tell
         self._load: OnlineLoad | None = None
         self._gravity: GravityWatch | None = None
-        self._text = self._refused = ""
         self._left: list[AlignedSamples] = []  # samples that waited for a load of an earlier description
         self._joints: tuple[str, ...] = ()  # of the newest samples
         if not options.given:
@@ -55,27 +52,14 @@ class ArmLoad:
                 "the effort is without the part that holds gravity (gravity_free_torque), so the load must be, too: "
                 "set base_gravity to [0.0, 0.0, 0.0]"
             )
-        if options.urdf:
-            self._use(Description.read(options.urdf, options.base_gravity))
-            return
-        loaded_pinocchio()  # before samples come
-        self._topic = node.resolve_topic_name(options.description_topic)
-        node.create_subscription(String, options.description_topic, self._on_description, LATEST)
+        self._source = DescriptionSource(node, options, self._use, tell)
 
-    def _use(self, description: Description) -> None:
-        self._load, self._gravity = OnlineLoad(description, self._max_gap), GravityWatch(description)
-
-    def _on_description(self, message: String) -> None:
-        if message.data == self._text:
-            return
+    def _use(self, description: Description | None) -> None:
         if self._load is not None:
             self._left += self._load.release()
-        self._text, self._load, self._gravity, self._refused = message.data, None, None, ""
-        try:
-            self._use(Description(message.data, self._topic, self._options.base_gravity))
-        except JointIdError as error:
-            self._refused = str(error)
-            self._tell("description", self._refused)
+        self._load = self._gravity = None
+        if description is not None:
+            self._load, self._gravity = OnlineLoad(description, self._max_gap), GravityWatch(description)
 
     def add(self, samples: Iterable[AlignedSamples]) -> list[AlignedSamples]:
         """Take samples and return those that need not wait for their load any more."""
@@ -104,7 +88,8 @@ class ArmLoad:
         if not self._options.given:
             return ""
         if self._load is None:
-            return f"the load of the arm is not known: {self._refused or f'no description on {self._topic} yet'}"
+            why = self._source.refused or f"no description on {self._source.name} yet"
+            return f"the load of the arm is not known: {why}"
         if self._load.missing and self._joints:
             return (
                 f"the load of the arm is not known: no position of {', '.join(self._load.missing)}, which the "
@@ -118,6 +103,6 @@ class ArmLoad:
         """Values for the diagnostics."""
         if not self._options.given:
             return {}
-        known = "not known" if self._load is None or self._load.missing else f"of {self._options.urdf or self._topic}"
+        known = "not known" if self._load is None or self._load.missing else f"of {self._source.name}"
         without = "; ".join(f"{joint}: {why}" for joint, why in self._load.unloaded.items()) if self._load else ""
         return {"load": known, "without a load": without or "none"}

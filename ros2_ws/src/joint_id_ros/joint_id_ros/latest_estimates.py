@@ -27,8 +27,9 @@ class LatestEstimates:
         self._lock = threading.Lock()  # of two messages, the newer one is published last
 
     def begin(self, estimates: Mapping[str, Values]) -> None:
-        """Replace all estimates."""
+        """Replace all estimates, and publish those."""
         self._estimates, self._new = dict(estimates), bool(estimates or self._estimates)
+        self.publish()
 
     def put(self, joint: str, estimate: Values) -> None:
         """Take an estimate that `publish` will send."""
@@ -37,6 +38,7 @@ class LatestEstimates:
     def drop(self, joint: str) -> None:
         """Take back what was published of a joint."""
         self._new = self._estimates.pop(joint, None) is not None or self._new
+        self.publish()
 
     def publish(self) -> None:
         """Publish, if there is anything new."""

@@ -6,7 +6,7 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -45,6 +45,7 @@ class Callbacks:
     publish: Callable[[], None]  # publish what was estimated since the last call
     gone: Callable[[str], None]  # joint that is not in the samples any more
     problem: Callable[[str, str], None]  # kind, text
+    completed: Callable[[Mapping[str, Recording]], Mapping[str, Recording]] = dict  # new samples, by joint
 
 
 @dataclass
@@ -215,7 +216,8 @@ class Worker:
         if self._origin_ns is None:
             self._origin_ns = batch[0][1].stamp_ns
             self._named_ns = dict.fromkeys(self._known, batch[0][0])
-        recordings = to_recordings([message for _, message in batch], self._origin_ns, "joint_samples")
+        new = to_recordings([message for _, message in batch], self._origin_ns, "joint_samples")
+        recordings = self._callbacks.completed(new)
         self._forget_the_gone(recordings, batch[-1][0])
         for joint in self._expected:
             if joint not in recordings:

@@ -17,7 +17,7 @@ import numpy as np
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.regressor import OF_LINK, Regressor
 from joint_id_core.arm.typical_inertia import typical_poses
-from joint_id_core.data.load_errors import LoadErrors
+from joint_id_core.data.load_errors import SampledErrors
 from joint_id_core.data.recording import Array
 
 SHARE = 0.3  # standard deviation of a mass, of first moments and inertias as far as the mass makes them
@@ -44,7 +44,7 @@ class Errors:
         self._sigma = _one_sigma(self._regressor)
         self._joints: dict[int, _OfJoint] = {}
 
-    def along(self, joints: Sequence[str], time: Array, motion: tuple[Array, Array, Array]) -> dict[str, LoadErrors]:
+    def along(self, joints: Sequence[str], time: Array, motion: tuple[Array, Array, Array]) -> dict[str, SampledErrors]:
         """Return the errors of the loads of some joints at instants (T,) in s, where the motion is known.
 
         Args:
@@ -56,14 +56,18 @@ class Errors:
         period = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
         rows = known[:: max(1, round(1.0 / (RATE_HZ * period)))]
         q, dq, ddq = (part[rows] for part in motion)
-        torques, source = self._regressor.rows(q, dq, ddq)[0], self._description.source
+        torques = self._regressor.rows(q, dq, ddq)[0]
         found = {}
         for name in joints:
             k = self._description.joints.index(name)
             of_joint = self._of_joint(k)
             own = torques[:, k] - np.outer(ddq[:, k], of_joint.inertia)
-            found[name] = LoadErrors(time[rows], own @ of_joint.ways, f"the load of {name} by {source}")
+            found[name] = SampledErrors(time[rows], own @ of_joint.ways, self.of(name))
         return found
+
+    def of(self, joint: str) -> str:
+        """Return what the errors of a joint are of, in words."""
+        return f"the load of {joint} by {self._description.source}"
 
     def prepare(self, joints: Sequence[str]) -> None:
         """Compute what `along` needs of these joints; else it takes a tenth of a second for each at its first call."""

@@ -8,12 +8,14 @@ without them for the load that was found, and a covariance that is larger by wha
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from joint_id_core.data.load_errors import LoadErrors
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.shared.computed_load import LOAD
@@ -24,6 +26,10 @@ from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate
 
+if TYPE_CHECKING:  # SciPy loads with it
+    from joint_id_core.estimators.regression.prepared import Prepared
+
+LEAST = 0.5  # share of the samples at which errors of the load must be known
 ROUNDS = 5  # in which the noise is found, and how wide a prior must be
 # Parameters of a flexible joint that take what is wrong with the load on its link, by those of a rigid one.
 OF_LINK = {"J": "J_q", "c": "c_q", "tau_f": "tau_fq", "tau_0": ""}
@@ -148,11 +154,9 @@ def _seen(model: Model, recording: Recording, settings: ParameterSettings | None
     if errors is None or model.load != LOAD or LOAD not in recording:
         return None
     from joint_id_core.estimators.regression.as_rigid import as_rigid  # loads SciPy, as the next
-    from joint_id_core.estimators.regression.equations import equations
     from joint_id_core.estimators.regression.estimator import Regression
     from joint_id_core.estimators.regression.fit import suits
     from joint_id_core.estimators.regression.prepared import prepared
-    from joint_id_core.estimators.regression.signals import all_smoothed
     from joint_id_core.estimators.shared.fit_data import prepare
 
     part, names = fitted_part(model, recording), dict[str, str]()
@@ -163,32 +167,39 @@ def _seen(model: Model, recording: Recording, settings: ParameterSettings | None
             return None
         model, part, settings, names = rigid.model, rigid.recording, rigid.settings, OF_LINK
     try:
-        data = prepare(model, part, settings, leave_out_rests=True)
-        ready = prepared(data, Regression())
+        ready = prepared(prepare(model, part, settings, leave_out_rests=True), Regression())
     except JointIdError:
         return None
+    return _seen_by(ready, errors, names)
+
+
+def _seen_by(ready: Prepared, errors: LoadErrors, names: Mapping[str, str]) -> _Seen | None:
+    """Return the same from the equation of motion; `names` are those of its parameters in the model, if others."""
+    from joint_id_core.estimators.regression.equations import equations  # loads SciPy, as the next
+    from joint_id_core.estimators.regression.signals import all_smoothed
+
     found = next((e for e in equations(ready.model, ready.moved, ready.values, ready.free) if e.factor), None)
     if found is None:
         return None
     samples, _ = ready.compared(found)
-    torques = {LOAD: errors.at(ready.time)}
-    table = all_smoothed(ready.time, torques, ready.usable, ready.band_hz)[LOAD][samples.rows.index]
-    seen = np.any(samples.columns != 0.0, axis=0)
-    columns = samples.columns[:, seen]
-    moves = np.zeros((len(found.names), table.shape[1]))
+    torques = errors.at(ready.time)
+    usable = ready.usable & np.isfinite(torques).all(axis=1)
+    table = all_smoothed(ready.time, {LOAD: torques}, usable, ready.band_hz)[LOAD][samples.rows.index]
+    known = np.flatnonzero(np.isfinite(table).all(axis=1))
+    if len(known) < LEAST * len(table):
+        return None
+    y, table, columns = samples.y[known], table[known], samples.columns[known]
+    seen = np.any(columns != 0.0, axis=0)
+    if not seen.any():
+        return None
+    columns = columns[:, seen]
+    moves, least = np.zeros((len(found.names), table.shape[1])), np.zeros(len(found.names))
     moves[seen] = np.linalg.lstsq(columns, table, rcond=None)[0]
+    least[seen] = samples.accuracy * _rms(y) / np.sqrt(np.mean(columns**2, axis=0))
     beside = table - columns @ moves[seen]
-    noise = _noise(samples.y, columns, beside, samples.rows.pieces)
-    least = np.zeros(len(seen))
-    least[seen] = samples.accuracy * np.sqrt(np.mean(samples.y**2) / np.mean(columns**2, axis=0))
-    return _Seen(
-        tuple(names.get(n, n) for n in found.names),
-        moves,
-        least,
-        beside.T @ beside / noise,
-        beside.T @ samples.y / noise,
-        _rms(samples.y),
-    )
+    noise = max(_noise(y, columns, beside, samples.rows.pieces[known]), (samples.accuracy * _rms(y)) ** 2)
+    own = tuple(names.get(n, n) for n in found.names)
+    return _Seen(own, moves, least, beside.T @ beside / noise, beside.T @ y / noise, _rms(y))
 
 
 def _noise(y: Array, columns: Array, errors: Array, pieces: NDArray[np.int64]) -> float:

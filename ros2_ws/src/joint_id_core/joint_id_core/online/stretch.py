@@ -37,7 +37,8 @@ class Stretch:
     """Keeps the newest motion, and fits it as a whole once the recursion has not described it for a window's length.
 
     That is if its estimates are poor fits, or of windows or estimators that disagree. It ends with a fit whose
-    residuals show nothing that the model lacks: then the recursion fails for another reason, and says so.
+    residuals show nothing that the model lacks: then the recursion fails for another reason, and says so. But if a
+    computed load is matched to the motion, that is the reason.
 
     Args:
         model, settings: what is identified.
@@ -51,6 +52,7 @@ class Stretch:
     ) -> None:
         self._model, self._settings, self._window_s, self._background = model, settings, window_s, background
         self._wanted = wanted and suits(model)
+        self._matched = False  # whether a fit matches the load to the motion, which the recursion does not
         self._poor_since = np.inf
         self._found: Estimate | None = None
         self._begin()
@@ -73,6 +75,7 @@ class Stretch:
         """Add samples in motion."""
         if self._wanted:
             self._motion.append(samples)
+            self._matched = samples.load_errors is not None
 
     def on(self, estimate: Estimate) -> Estimate:
         """Return what holds in motion: an estimate of the recursion, or the fit of a stretch in its place."""
@@ -85,8 +88,8 @@ class Stretch:
                 self._begin()
         asked = estimate.end >= self._poor_since + self._window_s
         found = self._newest() if asked else None
-        described = found is not None and found.converged and found.checks is not None and not any(found.checks.texts)
-        if described or not (asked or poor):
+        white = found is not None and found.converged and found.checks is not None and not any(found.checks.texts)
+        if (white and not self._matched) or not (asked or poor):
             self._poor_since, self._found = np.inf, None
         return estimate if self._found is None else self._found.updated(end=estimate.end)
 

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.cell.kernel import compile_shared
-from joint_id_core.data.load_errors import joined
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 
@@ -219,5 +218,4 @@ def _joined(parts: Sequence[Recording]) -> Recording:
             [np.full(len(part), np.nan) if row is None else row for part, row in zip(parts, rows, strict=True)]
         )
     # the parts and their order were already checked
-    whole = last.trusted(np.concatenate([part.time for part in parts]), channels, derived)
-    return whole if last.load_errors is None else whole.with_load_errors(joined(part.load_errors for part in parts))
+    return last.trusted(np.concatenate([part.time for part in parts]), channels, derived)

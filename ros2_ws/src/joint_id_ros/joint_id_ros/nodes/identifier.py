@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 from collections import Counter
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
+from rclpy.clock import Clock, ClockType
 
 from joint_id_core.alignment.joining import StampOrder
 from joint_id_core.alignment.source_watch import RATE, SourceEvent
@@ -19,6 +19,7 @@ from joint_id_core.online.options import OnlineOptions
 from joint_id_core.results.estimate import Estimate
 from joint_id_core.stored.knowledge import StoredKnowledge
 from joint_id_msgs.msg import JointSamples
+from joint_id_ros.arm_load_errors import ArmLoadErrors
 from joint_id_ros.baselines import Baselines
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.ending import SILENT_S, Ending
@@ -30,6 +31,8 @@ from joint_id_ros.latest_estimates import LatestEstimates
 from joint_id_ros.lifecycle import ManagedNode
 from joint_id_ros.options.baselines import BaselineOptions
 from joint_id_ros.options.identifier import IdentifierOptions
+from joint_id_ros.options.load import LoadOptions
+from joint_id_ros.options.node_list import NODES
 from joint_id_ros.options.reading import BagReadingOptions
 from joint_id_ros.parameters import read
 from joint_id_ros.preparation import Preparation
@@ -46,7 +49,7 @@ class IdentifierNode(ManagedNode):
     """Identifies every joint from its samples in a thread, and publishes the latest estimates."""
 
     def __init__(self, **how: Any) -> None:
-        super().__init__("identifier", IdentifierOptions, OnlineOptions, BaselineOptions, BagReadingOptions, **how)
+        super().__init__("identifier", *NODES["identifier"], **how)
         self._setup = IdentifierSetup(IdentifierOptions(), OnlineOptions())
         self._preparation: Preparation | None = None
         self._worker: Worker | None = None
@@ -57,26 +60,24 @@ class IdentifierNode(ManagedNode):
         self._ending = Ending(self)
         self._diagnostics = Diagnostics(self, self._health, "joint_samples")
         self._knowledge = StoredKnowledge(self._diagnostics.problem)
+        self._load_errors = ArmLoadErrors(self, self._diagnostics.problem)
         serve(self, self._knowledge, self._renew)
         self._baselines = Baselines(self, self._knowledge.good, self._diagnostics.problem)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(END_S, self._end_with_its_leader, clock=steady)
-        self._starter = self.create_timer(START_S, self._start_by_itself, clock=steady)
-        if not self.get_parameter("autostart").value:
-            self._starter.cancel()
+        auto = bool(self.get_parameter("autostart").value)
+        self._starter = self.create_timer(START_S, self._start_by_itself, clock=steady, autostart=auto)
 
     def _start_by_itself(self) -> None:
         """Configure and activate as soon as the kernels are there; diagnostics and signals are served meanwhile."""
         if self._configured or self._worker is not None:
             self._starter.cancel()  # a lifecycle manager did it
             return
-        try:
+        with suppress(JointIdError):  # `start` gets the same error and reports it
             preparation = self._prepared()
             self.not_ready = f"not configured yet: {preparation.text}"
             if not preparation.done:
                 return
-        except JointIdError:
-            pass  # `start` gets the same error and reports it
         self._starter.cancel()
         if not self.start() and self.get_parameter("end_with").value:
             self.finished.set_result(JointIdError(self.not_ready))
@@ -98,6 +99,7 @@ class IdentifierNode(ManagedNode):
         finally:
             self._preparation = None
         self._knowledge.open(self._setup.model.state_file)
+        self._load_errors.open(read(self, LoadOptions))
 
     def begin(self) -> None:
         """Subscribe, publish what is known of an earlier run, and start the thread."""
@@ -114,10 +116,10 @@ class IdentifierNode(ManagedNode):
         self._knowledge.begin(options.joints, self._setup.possible)
         restored = {j: to_values(j, r.newest, r.estimate, r.origin_ns) for j, r in self._knowledge.restored.items()}
         self._latest.begin(restored)
-        self._latest.publish()
-        callbacks = Callbacks(self._on_estimate, self._latest.publish, self._on_gone, self._diagnostics.problem)
+        told = self._on_estimate, self._latest.publish, self._on_gone, self._diagnostics.problem
         make = partial(self._knowledge.continued, self._setup.begin)
         known, recorded = tuple(restored), read(self, BagReadingOptions).recorded
+        callbacks = Callbacks(*told, self._load_errors.attached)
         self._worker = Worker(make, options.joints, options.expected, callbacks, hop_s, known, recorded)
 
     def _renew(self) -> None:
@@ -144,12 +146,11 @@ class IdentifierNode(ManagedNode):
         try:
             if message.error is not None:
                 raise message.error
-            restart = self._order.restarts(SAMPLES.name, message.stamp_ns)
+            if self._order.restarts(SAMPLES.name, message.stamp_ns):
+                self._restart(self._worker, f"{SAMPLES.name}: time jumped back")
         except JointIdError as error:
             self._diagnostics.problem("message left out", str(error))
             return
-        if restart:
-            self._restart(self._worker, f"{SAMPLES.name}: time jumped back")
         self._worker.add(message)
 
     def _ready(self) -> bool:
@@ -180,7 +181,6 @@ class IdentifierNode(ManagedNode):
         self._diagnostics.problem("joint gone", f"joint {joint} is not in {SAMPLES.name} any more: it is left out")
         self._knowledge.gone(joint)
         self._latest.drop(joint)
-        self._latest.publish()
 
     def _end_with_its_leader(self) -> None:
         """End when the node that this one follows has gone and all its samples have been used."""

@@ -1,4 +1,4 @@
-"""ROS parameters of the nodes that know the description of the robot: filter and arm identifier."""
+"""ROS parameters of filter and identifier that tell the description of the robot."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from joint_id_core.options import check, option
 
 @dataclass(frozen=True)
 class LoadOptions:
-    """Where the description of the robot comes from; without one, no load is computed.
+    """Where the description of the robot comes from.
+
+    The filter computes the load of the joints from it, and the identifier what this may be off by.
 
     Raises:
         JointIdError: two sources, or a gravity that is none.
@@ -19,8 +21,8 @@ class LoadOptions:
 
     description_topic: str = option(
         "",
-        "topic with the description (URDF) of the robot, such as robot_description: the load of the rest of the arm is "
-        "computed from it and goes with the samples of every joint",
+        "topic with the description (URDF) of the robot, such as robot_description: the filter adds the load of the "
+        "rest of the arm to the samples of every joint, the identifier matches it to the motion",
     )
     urdf: str = option("", "the same from a URDF file; what it lacks ends the node at its start")
     base_gravity: tuple[float, ...] = option(

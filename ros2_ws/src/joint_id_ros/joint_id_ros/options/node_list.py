@@ -23,7 +23,7 @@ from joint_id_ros.options.watch import WatchFleetOptions, WatchOptions
 NODES: dict[str, tuple[type, ...]] = {
     "sim": (SimOptions, MotionOptions),
     "filter": (InputOptions, FilterOptions, LoadOptions, FilterReadingOptions),
-    "identifier": (IdentifierOptions, OnlineOptions, BaselineOptions, BagReadingOptions),
+    "identifier": (IdentifierOptions, OnlineOptions, BaselineOptions, LoadOptions, BagReadingOptions),
     "arm_identifier": (ArmIdentifierOptions, ReadingOptions),
     "player": (PlayerOptions,),
     "driver": (DriverOptions, StreamOptions),
