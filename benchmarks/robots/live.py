@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -71,8 +71,7 @@ def follow(case: Case, joint: Joint, recording: Recording) -> Live:
     """Follow a recording of a joint."""
     model = build("rigid_joint", gravity=joint.gravity)
     reference = _reference(joint, estimators.fit(model, recording))
-    # The graph knows the load of a description, and not what it may be off by.
-    found, share = _estimates(model, complete(replace(recording, load_errors=None)))
+    found, share = _estimates(model, complete(recording))
     moved = [e for e in found if e.status not in (Status.NO_MOTION, Status.TOO_SHORT)]
     known = [e for e in moved if e.status.value in OF_THE_DATA and set(FRICTION) <= _estimated(e)]
     friction = [e[n] for e in known for n in FRICTION]

@@ -213,13 +213,15 @@ def _replayed(values: Values) -> dict[str, list[tuple[str, str]]]:
     return {"player": clock, "filter": [(LINK_STATES, values[LINK_STATES]), *clock], "identifier": clock}
 
 
+LOAD = ("description_topic", "urdf", "base_gravity")  # where no load is computed
+
 LAUNCH_FILES = {
     "demo": LaunchFile(
         "a simulated joint, the filter and the identifier",
         offers={
             "filter": (),
             "sim": ("model", "rate", "duration", "seed", "noise"),
-            "identifier": _all("identifier", "reliability", "recorded", "end_with"),
+            "identifier": _all("identifier", "reliability", "recorded", "end_with", *LOAD),
         },
         own=_demo,
     ),
@@ -253,9 +255,7 @@ LAUNCH_FILES = {
         "driver, filter and arm identifier of one robot",
         offers={
             "driver": _all("driver", "joints", "gear_ratio"),
-            "filter": _all(
-                "filter", "reliability", "recorded", "end_with", "description_topic", "urdf", "base_gravity"
-            ),  # no load
+            "filter": _all("filter", "reliability", "recorded", "end_with", *LOAD),
             "arm_identifier": _all("arm_identifier", "reliability", "end_with"),
         },
         required=("robot_ip", "params_file"),
