@@ -77,7 +77,7 @@ class _Positions:
 
     def between(self, begin: float, end: float) -> tuple[Array, Array]:
         """Return instants (S,) and positions (S, n)."""
-        parts = [part for part in list(self._parts) if part[0][-1] >= begin and part[0][0] <= end]
+        parts = [part for part in self._parts.copy() if part[0][-1] >= begin and part[0][0] <= end]
         if not parts:
             return np.zeros(0), np.zeros((0, len(self.joints)))
         time, positions = (np.concatenate(columns) for columns in zip(*parts, strict=True))
