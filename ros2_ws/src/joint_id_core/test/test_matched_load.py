@@ -141,27 +141,21 @@ def test_what_is_not_known_of_the_load_widens_the_intervals():
         assert abs(with_errors[name].value - alone[name].value) < 4.0 * with_errors[name].std_dev
 
 
-def test_factors_follow_from_least_squares_with_their_prior():
-    """Against the same with more columns and a row for the prior of each factor."""
+@pytest.mark.parametrize("size", [0.02, 1.0, 30.0])
+def test_the_prior_of_the_factors_is_as_wide_as_they_are(size):
+    """Errors over standard deviations, over many draws: neither too narrow for large factors nor too wide for none."""
     from joint_id_core.estimators.matched_load import _solved
 
     rng = np.random.default_rng(0)
-    errors, true = rng.standard_normal((200, 3)), np.array([0.5, -0.8, 0.1])
-    y = errors @ true + 0.1 * rng.standard_normal(200)
-    factors, covariance = _solved(errors.T @ errors / 0.01, errors.T @ y / 0.01)
-    rows, wanted = np.vstack([errors / 0.1, np.eye(3)]), np.concatenate([y / 0.1, np.zeros(3)])
-    np.testing.assert_allclose(factors, np.linalg.lstsq(rows, wanted, rcond=None)[0], rtol=1e-9)
-    np.testing.assert_allclose(covariance, np.linalg.inv(rows.T @ rows), rtol=1e-9)
-
-
-def test_a_prior_that_is_too_narrow_gets_wider():
-    from joint_id_core.estimators.matched_load import _solved
-
-    rng = np.random.default_rng(0)
-    errors, true = rng.standard_normal((200, 3)), np.array([30.0, -20.0, 25.0])
-    y = errors @ true + 10.0 * rng.standard_normal(200)
-    factors, _ = _solved(errors.T @ errors / 100.0, errors.T @ y / 100.0)
-    np.testing.assert_allclose(factors, np.linalg.lstsq(errors, y, rcond=None)[0], rtol=0.01)
+    off, widest = [], []
+    for _ in range(200):
+        errors, true = rng.standard_normal((40, 12)), size * rng.standard_normal(12)
+        y = errors @ true + 3.0 * rng.standard_normal(40)
+        factors, covariance = _solved(errors.T @ errors / 9.0, errors.T @ y / 9.0)
+        off.append((factors - true) / np.sqrt(np.diag(covariance)))
+        widest.append(np.sqrt(np.diag(covariance)).mean())
+    assert 0.3 < np.sqrt(np.mean(np.square(off))) < 1.15
+    assert np.mean(widest) < 0.65  # 0.49 by least squares alone, 0.29 by one that is known to be exact
 
 
 def test_errors_between_their_instants_are_a_straight_line():

@@ -144,7 +144,7 @@ def _validated(found: Result, given: Given) -> tuple[list[dict[str, Any]], str]:
         if finding.fatal:
             raise JointIdError(finding.text)
         complain(f"{other.source}: {finding.text}")
-    other = MatchedLoad(model, given.recordings, found.job.settings_for(model)).of(other)
+    other = MatchedLoad(model, given.recordings, found.job.settings_for(model)).that_of(estimate, other)
     nrmse = held_out(model, other, estimate)
     rows: list[dict[str, Any]] = [{"signal": name, "nrmse": value} for name, value in nrmse.items()]
     said = ", ".join(f"{name} nrmse {v:.3g}" for name, v in nrmse.items())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from joint_id_core.errors import JointIdError, close_to
@@ -87,14 +86,11 @@ def fit(
     require_types(model, recording, settings, estimator)
     if isinstance(recording, Sequence):
         return fit_several(model, recording, settings, estimator, progress).estimate
-    from joint_id_core.estimators.matched_load import MatchedLoad  # loads NumPy, as the next
-    from joint_id_core.estimators.shared.computed_load import computed, with_doubt
+    from joint_id_core.estimators.shared.computed_load import computed  # loads NumPy
 
     if not computed(recording):
         return _fit(model, recording, settings, estimator, progress)
-    load = MatchedLoad(model, [recording], settings)
-    estimate = load.with_doubt(_fit(model, load.of(recording), settings, estimator, progress))
-    return with_doubt(estimate, model)
+    return fit_several(model, [recording], settings, estimator, progress).estimate
 
 
 def _fit(
@@ -165,19 +161,16 @@ def fit_several(
     Returns:
         The estimate of all recordings, that of each by itself, and how far each is from all.
     """
-    from joint_id_core.estimators.matched_load import MatchedLoad  # loads NumPy, as the next
-    from joint_id_core.estimators.shared.computed_load import computed, with_doubt
+    from joint_id_core.estimators.loaded_fit import fitted_with_load  # loads NumPy, as the next
+    from joint_id_core.estimators.shared.computed_load import computed
     from joint_id_core.estimators.together.fit import together
 
-    if not any(map(computed, recordings)):
-        return together(model, [_fit(model, one, settings, estimator, progress) for one in recordings], settings)
-    load = MatchedLoad(model, recordings, settings)
-    fits = [_fit(model, load.of(one), settings, estimator, progress) for one in recordings]
-    found = together(model, [load.with_doubt(one, k) for k, one in enumerate(fits)], settings)
-    # What is not known of the load is the same in all recordings, so they do not average it away.
-    estimate = load.with_doubt(found.estimate) if len(fits) > 1 else found.estimate
-    alone = tuple(with_doubt(one, model) for one in found.alone)
-    return replace(found, estimate=with_doubt(estimate, model), alone=alone)
+    def fitted(recording: Recording) -> Estimate:
+        return _fit(model, recording, settings, estimator, progress)
+
+    if any(map(computed, recordings)):
+        return fitted_with_load(model, recordings, settings, fitted)
+    return together(model, list(map(fitted, recordings)), settings)
 
 
 def build(name: str, **options: object) -> Innovations | Regression | HPinn:

@@ -33,6 +33,7 @@ LEAST = 0.5  # share of the samples at which errors of the load must be known
 ROUNDS = 5  # in which the noise is found, and how wide a prior must be
 # Parameters of a flexible joint that take what is wrong with the load on its link, by those of a rigid one.
 OF_LINK = {"J": "J_q", "c": "c_q", "tau_f": "tau_fq", "tau_0": ""}
+MATCHED = "the load was matched to the motion"
 TOLD = 0.1  # rms of what was added to the load, over that of the load or of the other torque, from which it is told
 FAR = 1.0  # rms of the factors from which more is wrong than masses
 
@@ -61,18 +62,25 @@ class MatchedLoad:
     """The load that suits the motion of recordings of one joint.
 
     It is found by inverse dynamics, of a flexible joint by those of a rigid one. If nothing is told of its errors, or
-    these do not suit the recordings, it is the computed one.
+    these do not suit the recordings, it is the computed one. A rigid joint lacks what a flexible one does, and the load
+    takes up some of it: so that is for a computed load that leaves a poor fit (`second_choice`).
 
     Args:
         model, settings: as of `estimators.fit`.
         recordings: of the joint.
+
+    Attributes:
+        second_choice: whether the computed load is to be tried first.
 
     Raises:
         JointIdError: the loads are by different descriptions.
     """
 
     def __init__(self, model: Model, recordings: Sequence[Recording], settings: ParameterSettings | None) -> None:
+        from joint_id_core.estimators.regression.fit import suits  # loads SciPy
+
         self._model = model
+        self.second_choice = not suits(model)
         _require_one([one.load_errors.of for one in recordings if one.load_errors is not None])
         self._seen = [_seen(model, recording, settings) for recording in recordings]
         known = [seen for seen in self._seen if seen is not None]
@@ -106,6 +114,11 @@ class MatchedLoad:
         notes = (*estimate.notes[:1], sentence(self._said), *estimate.notes[1:])
         return replace(estimate, notes=notes, message=message(notes))
 
+    def that_of(self, estimate: Estimate, recording: Recording) -> Recording:
+        """Return a recording with the load with which an estimate was made."""
+        taken = not self.second_choice or any(MATCHED in note.lower() for note in estimate.notes)
+        return self.of(recording) if taken else recording.with_load_errors(None)
+
     def _told(self, recordings: Sequence[Recording]) -> str:
         """Return how far the load is from the computed one, as a clause; "" if it is near."""
         used = [(one, seen) for one, seen in zip(recordings, self._seen, strict=True) if seen is not None]
@@ -113,13 +126,13 @@ class MatchedLoad:
             return ""
         load = _rms(np.concatenate([one[LOAD] for one, _ in used]))
         added = _rms(np.concatenate([self.of(one)[LOAD] - one[LOAD] for one, _ in used]))
-        if added < TOLD * max(load, *(seen.torque for _, seen in used)):
+        if added < TOLD * max(load, *(seen.torque for _, seen in used)) and not self.second_choice:
             return ""
         why = "masses of the description or the torque constant are off"
         if _rms(self._factors) > FAR:
             why = "more than masses of the description is off, perhaps a tool is missing"
         return (
-            f"the load was matched to the motion: {added:.3g} Nm rms were added to {load:.3g} Nm, as {why} "
+            f"{MATCHED}: {added:.3g} Nm rms were added to {load:.3g} Nm, as {why} "
             "(joint-id arm fit --out writes a description that suits)"
         )
 
@@ -132,14 +145,15 @@ def _rms(values: Array) -> float:
 def _solved(information: Array, vector: Array) -> tuple[Array, Array]:
     """Return the factors (m,) and their covariance (m, m), from what the recordings say of them.
 
-    Their prior is as wide as the factors that are found, if these are larger (MacKay, Neural Computation 4, 1992).
+    Their prior is as wide as the factors that the recordings tell (MacKay, Neural Computation 4, 1992), with one more
+    of size 1: a description whose masses are right is known to be so.
     """
     count, width = len(vector), 1.0
     for _ in range(ROUNDS):
         covariance = np.asarray(np.linalg.inv(information + np.eye(count) / width**2), dtype=float)
         factors = covariance @ vector
         known = count - float(np.trace(covariance)) / width**2  # factors that the recordings tell
-        width = max(1.0, float(np.linalg.norm(factors)) / np.sqrt(max(known, 1.0)))
+        width = float(np.sqrt((factors @ factors + 1.0) / (known + 1.0)))
     return factors, covariance
 
 
@@ -165,6 +179,9 @@ def _seen(model: Model, recording: Recording, settings: ParameterSettings | None
         rigid = as_rigid(part, dict(zip(model.parameter_names, p.tolist(), strict=True)), gravity=False)
         if rigid is None or rigid.side != "link":
             return None
+        if not model.has_torque_offset:  # else a load that is off by a constant would be as good
+            held = {**rigid.settings.values, "tau_0": 0.0}
+            rigid = rigid._replace(settings=replace(rigid.settings, values=held, fixed=["tau_0"]))
         model, part, settings, names = rigid.model, rigid.recording, rigid.settings, OF_LINK
     try:
         ready = prepared(prepare(model, part, settings, leave_out_rests=True), Regression())

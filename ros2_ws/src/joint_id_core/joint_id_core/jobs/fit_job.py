@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from joint_id_core.options import Progress
     from joint_id_core.results.estimate import Estimate
 
-DESCRIBED = ("converged", "disagree")  # status of an estimate of a model that describes the motion
 ALL = "all"  # the name that stands for every joint
 
 
@@ -168,7 +167,7 @@ def _doubt(model: Model, estimate: Estimate, rate: float) -> str:
     `rate` is the sampling rate in Hz. What takes the place of the gear of a stiff joint, as noise or a filter of one
     encoder do, oscillates beyond what it shows.
     """
-    if estimate.status.value not in DESCRIBED:
+    if not estimate.status.describes:
         return estimate.message
     if model.stiffness not in estimate.free:
         return ""

@@ -107,7 +107,7 @@ class Stretch:
         if self._running is not None and self._running.done():
             (found, took_s), self._running = self._running.result(), None
             self._motion.wait(max(EVERY * self._window_s, took_s / SHARE))
-            self._found = found if found.status in (Status.CONVERGED, Status.DISAGREE) else None
+            self._found = found if found.status.describes else None
         return self._found
 
 

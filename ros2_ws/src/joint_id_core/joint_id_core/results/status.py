@@ -31,6 +31,11 @@ class Status(enum.Enum):
         """Whether there was nothing to fit: the recording, not the model, is the cause."""
         return self in (Status.NO_MOTION, Status.TOO_SHORT, Status.MISSING_SIGNAL, Status.BAD_DATA)
 
+    @property
+    def describes(self) -> bool:
+        """Whether the model describes the motion."""
+        return self in (Status.CONVERGED, Status.DISAGREE)
+
 
 _ADVICE = {
     Status.CONVERGED: "converged",

@@ -1,0 +1,43 @@
+"""Fits of recordings of a joint whose load was computed: with the load as it is, or with one that suits the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from joint_id_core.data.recording import Recording
+from joint_id_core.estimators.matched_load import MatchedLoad
+from joint_id_core.estimators.shared.computed_load import with_doubt
+from joint_id_core.estimators.shared.settings import ParameterSettings
+from joint_id_core.estimators.together.fit import Together, together
+from joint_id_core.models import Model
+from joint_id_core.results.estimate import Estimate
+
+
+def fitted_with_load(
+    model: Model,
+    recordings: Sequence[Recording],
+    settings: ParameterSettings | None,
+    fitted: Callable[[Recording], Estimate],
+) -> Together:
+    """Fit recordings of one joint; intervals contain what is not known of the load.
+
+    Args:
+        model, settings: of the fit.
+        recordings: of the joint.
+        fitted: fits one of them.
+
+    Raises:
+        JointIdError: as `MatchedLoad` and `fitted`.
+    """
+    load = MatchedLoad(model, recordings, settings)
+    found = None
+    if load.second_choice:
+        found = together(model, [fitted(one.with_load_errors(None)) for one in recordings], settings)
+    if found is None or not found.estimate.status.describes:
+        fits = [load.with_doubt(fitted(load.of(one)), k) for k, one in enumerate(recordings)]
+        found = together(model, fits, settings)
+        if len(fits) > 1:  # it is the same in all recordings, so they do not average it away
+            found = replace(found, estimate=load.with_doubt(found.estimate))
+    alone = tuple(with_doubt(one, model) for one in found.alone)
+    return replace(found, estimate=with_doubt(found.estimate, model), alone=alone)
