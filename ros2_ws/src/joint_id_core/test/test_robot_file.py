@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 
 from joint_id_core import formats
@@ -46,6 +47,19 @@ def test_a_joint_gets_what_holds_for_all_and_what_names_it(file):
     assert (
         "k_t" not in robot_settings("arm", "elbow", build("rigid_joint").parameter_names).values
     )  # this model has none
+
+
+def test_joints_that_a_table_only_numbers_are_those_of_the_file_in_its_order(file, run):
+    file.write_text(TEXT.replace("wrist.c]", "wrist.c=3]"))
+    record = motion()
+    rows = np.column_stack([record.time, *(record[name] for name in ("link_position", "torque") for _ in range(2))])
+    np.savetxt("moves.csv", rows, delimiter=",", header="time,q1,q2,tau_1,tau_2", comments="")
+    words = ("fit", "moves.csv", "--robot", "arm", "--model", "rigid_joint", "--json", "--joint")
+    for joint, held in (("joint_1", False), ("joint_2", True)):
+        found = json.loads(run(*words, joint)[1])
+        row = next(row for row in found["parameters"] if row["name"] == "c")
+        assert (row["value"] == 3.0 and row["verdict"] == "fixed") is held
+        assert "The joints are taken in the order of arm: joint_1 = elbow, joint_2 = wrist." in found["notes"]
 
 
 @pytest.mark.parametrize(

@@ -101,7 +101,7 @@ def _given(job: FitJob, recordings: Mapping[str, Recording | JointIdError]) -> C
     def given(joint: str) -> Given:
         if description is None:
             return Given([part(joint)])
-        known = names_in(description, tuple(recordings))
+        known = names_in(description.joints, tuple(recordings))
         used = [name for name in recordings if known[name] in description.joints or name == joint]
         there = {known[name]: replace(part(name), joint=known[name]) for name in used}
         return given_with_load(description, known[joint], [there])

@@ -86,7 +86,7 @@ def fit(
     if json:
         print_json(found.to_dict())
     else:
-        ordered = in_order(description, names_in(description, joints_of(files[0], options.part.mapping)))
+        ordered = in_order(description.source, names_in(description.joints, joints_of(files[0], options.part.mapping)))
         for text in (*formats.taken(files[0], None, options.part.mapping), *([ordered] if ordered else [])):
             print(text)
         print(found)

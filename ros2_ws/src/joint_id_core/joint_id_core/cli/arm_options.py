@@ -69,7 +69,7 @@ def read(file: Path, part: Part, description: Description) -> dict[str, Recordin
     Raises:
         JointIdError: it holds one joint without a name, or joints of other names in place of some.
     """
-    found = names_in(description, joints_of(file, part.mapping))
+    found = names_in(description.joints, joints_of(file, part.mapping))
     names, known = tuple(found.values()), (*description.joints, *description.fixed)
     missing = [name for name in description.joints if name not in names]
     others = [name for name in names if name not in known]

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import Estimator, ParameterSettings, Regression, fit_several
-from joint_id_core.jobs.given import Given, Part, described, plain, with_load
-from joint_id_core.jobs.robot_file import robot_settings
+from joint_id_core.jobs.given import Given, Part, described, in_order, joints_of, names_in, plain, with_load
+from joint_id_core.jobs.robot_file import joints_of_robot, robot_settings
 from joint_id_core.models.options import ModelOptions
 
 if TYPE_CHECKING:
@@ -71,7 +71,16 @@ class FitJob:
         """Return the settings of the command, over those of the robot's file."""
         if self.robot is None:
             return self.settings
-        return self.settings.over(robot_settings(self.robot, self.joint, model.parameter_names))
+        joint = self.joint and self._in_robot().get(self.joint, self.joint)
+        return self.settings.over(robot_settings(self.robot, joint, model.parameter_names))
+
+    def _in_robot(self) -> dict[str, str]:
+        """Return by the name of a joint in the files its name in the file of the robot, if they only number it."""
+        from joint_id_core.formats.joint_columns import number_of
+
+        if self.robot is None or self.joint is None or number_of(self.joint) is None:
+            return {}
+        return names_in(joints_of_robot(self.robot), joints_of(self.files[0], self.mapping))
 
     def run(self, given: Given | None = None, progress: Progress | None = None) -> Result:
         """Fit one joint, from recordings that were read already, or else from the files.
@@ -128,6 +137,8 @@ class FitJob:
                 f"--fix, or give what is known before with --prior {doubled[0]}=SD"
             )
         found = fit_several(model, given.recordings, settings, self.estimator, progress)
+        if told := in_order(self.robot or "", self._in_robot()):
+            found = replace(found, estimate=replace(found.estimate, notes=(*found.estimate.notes, told)))
         if self.urdf is None:
             return found
         return replace(found, estimate=_told(found.estimate, given))

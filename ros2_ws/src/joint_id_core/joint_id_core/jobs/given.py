@@ -57,26 +57,26 @@ def joints_of(file: Path, mapping: Mapping[str, str]) -> tuple[str, ...]:
     return found
 
 
-def names_in(description: Description, names: Sequence[str]) -> dict[str, str]:
-    """Return by the name of a joint in a file its name in the description.
+def names_in(joints: Sequence[str], names: Sequence[str]) -> dict[str, str]:
+    """Return by the name of a joint in a file its name in the description of a robot, which has these joints.
 
     Joints that a table only numbers are those of the description in their order, if there are as many.
     """
     from joint_id_core.formats.joint_columns import number_of
 
     numbers = {name: number for name in names if (number := number_of(name)) is not None}
-    same = {*names} & {*description.joints}
-    if same or len(numbers) != len(names) or len(names) != len(description.joints):
+    same = {*names} & {*joints}
+    if same or len(numbers) != len(names) or len(names) != len(joints):
         return {name: name for name in names}
-    return dict(zip(sorted(numbers, key=numbers.__getitem__), description.joints, strict=True))
+    return dict(zip(sorted(numbers, key=numbers.__getitem__), joints, strict=True))
 
 
-def in_order(description: Description, names: Mapping[str, str]) -> str:
+def in_order(source: str, names: Mapping[str, str]) -> str:
     """Return in words which joints of a file are which of a description; "" if they have the same names."""
     if all(own == known for own, known in names.items()):
         return ""
     pairs = ", ".join(f"{own} = {known}" for own, known in names.items())
-    return f"The joints are taken in the order of {description.source}: {pairs}."
+    return f"The joints are taken in the order of {source}: {pairs}."
 
 
 def plain(files: Sequence[Path], joint: str | None, part: Part, validate: Path | None) -> Given:
@@ -97,14 +97,14 @@ def with_load(
 
     if joint is None:
         raise JointIdError(f"--urdf needs the name of the joint: --joint {description.joints[0]}, or --joint all")
-    names = names_in(description, formats.joints(files[0], part.mapping))
-    own, told = names.get(joint, joint), in_order(description, names)
+    names = names_in(description.joints, formats.joints(files[0], part.mapping))
+    own, told = names.get(joint, joint), in_order(description.source, names)
     description.require(own)
     parts = [(file, part) for file in files]
     parts += [] if validate is None else [(validate, Part(part.mapping, None, None))]
     records = []
     for file, one in parts:
-        found = names_in(description, formats.joints(file, part.mapping)) or {joint: joint}
+        found = names_in(description.joints, formats.joints(file, part.mapping)) or {joint: joint}
         there = {name: known for name, known in found.items() if known in description.joints}
         records.append({known: replace(one.read(file, name), joint=known) for name, known in there.items()})
     done = given_with_load(description, own, records)

@@ -34,6 +34,21 @@ def robot_settings(robot: str, joint: str | None, names: Collection[str]) -> Par
     return ParameterSettings(values, fixed, freed, deviations=deviations).only(names)
 
 
+def joints_of_robot(robot: str) -> tuple[str, ...]:
+    """Return the joints that a file names, in its order.
+
+    Raises:
+        JointIdError: as `robot_settings`.
+    """
+    path = path_of(robot)
+    parameters = _parameters(path)
+    named = parameters.get("joints")
+    if isinstance(named, list) and named:
+        return tuple(map(str, named))
+    entries = (parse(str(text), kind) for kind in ("set", "fix", "free") for text in parameters.get(kind) or [])
+    return tuple(dict.fromkeys(entry.joint for entry in entries if entry.joint))
+
+
 def path_of(robot: str) -> Path:
     """Return the path of the file of a robot.
 
