@@ -57,7 +57,7 @@ class Work:
         for joint in recordings if job.joint is None else [job.joint]:
             del warnings[of_all:]
             try:
-                result = replace(job, joint=joint or None).run(given(joint))
+                result = replace(job, joint=joint or None, joints=tuple(recordings)).run(given(joint))
                 options = json.dumps(dict(result.estimate.model_options), sort_keys=True)
                 row = row_of_estimate(result.estimate, options)
             except Exception as error:  # also one that is not foreseen: the other joints are fitted

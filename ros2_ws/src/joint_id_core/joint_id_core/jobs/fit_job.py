@@ -40,6 +40,7 @@ class FitJob:
     urdf: Path | None = None
     base_gravity: str | None = None
     still: Sequence[str] = ()
+    joints: Sequence[str] = ()  # of the files, if they were read already
 
     def __post_init__(self) -> None:
         for option, given in (("--base-gravity", self.base_gravity), ("--still", self.still)):
@@ -80,7 +81,10 @@ class FitJob:
 
         if self.robot is None or self.joint is None or number_of(self.joint) is None:
             return {}
-        return names_in(joints_of_robot(self.robot), joints_of(self.files[0], self.mapping))
+        known = joints_of_robot(self.robot)
+        if not known or self.joint in known:
+            return {}
+        return names_in(known, self.joints or joints_of(self.files[0], self.mapping))
 
     def run(self, given: Given | None = None, progress: Progress | None = None) -> Result:
         """Fit one joint, from recordings that were read already, or else from the files.
