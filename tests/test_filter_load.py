@@ -174,9 +174,9 @@ def test_the_identifier_matches_the_load_of_other_masses_to_the_motion(start, pr
         lift = found[-1].joints[0] if found and found[-1].joints else None
         return lift if lift is not None and "The load was matched to the motion" in lift.message else None
 
-    for _ in range(28):  # a fit of the newest seconds takes its time, too
+    for _ in range(24):  # a fit of the newest seconds takes its time, too
         playing.send(0.5)
-        probe.spin(0.3)
+        probe.spin(0.2)
     probe.until(lambda: matched() is not None, "an estimate with a load that is matched")
     lift = matched()
     assert lift.status == JointEstimate.CONVERGED, lift.message

@@ -33,7 +33,7 @@ def errors() -> OnlineErrors:
 
 
 @functools.cache
-def samples(seconds: float = 24.0) -> dict[str, Recording]:
+def samples(seconds: float = 18.0) -> dict[str, Recording]:
     """What the filter makes of an arm whose masses are not those of its description: the load is that of the latter."""
     arm, found = moved(TRUE, SEED, seconds), {}
     time = arm["turn"].time
@@ -43,7 +43,7 @@ def samples(seconds: float = 24.0) -> dict[str, Recording]:
     return found
 
 
-def arriving(seconds: float = 24.0):
+def arriving(seconds: float = 18.0):
     """The same, some samples at a time."""
     whole = samples()
     for k in range(0, round(seconds * RATE), BATCH):
@@ -55,7 +55,7 @@ def test_they_are_those_of_the_whole_recording():
     for part in arriving(6.0):
         window.append(online.attached(part)["lift"])
     stream = window.recording()
-    whole = loaded(Description(URDF), "lift", [moved(TRUE, SEED, 24.0)]).recordings[0].load_errors
+    whole = loaded(Description(URDF), "lift", [moved(TRUE, SEED, 18.0)]).recordings[0].load_errors
     time = stream.time[200:-200]
     wanted = whole.at(time)
     assert stream.load_errors.of == whole.of
