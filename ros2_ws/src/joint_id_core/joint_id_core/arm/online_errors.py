@@ -32,7 +32,7 @@ class OnlineErrors:
         joints = [] if errors is None else [name for name in description.joints if _has_load(description, name)]
         if errors is not None:
             errors.prepare(joints)
-        self._of = {name: _OfJoint(errors, self._positions, name) for name in joints if errors is not None}
+        self._of = {name: _JointErrors(errors, self._positions, name) for name in joints if errors is not None}
 
     def attached(self, recordings: Mapping[str, Recording]) -> dict[str, Recording]:
         """Take the newest samples of joints, by name; return them with what their load may be off by.
@@ -84,7 +84,7 @@ class _Positions:
         return time, positions
 
 
-class _OfJoint:
+class _JointErrors:
     """Errors of the load of a joint of an arm whose positions are kept."""
 
     def __init__(self, errors: Errors, positions: _Positions, name: str) -> None:

@@ -70,7 +70,7 @@ class MatchedLoad:
         recordings: of the joint.
 
     Attributes:
-        second_choice: whether the computed load is to be tried first.
+        second_choice: whether it is another one than the computed load, which is to be tried first.
 
     Raises:
         JointIdError: the loads are by different descriptions.
@@ -80,7 +80,6 @@ class MatchedLoad:
         from joint_id_core.estimators.regression.fit import suits  # loads SciPy
 
         self._model = model
-        self.second_choice = not suits(model)
         _require_one([one.load_errors.of for one in recordings if one.load_errors is not None])
         self._seen = [_seen(model, recording, settings) for recording in recordings]
         known = [seen for seen in self._seen if seen is not None]
@@ -88,6 +87,7 @@ class MatchedLoad:
         if known:
             information = np.sum([one.information for one in known], axis=0)
             self._factors, self._covariance = _solved(information, np.sum([one.vector for one in known], axis=0))
+        self.second_choice = self._factors is not None and not suits(model)
         self._said = self._told(recordings)
 
     def of(self, recording: Recording) -> Recording:
