@@ -3,7 +3,8 @@
 A delay can pass for a change of the joint. A twist that lags behind the motion looks like damping, so other parameters
 may describe the samples well, tens of standard deviations off. But it often takes all of them, and a delay is one
 number. So a delay is tried beside every change (isolation of a fault by hypotheses of its cause: Basseville &
-Nikiforov, Detection of Abrupt Changes, 1993, ch. 7).
+Nikiforov, Detection of Abrupt Changes, 1993, ch. 7). A sensor that becomes late does so by whole samples, so a shorter
+delay is none: half a millisecond of the link's position is what a gear that is softer by a tenth looks like.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ def late_sensor(
     none = _cost(tracker, _shifted(motions, 0, 0.0), z)
     found = [(*_delay(tracker, motions, z, k, none), k) for k in range(len(tracker.data.labels))]
     cost, delay, bend, k = min(found)
-    if not np.isfinite(none) or none - cost < float(chdtri(1, RARE)):
+    if not np.isfinite(none) or none - cost < float(chdtri(1, RARE)) or abs(delay) < tracker.data.period:
         return None
     without = tuple(_cost(tracker, _shifted(motions, 0, 0.0), other) for other in others)
     learned = relearn(tracker, _shifted(motions, k, delay), mean, precision, from_mean=True)

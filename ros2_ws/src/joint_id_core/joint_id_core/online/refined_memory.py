@@ -169,7 +169,8 @@ class RefinedMemory:
             more = memory.matrix @ moved
         memory.shift(more)
         self._shifted = self._shifted + moved
-        if self.levels.moved(memory.blocks):
+        far = np.abs(self._shifted) > np.sqrt(np.diag(memory.covariance))
+        if np.any(far) or self.levels.moved(memory.blocks):
             self._pass_again(tracker)
         self._effects.apply(memory)
 
