@@ -57,6 +57,8 @@ class Follower:
         since: instant in s at which the change of `explanation`, or a disagreement of the first windows, began.
         age_s: time of motion in s that is in the memory.
         lost_s: time of motion in s since a block was added to the memory.
+        astray: whether a label was far from what the filter expected, since the newest block: a sensor jumped, or the
+            joint changed.
         tested_from: begin in s of the newest block that agreed with the memory.
         chi2: mean squared normalised innovation of the last window; None before the first block.
         noise_changed: whether the innovations of the last window are far from what the noise levels allow.
@@ -83,7 +85,8 @@ class Follower:
         self._coordinates, self._options, self._make = coordinates, options, make
         self._refined = RefinedMemory(memory, coordinates, options.memory_s, levels, background)
         self._block: Block | None = None  # the present one
-        self._jumped = False  # since the newest block
+        self.astray = False
+        self._jumped = False  # whether the filter was stopped since the newest block
         self._innovations = NewestInnovations(options.window_s)
         self._moved_since, self._moved_until = np.inf, -np.inf
         self._pending: PendingChanges | None = None
@@ -131,7 +134,9 @@ class Follower:
             return
         if self._block is None:
             self._block = self.tracker.begin()
-        if not self.tracker.run(samples, self._block) or (not self._jumped and self._block.largest[0] > JUMP):
+        ran = self.tracker.run(samples, self._block)
+        self.astray = self.astray or bool(self._block.largest[0] > JUMP)
+        if not ran or (self.astray and not self._jumped):
             self._jumped = True
             self._stop()
 
@@ -181,7 +186,7 @@ class Follower:
             self._stop()
             return
         block, self._block = self.tracker.end(self._block), None
-        self._jumped = False
+        self._jumped = self.astray = False
         if self.found in (Found.UNEXPLAINED, Found.WRONG_START):
             return
         if self._pending is not None:

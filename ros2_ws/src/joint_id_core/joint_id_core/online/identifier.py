@@ -255,7 +255,8 @@ class OnlineIdentifier:
             self._enter(self._situation.after_samples(follower.found, agreed))
         if known is None or not self._situation.follows:
             return self._fitted()
-        if follower.found is Found.CHANGING or follower.lost_s > window_s or self._situation is Situation.ON_TRIAL:
+        untold = follower.found is Found.CHANGING or follower.astray or follower.lost_s > window_s
+        if untold or self._situation is Situation.ON_TRIAL:
             return with_note(known.last, window)
         if self._situation is Situation.RESUMED and not follower.memory.blocks:
             return known.unchanged(window, self._watch.recent, Status.TOO_SHORT, (UNTESTED,))
