@@ -35,11 +35,11 @@ def motion():
 
 
 @functools.cache
-def watched(late: int) -> list[Estimate]:
+def watched(late: float) -> list[Estimate]:
     """Every estimate of this joint, its link encoder `late` samples late after `BEFORE_S`."""
     time, voltage, moved = motion()
-    then = np.arange(len(time)) - np.where(time >= BEFORE_S, late, 0)
-    true = {**moved.channels, "link_position": moved["link_position"][np.clip(then, 0, len(time) - 1)]}
+    then = time - np.where(time >= BEFORE_S, late / RATE, 0.0)
+    true = {**moved.channels, "link_position": np.interp(then, time, moved["link_position"])}
     rng = np.random.default_rng(4)
     seen = {n: true[n] + sigma * rng.standard_normal(len(time)) for n, sigma in NOISE.items()}
     recording = Recording(time, {**seen, "voltage": voltage})
@@ -48,7 +48,7 @@ def watched(late: int) -> list[Estimate]:
     return [estimate for estimate in found if estimate is not None]
 
 
-def after(late: int, seconds: float) -> list[Estimate]:
+def after(late: float, seconds: float) -> list[Estimate]:
     """Those that came this long after the fault, and later."""
     return [e for e in watched(late) if e.end > BEFORE_S + seconds]
 
@@ -71,3 +71,9 @@ def test_the_sensor_and_its_delay_are_named(late, word):
 @pytest.mark.long
 def test_a_joint_without_a_fault_is_not_accused():
     assert all(e.converged and "check this sensor" not in e.message for e in after(0, 0.0))
+
+
+@pytest.mark.long
+def test_a_delay_of_less_than_a_sample_accuses_no_sensor():
+    """A gear that is a little softer looks like that, and a sensor gets late by whole samples."""
+    assert not any("check this sensor" in e.message for e in after(0.5, 0.0))

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from joint_id_core.data.recording import Array
+from joint_id_core.online.score_test import RANK
 from joint_id_core.online.symmetric import solve
 
 # Odds that one parameter changed at the begin of one stretch, before its samples are seen: with ten parameters and a
@@ -36,7 +37,9 @@ class Doubt:
             score, information: of the change, as `score_of` returns them.
             excess: scatter of earlier stretches, by which the square of each score is divided, shape (k,).
         """
-        single = np.maximum(information.diagonal(), 1e-300)
+        single = information.diagonal()
+        seen = single > RANK * precision.diagonal()  # else what is left of the score is rounding
+        single = np.where(seen, single, np.inf)
         square = score**2 / single / excess
         if square.max() < LEAST:  # nearly always
             return

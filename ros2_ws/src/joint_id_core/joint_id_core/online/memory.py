@@ -25,9 +25,7 @@ from joint_id_core.results.estimate import Estimate
 
 BLOCK_S = 0.5  # length of a block
 LENGTHS = (1, 2, 4, 8, 16, 32)  # blocks of the stretches that are tested
-# Blocks of those that only give doubt, one second apart; what shorter ones say of many parameters is little.
-DOUBTING = range(6, LENGTHS[-1] + 1, 2)
-SCANNED = sorted({*LENGTHS, *DOUBTING})
+SCANNED = (1, 2, 4, *range(6, LENGTHS[-1] + 1, 2))  # of those that give doubt, the longer ones one second apart
 HISTORY = 128  # blocks that can be passed through the filter again, where little is known yet
 RARE = 1e-7  # probability of one test to find a change where there is none
 SELDOM = 1.0 - 0.5 * RARE  # quantile of a single parameter
@@ -191,7 +189,7 @@ class Memory:
         steps = list(self._blocks)[-LENGTHS[-1] :]
         for stretch in self._stretches_of(steps, excess):
             count = stretch.count
-            if count in DOUBTING and stretch.largest >= LEAST:  # hardly ever
+            if stretch.largest >= LEAST:  # hardly ever
                 matrix = np.sum([step.block.matrix for step in steps[-count:]], axis=0)
                 doubt.consider(steps[-count].precision, matrix, stretch.score, stretch.information, excess[:-1])
             if count not in LENGTHS:
