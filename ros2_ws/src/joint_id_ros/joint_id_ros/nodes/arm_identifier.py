@@ -8,8 +8,6 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.subscription import Subscription
-from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from joint_id_core.alignment.joining import StampOrder
@@ -21,13 +19,13 @@ from joint_id_core.formats.topics import SAMPLES
 from joint_id_msgs.msg import JointSamples
 from joint_id_ros.arm_knowledge import ArmKnowledge
 from joint_id_ros.arm_publisher import ArmPublisher
+from joint_id_ros.description_source import DescriptionSource
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.ending import SILENT_S, Ending
 from joint_id_ros.lifecycle import ManagedNode
 from joint_id_ros.options.arm_identifier import ArmIdentifierOptions
 from joint_id_ros.options.reading import ReadingOptions
 from joint_id_ros.parameters import read
-from joint_id_ros.qos import LATEST
 from joint_id_ros.raw_messages import RawMessage
 from joint_id_ros.samples import to_recordings
 from joint_id_ros.sources import Sources
@@ -44,9 +42,8 @@ class ArmIdentifierNode(ManagedNode):
         super().__init__("arm_identifier", ArmIdentifierOptions, ReadingOptions, **how)
         self._options = ArmIdentifierOptions()
         self._arm: ArmKnowledge | None = None
-        self._text = self._refused = ""
         self._sources: Sources | None = None
-        self._described: Subscription | None = None
+        self._description: DescriptionSource | None = None
         self._publisher = ArmPublisher(self)
         self._ending = Ending(self)
         self._diagnostics = Diagnostics(self, self._health, "joint_samples")
@@ -62,49 +59,36 @@ class ArmIdentifierNode(ManagedNode):
         """Check the parameters, and read the description if it is in a file."""
         self._options = read(self, ArmIdentifierOptions)
         loaded_pinocchio()
-        self._text = ""
         if self._options.urdf:
             Description.read(self._options.urdf, self._options.base_gravity)
+        if self._description is not None:
+            self._description.close()
+        self._description = None
 
     def begin(self) -> None:
-        """Read the description, or subscribe to it; subscribe to the samples."""
-        if not self._options.urdf:
-            topic = self._options.description_topic
-            self._described = self.create_subscription(String, topic, self._on_description, LATEST)
+        """Subscribe to the samples; read the description, or subscribe to it."""
         reliability, topics = read(self, ReadingOptions).reliability, {SAMPLES.name: JointSamples}
         self._sources = Sources(self, topics, reliability, self._diagnostics, self._on_source)
         self.streams = Streams(self, topics, self._on_samples, self._sources, reliability, self._on_batch, PACE_S)
-        if self._options.urdf:
-            self._take(Description.read(self._options.urdf, self._options.base_gravity))
+        if self._description is None:  # else what is known goes on, after a pause
+            self._description = DescriptionSource(self, self._options, self._take, self._diagnostics.problem)
         self.get_logger().info("identifying the arm")
 
     def close(self) -> None:
-        """End the subscriptions, and write what is known."""
+        """End the subscriptions to samples, and write what is known."""
         for part in (self.streams, self._sources):
             if part is not None:
                 part.close()
-        if self._described is not None:
-            self.destroy_subscription(self._described)
         if self._arm is not None:
             self._arm.flush()
-        self.streams = self._sources = self._described = None
+        self.streams = self._sources = None
 
-    # --- the description
-
-    def _on_description(self, message: String) -> None:
-        if message.data == self._text:
-            return
-        self._text, self._refused = message.data, ""
-        try:
-            self._take(Description(message.data, self._options.description_topic, self._options.base_gravity))
-        except JointIdError as error:
-            self._refused = str(error)
-            self._diagnostics.problem("description", self._refused)
-
-    def _take(self, description: Description) -> None:
+    def _take(self, description: Description | None) -> None:
         if self._arm is not None:
             self._arm.close()
         self._arm = None
+        if description is None:
+            return
         self._arm = ArmKnowledge(description, self._options, self._diagnostics.problem)
         self._forget_run()
         if self._arm.follower.belief is not None and self.streams is not None:
@@ -173,7 +157,8 @@ class ArmIdentifierNode(ManagedNode):
 
     def _missing(self) -> str:
         """Return why there is no arm."""
-        return self._refused or f"no description of the robot on {self._options.description_topic} yet"
+        refused = "" if self._description is None else self._description.refused
+        return refused or f"no description of the robot on {self._options.description_topic} yet"
 
     def _on_timer(self) -> None:
         self._silent += 1
