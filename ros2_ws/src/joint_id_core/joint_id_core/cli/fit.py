@@ -133,7 +133,6 @@ def _validated(found: Result, given: Given) -> tuple[list[dict[str, Any]], str]:
     Raises:
         JointIdError: it is of no use.
     """
-    from joint_id_core.estimators.matched_load import MatchedLoad
     from joint_id_core.estimators.shared.data_check import concerning
     from joint_id_core.validation.prediction import held_out, held_out_drive
 
@@ -144,7 +143,7 @@ def _validated(found: Result, given: Given) -> tuple[list[dict[str, Any]], str]:
         if finding.fatal:
             raise JointIdError(finding.text)
         complain(f"{other.source}: {finding.text}")
-    other = MatchedLoad(model, given.recordings, found.job.settings_for(model)).that_of(estimate, other)
+    other = found.together.as_fitted(other)
     nrmse = held_out(model, other, estimate)
     rows: list[dict[str, Any]] = [{"signal": name, "nrmse": value} for name, value in nrmse.items()]
     said = ", ".join(f"{name} nrmse {v:.3g}" for name, v in nrmse.items())

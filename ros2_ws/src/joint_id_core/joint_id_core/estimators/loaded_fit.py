@@ -31,13 +31,23 @@ def fitted_with_load(
         JointIdError: as `MatchedLoad` and `fitted`.
     """
     load = MatchedLoad(model, recordings, settings)
-    found = None
     if load.second_choice:
-        found = together(model, [fitted(one.with_load_errors(None)) for one in recordings], settings)
-    if found is None or not found.estimate.status.describes:
-        fits = [load.with_doubt(fitted(load.of(one)), k) for k, one in enumerate(recordings)]
-        found = together(model, fits, settings)
-        if len(fits) > 1:  # it is the same in all recordings, so they do not average it away
-            found = replace(found, estimate=load.with_doubt(found.estimate))
+        found = together(model, [fitted(as_computed(one)) for one in recordings], settings)
+        if found.estimate.status.describes:
+            return _finished(found, model, as_computed)
+    fits = [load.with_doubt(fitted(load.of(one)), k) for k, one in enumerate(recordings)]
+    found = together(model, fits, settings)
+    if len(fits) > 1:  # it is the same in all recordings, so they do not average it away
+        found = replace(found, estimate=load.with_doubt(found.estimate))
+    return _finished(found, model, load.of)
+
+
+def _finished(found: Together, model: Model, as_fitted: Callable[[Recording], Recording]) -> Together:
+    """Return fits with what is not known of a computed load, and with how the recordings were taken."""
     alone = tuple(with_doubt(one, model) for one in found.alone)
-    return replace(found, estimate=with_doubt(found.estimate, model), alone=alone)
+    return replace(found, estimate=with_doubt(found.estimate, model), alone=alone, as_fitted=as_fitted)
+
+
+def as_computed(recording: Recording) -> Recording:
+    """Return a recording with its load as it was computed."""
+    return recording.with_load_errors(None)

@@ -33,7 +33,6 @@ LEAST = 0.5  # share of the samples at which errors of the load must be known
 ROUNDS = 5  # in which the noise is found, and how wide a prior must be
 # Parameters of a flexible joint that take what is wrong with the load on its link, by those of a rigid one.
 OF_LINK = {"J": "J_q", "c": "c_q", "tau_f": "tau_fq", "tau_0": ""}
-MATCHED = "the load was matched to the motion"
 TOLD = 0.1  # rms of what was added to the load, over that of the load or of the other torque, from which it is told
 FAR = 1.0  # rms of the factors from which more is wrong than masses
 
@@ -114,11 +113,6 @@ class MatchedLoad:
         notes = (*estimate.notes[:1], sentence(self._said), *estimate.notes[1:])
         return replace(estimate, notes=notes, message=message(notes))
 
-    def that_of(self, estimate: Estimate, recording: Recording) -> Recording:
-        """Return a recording with the load with which an estimate was made."""
-        taken = not self.second_choice or any(MATCHED in note.lower() for note in estimate.notes)
-        return self.of(recording) if taken else recording.with_load_errors(None)
-
     def _told(self, recordings: Sequence[Recording]) -> str:
         """Return how far the load is from the computed one, as a clause; "" if it is near."""
         used = [(one, seen) for one, seen in zip(recordings, self._seen, strict=True) if seen is not None]
@@ -132,7 +126,7 @@ class MatchedLoad:
         if _rms(self._factors) > FAR:
             why = "more than masses of the description is off, perhaps a tool is missing"
         return (
-            f"{MATCHED}: {added:.3g} Nm rms were added to {load:.3g} Nm, as {why} "
+            f"the load was matched to the motion: {added:.3g} Nm rms were added to {load:.3g} Nm, as {why} "
             "(joint-id arm fit --out writes a description that suits)"
         )
 

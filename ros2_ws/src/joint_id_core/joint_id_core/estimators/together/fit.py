@@ -5,12 +5,12 @@ Every recording is fitted by itself, with its own start and noise; then what the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from joint_id_core.data.recording import Array
+from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.shared.sentences import message
 from joint_id_core.estimators.shared.settings import ParameterSettings
@@ -22,6 +22,11 @@ from joint_id_core.results.estimate import Estimate, Status
 USABLE = (Status.CONVERGED, Status.DISAGREE, Status.UNINFORMATIVE)
 
 
+def as_it_is(recording: Recording) -> Recording:
+    """Return the recording: it is fitted as it is."""
+    return recording
+
+
 @dataclass(frozen=True)
 class Together:
     """The estimate from several recordings, the estimate of each, and how far each is from all.
@@ -31,11 +36,13 @@ class Together:
         alone: of every recording by itself.
         apart: by recording, the distance of its values from those of all, in standard deviations of the distance, by
             parameter; empty for a recording that was left out.
+        as_fitted: returns a recording of the joint as these were fitted, with the load that was found.
     """
 
     estimate: Estimate
     alone: tuple[Estimate, ...]
     apart: tuple[dict[str, float], ...]
+    as_fitted: Callable[[Recording], Recording] = as_it_is
 
     def __str__(self) -> str:
         """Return the estimate as a table, and a line for every recording."""
