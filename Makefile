@@ -42,9 +42,9 @@ $(WS)/install/.built: $(VENV)/.installed $(BUILD_INPUTS) $(BUILD_TOOLS)
 test test-long test-haswell: export OMP_NUM_THREADS := 1
 
 # Everything that users rely on, quick tests first. Those whose nodes stream at 500 Hz or run against a clock come last.
-# Nodes wait more than they compute, so four of their tests run at once.
+# Some unit tests wait for a process, and nodes wait more than they compute: so three and four run at once.
 test: setup
-	$(RUN) python -m pytest -n 2 --dist worksteal --durations=10 -m "not long" $(UNIT_TESTS)
+	$(RUN) python -m pytest -n 3 --dist worksteal --durations=10 -m "not long" $(UNIT_TESTS)
 	$(RUN) python -m pytest -n 4 --dist loadfile --no-loadscope-reorder --durations=10 -m "not long" $(LONG_FILES) $(OTHER_FILES)
 	$(RUN) python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --durations=10 -m "not long" $(TIMED_TESTS)
 
