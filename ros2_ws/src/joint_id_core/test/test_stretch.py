@@ -22,6 +22,7 @@ from joint_id_core.simulation.excitation import multisine
 from joint_id_core.simulation.simulator import simulate
 
 from .online_motion import MODEL, TRUTH, batches, motion
+from .readable import readable
 
 WINDOW_S = 1.0
 POOR = "the residuals are not white"
@@ -185,3 +186,19 @@ def test_a_rigid_joint_as_modelled_is_left_to_the_recursion(monkeypatch):
     joint = OnlineIdentifier(MODEL)
     last = [e for samples in batches(motion(12.0)) if (e := joint.update(samples)) is not None][-1]
     assert last.converged and last["J"].value == pytest.approx(TRUTH["J"], rel=0.01)
+
+
+def test_stretches_that_disagree_are_told_and_the_interval_contains_both(monkeypatch, good):
+    """As where friction bends, and a robot moves slowly first."""
+
+    def found(count: int) -> Estimate:
+        return lacking(good, 2.0 if count < 3 else 3.0).updated(end=float(followed.fitted[-1].time[-1]))
+
+    followed = Followed(monkeypatch, found)
+    poor = good.updated(status=Status.POOR_FIT)
+    assert followed.move(1.5 * LEAST * WINDOW_S, poor).converged
+    said = followed.move(REACH * WINDOW_S, poor)
+    assert said.status is Status.DISAGREE and "indows disagree: J is 2 ± " in said.message, said.message
+    readable(said.message)
+    assert said["J"].value == pytest.approx(2.5, rel=1e-3)
+    assert said["J"].std_dev > 0.25

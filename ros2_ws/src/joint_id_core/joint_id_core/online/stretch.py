@@ -21,6 +21,7 @@ from joint_id_core.estimators.opinion import suits
 from joint_id_core.estimators.shared.sentences import message
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
+from joint_id_core.online.agreement import Agreement
 from joint_id_core.online.checks import Background
 from joint_id_core.online.newest_motion import NewestMotion
 from joint_id_core.results.estimate import Estimate, Status
@@ -55,6 +56,7 @@ class Stretch:
         self._matched = False  # whether a fit matches the load to the motion, which the recursion does not
         self._poor_since = np.inf
         self._found: Estimate | None = None
+        self._agreement = Agreement(model, REACH * window_s, self._wanted)
         self._begin()
 
     def _begin(self) -> None:
@@ -107,7 +109,7 @@ class Stretch:
         if self._running is not None and self._running.done():
             (found, took_s), self._running = self._running.result(), None
             self._motion.wait(max(EVERY * self._window_s, took_s / SHARE))
-            self._found = found if found.status.describes else None
+            self._found = self._agreement.on(found) if found.status.describes else None
         return self._found
 
 
