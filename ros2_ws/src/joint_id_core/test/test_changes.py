@@ -213,6 +213,7 @@ def test_a_change_that_looks_like_the_jump_of_a_sensor_is_said_in_the_next_estim
     after = [e for e in found if e is not None and e.end > before_s]
     said = [e.end for e in after if not e.converged or e.changes]
     assert said[0] < before_s + 0.6
+    assert all("onverged" not in e.message for e in after if not e.converged)
     last = after[-1]
     assert last.converged and {c.name for c in last.changes} <= set(friction)
     assert worst(last, {**true, **friction}) < 4.0

@@ -101,7 +101,7 @@ def _with_excess(last: Estimate, covariance: Array) -> Array:
 
 def with_note(estimate: Estimate, window: SlidingWindow) -> Estimate:
     """Return the estimate of an earlier window as that of the present one, which the memory does not describe."""
-    notes = (DISAGREE, *estimate.notes)
+    notes = (DISAGREE, *(note for note in estimate.notes if note != sentence(Status.CONVERGED.advice)))
     return replace(
         estimate,
         status=Status.POOR_FIT,
