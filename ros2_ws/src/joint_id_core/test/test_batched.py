@@ -100,7 +100,7 @@ def test_a_batch_of_filters_equals_the_compiled_kernel(name, options):
 
 
 @pytest.mark.parametrize("friction", ["tanh", "sign"])
-@pytest.mark.parametrize("name", map(quick, MODELS))
+@pytest.mark.parametrize("name", [quick(name) for name in MODELS])
 def test_a_batch_of_simulations_equals_the_compiled_kernel(name, friction):
     recursion, rng = problem(name, {}, 1, samples=60), np.random.default_rng(5)
     data = recursion.data
