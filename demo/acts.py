@@ -38,8 +38,8 @@ def live(args: argparse.Namespace, model: Model, begun: float) -> History:
     topics = ["link_states", "motor_states", "truth", *(["motor_voltages"] if "voltage" in model.input_names else [])]
     with (
         tempfile.TemporaryDirectory(dir=args.out, prefix="run_") as folder,
-        Nodes(args.out / "logs/live", args.domain) as nodes,
-        Watcher(args.domain) as watcher,
+        Nodes(args.out / "logs/live") as nodes,
+        Watcher() as watcher,
     ):
         bag = Path(folder) / "recording"
         nodes.node("filter")
@@ -57,7 +57,7 @@ def load(args: argparse.Namespace) -> History:
     """Sim, filter and identifier; the simulated joint picks up a load. Returns what was estimated."""
     model = PositionControl({}, MotionOptions(), 0).model
     screen = Screen("load", time.monotonic())
-    with Nodes(args.out / "logs/load", args.domain) as nodes, Watcher(args.domain) as watcher:
+    with Nodes(args.out / "logs/load") as nodes, Watcher() as watcher:
         nodes.node("filter")
         _start_identifier(nodes, watcher, model.name, _wrong(model))
         nodes.node("sim", model=model.name, wait_subscribers=1)
@@ -76,7 +76,7 @@ def robot(args: argparse.Namespace) -> tuple[History, dict[str, JointEstimate], 
     """
     screen = Screen(f"robot, {ROBOT_JOINT}", time.monotonic())
     truth_file = args.out / "logs/robot/truth.yaml"
-    with Nodes(args.out / "logs/robot", args.domain) as nodes, Watcher(args.domain, ROBOT_JOINT) as watcher:
+    with Nodes(args.out / "logs/robot") as nodes, Watcher(ROBOT_JOINT) as watcher:
         nodes.node("filter")
         emulator = nodes.emulator(HOST, truth_file)
         truth = yaml.safe_load(truth_file.read_text())
@@ -128,7 +128,7 @@ def replay(args: argparse.Namespace, model: Model) -> History:
     """Player, filter and identifier, on the clock of the bag."""
     bag = args.out / "recording"
     screen = Screen("replayed", time.monotonic())
-    with Nodes(args.out / "logs/replay", args.domain) as nodes, Watcher(args.domain) as watcher:
+    with Nodes(args.out / "logs/replay") as nodes, Watcher() as watcher:
         nodes.node("filter", use_sim_time=True)
         _start_identifier(nodes, watcher, model.name, _wrong(model), use_sim_time=True)
         nodes.node("player", bag=bag, rate=REPLAY_RATE)

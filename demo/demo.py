@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import logging
-import os
 import signal
 import sys
 import time
@@ -39,9 +38,8 @@ def main() -> int:
     args = _arguments()
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)  # both end the demo like Ctrl-C
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"  # for the part of DDS in this process
     try:
-        with own_domain() as args.domain:
+        with own_domain():
             estimated = _run(args, begun)
     except KeyboardInterrupt:
         print("\nstopped: every node has ended")

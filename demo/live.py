@@ -75,12 +75,12 @@ class Watcher:
         latest: last estimate by joint, of all joints.
     """
 
-    def __init__(self, domain: int, joint: str = "joint") -> None:
+    def __init__(self, joint: str = "joint") -> None:
         self.history = History()
         self.latest: dict[str, JointEstimate] = {}
         self._joint = joint
         self._context = Context()
-        rclpy.init(context=self._context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self._node = Node("demo", context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)

@@ -34,19 +34,16 @@ class NodeFailedError(Exception):
 
 
 class Nodes:
-    """Starts nodes on a ROS domain of their own, and ends all of them when the `with` block is left.
+    """Starts nodes, and ends all of them when the `with` block is left.
 
     Every child is a session of its own: a Ctrl-C in the terminal reaches the demo alone, which then stops
     the children in order, so that the recorder can finish its bag.
     """
 
-    def __init__(self, logs: Path, domain: int) -> None:
+    def __init__(self, logs: Path) -> None:
         """`logs` is the folder that receives what the processes print."""
         logs.mkdir(parents=True, exist_ok=True)
         self.logs = logs
-        self._environment = {
-            **os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        }  # fmt: skip
         self._children: dict[str, subprocess.Popen[Any]] = {}
         self._emulator: EmulatorProcess | None = None
 
@@ -83,7 +80,7 @@ class Nodes:
             self._children[name] = subprocess.Popen(
                 [*BOUND_TO_PARENT, sys.executable, str(script), *arguments],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
-                env=self._environment, start_new_session=True,
+                start_new_session=True,
             )  # fmt: skip
 
     def _log(self, name: str) -> Path:

@@ -34,15 +34,15 @@ def _load() -> None:
 class Process:
     """A console script of joint_id_ros in its own process, whose output goes into a file."""
 
-    def __init__(self, name: str, output: Path, environment: dict[str, str], arguments: list[str]) -> None:
+    def __init__(self, name: str, output: Path, arguments: list[str]) -> None:
         script = str(Path(get_package_prefix("joint_id_ros")) / "lib/joint_id_ros" / name)
         self.name, self._output = name, output
         output.touch()
-        self._begin(script, environment, arguments)
+        self._begin(script, arguments)
 
-    def _begin(self, script: str, environment: dict[str, str], arguments: list[str]) -> None:
+    def _begin(self, script: str, arguments: list[str]) -> None:
         _load()
-        self._process = FORKS.Process(target=_run, args=(script, str(self._output), environment, arguments))
+        self._process = FORKS.Process(target=_run, args=(script, str(self._output), dict(os.environ), arguments))
         self._process.start()
 
     @property
@@ -80,11 +80,9 @@ class Process:
 class Program(Process):
     """The same, started as a user does: a new interpreter runs the script."""
 
-    def _begin(self, script: str, environment: dict[str, str], arguments: list[str]) -> None:
+    def _begin(self, script: str, arguments: list[str]) -> None:
         with self._output.open("w") as file:
-            self._popen = subprocess.Popen(
-                [sys.executable, script, *arguments], stdout=file, stderr=subprocess.STDOUT, env=environment
-            )
+            self._popen = subprocess.Popen([sys.executable, script, *arguments], stdout=file, stderr=subprocess.STDOUT)
 
     @property
     def pid(self) -> int:

@@ -64,15 +64,13 @@ PYTHON_ELSEWHERE = {
 class Page:
     """A page that is run: commands one after the other, with the variables that they set."""
 
-    def __init__(self, page: Path, folder: Path, probe: Any, domain: int) -> None:
+    def __init__(self, page: Path, folder: Path, probe: Any) -> None:
         self.folder, self._probe, self._set = folder, probe, list[str]()
         self._path = named(page)
         self._running: list[tuple[str, subprocess.Popen[bytes], Path]] = []
         self._environment = {
             **os.environ,
             "PATH": f"{ROOT}/.venv/bin:{os.environ['PATH']}",
-            "ROS_DOMAIN_ID": str(domain),
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             "MPLBACKEND": "agg",
         }
         for name in (".venv", "bags", "config", "docs", "setup"):
@@ -134,12 +132,12 @@ class Page:
 
 
 @pytest.fixture
-def opened(tmp_path: Path, probe: Any, domain: int) -> Iterator[Callable[[Path], Page]]:
+def opened(tmp_path: Path, probe: Any) -> Iterator[Callable[[Path], Page]]:
     """Open a page for running."""
     pages: list[Page] = []
 
     def begin(page: Path) -> Page:
-        pages.append(Page(page, tmp_path, probe, domain))
+        pages.append(Page(page, tmp_path, probe))
         return pages[-1]
 
     yield begin
@@ -224,7 +222,7 @@ def test_a_command_that_fails_is_noticed(opened: Callable[[Path], Page]) -> None
     run._running.clear()
 
 
-def test_the_subscriber_of_the_tutorial_prints_estimates(tmp_path: Path, probe: Any, domain: int) -> None:
+def test_the_subscriber_of_the_tutorial_prints_estimates(tmp_path: Path, probe: Any) -> None:
     """The Python of docs/tutorials/live.md, which runs until it is stopped."""
     from rclpy.qos import DurabilityPolicy, QoSProfile
 
@@ -236,10 +234,7 @@ def test_the_subscriber_of_the_tutorial_prints_estimates(tmp_path: Path, probe: 
     qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     publisher = probe.create_publisher(JointParams, "joint_params", qos)
     publisher.publish(JointParams(joints=[joint]))
-    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    process = subprocess.Popen(
-        [sys.executable, "-u", "-c", python], env=environment, stdout=(tmp_path / "printed.txt").open("w")
-    )
+    process = subprocess.Popen([sys.executable, "-u", "-c", python], stdout=(tmp_path / "printed.txt").open("w"))
     try:
         printed = tmp_path / "printed.txt"
         probe.until(lambda: printed.read_text() or process.poll() is not None, "an estimate on the screen")

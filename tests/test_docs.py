@@ -71,7 +71,9 @@ def test_a_wrong_table_is_noticed(generator: ModuleType) -> None:
 
 
 @pytest.mark.parametrize("node", ["sim", "filter", "identifier", "player", "driver"])
-def test_every_node_parameter_is_declared_with_the_default_of_its_page(generator: ModuleType, node: str) -> None:
+def test_every_node_parameter_is_declared_with_the_default_of_its_page(
+    generator: ModuleType, node: str, domain: int
+) -> None:
     rclpy = pytest.importorskip("rclpy", reason="needs the built workspace")
     from joint_id_ros.parameters import declare
 

@@ -1,7 +1,6 @@
 """A whole arm through the whole path: emulated robot, driver, then a bag and its fit, or filter and arm identifier."""
 
 import json
-import os
 import subprocess
 import sys
 import time
@@ -42,26 +41,25 @@ def description():
     return "".join([*parts, "</robot>"])
 
 
-def joint_id(*words, environment=None):
+def joint_id(*words):
     """A command in a process of its own."""
     return subprocess.run(
         [sys.executable, "-c", "from joint_id_core.cli import main; main()", *map(str, words)],
-        capture_output=True, text=True, timeout=PATIENCE_S, env=environment, check=False,
+        capture_output=True, text=True, timeout=PATIENCE_S, check=False,
     )  # fmt: skip
 
 
-def test_a_recording_of_the_driver_tells_friction_rotors_and_the_payload(start, probe, robot, tmp_path, domain):
+def test_a_recording_of_the_driver_tells_friction_rotors_and_the_payload(start, probe, robot, tmp_path):
     urdf, truth = tmp_path / "arm.urdf", tmp_path / "truth.yaml"
     urdf.write_text(description())
     machine = robot("--urdf", str(urdf), "--robot", "ur5e", "--amplitude", "1", "--truth", str(truth))
     links = probe.collect(JointState, "link_states")
     start("driver", robot_ip="127.0.0.1", port=machine.port, joints=list(NAMES), stall_s=20.0)
     probe.until(lambda: len(links) > 600, "samples")
-    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     for bag, command in (("free", "put-down"), ("carrying", "pick-up 2.5")):
         machine.tell(command)
         words = ("record", tmp_path / bag, "link_states", "motor_states", "--duration", SECONDS)
-        done = joint_id(*words, environment=environment)
+        done = joint_id(*words)
         assert done.returncode == 0, done.stderr
     known = yaml.safe_load(truth.read_text())
     gains = [w for n in NAMES for w in ("--set", f"{n}.k_t={known[n]['k_t']}", "--set", f"{n}.N={known[n]['N']}")]

@@ -6,7 +6,6 @@ docs/reliability.md has a row for each of these tests.
 from __future__ import annotations
 
 import math
-import os
 
 import pytest
 import rclpy
@@ -26,18 +25,16 @@ from joint_id_ros.qos import STREAM_OUT
 def running(tmp_path_factory):
     """A filter and an identifier for all tests of this file."""
     processes = []
-    with own_domain() as domain, pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
+    with own_domain():
 
         def start(name, **parameters):
             arguments = [text for key, value in parameters.items() for text in ("-p", f"{key}:={value}")]
             output = tmp_path_factory.mktemp(name) / "log"
-            processes.append(Process(name, output, environment, ["--ros-args", *arguments]))
+            processes.append(Process(name, output, ["--ros-args", *arguments]))
             return processes[-1]
 
         context = Context()
-        rclpy.init(context=context, domain_id=domain)
+        rclpy.init(context=context)
         probe = Probe(context)
         graph = Graph(probe, start)
         graph.right_again()

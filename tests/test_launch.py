@@ -40,8 +40,7 @@ sys.exit(service.run())
 def launch(tmp_path, domain):
     """Start a launch file with arguments; ended with the test."""
     started = []
-    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-                   "ROS_LOG_DIR": str(tmp_path / "log")}  # fmt: skip
+    environment = {**os.environ, "ROS_LOG_DIR": str(tmp_path / "log")}
 
     def begin(name, **given):
         arguments = [f"{key}:={value}" for key, value in given.items()]

@@ -31,10 +31,8 @@ FUZZ = settings(
 
 
 @pytest.fixture
-def ros(monkeypatch):
+def ros(domain):
     """Make a node with parameters; its publishers give to a list."""
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     nodes = []
 
     def make(kind, **parameters):

@@ -1,7 +1,6 @@
 """Launch files: arguments are the options of their nodes, and what is given wins over the parameter file."""
 
 import ast
-import os
 from dataclasses import fields
 from pathlib import Path
 
@@ -117,10 +116,8 @@ def test_what_is_given_comes_after_the_file_and_what_is_not_given_is_left_to_it(
 
 
 @pytest.mark.parametrize("section", ["/**/identifier", "/**", "identifier", "/arm/identifier"])
-def test_ros_takes_the_file_over_the_own_and_the_given_over_the_file(tmp_path, monkeypatch, section):
+def test_ros_takes_the_file_over_the_own_and_the_given_over_the_file(tmp_path, domain, section):
     """The texts as rclpy reads them, whatever section the file has."""
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     file = {"ros__parameters": {"hop_s": 5.0, "window_s": 7.0, "model": "dc_motor"}}
     (tmp_path / "file.yaml").write_text(yaml.safe_dump({section: file}))
     values = {"params_file": str(tmp_path / "file.yaml"), "model": "harmonic_drive", "hop_s": "2", "namespace": ""}

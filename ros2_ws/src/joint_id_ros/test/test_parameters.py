@@ -1,6 +1,5 @@
 """ROS parameters carry meaning, unit, range and default of the options they are made from."""
 
-import os
 from dataclasses import dataclass, fields
 
 import pytest
@@ -35,9 +34,7 @@ class Sample:
 
 
 @pytest.fixture
-def make(monkeypatch):
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+def make(domain):
     rclpy.init()
     nodes = []
 

@@ -1,7 +1,5 @@
 """The player tells the time of the bag every 10 ms of real time, however many messages come in between."""
 
-import os
-
 import numpy as np
 import pytest
 import rclpy
@@ -22,9 +20,7 @@ class Published:
 
 
 @pytest.fixture
-def player(tmp_path, monkeypatch):
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+def player(tmp_path, domain):
     t = 100.0 + np.arange(50) * 0.002
     write_bag(tmp_path / "bag", {"joint": Recording(t, {"link_position": np.sin(t)})})
     rclpy.init(args=["--ros-args", "-p", f"bag:={tmp_path / 'bag'}"])

@@ -1,6 +1,5 @@
 """`joint-id record` in a process of its own, against a real publisher over DDS."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -28,9 +27,7 @@ BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 @pytest.fixture
-def node(monkeypatch):
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+def node(domain):
     rclpy.init()
     node = rclpy.create_node("source")
     yield node

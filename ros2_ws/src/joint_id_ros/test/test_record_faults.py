@@ -1,6 +1,5 @@
 """`joint-id record` that is killed, or whose disk is full, leaves a bag that can be read."""
 
-import os
 import random
 import resource
 import signal
@@ -23,11 +22,8 @@ LOSS_S = 2.0  # what a kill may cost
 
 
 @pytest.fixture
-def source(monkeypatch):
+def source(domain):
     """A publisher of link_states at 500 Hz; position and stamp tell the number of the message."""
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(101 + os.getpid() % 100))
-    # LOCALHOST would share memory with the recorders, and one that is killed can stop this publisher for ever
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     rclpy.init()
     node = rclpy.create_node("source")
     source = Source(node.create_publisher(JointState, "link_states", 2000))
