@@ -54,6 +54,7 @@ CASES = (
     Case("stiffness -50 %", "stiffness", 0.5),
     Case("torque constant -5 %", "drive", 0.95),
     Case("friction +10 % an hour", "friction", 1.1, drift=True),
+    Case("friction +60 % an hour", "friction", 1.6, drift=True),
     Case("current offset 0.05 A", fault="offset"),
     Case("encoder frozen", fault="frozen"),
     Case("encoder late by 5 ms", fault="late"),

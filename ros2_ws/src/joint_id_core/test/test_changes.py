@@ -53,6 +53,23 @@ def changing(names: tuple[str, ...], factor: float, before_s=8.0, after_s=8.0) -
     return Recording(time, channels)
 
 
+@functools.cache
+def warming(by_hour: float, steady_s=8.0, seconds=60.0) -> Recording:
+    """A joint whose friction grows all the time after `steady_s`, as `friction_at` says, in steps of a period."""
+    parts, end = [], None
+    for k in range(round(seconds / PERIOD_S)):
+        values = {n: friction_at(k * PERIOD_S, by_hour, steady_s) * TRUTH[n] for n in FRICTION}
+        part, end = stretch(PERIOD_S, values, end, k)
+        parts.append(part)
+    channels = {n: np.concatenate([p[n] for p in parts]) for n in MEASURED}
+    return Recording(np.arange(len(channels["torque"])) / RATE, channels)
+
+
+def friction_at(time: float, by_hour: float, steady_s: float) -> float:
+    """The factor on the friction at an instant in s, if it grows `by_hour`."""
+    return 1.0 + by_hour * max(0.0, time - steady_s) / 3600.0
+
+
 def watched(recording: Recording, batch: int = 20, **options) -> list:
     """Every estimate while the recording arrives; each of them says something readable."""
     identifier = OnlineIdentifier(MODEL, options=OnlineOptions(window_s=WINDOW_S, **options))
@@ -117,6 +134,16 @@ def test_what_did_not_change_keeps_what_was_known():
     others = [n for n in first.free if n not in {c.name for c in first.changes}]
     kept = [n for n in others if first[n].std_dev < 3.0 * before[n].std_dev]
     assert len(kept) >= len(others) / 2
+
+
+@pytest.mark.parametrize("by_hour", [2.0, pytest.param(-0.6, marks=pytest.mark.long)], ids=["friction rises", "friction falls"])
+def test_a_joint_that_changes_all_the_time_is_followed(by_hour):
+    """What was known was forgotten again and again, and four of ten estimates were poor fits."""
+    late = [e for e in watched(warming(by_hour)) if e.end > 16.0]
+    good = [e for e in late if e.converged]
+    assert len(good) > 0.9 * len(late)
+    for e in good:
+        assert worst(e, {**TRUTH, **{n: friction_at(e.end, by_hour, 8.0) * TRUTH[n] for n in FRICTION}}) < 5.0
 
 
 def test_nothing_is_said_of_a_joint_that_does_not_change():

@@ -14,13 +14,15 @@ from joint_id_core.online.returned import returned
 from joint_id_core.online.tracker import Tracker
 
 PATIENT = 4.0  # window lengths of motion after which new values that nothing confirms are given up
+LONG = 2.0  # window lengths of motion, of which the older half is left out where the newest samples say otherwise
 
 
 class PendingChange:
     """A change that is learned from the samples since it happened.
 
     It is confirmed when two stretches agree on it: the new values are learned from one, and the next block of samples
-    is what they predict.
+    is what they predict. A small change is found late, in a long stretch, and a joint that warms up changes all the
+    time: if the next block is not what a long stretch predicts, new values are learned from its newer half.
 
     Args:
         change: what the memory has found.
@@ -49,7 +51,7 @@ class PendingChange:
         self.before = before
         self._blocks = list(blocks)
         self.change, self._coordinates, self._options = change, coordinates, options
-        self._lost_s = 0.0  # motion in s before the joint changed again
+        self._waited_s = 0.0  # motion in s since it was found
 
     @property
     def keeps(self) -> bool:
@@ -90,6 +92,7 @@ class PendingChange:
     def add(self, block: Piece) -> bool:
         """Add the newest block; return whether it confirms the guess."""
         self._blocks.append(block)
+        self._waited_s += block.duration
         if self.guess is None:
             return False
         explanation, memory = self.guess
@@ -99,19 +102,19 @@ class PendingChange:
         return memory.test() is None and enough
 
     def learn(self, tracker: Tracker) -> None:
-        """Learn a guess from all blocks.
+        """Learn a guess from the blocks.
 
         If a part of what was known explained them before and nothing does now, the joint may have changed again, in the
         newest block.
         """
-        kept, seen_s, window_s = self.keeps, self._seen_s, self._options.window_s
-        patient = self._lost_s + seen_s < PATIENT * window_s
+        kept, unconfirmed, window_s = self.keeps, self.guess is not None, self._options.window_s
+        if unconfirmed and self._seen_s > LONG * window_s:
+            self._blocks = self._blocks[len(self._blocks) // 2 :]
         found = learn(tracker, self._blocks[1:], self.change, self._coordinates)
-        self.guess = None
+        patient, self.guess = self._waited_s < PATIENT * window_s, None
         if found is not None and patient:
             self.guess = self._memory(found)
         elif kept and patient:
-            self._lost_s += seen_s
             self._blocks = self._blocks[-1:]
         else:
-            self.unexplained = seen_s > window_s
+            self.unexplained = self._seen_s > window_s
