@@ -136,8 +136,8 @@ def test_what_did_not_change_keeps_what_was_known():
     assert len(kept) >= len(others) / 2
 
 
-@pytest.mark.parametrize("by_hour", [2.0, pytest.param(-0.6, marks=pytest.mark.long)], ids=["friction rises", "friction falls"])
-def test_a_joint_that_changes_all_the_time_is_followed(by_hour):
+@pytest.mark.parametrize("by_hour", [2.0, pytest.param(-0.6, marks=pytest.mark.long)], ids=["rises", "falls"])
+def test_friction_that_changes_all_the_time_is_followed(by_hour):
     """What was known was forgotten again and again, and four of ten estimates were poor fits."""
     late = [e for e in watched(warming(by_hour)) if e.end > 16.0]
     good = [e for e in late if e.converged]

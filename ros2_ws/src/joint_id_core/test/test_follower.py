@@ -62,9 +62,9 @@ def never_confirmed(monkeypatch):
     """New values are always found, but wrong, so that the next samples refute them; the numbers of blocks in use."""
     used, learn = [], learning.learn
 
-    def wrong(tracker, stretches, change, coordinates):
+    def wrong(tracker, stretches, change, coordinates, one_cause):
         used.append(len(stretches))
-        found = learn(tracker, stretches, change, coordinates)
+        found = learn(tracker, stretches, change, coordinates, one_cause)
         if found is None:
             return None
         off = 50.0 / np.sqrt(sum(np.diag(p.matrix) for p in found.learned.pieces))

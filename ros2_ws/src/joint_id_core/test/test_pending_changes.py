@@ -8,6 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from joint_id_core.online import pending_change
+from joint_id_core.online.memory import BLOCK_S
+from joint_id_core.online.options import OnlineOptions
+from joint_id_core.online.pending_change import PATIENT, PendingChange
 from joint_id_core.online.pending_changes import PendingChanges
 
 Z = np.zeros(2)
@@ -90,3 +94,27 @@ def test_what_nothing_explains_is_said():
     one = pending(Pending(guess=False))
     assert one.learn(Filter()) is None
     assert one.unexplained and one.guess is None
+
+
+def test_a_change_that_was_found_late_is_learned_as_long_as_any_other(monkeypatch):
+    """One that only 16 s of motion showed was given up at once, and all that was known forgotten."""
+    asked: list[tuple[int, bool]] = []
+    refuted = SimpleNamespace(add=lambda *_: None, test=lambda: "a change")
+    found = SimpleNamespace(all_new=False, memory=lambda *_: refuted)
+
+    def learn(tracker: Any, blocks: Any, change: Any, coordinates: Any, one_cause: bool) -> Any:
+        asked.append((len(blocks), one_cause))
+        return found
+
+    monkeypatch.setattr(pending_change, "learn", learn)
+    options, block, nothing = OnlineOptions(), SimpleNamespace(duration=BLOCK_S), SimpleNamespace(spread=None)
+    many: Any = PendingChange
+    one = many(None, [block] * 33, nothing, options, None)
+    one.learn(None)
+    assert one.guess is not None and not one.unexplained
+    while not one.unexplained:
+        assert not one.add(block)
+        one.learn(None)
+    assert len(asked) == 1 + round(PATIENT * options.window_s / BLOCK_S)
+    assert asked[:2] == [(32, True), (16, False)]  # the newer half, and no single cause
+    assert all(4 <= count <= 16 for count, _ in asked[1:])

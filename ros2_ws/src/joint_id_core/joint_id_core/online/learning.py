@@ -63,7 +63,13 @@ class Explanation:
         return memory
 
 
-def learn(tracker: Tracker, stretches: Sequence[Piece], change: Change, coordinates: Coordinates) -> Explanation | None:
+def learn(
+    tracker: Tracker,
+    stretches: Sequence[Piece],
+    change: Change,
+    coordinates: Coordinates,
+    one_cause: bool = True,
+) -> Explanation | None:
     """Fit changed parameters to stretches of samples after a change; the others keep what was known.
 
     Args:
@@ -71,6 +77,7 @@ def learn(tracker: Tracker, stretches: Sequence[Piece], change: Change, coordina
         stretches: samples after the change.
         change: what the memory has found.
         coordinates: of the parameters.
+        one_cause: whether the joint may have changed once, by one cause; else any parameter may have changed.
 
     Returns:
         The explanation by one cause, with all causes opened that explain the samples nearly as well; else that by a
@@ -81,7 +88,8 @@ def learn(tracker: Tracker, stretches: Sequence[Piece], change: Change, coordina
         return None
     count = len(coordinates.groups)
     every = _fitted(tracker, stretches, change, range(count), coordinates)
-    single = [(group, _fitted(tracker, stretches, change, group, coordinates)) for group in causes(coordinates.groups)]
+    groups = causes(coordinates.groups) if one_cause else []
+    single = [(group, _fitted(tracker, stretches, change, group, coordinates)) for group in groups]
     fits = [(group, found) for group, found in single if found is not None]
     least = min((found.learned.cost for _, found in fits), default=np.inf)
     best = every

@@ -22,7 +22,8 @@ class PendingChange:
 
     It is confirmed when two stretches agree on it: the new values are learned from one, and the next block of samples
     is what they predict. A small change is found late, in a long stretch, and a joint that warms up changes all the
-    time: if the next block is not what a long stretch predicts, new values are learned from its newer half.
+    time: if the next block is not what a long stretch predicts, new values of all parameters are learned from its newer
+    half. What was known before fits none of these values to the last digit, and no single cause explains them.
 
     Args:
         change: what the memory has found.
@@ -51,6 +52,7 @@ class PendingChange:
         self.before = before
         self._blocks = list(blocks)
         self.change, self._coordinates, self._options = change, coordinates, options
+        self._once = True  # whether the joint may have changed once, and not all the time
         self._waited_s = 0.0  # motion in s since it was found
 
     @property
@@ -109,8 +111,8 @@ class PendingChange:
         """
         kept, unconfirmed, window_s = self.keeps, self.guess is not None, self._options.window_s
         if unconfirmed and self._seen_s > LONG * window_s:
-            self._blocks = self._blocks[len(self._blocks) // 2 :]
-        found = learn(tracker, self._blocks[1:], self.change, self._coordinates)
+            self._blocks, self._once = self._blocks[len(self._blocks) // 2 :], False
+        found = learn(tracker, self._blocks[1:], self.change, self._coordinates, self._once)
         patient, self.guess = self._waited_s < PATIENT * window_s, None
         if found is not None and patient:
             self.guess = self._memory(found)
