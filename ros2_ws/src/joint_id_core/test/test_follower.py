@@ -19,7 +19,7 @@ from joint_id_core.online import (
     pending_change,
     tracker,
 )
-from joint_id_core.online.follower import Follower, Found
+from joint_id_core.online.follower import LOST, Follower, Found
 from joint_id_core.online.knowledge import Knowledge
 from joint_id_core.online.memory import BLOCK_S
 from joint_id_core.online.noise_effects import weight
@@ -102,6 +102,18 @@ def test_after_that_the_newest_window_is_fitted_by_itself(never_confirmed):
     assert not any(e.converged for e in found if CHANGES_AT + BLOCK_S < e.end < end - 2.0)
     assert sum("what was known is forgotten" in e.message for e in found) == 1
     assert late[-1]["J"].value == pytest.approx(2.0 * found[0]["J"].value, rel=0.02)
+
+
+def test_a_filter_that_diverges_at_every_start_is_given_up(monkeypatch):
+    """A wrong guess left a joint a poor fit for 150 s, and for ever."""
+    one = Knowledge.from_window(task(), fitted(), motion().window(0.0, WINDOW_S)).follower
+    follow(one, motion(20.0), WINDOW_S, 4.0)
+    monkeypatch.setattr(tracker.Tracker, "start", lambda self: [])
+    one.rest()
+    follow(one, motion(20.0), 4.0, 4.0 + PATIENT * WINDOW_S)
+    assert one.found is Found.AGREES and one.tracker is None
+    follow(one, motion(20.0), 4.0 + PATIENT * WINDOW_S, 4.5 + LOST * WINDOW_S)
+    assert one.found is Found.UNEXPLAINED
 
 
 FREED = ("w_s",)  # it has a lower bound, far below which it is zero and the friction is not a number

@@ -17,7 +17,7 @@ from joint_id_core.online.levels import Levels
 from joint_id_core.online.memory import BLOCK_S, Change, Memory
 from joint_id_core.online.newest_innovations import NewestInnovations
 from joint_id_core.online.options import OnlineOptions
-from joint_id_core.online.pending_change import PendingChange
+from joint_id_core.online.pending_change import PATIENT, PendingChange
 from joint_id_core.online.pending_changes import PendingChanges
 from joint_id_core.online.piece import Piece
 from joint_id_core.online.refined_memory import RefinedMemory
@@ -27,6 +27,9 @@ from joint_id_core.online.window import SlidingWindow
 # Innovation, in standard deviations, from which a sensor jumped: the filter starts again. If it jumps again before it
 # has followed a block, it is the joint that changed: the next block is tested.
 JUMP = 300.0
+# Window lengths of motion without a block for the memory, longer than a change is learned, after which a filter that
+# diverges is not started again: it would at every try, at values that a wrong guess gave it.
+LOST = PATIENT + 1.0
 YOUNG = 1.0  # window lengths of motion before which a disagreement is not taken for a change of the joint
 
 
@@ -136,6 +139,8 @@ class Follower:
             self._block = self.tracker.begin()
         ran = self.tracker.run(samples, self._block)
         self.astray = self.astray or bool(self._block.largest[0] > JUMP)
+        if not ran:
+            self._diverged()
         if not ran or (self.astray and not self._jumped):
             self._jumped = True
             self._stop()
@@ -166,6 +171,13 @@ class Follower:
         blocks = tracker.start()
         if blocks:
             self.tracker, self._block = tracker, blocks[-1]
+        else:
+            self._diverged()
+
+    def _diverged(self) -> None:
+        """Take that the filter cannot run at what is known; where it could not for long, this is not the joint."""
+        if self.lost_s > LOST * self._options.window_s:
+            self.found = Found.UNEXPLAINED
 
     def _stop(self) -> None:
         """Stop the filter: the samples that follow are not those after the last one."""
@@ -183,6 +195,7 @@ class Follower:
         if self.tracker is None or self._block is None:
             return
         if self._block.diverged:
+            self._diverged()
             self._stop()
             return
         block, self._block = self.tracker.end(self._block), None
