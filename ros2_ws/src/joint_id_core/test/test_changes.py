@@ -54,7 +54,7 @@ def changing(names: tuple[str, ...], factor: float, before_s=8.0, after_s=8.0) -
 
 
 @functools.cache
-def warming(by_hour: float, steady_s=8.0, seconds=60.0) -> Recording:
+def drifting(by_hour: float, steady_s=8.0, seconds=60.0) -> Recording:
     """A joint whose friction grows all the time after `steady_s`, as `friction_at` says, in steps of a period."""
     parts, end = [], None
     for k in range(round(seconds / PERIOD_S)):
@@ -139,7 +139,7 @@ def test_what_did_not_change_keeps_what_was_known():
 @pytest.mark.parametrize("by_hour", [2.0, pytest.param(-0.6, marks=pytest.mark.long)], ids=["rises", "falls"])
 def test_friction_that_changes_all_the_time_is_followed(by_hour):
     """What was known was forgotten again and again, and four of ten estimates were poor fits."""
-    late = [e for e in watched(warming(by_hour)) if e.end > 16.0]
+    late = [e for e in watched(drifting(by_hour)) if e.end > 16.0]
     good = [e for e in late if e.converged]
     assert len(good) > 0.9 * len(late)
     for e in good:

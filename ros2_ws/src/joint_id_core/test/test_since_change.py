@@ -95,7 +95,7 @@ def test_a_load_is_learned_from_such_a_stretch():
     before[j] -= np.log(FACTOR)
     change = Change((j,), (), tuple(memory.blocks[-1:]), before, memory.covariance, 50.0)
     for begin in begins()[::4]:
-        found = learn(one, [stuck(begin, standing(begin))], change, coordinates)
+        found = learn(one, [stuck(begin, standing(begin))], change, coordinates, one_cause=True)
         assert found is not None, f"from {begin / RATE} s"
         assert [free[k] for k in found.change.names] == [INERTIA]
         assert found.learned.z[j] == pytest.approx(true[j], abs=0.02)
@@ -121,7 +121,7 @@ def learned(length_s: float) -> tuple[list[Piece], Change, Explanation]:
     lighter = memory.mean.copy()
     lighter[j] -= np.log(FACTOR)
     newest = Change((j,), (), tuple(memory.blocks[-1:]), lighter, memory.covariance, 50.0)
-    found = learn(one, stretch, newest, one.coordinates)
+    found = learn(one, stretch, newest, one.coordinates, one_cause=True)
     assert found is not None
     return stretch, newest, found
 

@@ -68,7 +68,7 @@ def learn(
     stretches: Sequence[Piece],
     change: Change,
     coordinates: Coordinates,
-    one_cause: bool = True,
+    one_cause: bool,
 ) -> Explanation | None:
     """Fit changed parameters to stretches of samples after a change; the others keep what was known.
 

@@ -112,7 +112,7 @@ class PendingChange:
         kept, unconfirmed, window_s = self.keeps, self.guess is not None, self._options.window_s
         if unconfirmed and self._seen_s > LONG * window_s:
             self._blocks, self._once = self._blocks[len(self._blocks) // 2 :], False
-        found = learn(tracker, self._blocks[1:], self.change, self._coordinates, self._once)
+        found = learn(tracker, self._blocks[1:], self.change, self._coordinates, one_cause=self._once)
         patient, self.guess = self._waited_s < PATIENT * window_s, None
         if found is not None and patient:
             self.guess = self._memory(found)
