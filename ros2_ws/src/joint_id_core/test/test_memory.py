@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from joint_id_core.online.memory import RARE, Memory
+from joint_id_core.online.memory import LEARNED, RARE, Memory
 from joint_id_core.online.piece import Piece, Samples, State
 
 K = 4
@@ -112,6 +112,26 @@ def test_a_change_that_takes_long_to_find_is_in_the_interval_before():
             longest[name].append(max(row))
     assert np.median(longest["without"]) > 40
     assert np.median(longest["with"]) < 0.6 * np.median(longest["without"])
+
+
+def test_a_slow_drift_is_found_and_learned_from_the_newest_blocks():
+    """An estimate that stays six standard deviations behind: 16 s show 2.3 of them, 64 s show 5.4."""
+    memory_s, found, wrong = 60.0, [], []
+    lag = 6.0 / np.sqrt(50.0 * 2.0 * memory_s / BLOCK_S)  # what the weighted mean is behind once it is steady
+    drift = np.array([0.0, lag * BLOCK_S / memory_s, 0.0, 0.0])
+    for seed in range(10):
+        rng, memory = np.random.default_rng(seed), Memory(np.zeros(K), np.diag(SPREAD**2), SPREAD)
+        for k in range(800):
+            memory.add(block(rng, k * drift, k * BLOCK_S), memory_s)
+            change = memory.test()
+            if change is not None:
+                found.append(change)
+                break
+            off = np.abs(memory.mean - k * drift) / with_doubt(memory)
+            wrong.append(off.max() > 4.0)
+    assert len(found) > 8
+    assert all(change.names[0] == 1 and len(change.blocks) == LEARNED for change in found)
+    assert np.mean(wrong) < 0.1
 
 
 def test_without_a_change_there_is_hardly_ever_a_doubt():

@@ -24,9 +24,11 @@ from joint_id_core.online.symmetric import inverse_of, solve
 from joint_id_core.results.estimate import Estimate
 
 BLOCK_S = 0.5  # length of a block
-LENGTHS = (1, 2, 4, 8, 16, 32)  # blocks of the stretches that are tested
-SCANNED = (1, 2, 4, *range(6, LENGTHS[-1] + 1, 2))  # of those that give doubt, the longer ones one second apart
 HISTORY = 128  # blocks that can be passed through the filter again, where little is known yet
+LENGTHS = (1, 2, 4, 8, 16, 32, 64, HISTORY)  # blocks of the stretches that are tested
+LEARNED = 32  # blocks from which new values are learned, at most: what only more of them show is a drift, not a step
+# Of the stretches that give doubt; the longer ones are one second apart, and four beyond `LEARNED`.
+SCANNED = (1, 2, 4, *range(6, LEARNED + 1, 2), *range(LEARNED + 8, HISTORY + 1, 8))
 RARE = 1e-7  # probability of one test to find a change where there is none
 SELDOM = 1.0 - 0.5 * RARE  # quantile of a single parameter
 AGAIN = 1e-4  # the same for all stretches since a change: where one parameter changed, others often did
@@ -42,7 +44,8 @@ class Change:
     Attributes:
         names: parameters that changed, the most significant first, as indices of the free parameters.
         likely: further parameters that may have changed.
-        blocks: the newest blocks; the change happened in the first of them.
+        blocks: the newest blocks, `LEARNED` at most; the change happened in the first of them, or it began before them
+            and goes on.
         mean, covariance: what was known before, shapes (k,) and (k, k), in estimation coordinates.
         size: of the most significant one, in standard deviations.
     """
@@ -186,7 +189,7 @@ class Memory:
         best: tuple[float, Change] | None = None
         doubt = Doubt(len(self.matrix))
         window: Stretch | None = None
-        steps = list(self._blocks)[-LENGTHS[-1] :]
+        steps = list(self._blocks)
         for stretch in self._stretches_of(steps, excess):
             count = stretch.count
             if stretch.largest >= LEAST:  # hardly ever
@@ -196,16 +199,19 @@ class Memory:
                 continue
             if count == WINDOW_BLOCKS:
                 window = stretch
-            rare = AGAIN if self._changed and count == len(self._blocks) else RARE
+            if count <= LEARNED:
+                learned = stretch
+            rare = AGAIN if self._changed and self.whole and count == len(steps) else RARE
             if stretch.surely_none(excess, rare):  # nearly always
                 continue
             found = changed_parameters(stretch.score, stretch.information, excess, rare, stretch.total)
             if found is not None and (best is None or found[2] > best[0]):
                 names, likely, likelihood, size = found
-                newest = tuple(step.block for step in steps[-count:])
+                newest = steps[-learned.count :]
                 wider = np.sqrt(excess[:-1])
-                covariance = inverse_of(steps[-count].precision) * np.outer(wider, wider)
-                best = likelihood, Change(names, likely, newest, stretch.mean, covariance, size)
+                covariance = inverse_of(newest[0].precision) * np.outer(wider, wider)
+                blocks = tuple(step.block for step in newest)
+                best = likelihood, Change(names, likely, blocks, learned.mean, covariance, size)
         if best is not None:
             return best[1]
         self.doubt = doubt.covariance
