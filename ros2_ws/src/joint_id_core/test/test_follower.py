@@ -116,6 +116,18 @@ def test_a_filter_that_diverges_at_every_start_is_given_up(monkeypatch):
     assert one.found is Found.UNEXPLAINED
 
 
+def test_a_guess_at_which_the_filter_diverges_is_dropped(never_confirmed, monkeypatch):
+    one = Knowledge.from_window(task(), fitted(), motion().window(0.0, WINDOW_S)).follower
+    follow(one, heavier(), WINDOW_S, CHANGES_AT + 2.0)
+    one.rest()
+    wrong, start = one._coordinates.clip(one._pending.guess[1].mean), tracker.Tracker.start
+    monkeypatch.setattr(tracker.Tracker, "start", lambda self: [] if np.array_equal(self.z, wrong) else start(self))
+    tried = len(never_confirmed)
+    follow(one, heavier(), CHANGES_AT + 2.0, CHANGES_AT + 2.0 + 3.0 * BLOCK_S)
+    assert one.found is Found.CHANGING and one.tracker is not None
+    assert len(never_confirmed) > tried
+
+
 FREED = ("w_s",)  # it has a lower bound, far below which it is zero and the friction is not a number
 
 

@@ -156,3 +156,4 @@ def test_what_a_path_that_nearly_diverges_leaves_ends_no_test(seed, k, size, hol
         found = changed_parameters(score, matrix, np.ones(k + 1), 1e-6)
     assert total >= 0.0 and 0 <= rank <= k
     assert found is None or set(found[0]) <= set(range(k))
+    assert found is not None or np.isfinite(total)

@@ -28,7 +28,7 @@ from joint_id_core.online.window import SlidingWindow
 # has followed a block, it is the joint that changed: the next block is tested.
 JUMP = 300.0
 # Window lengths of motion without a block for the memory, longer than a change is learned, after which a filter that
-# diverges is not started again: it would at every try, at values that a wrong guess gave it.
+# diverges is not started again: it would at every try.
 LOST = PATIENT + 1.0
 YOUNG = 1.0  # window lengths of motion before which a disagreement is not taken for a change of the joint
 
@@ -175,7 +175,9 @@ class Follower:
             self._diverged()
 
     def _diverged(self) -> None:
-        """Take that the filter cannot run at what is known; where it could not for long, this is not the joint."""
+        """Take that the filter cannot run at what is known: a guess is dropped, and all of it after a while."""
+        if self._pending is not None:
+            self._pending.refute()
         if self.lost_s > LOST * self._options.window_s:
             self.found = Found.UNEXPLAINED
 

@@ -47,6 +47,10 @@ class PendingChanges:
     def _likely(self) -> PendingChange:
         return min(self._changes, key=lambda change: (change.guess is None, not change.keeps))
 
+    def refute(self) -> None:
+        """Drop the most likely guess, at which the filter diverges."""
+        self._likely.guess = None
+
     def add(self, tracker: Tracker, block: Piece) -> PendingChange | None:
         """Add the newest block; return the change that it confirms, or else what `learn` does."""
         likely = self._likely

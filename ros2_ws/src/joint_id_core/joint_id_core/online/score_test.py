@@ -127,6 +127,8 @@ def changed_parameters(
         total, rank = chi2(score, information)
     if not rank:
         return None
+    if np.isinf(total):  # the path of the filter diverged: any may have changed
+        return tuple(range(len(score))), (), np.inf, np.inf
     total /= excess[-1]
     single = score**2 / np.maximum(np.diag(information), 1e-300) / excess[:-1]
     if total < limit(rank, rare) and float(single.max()) < limit(1, rare / len(score)):
