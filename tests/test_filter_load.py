@@ -136,10 +136,16 @@ def test_gravity_that_acts_elsewhere_is_told_with_the_parameter_to_set(start, pr
     assert np.isfinite(playing.loads()[-1]).all(), "the load goes on"
 
 
-def test_without_a_description_there_is_no_load(start, probe, arm):
+def test_without_a_description_there_is_no_load_and_the_identifier_says_which_one_it_lacks(start, probe, arm):
+    found = probe.collect(JointParams, "joint_params", LATEST)
+    start("identifier", model="rigid_joint", actuation="torque", joints=["lift"])
     playing = Playing(start, probe, arm)
-    playing.send(1.0)
+    probe.until(lambda: probe.count_subscribers("joint_samples") >= 2, "the identifier")
+    playing.send(4.0)
     assert not any(len(s.external_torque) for s in playing.samples)
+    probe.until(lambda: found and "Other joints move, too" in found[-1].joints[0].message, "what is missing")
+    text = found[-1].joints[0].message
+    assert all(name in text for name in JOINTS if name != "lift") and "description_topic" in text
 
 
 BAD_PARAMETERS = {

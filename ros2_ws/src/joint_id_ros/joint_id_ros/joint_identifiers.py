@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TypeVar
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.online.identifier import OnlineIdentifier
+from joint_id_core.online.others_moving import OthersMoving
 from joint_id_core.results.estimate import Estimate
 
 T = TypeVar("T")
@@ -27,6 +28,7 @@ class JointIdentifiers:
         self._make, self._problem = make, problem
         self._identifiers: dict[str, OnlineIdentifier] = {}
         self._begun: dict[str, float] = {}
+        self._others = OthersMoving()
 
     @property
     def busy_s(self) -> float:
@@ -36,10 +38,15 @@ class JointIdentifiers:
     def clear(self) -> None:
         """Forget all joints."""
         self._identifiers.clear()
+        self._others = OthersMoving()
 
     def forget(self, joint: str) -> None:
         """Forget a joint."""
         self._identifiers.pop(joint, None)
+
+    def watch(self, recordings: Mapping[str, Recording]) -> None:
+        """Take the newest samples of all joints, identified or not, before those that are get theirs."""
+        self._others.take(recordings)
 
     def update(self, joint: str, recording: Recording) -> Estimate | None:
         """Give a joint new samples; return its estimate if one is due."""
@@ -47,7 +54,10 @@ class JointIdentifiers:
         def updated() -> Estimate | None:
             if joint not in self._identifiers:
                 self._identifiers[joint] = self._make(joint, recording)
-            return self._identifiers[joint].update(recording)
+            identifier = self._identifiers[joint]
+            estimate = identifier.update(recording)
+            told = self._others.told
+            return None if estimate is None else told(joint, estimate, recording, identifier.model)
 
         return self._guarded(joint, updated)
 

@@ -218,6 +218,7 @@ class Worker:
             self._named_ns = dict.fromkeys(self._known, batch[0][0])
         new = to_recordings([message for _, message in batch], self._origin_ns, "joint_samples")
         recordings = self._callbacks.completed(new)
+        self._identifiers.watch(recordings)
         self._forget_the_gone(recordings, batch[-1][0])
         for joint in self._expected:
             if joint not in recordings:

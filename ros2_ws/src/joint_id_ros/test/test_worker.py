@@ -7,11 +7,15 @@ import time
 import numpy as np
 import pytest
 
+from joint_id_core.estimators.shared.fit_data import UnusableError, unusable
+from joint_id_core.models import build
+from joint_id_core.results.estimate import Status
 from joint_id_ros.raw_messages import RawMessage, Table
 from joint_id_ros.sample_queue import KEEP_S, QUEUE_S
 from joint_id_ros.worker import GONE_S, Callbacks, Worker, gathered_s
 
 PERIOD_NS = 10_000_000
+MODEL = build("rigid_joint")
 PATIENCE_S = 60.0
 
 
@@ -20,12 +24,13 @@ class Slow:
 
     def __init__(self, gate, finished):
         self.gate, self.finish, self.begun, self.batches = gate, finished, threading.Event(), []
+        self.model = MODEL
 
     def update(self, samples):
         self.begun.set()
         assert self.gate.wait(PATIENCE_S)
         self.batches.append(samples)
-        return "an estimate"
+        return unusable(MODEL, "slow", UnusableError(Status.NO_MOTION, "it rests"), samples)
 
 
 @pytest.fixture
