@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import simpson, solve_ivp
 
 from joint_id_core.models import LAWS, DCMotor, Electromechanical, HarmonicDrive, MotorSide, RigidJoint
+from joint_id_core.models.curved_inputs import curved
 from joint_id_core.models.operations import SignOps
 from joint_id_core.simulation.dormand_prince import step
 from joint_id_core.simulation.simulator import JointSimulator, simulate
@@ -46,6 +47,7 @@ def test_a_measured_motion_runs_on_between_samples_and_a_drive_is_held():
     n, j = p["N"], p["J_m"]
     a = np.array([[0, 1], [-p["k_1"] / n**2 / j, -(p["c_1"] / n**2 + p["c_m"]) / j]])
     b = np.array([[0, 0, 0], [1 / j, p["k_1"] / n / j, p["c_1"] / n / j]])
+    u = curved(model, time, u)
     exact = exact_linear(a, b, np.zeros(2), time, u, [False, True, True], [None, 2, None])
     np.testing.assert_allclose(r["motor_position"], exact[:, 0], atol=1e-6)
     np.testing.assert_allclose(r["motor_velocity"], exact[:, 1], atol=1e-4)

@@ -15,6 +15,7 @@ from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.input_noise import shown_noise
 from joint_id_core.estimators.innovations.recursion import STATE_NOISE
 from joint_id_core.estimators.shared.fit_data import LONGEST_GAP, SETTLE_S, FitData, without_frozen
+from joint_id_core.models.curved_inputs import CurvedStream
 from joint_id_core.online.beginnings import LEAST, at_labels, begun_anew
 from joint_id_core.online.block import Block, Sizes, room
 from joint_id_core.online.memory import BLOCK_S
@@ -60,6 +61,7 @@ class Tracker:
         self._n, self._m, self._k = len(model.states), len(data.labels), len(kernel.sensitive)
         self._sizes = Sizes(self._n, len(model.inputs), self._m, self._k, len(self.columns), bool(model.label_delays))
         self._unseen = [name for name in model.state_names if name not in data.labels]
+        self._curved = CurvedStream(model, data.recording)
         self._usual: tuple[object, ...] = ()  # channels, and which of them are derived, that hold all signals
         self._state = State(np.zeros((self._n, 1 + self._n + self._k)), -np.inf, np.zeros(len(model.inputs)))
         self._unstored = room(self._sizes, 1)
@@ -72,7 +74,7 @@ class Tracker:
     def copy(self) -> Tracker:
         """Return one that runs by itself from here."""
         other = copy(self)
-        other._p, other._unstored = self._p.copy(), room(self._sizes, 1)
+        other._p, other._unstored, other._curved = self._p.copy(), room(self._sizes, 1), copy(self._curved)
         return other
 
     def sharpen(self, sigma: float) -> None:
@@ -146,6 +148,7 @@ class Tracker:
         signals = self._signals(samples)
         if signals is None:
             return False
+        self._curved.take(samples.time, signals)
         count = len(samples.time)
         longest = block.put(signals, samples.time, self.data.period)
         if longest != longest:  # hardly ever

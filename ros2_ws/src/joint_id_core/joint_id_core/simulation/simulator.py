@@ -12,6 +12,7 @@ import numpy as np
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import Model
+from joint_id_core.models.curved_inputs import curved
 from joint_id_core.simulation.dormand_prince import Derivative, State, Step, step
 from joint_id_core.simulation.stick_slip import StickSlip
 
@@ -230,7 +231,8 @@ def simulate(
     known = Recording(time, {}, source=f"simulation of {model.name}")
     if len(known) < 2:
         raise JointIdError(f"simulation of {model.name}: time must hold at least two instants")
-    u = _input_table(model, known.time, inputs)
+    given = _input_table(model, known.time, inputs)
+    u = curved(model, known.time, given)
     simulator = JointSimulator(model, values, x0, rtol)
     states = [list(simulator.state.values())]
     first = np.array([s.hold == "first" for s in model.inputs])
@@ -245,7 +247,7 @@ def simulate(
         states += simulator._run(instants[b] - begun, rows[a], end, [t - begun for t in instants[a + 1 : b]])
         states.append(list(simulator.state.values()))
     columns = np.array(states).T
-    channels = {**dict(zip(model.state_names, columns, strict=True)), **dict(zip(model.input_names, u.T, strict=True))}
+    channels = dict(zip((*model.state_names, *model.input_names), (*columns, *given.T), strict=True))
     return Recording(known.time, channels, source=known.source)
 
 

@@ -20,6 +20,7 @@ from joint_id_core.estimators.shared.fit_data import FitData
 from joint_id_core.estimators.shared.initial_state import rough_noise
 from joint_id_core.estimators.shared.stillness import resolution
 from joint_id_core.models import Model
+from joint_id_core.models.curved_inputs import last_rates
 
 # Part of the noise of the drive that is taken for that of its sensor. All of it moves the joint, or nothing: which of
 # the two, only long records can tell.
@@ -31,10 +32,11 @@ def shown_noise(data: FitData) -> dict[int, float]:
 
     A velocity that was computed from a position passed a filter that leaves little noise.
     """
-    found = {}
+    found, mixed = {}, last_rates(data.model)  # of three samples each in `u`
     for i, signal in enumerate(data.model.inputs):
         if data.recording.measured(signal.name):
-            row = np.ascontiguousarray(data.u[:, i])
+            row = data.recording[signal.name] if i in mixed else data.u[:, i]
+            row = np.ascontiguousarray(row[np.isfinite(row)])
             rounding = resolution(row) ** 2 / 12.0 if signal.hold == "first" else 0.0
             found[i] = max(rough_noise(row), rounding)
     return found

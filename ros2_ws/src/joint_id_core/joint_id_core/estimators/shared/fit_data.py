@@ -18,6 +18,7 @@ from joint_id_core.estimators.shared.derived_inputs import with_inputs
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.estimators.shared.stillness import held_still, still_in_record, still_link, wound_up
 from joint_id_core.models import Model
+from joint_id_core.models.curved_inputs import curved
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions, Status, Verdict
 
 # Longest gap, in samples, over which the state is predicted. The input is unknown in a gap. After a longer one (a lost
@@ -44,7 +45,7 @@ class FitData:
     Attributes:
         model: the model to fit.
         time: instants in s, shape (T,).
-        u: inputs, shape (T, inputs), without NaN.
+        u: inputs, shape (T, inputs), without NaN; velocities as `curved` gives them.
         y: labels, shape (T, labels), NaN where missing.
         labels: their channel names; label_states (labels,): their index among the states.
         p: start values of all parameters in the model's order.
@@ -210,6 +211,7 @@ def prepare(
         raise UnusableError(Status.NO_MOTION, _resting(recording, labels))
     index = np.array([model.state_names.index(n) for n in labels], dtype=np.int64)
     dropped = len(recording) - len(time)
+    u = curved(model, time, u)
     data = FitData(model, time, u, y, labels, index, p, free, settings.priors, period, gap, at_rest, dropped, recording)
     if not (data.span > 0.0).any():
         raise UnusableError(Status.NO_MOTION, _resting(recording, labels))
