@@ -49,6 +49,13 @@ def test_a_joint_that_moves_in_the_window_is_named(estimate):
     assert found.values == estimate.values
 
 
+def test_what_changed_is_still_said(estimate):
+    several = estimate.updated(notes=("Converged.", "Changed: J.", "This motion hardly shows c.", "More."))
+    found = told(several, robot(wrist=0.3))
+    assert found.message.startswith("Converged. Changed: J. Other joints move, too (wrist), and")
+    assert set(several.notes) < set(found.notes)
+
+
 def test_one_that_stands_or_is_shaken_is_not(estimate):
     assert told(estimate, robot(wrist=0.0, elbow=SHAKEN)) == estimate
     assert "(elbow)" in told(estimate, robot(wrist=SHAKEN, elbow=0.3)).message

@@ -8,7 +8,7 @@ from joint_id_core.checking.signals import GOES, known
 from joint_id_core.data.recording import Recording
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.estimators.shared.computed_load import LOAD
-from joint_id_core.estimators.shared.sentences import listed, message
+from joint_id_core.estimators.shared.sentences import MOST_SENTENCES, listed, message
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate
 
@@ -55,5 +55,6 @@ class OthersMoving:
         others = [name for name, moved in self._moved.items() if name != joint and moved > estimate.start]
         if not others:
             return estimate
-        notes = (*estimate.notes[:1], TEXT.format(listed(sorted(others))), *estimate.notes[1:])
+        first, more = estimate.notes[: MOST_SENTENCES - 1], estimate.notes[MOST_SENTENCES - 1 :]
+        notes = (*first, TEXT.format(listed(sorted(others))), *more)  # the last one that the message shows
         return estimate.updated(message=message(notes), notes=notes)

@@ -222,7 +222,7 @@ def simulate(
     """Simulate a joint and record its states and inputs, without noise, at the instants `time`.
 
     `time` in s and every input have shape (T,), T >= 2; steps may differ. Between two samples an input with hold "zero"
-    keeps its value, and an input with hold "first" changes as `Model.rates` says.
+    keeps its value, and an input with hold "first" changes as `Model.rates` and `models.curved_inputs` say.
 
     Raises:
         JointIdError: see `JointSimulator`; also a missing or unknown input, a wrong shape, values that are not
