@@ -190,12 +190,12 @@ def test_the_longest_stretch_of_wrong_estimates_lasts_until_the_next_right_one()
 
 
 def test_a_row_of_the_live_table_is_the_sum_of_its_recordings():
-    one = live.Live(ALONE.name, "joint 1", "log", 40, 20, 10, 1, 0.5, 40, 38, 0, 0.05, 0.1)
+    one = live.Live(ALONE.name, "joint 1", "log", 40, 20, 10, 1, 0.5, 40, 38, 0, 3, 0.05, 0.1)
     rows = live.live_table(
         [one, replace(one, known=0, good=0, wrong=0, compared=0, inside=0, sigma=np.nan)]
     ).splitlines()
     assert len(rows) == 4
-    assert rows[2] == f"| {ALONE.name} | 2 | 80 | 25 % | 12 % | 10 % | 0.5 s | 95 % | 0 % | 5 % | 10 % |"
+    assert rows[2] == f"| {ALONE.name} | 2 | 80 | 25 % | 12 % | 10 % | 0.5 s | 95 % | 0 % | 6 | 5 % | 10 % |"
     assert rows[3] == rows[2].replace(ALONE.name, "**all**")
 
 

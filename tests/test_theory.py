@@ -24,6 +24,7 @@ from joint_id_core.estimators.innovations import (
 from joint_id_core.estimators.shared import fit_data, initial_state, stillness, substeps
 from joint_id_core.models import dc_motor, transmission
 from joint_id_core.online import (
+    change_history,
     checks,
     follower,
     learning,
@@ -134,6 +135,8 @@ def test_constants_in_the_theory() -> None:
         f"again after {stretch.EVERY:g} of new motion, or as seldom",
         f"keep these fits below {100 * stretch.SHARE:g} % of a processor",
         f"had described less than {stretch.LEAST:g} window lengths before",
+        f"what was known had described {words[round(change_history.BEFORE)]} windows before it",
+        f"its values have described {words[round(change_history.SINCE)]} since",
         f"nothing confirms new values for {words[round(pending_change.PATIENT)]} windows",
         f"until {words[round(trial.TRIAL)]} windows of motion agree with the new fit",
         f"whose logarithms of variances count as known to {resume.NOISE_SIGMA:g}",

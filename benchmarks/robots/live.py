@@ -39,6 +39,7 @@ class Live:
         longest_s: longest stretch of wrong ones in s.
         compared, inside, far: values of known friction with a reference, those whose 95 % interval contains it, and
             those that are far off.
+        told: instants at which a change of the joint was told; nobody knows of one.
         sigma: median standard deviation over the value, of known friction; NaN if there is none.
         share: processor time over the time of the recording.
     """
@@ -54,6 +55,7 @@ class Live:
     compared: int
     inside: int
     far: int
+    told: int
     sigma: float
     share: float
 
@@ -80,8 +82,8 @@ def follow(case: Case, joint: Joint, recording: Recording) -> Live:
     return Live(
         case.name, joint.name, recording.source, len(moved), len(known), sum(e.converged for e in moved), sum(wrong),
         longest(wrong, [e.end for e in moved]), len(off), sum(abs(z) < INTERVAL for z in off),
-        sum(abs(z) > FAR for z in off), float(np.median([p.std_dev / abs(p.value) for p in friction] or [np.nan])),
-        share,
+        sum(abs(z) > FAR for z in off), len({c.since for e in moved for c in e.changes if c.sure}),
+        float(np.median([p.std_dev / abs(p.value) for p in friction] or [np.nan])), share,
     )  # fmt: skip
 
 
@@ -127,7 +129,7 @@ def longest(wrong: Sequence[bool], ends: Sequence[float]) -> float:
 def live_table(rows: Sequence[Live]) -> str:
     """A row for each case, and one for all."""
     head = ["recordings", "logs", "estimates in motion", "friction known", "`converged`", "of these wrong", "longest",
-            "friction within 95 %", "far off", "median sigma", "of a core"]  # fmt: skip
+            "friction within 95 %", "far off", "changes told", "median sigma", "of a core"]  # fmt: skip
     names = [case.name for case in CASES if any(r.case == case.name for r in rows)]
     some = [(name, [r for r in rows if r.case == name]) for name in names]
     return table(head, [_cells(name, of) for name, of in [*some, ("**all**", rows)] if of])
@@ -141,6 +143,7 @@ def _cells(name: str, rows: Sequence[Live]) -> list[str]:
     return [
         name, str(len(rows)), str(moved), _percent(known, moved), _percent(good, moved), _percent(wrong, good),
         f"{max(r.longest_s for r in rows):.1f} s", _percent(inside, compared), _percent(far, compared),
+        str(sum(r.told for r in rows)),
         f"{100.0 * sigma:.2g} %", f"{100.0 * share:.0f} %",
     ]  # fmt: skip
 

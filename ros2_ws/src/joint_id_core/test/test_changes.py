@@ -11,6 +11,7 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import ParameterSettings
 from joint_id_core.models import build
 from joint_id_core.online import OnlineIdentifier, OnlineOptions
+from joint_id_core.online.change_history import SINCE
 from joint_id_core.online.task import Task
 from joint_id_core.results.estimate import Status, Verdict
 from joint_id_core.simulation.excitation import position_reference
@@ -124,6 +125,16 @@ def test_a_change_is_said_and_right_within_two_windows(names, factor):
             assert change.before == pytest.approx(TRUTH[change.name], abs=6.0 * change.before_std_dev)
             assert 7.0 < change.since < 10.0
     assert any("Changed: " in note for note in last.notes)
+
+
+def test_a_change_soon_after_the_start_is_sure_once_its_values_have_held():
+    """Where the model does not describe all of a motion, one false change follows another."""
+    found = [e for e in watched(changing(("J_q",), 2.0, 4.0, 8.0)) if e.changes]
+    unsure, sure = ([e for e in found if e.changes[0].sure is wanted] for wanted in (False, True))
+    assert unsure[0].end < 4.0 + WINDOW_S and unsure[0].changes[0].name == "J_q"
+    assert all(e.message.startswith("Converged. Learned anew: J_q from") for e in unsure)
+    assert len(unsure) == pytest.approx(SINCE * WINDOW_S / 0.5, abs=2)
+    assert sure[0].end > unsure[-1].end and all(e.message.startswith("Converged. Changed: J_q from") for e in sure)
 
 
 def test_what_did_not_change_keeps_what_was_known():

@@ -75,6 +75,7 @@ def test_a_load_that_is_put_down_is_told_with_both_values():
     alone = plant().values[INERTIA]
     down = [c for c in told.values() if c.after < c.before]
     assert len(told) == len(SAME) and len(down) == 2
+    assert all(c.sure for c in told.values()), "the first one is, and the others go on with it"
     for change in down:
         assert change.before == pytest.approx(FACTOR * alone, rel=0.02)
         assert change.after == pytest.approx(alone, rel=0.02)

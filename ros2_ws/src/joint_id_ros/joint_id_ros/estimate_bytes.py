@@ -59,7 +59,7 @@ def to_values(
         found.covariance.ravel().tolist(),
         [
             (c.name, c.before, c.before_std_dev, c.after, c.after_std_dev, divmod(instant(c.since, origin_ns), NANO))
-            for c in found.changes
+            for c in found.changes if c.sure
         ],
         [
             (d.name, d.unit, d.baseline, d.value, d.std_dev, d.confidence,

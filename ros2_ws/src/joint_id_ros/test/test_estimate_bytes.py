@@ -149,7 +149,8 @@ def test_a_failed_fit_keeps_the_parameters_of_the_last_good_one():
 
 def test_changes_are_those_of_the_parameters_with_their_instants():
     changed = ParameterChange("J", 1.5, 0.1, 3.0, 0.2, 12.25)
-    good = Estimate("rigid_joint", "innovations", Status.CONVERGED, "well", (), end=13.0, changes=(changed,))
+    unsure = ParameterChange("c", 1.5, 0.1, 3.0, 0.2, 12.5, sure=False)
+    good = Estimate("rigid_joint", "innovations", Status.CONVERGED, "well", (), end=13.0, changes=(changed, unsure))
     resting = Estimate("rigid_joint", "innovations", Status.NO_MOTION, "move it", (), start=14.0, end=16.0)
     for m in (message_of("elbow", e, good, 10**18) for e in (good, resting)):
         (change,) = m.changes

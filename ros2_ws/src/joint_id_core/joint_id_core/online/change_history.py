@@ -20,6 +20,9 @@ from joint_id_core.online.tracker import Tracker
 # Blocks of a memory that tell enough of the joint to know it again, and up to which `curvature`, as a standard
 # deviation in units of a coordinate: values far along a bent memory would not be those of the joint.
 ENOUGH, BENT = 2, 0.1
+# Window lengths of motion that what was known must have described before a change, or its new values since, until it is
+# told: where the model does not describe all of a motion, as on most real robots, one false change follows another.
+BEFORE, SINCE = 4.0, 2.0
 UNDOABLE = 3  # changes before which the joint may have been as it is after the next one
 
 
@@ -35,6 +38,7 @@ class ChangeHistory:
         self._coordinates, self._options = coordinates, options
         self._newest: PendingChange | None = None  # that the memory took
         self._settled_s = 0.0  # time of motion in s since then
+        self._described_s = 0.0  # the same before it
         self._undoable = deque[PendingChange](maxlen=UNDOABLE)  # the newest one first
         self._next: PendingChange | None = None  # undoable once the memory takes a change
 
@@ -42,6 +46,12 @@ class ChangeHistory:
     def explanation(self) -> Explanation | None:
         """Explanation of the newest change that the memory took; None if there is none."""
         return None if self._newest is None or self._newest.guess is None else self._newest.guess[0]
+
+    @property
+    def sure(self) -> bool:
+        """Whether the newest change is one of the joint, and not of a motion that the model does not describe."""
+        window_s = self._options.window_s
+        return self._described_s >= BEFORE * window_s or self._settled_s >= SINCE * window_s
 
     def moved(self, duration_s: float) -> None:
         """Count motion that the memory describes."""
@@ -74,4 +84,5 @@ class ChangeHistory:
         """Take the change that samples confirmed."""
         if self._next is not None:
             self._undoable.appendleft(self._next)
-        self._newest, self._next, self._settled_s = confirmed, None, 0.0
+        self._newest, self._next = confirmed, None
+        self._described_s, self._settled_s = self._settled_s, 0.0

@@ -34,10 +34,15 @@ class Changes:
     def take(self, follower: Follower) -> bool:
         """Take the newest change that the memory took; return whether there is a new one.
 
-        A change that corrects a recent one is told together with it. One back to what was before is told by itself.
+        A change that corrects a recent one is told together with it. One back to what was before is told by itself. It
+        is sure if the follower is, or if it goes on with a sure one: back to what was before, or the same parameter.
         """
         explanation, since = follower.explanation, follower.since
-        if explanation is None or explanation is self._explanation:
+        if explanation is None:
+            return False
+        if explanation is self._explanation:
+            if follower.sure and not all(c.sure for c in self.told):
+                self.told = tuple(replace(c, sure=True) for c in self.told)
             return False
         self._explanation = explanation
         now = follower.memory.mean, follower.memory.covariance
@@ -48,7 +53,9 @@ class Changes:
                 j = self._free.index(old.name)
                 found[old.name] = replace(old, after=float(after[j]), after_std_dev=float(sigma[j]))
         told = sorted(found.values(), key=attrgetter("size"), reverse=True)
-        self.told = tuple(c for c in told if c is told[0] or c.size > SHOWN)
+        goes_on = explanation.undoes is not None or told[0].name in [c.name for c in self.told[:1] if c.sure]
+        sure = follower.sure or goes_on
+        self.told = tuple(replace(c, sure=sure) for c in told if c is told[0] or c.size > SHOWN)
         return True
 
     def _found(self, change: Change, now: tuple[Array, Array], since: float) -> dict[str, ParameterChange]:

@@ -101,6 +101,11 @@ class Follower:
         return self._history.explanation
 
     @property
+    def sure(self) -> bool:
+        """Whether it is a change of the joint, and not of a motion that the model does not describe."""
+        return self._history.sure
+
+    @property
     def memory(self) -> Memory:
         """What is known of the parameters."""
         return self._refined.memory
@@ -115,6 +120,7 @@ class Follower:
         self.tracker = tracker
         for piece in pieces:
             self.memory.add(piece, self._options.memory_s)
+            self._history.moved(piece.duration)
         self._refined.learn_all(tracker)
 
     def rest(self) -> None:

@@ -92,7 +92,8 @@ class Predictions:
 class ParameterChange:
     """A change of a parameter while the joint was watched: value and standard deviation before and after, SI units.
 
-    `since` is the instant of the change in s, on the clock of the estimate.
+    `since` is the instant of the change in s, on the clock of the estimate. Where the model has not described much
+    motion before and after it, it is not `sure`: perhaps the model does not describe all of the motion.
     """
 
     name: str
@@ -101,6 +102,7 @@ class ParameterChange:
     after: float
     after_std_dev: float
     since: float
+    sure: bool = True
 
     @property
     def size(self) -> float:
@@ -110,10 +112,13 @@ class ParameterChange:
     @property
     def text(self) -> str:
         """The change in words."""
-        return (
-            f"Changed: {self.name} from {self.before:.4g} ± {self.before_std_dev:.2g} "
-            f"to {self.after:.4g} ± {self.after_std_dev:.2g}."
+        values = (
+            f"{self.name} from {self.before:.4g} ± {self.before_std_dev:.2g} "
+            f"to {self.after:.4g} ± {self.after_std_dev:.2g}"
         )
+        if self.sure:
+            return f"Changed: {values}."
+        return f"Learned anew: {values}: the joint changed, or the model does not describe all of this motion."
 
 
 @dataclass(frozen=True, repr=False, eq=False)
