@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,14 +12,14 @@ import numpy as np
 from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError, close_to
 from joint_id_core.results.level_effect import LevelEffect
+from joint_id_core.results.parameter_change import SHOWN as SHOWN
+from joint_id_core.results.parameter_change import ParameterChange as ParameterChange
 from joint_id_core.results.status import Status as Status
 from joint_id_core.results.verdict import Verdict as Verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
-
-SHOWN = 3.0  # standard deviations by which a parameter must have changed to be named
 
 
 @dataclass(frozen=True)
@@ -86,39 +85,6 @@ class Predictions:
     predicted: Mapping[str, Array]
     inputs: Mapping[str, Array] = field(default_factory=dict)
     horizon_s: float = 0.0
-
-
-@dataclass(frozen=True)
-class ParameterChange:
-    """A change of a parameter while the joint was watched: value and standard deviation before and after, SI units.
-
-    `since` is the instant of the change in s, on the clock of the estimate. Where the model has not described much
-    motion before and after it, it is not `sure`: perhaps the model does not describe all of the motion.
-    """
-
-    name: str
-    before: float
-    before_std_dev: float
-    after: float
-    after_std_dev: float
-    since: float
-    sure: bool = True
-
-    @property
-    def size(self) -> float:
-        """The change in standard deviations of the difference."""
-        return abs(self.after - self.before) / math.hypot(self.before_std_dev, self.after_std_dev)
-
-    @property
-    def text(self) -> str:
-        """The change in words."""
-        values = (
-            f"{self.name} from {self.before:.4g} ± {self.before_std_dev:.2g} "
-            f"to {self.after:.4g} ± {self.after_std_dev:.2g}"
-        )
-        if self.sure:
-            return f"Changed: {values}."
-        return f"Learned anew: {values}: the joint changed, or the model does not describe all of this motion."
 
 
 @dataclass(frozen=True, repr=False, eq=False)
