@@ -80,10 +80,10 @@ def test_samples_at_500_hz_are_published_without_a_loss_and_unchanged(start, pro
         stall_s=PAUSE_S,
     )
     probe.until(lambda: len(links) > (seconds + 1) * RATE, f"{seconds} s of samples")
-    after = probe.get_clock().now().nanoseconds
     # The three topics were found one after the other: compare from the instant from which all three came.
     first = max(nanoseconds(topic[0]) for topic in (links, motors, extra))
     links, motors, extra = ([m for m in topic if nanoseconds(m) >= first] for topic in (links, motors, extra))
+    after = probe.get_clock().now().nanoseconds  # samples still come
     report = report_from_now_on(probe)  # which tells of all these samples
     reader.close()
     held = int(report.get(WAITS, 0))
