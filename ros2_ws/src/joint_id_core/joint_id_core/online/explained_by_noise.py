@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from joint_id_core.data.recording import Array
-from joint_id_core.online.memory import LENGTHS, Memory
+from joint_id_core.online.memory import Memory
 from joint_id_core.online.noise_effects import attenuation
 from joint_id_core.online.piece import Piece
 from joint_id_core.online.tracker import Tracker
@@ -35,15 +35,15 @@ def explained_by_noise(
     """
     if not tracker.shown_noise:
         return False
-    rng, newest = np.random.default_rng(0), pieces[-LENGTHS[-1] :]
-    effects = [attenuation(tracker, piece, rng) for piece in newest]
+    rng = np.random.default_rng(0)
+    effects = [attenuation(tracker, piece, rng) for piece in pieces]
     before = memory.copy()
     before.replace(pieces, memory_s)
-    before.drop(len(newest))
+    before.drop(len(pieces))
     for share in SHARES:
         other = before.copy()
         other.shift(-share * other.matrix @ bias)
-        for piece, effect in zip(newest, effects, strict=True):
+        for piece, effect in zip(pieces, effects, strict=True):
             other.add(replace(piece, vector=piece.vector - share * effect), memory_s)
         if other.test() is None:
             return True
