@@ -143,9 +143,13 @@ def test_without_a_description_there_is_no_load_and_the_identifier_says_which_on
     probe.until(lambda: probe.count_subscribers("joint_samples") >= 2, "the identifier")
     playing.send(4.0)
     assert not any(len(s.external_torque) for s in playing.samples)
-    probe.until(lambda: found and "Other joints move, too" in found[-1].joints[0].message, "what is missing")
-    text = found[-1].joints[0].message
-    assert all(name in text for name in JOINTS if name != "lift") and "description_topic" in text
+    others = [name for name in JOINTS if name != "lift"]
+
+    def told() -> bool:
+        text = found[-1].joints[0].message if found else ""
+        return "Other joints move, too" in text and "description_topic" in text and all(name in text for name in others)
+
+    probe.until(told, "which joints, and what is missing")
 
 
 BAD_PARAMETERS = {
