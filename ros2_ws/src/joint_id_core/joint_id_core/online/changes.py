@@ -53,7 +53,8 @@ class Changes:
                 j = self._free.index(old.name)
                 found[old.name] = replace(old, after=float(after[j]), after_std_dev=float(sigma[j]))
         told = sorted(found.values(), key=attrgetter("size"), reverse=True)
-        goes_on = explanation.undoes is not None or told[0].name in [c.name for c in self.told[:1] if c.sure]
+        last = self.told[0] if self.told and self.told[0].sure else None
+        goes_on = last is not None and (explanation.undoes is not None or told[0].name == last.name)
         sure = follower.sure or goes_on
         self.told = tuple(replace(c, sure=sure) for c in told if c is told[0] or c.size > SHOWN)
         return True
