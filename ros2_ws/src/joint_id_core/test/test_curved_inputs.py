@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.models import build
-from joint_id_core.models.curved_inputs import CurvedStream, curved, last_rates
+from joint_id_core.models.curved_inputs import curved, last_rates
+from joint_id_core.online.curved_stream import CurvedStream
 from joint_id_core.simulation import simulator
 from joint_id_core.simulation.excitation import multisine
 from joint_id_core.simulation.simulator import simulate

@@ -46,7 +46,8 @@ _GAINS: Functions = (
 )  # fmt: skip
 _SHARED: Functions = (
     information.inverse, information.newest, information.change, information.of_free, stretches.scan,
-    streams.steps, streams.always_moves, streams.moving, hop.lead, hop.physical, hop.apart, hysteresis.turned,
+    streams.steps, streams.always_moves, streams.moving, hop.lead, hop.curve, hop.physical, hop.apart,
+    hysteresis.turned,
 )  # fmt: skip
 
 

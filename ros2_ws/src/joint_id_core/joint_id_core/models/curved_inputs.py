@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from joint_id_core.data.recording import Array, Recording
+from joint_id_core.data.recording import Array
 from joint_id_core.models.base import Model
 
 EVEN = 0.25  # difference of two steps over the newer one, up to which three samples tell the curve
@@ -45,26 +45,3 @@ def _bend(time: Array, v: Array) -> Array:
     told = (np.abs(steps[1:] - steps[:-1]) < EVEN * steps[1:]) & np.isfinite(second)
     bend[:, 2:][told] = second[told] / 12.0
     return bend
-
-
-class CurvedStream:
-    """The same for samples as they arrive.
-
-    Args:
-        model: whose inputs they are.
-        before: recording that they go on.
-    """
-
-    def __init__(self, model: Model, before: Recording) -> None:
-        self._rows = last_rates(model)
-        self._time = before.time[-2:]
-        self._v = np.array([before[model.input_names[i]][-2:] for i in self._rows]).reshape(-1, len(self._time))
-
-    def take(self, time: Array, signals: Array) -> None:
-        """Change the inputs in the first rows of new samples (inputs + others, T)."""
-        if not len(self._rows):
-            return
-        whole, v = np.append(self._time, time), np.hstack([self._v, signals[self._rows]])
-        if len(whole) > 2:
-            signals[self._rows] -= _bend(whole, v)[:, len(self._time) :]
-        self._time, self._v = whole[-2:], v[:, -2:]

@@ -20,7 +20,7 @@ class NewestMotion:
     def append(self, samples: Recording) -> None:
         """Add samples."""
         self._window.append(samples)
-        self._waits_s -= samples.duration + samples.duration / max(1, len(samples) - 1)
+        self._waits_s -= samples.duration * (1.0 + 1.0 / max(1, len(samples) - 1))
 
     def wait(self, seconds: float) -> None:
         """Wait for so much more motion, in s."""

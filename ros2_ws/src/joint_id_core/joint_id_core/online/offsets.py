@@ -26,7 +26,7 @@ class Offsets:
     def __init__(self, model: Model, free: Sequence[str], spread: Array, window_s: float) -> None:
         self._at = np.array([k for k, name in enumerate(free) if model.parameter(name).of_recording], dtype=np.intp)
         self._before, self._seconds = 1.0 / spread[self._at] ** 2, WINDOWS * window_s
-        self._least: tuple[Piece, Array] | None = None  # variances, and the newest block that is in them
+        self._least: tuple[Piece, dict[int, float]] | None = None  # newest block, variances by place with it
 
     def widened(self, covariance: Array, memory: Memory) -> Array:
         """Return the covariance (k, k) of the coordinates, in which the blocks of a memory are.
@@ -37,9 +37,11 @@ class Offsets:
         if not len(self._at) or newest is None:
             return covariance
         if self._least is None or self._least[0] is not newest:  # it stays for half a second
-            self._least = newest, self._least_of(memory.blocks)
+            least = self._least_of(memory.blocks)
+            self._least = newest, dict(zip(self._at.tolist(), least.tolist(), strict=True))
         wider = covariance.copy()
-        wider[self._at, self._at] = np.maximum(wider[self._at, self._at], self._least[1])
+        for k, variance in self._least[1].items():  # one or two
+            wider[k, k] = max(wider[k, k], variance)
         return wider
 
     def _least_of(self, blocks: Sequence[Piece]) -> Array:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 from joint_id_core.checking.signals import GOES, known
-from joint_id_core.data.recording import Recording
+from joint_id_core.data.recording import Array, Recording
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.estimators.shared.computed_load import LOAD
 from joint_id_core.estimators.shared.sentences import MOST_SENTENCES, listed, message
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate
 
+POSITIONS = tuple(name for name in CHANNELS if name.endswith("_position"))
 TEXT = (
     "Other joints move, too ({}), and their load on this one is not known: give the robot's description (parameter "
     "urdf or description_topic), or move one joint at a time."
@@ -26,21 +28,28 @@ class OthersMoving:
     """
 
     def __init__(self) -> None:
+        self._told: dict[str, tuple[object, tuple[str, ...], str]] = {}  # by joint: notes, message, what they are of
         self._moved: dict[str, float] = {}  # newest instant in s at which a joint moved
         self._from: dict[tuple[str, str], float] = {}  # positions from there
 
     def take(self, recordings: Mapping[str, Recording]) -> None:
         """Take the newest samples of all joints, by name."""
         for joint, recording in recordings.items():
-            for channel in (n for n in recording.channels if n.endswith("_position") and recording.measured(n)):
-                positions = known(recording[channel])
-                if len(positions) and self._goes(joint, channel, positions.min(), positions.max(), positions[-1]):
+            for channel in POSITIONS:
+                measured = channel in recording and channel not in recording.derived
+                if measured and self._goes(joint, channel, recording.channels[channel]):
                     self._moved[joint] = float(recording.time[-1])
 
-    def _goes(self, joint: str, channel: str, lowest: float, highest: float, newest: float) -> bool:
+    def _goes(self, joint: str, channel: str, positions: Array) -> bool:
         """Return whether a position went further than that of a joint that is shaken, since it last did."""
+        newest = float(positions[-1])  # a motion that goes there and back within a batch is no motion of a robot
+        if math.isnan(newest):
+            measured = known(positions)
+            if not len(measured):
+                return False
+            newest = float(measured[-1])
         begin = self._from.setdefault((joint, channel), newest)
-        if max(highest - begin, begin - lowest) <= GOES["position"] * CHANNELS[channel].scale:
+        if abs(newest - begin) <= GOES["position"] * CHANNELS[channel].scale:
             return False
         self._from[joint, channel] = newest
         return True
@@ -52,9 +61,13 @@ class OthersMoving:
         """
         if model.load is None or LOAD in samples or "drifting_load" in model.state_names or estimate.status.unusable:
             return estimate
-        others = [name for name, moved in self._moved.items() if name != joint and moved > estimate.start]
+        others = tuple(name for name, moved in self._moved.items() if name != joint and moved > estimate.start)
         if not others:
             return estimate
-        first, more = estimate.notes[: MOST_SENTENCES - 1], estimate.notes[MOST_SENTENCES - 1 :]
-        notes = (*first, TEXT.format(listed(sorted(others))), *more)  # the last one that the message shows
-        return estimate.updated(message=message(notes), notes=notes)
+        basis = (estimate.notes, others)
+        if joint not in self._told or self._told[joint][0] != basis:  # hardly ever: words take longer than to compare
+            first, more = estimate.notes[: MOST_SENTENCES - 1], estimate.notes[MOST_SENTENCES - 1 :]
+            notes = (*first, TEXT.format(listed(sorted(others))), *more)  # the last one that the message shows
+            self._told[joint] = basis, notes, message(notes)
+        _, notes, said = self._told[joint]
+        return estimate.updated(message=said, notes=notes)

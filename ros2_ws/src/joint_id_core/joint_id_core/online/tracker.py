@@ -15,9 +15,9 @@ from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.input_noise import shown_noise
 from joint_id_core.estimators.innovations.recursion import STATE_NOISE
 from joint_id_core.estimators.shared.fit_data import LONGEST_GAP, SETTLE_S, FitData, without_frozen
-from joint_id_core.models.curved_inputs import CurvedStream
 from joint_id_core.online.beginnings import LEAST, at_labels, begun_anew
 from joint_id_core.online.block import Block, Sizes, room
+from joint_id_core.online.curved_stream import CurvedStream
 from joint_id_core.online.memory import BLOCK_S
 from joint_id_core.online.piece import Piece, Samples, State
 from joint_id_core.online.sharpness import Friction, Sharpness
@@ -74,7 +74,7 @@ class Tracker:
     def copy(self) -> Tracker:
         """Return one that runs by itself from here."""
         other = copy(self)
-        other._p, other._unstored, other._curved = self._p.copy(), room(self._sizes, 1), copy(self._curved)
+        other._p, other._unstored, other._curved = self._p.copy(), room(self._sizes, 1), self._curved.copy()
         return other
 
     def sharpen(self, sigma: float) -> None:

@@ -56,12 +56,10 @@ class _Part(NamedTuple):
     Attributes:
         samples: the samples.
         duration: time that they count for in s.
-        warmth: sum of their temperatures, and number of samples whose temperature is known.
     """
 
     samples: Recording
     duration: float
-    warmth: tuple[float, int]
 
 
 class SlidingWindow:
@@ -77,7 +75,8 @@ class SlidingWindow:
         self._length = length_s
         self._parts: deque[_Part] = deque()
         self._rows = 0  # samples of the parts
-        self._warm, self._known = 0.0, 0  # sum of the temperatures of the parts, and number of those that are known
+        self._old: int | None = None  # samples of the first part that are too old, once this was asked
+        self._warmth: tuple[float, int] | None = None  # of the parts, once it was asked
         self._period = self._duration = 0.0
         self.end = -np.inf  # instant of the latest sample in s, -inf before the first
 
@@ -113,10 +112,10 @@ class SlidingWindow:
             self._period = length / (count - 1)
         elif step < (self._period or np.inf):  # samples that come one by one
             self._period = step
-        part = _Part(samples, length + (step if step < REST * self._period else self._period), _warmth(samples))
+        part = _Part(samples, length + (step if step < REST * self._period else self._period))
         self._parts.append(part)
         self._take(part, 1)
-        self.end = end
+        self.end, self._old = end, None
         while self._duration - self._parts[0].duration > self._length:
             self._take(self._parts.popleft(), -1)
 
@@ -124,8 +123,9 @@ class SlidingWindow:
         """Count a part with sign 1, or no more with sign -1."""
         self._rows += sign * len(part.samples)
         self._duration += sign * part.duration
-        self._warm += sign * part.warmth[0]
-        self._known += sign * part.warmth[1]
+        if self._warmth is not None:
+            (total, known), (warm, count) = self._warmth, _warmth(part.samples)
+            self._warmth = total + sign * warm, known + sign * count
 
     def __len__(self) -> int:
         """Number of samples that are kept."""
@@ -133,14 +133,13 @@ class SlidingWindow:
 
     def _begin(self) -> int:
         """Return the number of samples of the first part that are too old: the window begins within it."""
-        surplus = self._duration - self._length
-        if surplus <= 0.0:
-            return 0
-        time = self._parts[0].samples.time
-        begin = int(time.searchsorted(time[0] + surplus - ROUNDING * surplus))
-        return min(
-            begin, self._rows - 1
-        )  # the time before the first sample of the only part may be all that is too much
+        if self._old is None:
+            self._old, surplus = 0, self._duration - self._length
+            if surplus > 0.0:
+                time = self._parts[0].samples.time
+                begin = int(time.searchsorted(time[0] + surplus - ROUNDING * surplus))
+                self._old = min(begin, self._rows - 1)  # before the only part there may be all that is too much
+        return self._old
 
     @property
     def newest(self) -> Recording | None:
@@ -160,10 +159,14 @@ class SlidingWindow:
     @property
     def temperature(self) -> float:
         """Mean temperature of the joint in the window; NaN if it is not known."""
-        if not self._known:
-            return np.nan
-        old, count = _warmth(self._parts[0].samples, self._begin())
-        return (self._warm - old) / (self._known - count) if self._known > count else np.nan
+        if self._warmth is None:
+            each = [_warmth(part.samples) for part in self._parts]
+            self._warmth = sum(total for total, _ in each), sum(count for _, count in each)
+        total, known = self._warmth
+        if known and self._begin():
+            old, count = _warmth(self._parts[0].samples, self._begin())
+            total, known = total - old, known - count
+        return total / known if known > 0 else np.nan
 
     def since(self, instant: float) -> SlidingWindow:
         """Return a window of the same length with the samples from an instant in s on."""
@@ -175,15 +178,18 @@ class SlidingWindow:
 
     def recording(self, since: float = -np.inf) -> Recording:
         """Return the samples of the window from `since` (s) on as one recording, NaN where a part lacks a channel."""
+        parts = self._parts
+        if len(parts) > 1 and parts[-2].samples.time[-1] < since <= parts[-1].samples.time[0]:  # nearly always, live
+            return parts[-1].samples
         found: list[Recording] = []
-        for part in reversed(self._parts):
+        for part in reversed(parts):
             if found and part.samples.time[-1] < since:
                 break
             found.append(part.samples)
             if part.samples.time[0] <= since:
                 break
         found.reverse()
-        begin = self._begin() if len(found) == len(self._parts) else 0
+        begin = self._begin() if len(found) == len(parts) else 0
         begin = max(begin, int(found[0].time.searchsorted(since)))
         if begin == len(found[0]) and len(found) > 1:
             found, begin = found[1:], 0

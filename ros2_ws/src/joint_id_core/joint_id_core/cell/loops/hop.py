@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from joint_id_core.cell.loops.arrays import Matrix, Vector
+from joint_id_core.cell.loops.arrays import Indices, Matrix, Vector
 
 
 def lead(
@@ -53,6 +53,28 @@ def lead(
         gap[row - 1] = max(0.0, math.floor(step / period + 0.5) - 1.0)
         gap[row] = 0.0
     return longest if usable > 0.0 else math.nan
+
+
+def curve(signals: Matrix, times: Vector, rows: Indices, before: Matrix, even: float) -> None:
+    """Change inputs so that straight lines between them have the mean of their curves: see `models.curved_inputs`.
+
+    Inputs:
+        signals (S, T), times (T): samples; those in `rows` (R) are changed.
+        before (1 + R, 2): instants and values of the two samples before, NaN where there was none; updated to those of
+            the newest two.
+        even: difference of two steps over the newer one, up to which three samples tell the curve.
+    """
+    for t in range(len(times)):
+        step = times[t] - before[0, 1]
+        for k in range(len(rows)):
+            value = signals[rows[k], t]
+            bend = (value - 2.0 * before[1 + k, 1] + before[1 + k, 0]) / 12.0
+            if abs(step - (before[0, 1] - before[0, 0])) < even * step and not math.isnan(bend - bend):
+                signals[rows[k], t] = value - bend
+            before[1 + k, 0] = before[1 + k, 1]
+            before[1 + k, 1] = value
+        before[0, 0] = before[0, 1]
+        before[0, 1] = times[t]
 
 
 def physical(
