@@ -84,14 +84,14 @@ class Followed:
         self._samples = batches(motion(40.0))
         self.time = 0.0
 
-    def move(self, seconds: float, estimate: Estimate) -> Estimate:
+    def move(self, seconds: float, estimate: Estimate, of_late_sensor: bool = False) -> Estimate:
         """Move on; what holds at the end."""
         until, said = self.time + seconds, estimate
         while self.time < until - 1e-9:
             samples = next(self._samples)
             self.time = float(samples.time[-1]) + motion(40.0).period
             self.stretch.append(samples)
-            said = self.stretch.on(estimate.updated(end=float(samples.time[-1])))
+            said = self.stretch.on(estimate.updated(end=float(samples.time[-1])), of_late_sensor)
         return said
 
 
@@ -171,6 +171,16 @@ def test_at_rest_its_values_stay(monkeypatch, good):
     found = followed.stretch.at_rest(rest)
     assert (found.status, found.message, found.end) == (Status.NO_MOTION, "It rests.", 50.0)
     assert found["J"].value == 5.0
+
+
+def test_a_sensor_that_is_late_is_told_and_no_fit_that_takes_up_its_delay(monkeypatch, good):
+    followed = Followed(monkeypatch, lambda _: lacking(good, 5.0))
+    late = good.updated(status=Status.POOR_FIT, message="The sensor is late.")
+    assert followed.move(8.0, late)["J"].value == 5.0
+    assert followed.move(2.0, late, of_late_sensor=True).message == "The sensor is late."
+    rest = good.updated(status=Status.NO_MOTION)
+    assert followed.stretch.at_rest(rest) is rest
+    assert followed.move(0.5, late).message == "The sensor is late."
 
 
 def test_a_fit_that_takes_long_is_seldom_made(monkeypatch, good):

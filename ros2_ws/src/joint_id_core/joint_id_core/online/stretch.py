@@ -39,7 +39,8 @@ class Stretch:
 
     That is if its estimates are poor fits, or of windows or estimators that disagree. It ends with a fit whose
     residuals show nothing that the model lacks: then the recursion fails for another reason, and says so. But if a
-    computed load is matched to the motion, that is the reason.
+    computed load is matched to the motion, that is the reason. A sensor that is late is another reason: no fit is shown
+    then, as its parameters would take up the delay.
 
     Args:
         model, settings: what is identified.
@@ -79,9 +80,12 @@ class Stretch:
             self._motion.append(samples)
             self._matched = samples.load_errors is not None
 
-    def on(self, estimate: Estimate) -> Estimate:
+    def on(self, estimate: Estimate, of_late_sensor: bool = False) -> Estimate:
         """Return what holds in motion: an estimate of the recursion, or the fit of a stretch in its place."""
         if not self._wanted:
+            return estimate
+        if of_late_sensor:
+            self._poor_since, self._found = np.inf, None
             return estimate
         poor = estimate.status in (Status.POOR_FIT, Status.DISAGREE)
         if poor and self._poor_since == np.inf:

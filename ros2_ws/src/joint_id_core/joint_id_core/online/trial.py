@@ -31,11 +31,13 @@ class Trial:
         length_s: motion in s that must agree with a new memory before it counts.
         replaces: whether it would replace a memory.
         shown: newest fit, or estimate before, which says what is wrong; None if no memory is in doubt.
+        blames_sensor: whether it says that a sensor is late.
     """
 
     def __init__(self, window_s: float) -> None:
         self.length_s, self.replaces = window_s, False
         self.shown: Estimate | None = None
+        self.blames_sensor = False
         self._window_s = window_s
         self._trusted: Knowledge | None = None  # what was known, until something new counts
         self._fit_next, self._fails_since = -np.inf, np.inf
@@ -79,6 +81,7 @@ class Trial:
     def late(self, recording: Recording) -> Late | None:
         """Return the sensor whose delay explains a window of a joint that is as it was; None if there is none."""
         found = None if self._trusted is None else self._trusted.late_sensor(recording)
+        self.blames_sensor = found is not None
         if found is not None and self._trusted is not None:
             self.shown = replace(self._trusted.last, notes=(found.text, *self._trusted.last.notes))
         return found
