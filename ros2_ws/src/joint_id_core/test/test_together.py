@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import Innovations, ParameterSettings, Regression, fit, fit_several
 from joint_id_core.estimators.together.fit import together
 from joint_id_core.models import build
-from joint_id_core.results.estimate import Status, Verdict
+from joint_id_core.results.estimate import Estimate, Status, Verdict
 from joint_id_core.simulation.excitation import multisine
 from joint_id_core.simulation.sensors import Sensors
 from joint_id_core.simulation.simulator import simulate
@@ -75,6 +77,13 @@ def test_intervals_hold_the_truth_over_many_sets():
     assert np.mean(inside) > 0.85
 
 
+def assert_holds(found, name):
+    """The interval of a parameter contains the value of every recording."""
+    row = found.estimate[name]
+    for one in found.alone:
+        assert abs(one[name].value - row.value) <= 1.96 * row.std_dev, one.source
+
+
 def test_a_recording_that_differs_is_said_and_the_interval_contains_the_scatter():
     found = fit_several(MODEL, [*PARTS[:3], record(5, c=4.5)])
     assert found.estimate.status is Status.DISAGREE
@@ -82,8 +91,34 @@ def test_a_recording_that_differs_is_said_and_the_interval_contains_the_scatter(
     assert [float(text.split()[0]) for text in (low, high)] == pytest.approx([3.0, 4.5], abs=0.1)
     assert abs(found.apart[3]["c"]) > 3.0
     assert found.estimate["c"].std_dev > 0.2
+    assert_holds(found, "c")
     lines = str(found).splitlines()[-4:]
     assert [line.strip().partition(":")[0] for line in lines] == ["part 1", "part 2", "part 3", "part 5"]
+
+
+def turned(value: float, other: float, slope: float) -> Estimate:
+    """What a recording says of J and b_g that knows one combination of them a hundred times as well as each."""
+    one = fit(build("rigid_joint", gravity=True), PARTS[0], estimator=Regression())
+    along, across = np.array([1.0, slope]) / math.hypot(1.0, slope), np.array([-slope, 1.0]) / math.hypot(1.0, slope)
+    both = 0.09 * np.outer(along, along) + 9e-6 * np.outer(across, across)
+    at = [one.free.index("J"), one.free.index("b_g")]
+    covariance = np.diag(np.diag(one.covariance))
+    covariance[np.ix_(at, at)] = both
+    changed = {"J": (value, math.sqrt(both[0, 0])), "b_g": (other, math.sqrt(both[1, 1]))}
+    rows = tuple(
+        replace(p, value=changed[p.name][0], std_dev=changed[p.name][1], verdict=Verdict.ESTIMATED)
+        if p.name in changed else p
+        for p in one.parameters
+    )  # fmt: skip
+    return replace(one, parameters=rows, covariance=covariance, status=Status.CONVERGED, checks=None)
+
+
+def test_where_correlated_parameters_disagree_the_interval_holds_every_recording():
+    """Two lines that are nearly parallel cross far from both recordings: the sum of their information is there."""
+    found = together(build("rigid_joint", gravity=True), [turned(0.8, -0.2, -1.0), turned(0.6, 0.3, -1.1)])
+    assert found.estimate["J"].value > 2.0 and found.estimate.status is Status.DISAGREE
+    assert_holds(found, "J")
+    assert_holds(found, "b_g")
 
 
 def test_what_no_recording_shows_is_not_excited_once():

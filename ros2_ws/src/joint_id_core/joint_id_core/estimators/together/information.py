@@ -16,11 +16,13 @@ from numpy.typing import NDArray
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.estimator import Innovations
+from joint_id_core.estimators.shared.intervals import WIDTH
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, Status
 from joint_id_core.results.verdict import PRIOR_RATIO
 
+FAR = 3.0  # standard deviations between a recording and all from which they disagree
 TINY = 1e-12  # sum of weights that is rounding
 OWN = 0.1  # least share of its own variance by which a recording differs from a sum that holds it
 
@@ -111,16 +113,20 @@ def added(space: Space, shares: Sequence[Share]) -> tuple[Array, Array]:
 
 
 def scatter(space: Space, shares: Sequence[Share], z: Array, covariance: Array) -> tuple[Array, list[Array]]:
-    """Return by how much the scatter exceeds the intervals, at least 1, shape (k,), and the distances by recording."""
+    """Return by how much the intervals are to be wider, at least 1, shape (k,), and the distances by recording."""
     distances, squares, counts = [], np.zeros(len(z)), np.zeros(len(z))
+    variance, farthest = np.diag(covariance), np.zeros(len(z))
     for share in shares:
         own = np.diag(share.covariance)
-        says = share.known & (own < (PRIOR_RATIO * space.spread) ** 2) & np.isfinite(np.diag(covariance))
+        says = share.known & (own < (PRIOR_RATIO * space.spread) ** 2) & np.isfinite(variance)
         # The sum holds the recording itself: its distance from the sum varies less than its value.
-        variance = np.maximum(own - np.diag(covariance), OWN * own)
-        away = np.where(says, (share.z - z) / np.sqrt(np.where(says, variance, 1.0)), np.nan)
+        rest = np.where(says, np.maximum(own - variance, OWN * own), 1.0)
+        away = np.where(says, (share.z - z) / np.sqrt(rest), np.nan)
         distances.append(away)
         squares += np.where(says, (share.z - z) ** 2 / np.where(says, own, 1.0), 0.0)
         counts += says
+        off = np.maximum(np.abs(share.z - z), np.abs(space.values(share.z) - space.values(z)) / space.slope(z))
+        farthest = np.where(np.abs(away) > FAR, np.maximum(farthest, off), farthest)  # False for NaN
     ratio = np.sqrt(squares / np.maximum(counts - 1.0, 1.0))
-    return np.maximum(1.0, np.where(counts > 1, ratio, 1.0)), distances
+    holding = farthest / WIDTH / np.sqrt(np.where(np.isfinite(variance), variance, np.inf))
+    return np.maximum(np.maximum(1.0, holding), np.where(counts > 1, ratio, 1.0)), distances

@@ -9,12 +9,10 @@ import numpy as np
 
 from joint_id_core.estimators.shared.intervals import interval_text
 from joint_id_core.estimators.shared.sentences import listed, sentence
-from joint_id_core.estimators.together.information import Space
+from joint_id_core.estimators.together.information import FAR, Space
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status
 from joint_id_core.results.verdict import MAGNITUDE, NOT_EXCITED_RATIO, PRIOR_RATIO, Verdict
-
-FAR = 3.0  # standard deviations between a recording and all from which they disagree
 
 
 def common(
@@ -81,7 +79,7 @@ def judge(
     if far:
         cause = (
             "the joint, its load or its temperature changed, or the model does not describe all of them: the intervals "
-            "contain the scatter"
+            "contain what each says"
         )
         ranges = "; ".join(_range(name, [alone[k] for k in used if name in apart[k]]) for name in far)
         status, said = Status.DISAGREE, [f"the recordings disagree: {ranges}", cause]
@@ -103,7 +101,8 @@ def judge(
         if k not in used:
             why = estimate.message.removeprefix(f"{estimate.source}: ").split(". ")[0].rstrip(".")
             said.append(f"left out: {estimate.source} ({estimate.status.value}: {why})")
-    unseen = [n for n, row in found.items() if row.verdict in (Verdict.NOT_EXCITED, Verdict.PRIOR)]
+    unknown = (Verdict.NOT_EXCITED, Verdict.PRIOR)
+    unseen = [n for n, row in found.items() if row.verdict in unknown and n not in far]
     if unseen and status is not Status.UNINFORMATIVE:
         said.append(f"no recording shows {listed(unseen)}")
     return status, tuple(sentence(text) for text in said)
