@@ -141,6 +141,14 @@ def test_a_recording_that_cannot_be_used_is_left_out_and_named():
     assert fit(MODEL, [still, still]).status is Status.NO_MOTION
 
 
+def test_a_recording_that_is_in_doubt_by_itself_is_named():
+    alone = fit_several(MODEL, PARTS[:2]).alone
+    doubted = replace(alone[1], status=Status.DISAGREE, message="J is 1 by one and 2 by another.")
+    found = together(MODEL, [alone[0], doubted]).estimate
+    assert found.status is Status.DISAGREE
+    assert found.message.startswith("Recording part 2: J is 1 by one and 2 by another.")
+
+
 def test_one_recording_is_that_recording():
     assert fit(MODEL, PARTS[:1]).values == fit(MODEL, PARTS[0]).values
     with pytest.raises(JointIdError, match="no recording"):

@@ -84,7 +84,7 @@ def judge(
         ranges = "; ".join(_range(name, [alone[k] for k in used if name in apart[k]]) for name in far)
         status, said = Status.DISAGREE, [f"the recordings disagree: {ranges}", cause]
     elif doubtful is not None:
-        status, said = Status.DISAGREE, [f"{doubtful.source}: {doubtful.message}"]
+        status, said = Status.DISAGREE, [f"recording {doubtful.source}: {doubtful.message}"]
     elif not any(row.verdict is Verdict.ESTIMATED for row in found.values()):
         status, said = Status.UNINFORMATIVE, [Status.UNINFORMATIVE.advice]
     else:
