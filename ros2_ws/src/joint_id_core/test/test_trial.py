@@ -5,8 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 
 from joint_id_core.online import OnlineIdentifier, OnlineOptions, trial
+from joint_id_core.online.follower import Found
 from joint_id_core.online.task import Task
 from joint_id_core.online.trial import PATIENCE, SHARE, Trial
+from joint_id_core.results.estimate import Estimate
 from joint_id_core.results.status import Status
 
 from .online_motion import MODEL, batches, motion
@@ -31,6 +33,24 @@ def test_a_fit_that_describes_the_motion_ends_the_patience_anew():
     now.succeeded()
     now.failed(POOR, 20.0, TOOK_S)
     assert not now.waits(20.1)
+
+
+def test_a_sensor_is_blamed_as_long_as_its_delay_explains_the_newest_window_of_a_joint_that_is_trusted():
+    late = SimpleNamespace(text="The sensor is late.")
+    found = iter([late, None, late])
+    known = SimpleNamespace(
+        last=Estimate("rigid_joint", "innovations", Status.CONVERGED, "", ()),
+        follower=SimpleNamespace(found=Found.UNEXPLAINED), late_sensor=lambda _: next(found),
+    )  # fmt: skip
+    now = Trial(WINDOW_S)
+    assert now.late(motion(1.0)) is None and not now.blames_sensor  # nothing is known yet
+    now.suspend(known)
+    assert now.late(motion(1.0)) is late and now.blames_sensor
+    assert now.shown.notes == ("The sensor is late.",)
+    assert now.late(motion(1.0)) is None and not now.blames_sensor
+    now.late(motion(1.0))
+    now.begin_anew(known)
+    assert not now.blames_sensor
 
 
 def test_a_joint_that_its_model_never_describes_still_has_an_estimate_at_every_hop(monkeypatch):

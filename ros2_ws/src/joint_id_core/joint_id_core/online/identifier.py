@@ -165,8 +165,7 @@ class OnlineIdentifier:
         stretch = self._beside.stretch
         if self._watch.moving:
             estimate = self._agreement.on(self._in_motion())
-            shown = stretch.on(estimate, self._trial.blames_sensor)
-            return shown.updated(temperature=self._window.temperature)
+            return stretch.on(estimate, self._trial.blames_sensor).updated(temperature=self._window.temperature)
         return stretch.at_rest(self._at_rest()).updated(temperature=recent.temperature)
 
     def _without_memory(self) -> Estimate:

@@ -28,14 +28,14 @@ class OthersMoving:
     """
 
     def __init__(self) -> None:
-        self._told: dict[str, tuple[object, tuple[str, ...], str]] = {}  # by joint: notes, message, what they are of
+        self._told: dict[str, tuple[object, tuple[str, ...], str]] = {}  # by joint: basis, notes, message
         self._moved: dict[str, float] = {}  # newest instant in s at which a joint moved
         self._from: dict[tuple[str, str], float] = {}  # positions from there
 
     def take(self, recordings: Mapping[str, Recording]) -> None:
         """Take the newest samples of all joints, by name."""
         for joint, recording in recordings.items():
-            for channel in POSITIONS:
+            for channel in POSITIONS if len(recording) else ():
                 measured = channel in recording and channel not in recording.derived
                 if measured and self._goes(joint, channel, recording.channels[channel]):
                     self._moved[joint] = float(recording.time[-1])

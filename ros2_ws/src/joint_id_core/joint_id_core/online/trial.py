@@ -54,7 +54,7 @@ class Trial:
 
     def begin_anew(self, known: Knowledge) -> None:
         """Trust nothing that was known."""
-        self.shown, self.replaces, self._trusted = known.last, True, None
+        self.shown, self.replaces, self._trusted, self.blames_sensor = known.last, True, None, False
 
     def due(self, end: float) -> bool:
         """Return whether the newest window, which ends at an instant in s, is to be fitted; call it once a hop."""
