@@ -165,12 +165,12 @@ def fit_several(
     from joint_id_core.estimators.shared.computed_load import computed
     from joint_id_core.estimators.together.fit import together
 
-    def fitted(recording: Recording) -> Estimate:
-        return _fit(model, recording, settings, estimator, progress)
+    def fitted(recording: Recording, chosen: ParameterSettings | None) -> Estimate:
+        return _fit(model, recording, chosen, estimator, progress)
 
     if any(map(computed, recordings)):
         return fitted_with_load(model, recordings, settings, fitted)
-    return together(model, list(map(fitted, recordings)), settings)
+    return together(model, [fitted(one, settings) for one in recordings], settings)
 
 
 def build(name: str, **options: object) -> Innovations | Regression | HPinn:

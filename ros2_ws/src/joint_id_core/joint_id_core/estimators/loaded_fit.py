@@ -18,25 +18,36 @@ def fitted_with_load(
     model: Model,
     recordings: Sequence[Recording],
     settings: ParameterSettings | None,
-    fitted: Callable[[Recording], Estimate],
+    fitted: Callable[[Recording, ParameterSettings | None], Estimate],
 ) -> Together:
     """Fit recordings of one joint; intervals contain what is not known of the load.
 
     Args:
         model, settings: of the fit.
         recordings: of the joint.
-        fitted: fits one of them.
+        fitted: fits one of them, with these settings.
 
     Raises:
         JointIdError: as `MatchedLoad` and `fitted`.
     """
     load = MatchedLoad(model, recordings, settings)
+
+    def unmatched(chosen: ParameterSettings | None) -> Together:
+        return together(model, [fitted(as_computed(one), chosen) for one in recordings], chosen)
+
     if load.second_choice:
-        found = together(model, [fitted(as_computed(one)) for one in recordings], settings)
+        found = unmatched(settings)
         if found.estimate.status.describes:
             return _finished(found, model, as_computed)
-    fits = [load.with_doubt(fitted(load.of(one)), k) for k, one in enumerate(recordings)]
+    fits = [load.with_doubt(fitted(load.of(one), settings), k) for k, one in enumerate(recordings)]
     found = together(model, fits, settings)
+    if load.second_choice and found.estimate.status.describes:
+        # A search that ended in a wrong minimum leaves a poor fit, too, and the matched load suits the start value of
+        # the torque constant. Near these values the computed load may describe the motion after all.
+        begun = {name: found.estimate[name].value for name in found.estimate.free}
+        again = unmatched((settings or ParameterSettings()).with_values(begun))
+        if again.estimate.status.describes:
+            return _finished(again, model, as_computed)
     if len(fits) > 1:  # it is the same in all recordings, so they do not average it away
         found = replace(found, estimate=load.with_doubt(found.estimate))
     return _finished(found, model, load.of)

@@ -1,0 +1,53 @@
+"""Which of the fits of a joint with a computed load counts."""
+
+from __future__ import annotations
+
+import pytest
+
+from joint_id_core.estimators import ParameterSettings, fit, loaded_fit
+from joint_id_core.results.estimate import Status
+
+from .online_motion import MODEL, motion
+
+AS_IT_IS, MATCHED = "as computed", "matched"
+
+
+class Load:
+    """A load that is to be matched only where the computed one leaves a poor fit."""
+
+    second_choice = True
+
+    def __init__(self, *_) -> None:
+        pass
+
+    def of(self, recording):
+        return MATCHED
+
+    def with_doubt(self, estimate, number=None):
+        return estimate
+
+
+@pytest.mark.parametrize("statuses", [
+    (Status.CONVERGED,),
+    (Status.POOR_FIT, Status.POOR_FIT),
+    (Status.POOR_FIT, Status.CONVERGED, Status.POOR_FIT),
+    (Status.POOR_FIT, Status.CONVERGED, Status.CONVERGED),
+])  # fmt: skip
+def test_a_computed_load_is_tried_again_from_the_values_with_a_matched_one(statuses, monkeypatch):
+    good, settings = fit(MODEL, motion(3.0)), ParameterSettings({"J": 1.0})
+    results = [good.updated(status=status, iterations=k) for k, status in enumerate(statuses)]
+    tried = []
+
+    def fitted(recording, chosen):
+        tried.append((recording, chosen.values["J"]))
+        return results[len(tried) - 1]
+
+    monkeypatch.setattr(loaded_fit, "MatchedLoad", Load)
+    monkeypatch.setattr(loaded_fit, "as_computed", lambda _: AS_IT_IS)
+    found = loaded_fit.fitted_with_load(MODEL, [motion(3.0)], settings, fitted)
+    found_j = good["J"].value
+    assert tried == [(AS_IT_IS, 1.0), (MATCHED, 1.0), (AS_IT_IS, found_j)][: len(statuses)]
+    last = len(statuses) - 1
+    counts = last if statuses[last] is Status.CONVERGED or last < 2 else last - 1  # the matched one, if none is better
+    assert (found.estimate.iterations, found.estimate.status) == (counts, statuses[counts])
+    assert found.as_fitted(None) == (MATCHED if counts == 1 else AS_IT_IS)
