@@ -12,7 +12,7 @@ import pytest
 from joint_id_core.data.load_errors import SampledErrors
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators import Innovations, Regression, fit, fit_several
+from joint_id_core.estimators import Innovations, ParameterSettings, Regression, fit, fit_several
 from joint_id_core.estimators.matched_load import MatchedLoad
 from joint_id_core.models import build
 
@@ -28,6 +28,7 @@ from joint_id_core.arm.loaded import loaded
 from joint_id_core.arm.typical_inertia import typical_inertia
 
 RIGID, LOAD = build("rigid_joint"), "external_torque"
+DRIVEN = build("rigid_joint", actuation="current")
 GAIN = 0.85  # of the torque constant that the user takes over the true one
 ESTIMATORS = [Innovations(), Regression()]
 NAMES = [one.name for one in ESTIMATORS]
@@ -142,6 +143,22 @@ def test_what_is_not_known_of_the_load_widens_the_intervals():
         assert abs(with_errors[name].value - alone[name].value) < 4.0 * with_errors[name].std_dev
 
 
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=NAMES)
+@pytest.mark.parametrize(("seed", "name"), first_quick([(1, "bend"), (2, "lift"), (3, "lift")]))
+def test_a_torque_constant_that_is_free_is_known_no_better_than_the_masses(seed, name, estimator):
+    urdf = real(seed)
+    recording = described(urdf, name, 1)[0]
+    recording = recording.with_channels({"current": recording["torque"]})
+    estimate = fit(DRIVEN, recording, ParameterSettings({"N": 1.0, "k_t": 1.0}, freed=["k_t"]), estimator)
+    assert estimate.converged and "known no better than the load" in estimate.message
+    for parameter, value in {"k_t": 1.0 / GAIN, **{n: v / GAIN for n, v in truth(urdf, name).items()}}.items():
+        row = estimate[parameter]
+        assert abs(row.value - value) < 2.0 * row.std_dev, (parameter, row, value)
+        assert 0.1 * row.value < row.std_dev < 0.5 * row.value
+    held = fit(DRIVEN, recording, ParameterSettings({"N": 1.0, "k_t": 1.0}), estimator)
+    assert held["J"].std_dev < 0.05 * held["J"].value and "no better" not in held.message
+
+
 @pytest.mark.parametrize("size", [0.02, 1.0, 30.0])
 def test_the_prior_of_the_factors_is_as_wide_as_they_are(size):
     """Errors over standard deviations, over many draws: neither too narrow for large factors nor too wide for none."""
@@ -152,7 +169,7 @@ def test_the_prior_of_the_factors_is_as_wide_as_they_are(size):
     for _ in range(200):
         errors, true = rng.standard_normal((40, 12)), size * rng.standard_normal(12)
         y = errors @ true + 3.0 * rng.standard_normal(40)
-        factors, covariance = _solved(errors.T @ errors / 9.0, errors.T @ y / 9.0)
+        factors, covariance, _ = _solved(errors.T @ errors / 9.0, errors.T @ y / 9.0)
         off.append((factors - true) / np.sqrt(np.diag(covariance)))
         widest.append(np.sqrt(np.diag(covariance)).mean())
     assert 0.3 < np.sqrt(np.mean(np.square(off))) < 1.15

@@ -6,8 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from joint_id_core.data.recording import Recording
+from joint_id_core.estimators.load_size import with_size_doubt
 from joint_id_core.estimators.matched_load import MatchedLoad
 from joint_id_core.estimators.shared.computed_load import with_doubt
+from joint_id_core.estimators.shared.held_values import CONSTANT
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.estimators.together.fit import Together, together
 from joint_id_core.models import Model
@@ -35,10 +37,20 @@ def fitted_with_load(
     def unmatched(chosen: ParameterSettings | None) -> Together:
         return together(model, [fitted(as_computed(one), chosen) for one in recordings], chosen)
 
+    def finished(found: Together, as_fitted: Callable[[Recording], Recording]) -> Together:
+        by_load = CONSTANT in found.estimate.free
+        share = load.size_deviation(recordings, matched=as_fitted is not as_computed) if by_load else 0.0
+
+        def doubtful(estimate: Estimate) -> Estimate:
+            return with_doubt(with_size_doubt(model, estimate, share), model)
+
+        alone = tuple(doubtful(one) for one in found.alone)
+        return replace(found, estimate=doubtful(found.estimate), alone=alone, as_fitted=as_fitted)
+
     if load.second_choice:
         found = unmatched(settings)
         if found.estimate.status.describes:
-            return _finished(found, model, as_computed)
+            return finished(found, as_computed)
     fits = [load.with_doubt(fitted(load.of(one), settings), k) for k, one in enumerate(recordings)]
     found = together(model, fits, settings)
     if load.second_choice and found.estimate.status.describes:
@@ -47,16 +59,10 @@ def fitted_with_load(
         begun = {name: found.estimate[name].value for name in found.estimate.free}
         again = unmatched((settings or ParameterSettings()).with_values(begun))
         if again.estimate.status.describes:
-            return _finished(again, model, as_computed)
+            return finished(again, as_computed)
     if len(fits) > 1:  # it is the same in all recordings, so they do not average it away
         found = replace(found, estimate=load.with_doubt(found.estimate))
-    return _finished(found, model, load.of)
-
-
-def _finished(found: Together, model: Model, as_fitted: Callable[[Recording], Recording]) -> Together:
-    """Return fits with what is not known of a computed load, and with how the recordings were taken."""
-    alone = tuple(with_doubt(one, model) for one in found.alone)
-    return replace(found, estimate=with_doubt(found.estimate, model), alone=alone, as_fitted=as_fitted)
+    return finished(found, load.of)
 
 
 def as_computed(recording: Recording) -> Recording:

@@ -18,7 +18,9 @@ from numpy.typing import NDArray
 from joint_id_core.data.load_errors import LoadErrors
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
+from joint_id_core.estimators.load_size import size_deviation
 from joint_id_core.estimators.shared.computed_load import LOAD
+from joint_id_core.estimators.shared.held_values import CONSTANT
 from joint_id_core.estimators.shared.intervals import with_covariance
 from joint_id_core.estimators.shared.long_record import fitted_part
 from joint_id_core.estimators.shared.sentences import message, sentence
@@ -83,9 +85,11 @@ class MatchedLoad:
         self._seen = [_seen(model, recording, settings) for recording in recordings]
         known = [seen for seen in self._seen if seen is not None]
         self._factors: Array | None = None
+        self._width = 1.0
         if known:
             information = np.sum([one.information for one in known], axis=0)
-            self._factors, self._covariance = _solved(information, np.sum([one.vector for one in known], axis=0))
+            vector = np.sum([one.vector for one in known], axis=0)
+            self._factors, self._covariance, self._width = _solved(information, vector)
         self.second_choice = self._factors is not None and not suits(model)
         self._said = self._told(recordings)
 
@@ -113,6 +117,10 @@ class MatchedLoad:
         notes = (*estimate.notes[:1], sentence(self._said), *estimate.notes[1:])
         return replace(estimate, notes=notes, message=message(notes))
 
+    def size_deviation(self, recordings: Sequence[Recording], matched: bool) -> float:
+        """Return how far the size of the load is not known, matched or as computed: see `load_size`."""
+        return size_deviation(recordings, self._factors if matched else None, self._width)
+
     def _told(self, recordings: Sequence[Recording]) -> str:
         """Return how far the load is from the computed one, as a clause; "" if it is near."""
         used = [(one, seen) for one, seen in zip(recordings, self._seen, strict=True) if seen is not None]
@@ -136,8 +144,8 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.nanmean(values**2)))
 
 
-def _solved(information: Array, vector: Array) -> tuple[Array, Array]:
-    """Return the factors (m,) and their covariance (m, m), from what the recordings say of them.
+def _solved(information: Array, vector: Array) -> tuple[Array, Array, float]:
+    """Return the factors (m,), their covariance (m, m) and the width of their prior, from what the recordings say.
 
     Their prior is as wide as the factors that the recordings tell (MacKay, Neural Computation 4, 1992), with one more
     of size 1: a description whose masses are right is known to be so.
@@ -148,7 +156,7 @@ def _solved(information: Array, vector: Array) -> tuple[Array, Array]:
         factors = covariance @ vector
         known = count - float(np.trace(covariance)) / width**2  # factors that the recordings tell
         width = float(np.sqrt((factors @ factors + 1.0) / (known + 1.0)))
-    return factors, covariance
+    return factors, covariance, width
 
 
 def _require_one(loads: Sequence[str]) -> None:
@@ -167,7 +175,7 @@ def _seen(model: Model, recording: Recording, settings: ParameterSettings | None
     from joint_id_core.estimators.regression.prepared import prepared
     from joint_id_core.estimators.shared.fit_data import prepare
 
-    part, names = fitted_part(model, recording), dict[str, str]()
+    settings, part, names = _torque_known(settings), fitted_part(model, recording), dict[str, str]()
     if not suits(model):
         p, _ = (settings or ParameterSettings()).applied_to(model)
         rigid = as_rigid(part, dict(zip(model.parameter_names, p.tolist(), strict=True)), gravity=False)
@@ -182,6 +190,15 @@ def _seen(model: Model, recording: Recording, settings: ParameterSettings | None
     except JointIdError:
         return None
     return _seen_by(ready, errors, names)
+
+
+def _torque_known(settings: ParameterSettings | None) -> ParameterSettings | None:
+    """Return settings that hold the torque constant: else no torque and no load at all would suit any motion."""
+    if settings is None or CONSTANT not in settings.freed:
+        return settings
+    freed = [name for name in settings.freed if name != CONSTANT]
+    priors = {name: prior for name, prior in settings.priors.items() if name != CONSTANT}
+    return replace(settings, freed=freed, priors=priors)
 
 
 def _seen_by(ready: Prepared, errors: LoadErrors, names: Mapping[str, str]) -> _Seen | None:

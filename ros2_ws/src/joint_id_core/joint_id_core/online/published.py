@@ -12,6 +12,7 @@ from joint_id_core.cell.kernel import compile_shared
 from joint_id_core.data.recording import Array, any_finite
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.verdicts import findings, informative, table, verdicts
+from joint_id_core.estimators.load_size import SIZE_ERROR, with_size_doubt
 from joint_id_core.estimators.shared.computed_load import LOAD, with_doubt
 from joint_id_core.estimators.shared.fit_data import UnusableError, unusable
 from joint_id_core.estimators.shared.sentences import message, sentence
@@ -128,7 +129,7 @@ def with_computed_load(estimate: Estimate, recent: SlidingWindow, model: Model) 
     if estimate.status is not Status.NO_MOTION and not any_finite(newest[LOAD]):
         notes = (sentence(UNKNOWN_LOAD),)
         estimate = replace(estimate, status=Status.MISSING_SIGNAL, message=message(notes), notes=notes)
-    return with_doubt(estimate, model)
+    return with_doubt(with_size_doubt(model, estimate, SIZE_ERROR), model)
 
 
 def too_short(model: Model, window: SlidingWindow, needed_s: float) -> Estimate:
