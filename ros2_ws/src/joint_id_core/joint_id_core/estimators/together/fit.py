@@ -34,7 +34,7 @@ class Together:
     Attributes:
         estimate: from all recordings that could be used.
         alone: of every recording by itself.
-        apart: by recording, the distance of its values from those of all, in standard deviations of the distance, by
+        apart: by recording, the distance of its values from the sum of all, in standard deviations of the distance, by
             parameter; empty for a recording that was left out.
         as_fitted: returns a recording of the joint as these were fitted, with the load that was found.
     """
@@ -46,7 +46,7 @@ class Together:
 
     def __str__(self) -> str:
         """Return the estimate as a table, and a line for every recording."""
-        lines = [str(self.estimate), "", "  each recording by itself, and its distance from the values above in sigma:"]
+        lines = [str(self.estimate), "", "  each recording by itself, and its distance from the sum of all in sigma:"]
         for one, apart in zip(self.alone, self.apart, strict=True):
             values = [f"{n} {one[n].value:.4g} ± {one[n].std_dev:.2g} ({d:+.1f})" for n, d in apart.items()]
             lines.append(f"  {one.source}: {one.status.value}{'; ' if values else ''}{', '.join(values)}")
@@ -72,7 +72,7 @@ def together(model: Model, alone: Sequence[Estimate], settings: ParameterSetting
     space = Space(model, alone[used[0]], settings or ParameterSettings())
     shares = [share_of(space, alone[k]) for k in used]
     z, covariance = added(space, shares)
-    scale, distances = scatter(space, shares, z, covariance)
+    z, scale, distances = scatter(space, shares, z, covariance)
     for k, away in zip(used, distances, strict=True):
         apart[k] = {n: float(d) for n, d in zip(space.names, away, strict=True) if np.isfinite(d)}
     known = z, covariance * np.outer(scale, scale)

@@ -112,21 +112,33 @@ def added(space: Space, shares: Sequence[Share]) -> tuple[Array, Array]:
     return z, covariance
 
 
-def scatter(space: Space, shares: Sequence[Share], z: Array, covariance: Array) -> tuple[Array, list[Array]]:
-    """Return by how much the intervals are to be wider, at least 1, shape (k,), and the distances by recording."""
-    distances, squares, counts = [], np.zeros(len(z)), np.zeros(len(z))
-    variance, farthest = np.diag(covariance), np.zeros(len(z))
-    for share in shares:
-        own = np.diag(share.covariance)
-        says = share.known & (own < (PRIOR_RATIO * space.spread) ** 2) & np.isfinite(variance)
-        # The sum holds the recording itself: its distance from the sum varies less than its value.
-        rest = np.where(says, np.maximum(own - variance, OWN * own), 1.0)
-        away = np.where(says, (share.z - z) / np.sqrt(rest), np.nan)
-        distances.append(away)
-        squares += np.where(says, (share.z - z) ** 2 / np.where(says, own, 1.0), 0.0)
-        counts += says
-        off = np.maximum(np.abs(share.z - z), np.abs(space.values(share.z) - space.values(z)) / space.slope(z))
-        farthest = np.where(np.abs(away) > FAR, np.maximum(farthest, off), farthest)  # False for NaN
-    ratio = np.sqrt(squares / np.maximum(counts - 1.0, 1.0))
-    holding = farthest / WIDTH / np.sqrt(np.where(np.isfinite(variance), variance, np.inf))
-    return np.maximum(np.maximum(1.0, holding), np.where(counts > 1, ratio, 1.0)), distances
+def scatter(
+    space: Space, shares: Sequence[Share], z: Array, covariance: Array
+) -> tuple[Array, Array, list[Array]]:  # fmt: skip
+    """Return z (k,), by how much its intervals are to be wider, at least 1, and the distances by recording from the sum.
+
+    Where recordings disagree, correlated parameters may put the sum far from all of them: then z is the mean of what they
+    say of each parameter by itself, and the interval holds each that is far from the sum.
+
+    Args:
+        space, shares: of the recordings.
+        z, covariance: of the sum, shapes (k,) and (k, k).
+    """
+    variance, values = np.diag(covariance), np.array([share.z for share in shares])
+    own = np.array([np.diag(share.covariance) for share in shares])
+    says = np.array([share.known for share in shares]) & (own < (PRIOR_RATIO * space.spread) ** 2)
+    says &= np.isfinite(variance)
+    # The sum holds the recording itself: its distance from the sum varies less than its value.
+    rest = np.where(says, np.maximum(own - variance, OWN * own), 1.0)
+    distances = np.where(says, (values - z) / np.sqrt(rest), np.nan)
+    far = np.abs(distances) > FAR  # False for NaN
+    weights = np.where(says & far.any(), 1.0 / np.where(says, own, 1.0), 0.0)
+    total = weights.sum(axis=0)
+    z = np.where(total > 0.0, (weights * values).sum(axis=0) / np.where(total > 0.0, total, 1.0), z)
+    off = np.maximum(np.abs(values - z), np.abs(space.values(values) - space.values(z)) / space.slope(z))
+    least = np.maximum(np.where(far, off, 0.0).max(axis=0) / WIDTH, np.where(total > 0.0, total, np.inf) ** -0.5)
+    holding = least / np.sqrt(np.where(np.isfinite(variance), variance, np.inf))
+    squares = np.sum(np.where(says, (values - z) ** 2 / np.where(says, own, 1.0), 0.0), axis=0)
+    counts = np.count_nonzero(says, axis=0)
+    ratio = np.where(counts > 1, np.sqrt(squares / np.maximum(counts - 1.0, 1.0)), 1.0)
+    return z, np.maximum(np.maximum(1.0, holding), ratio), list(distances)
