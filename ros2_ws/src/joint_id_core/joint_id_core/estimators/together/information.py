@@ -115,10 +115,10 @@ def added(space: Space, shares: Sequence[Share]) -> tuple[Array, Array]:
 def scatter(
     space: Space, shares: Sequence[Share], z: Array, covariance: Array
 ) -> tuple[Array, Array, list[Array]]:  # fmt: skip
-    """Return z (k,), by how much its intervals are to be wider, at least 1, and the distances by recording from the sum.
+    """Return z (k,), by how much its intervals are to be wider, at least 1, and how far recordings are from the sum.
 
-    Where recordings disagree, correlated parameters may put the sum far from all of them: then z is the mean of what they
-    say of each parameter by itself, and the interval holds each that is far from the sum.
+    Where recordings disagree, correlated parameters may put the sum far from all of them: then z is the mean of what
+    they say of each parameter by itself, and the interval holds each that is far from the sum.
 
     Args:
         space, shares: of the recordings.
