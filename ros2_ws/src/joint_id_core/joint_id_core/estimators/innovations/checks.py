@@ -16,6 +16,7 @@ from joint_id_core.estimators.innovations.noise import covariance_of_levels, unk
 from joint_id_core.estimators.innovations.recursion import Pass
 from joint_id_core.estimators.innovations.search import Outcome
 from joint_id_core.estimators.innovations.sharpness import smoothing_bias
+from joint_id_core.estimators.innovations.slow_parts import slow_parts
 from joint_id_core.estimators.innovations.stages import STALLED, Stages
 from joint_id_core.estimators.innovations.vanishing import of_vanishing
 from joint_id_core.estimators.innovations.whiteness import memory
@@ -41,15 +42,16 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
     data, recursion, coordinates = stages.data, stages.recursion, stages.coordinates
     last = recursion.renewed(found.last)
     missing, coloured = misfit(recursion, coordinates, found, last), memory(recursion, coordinates, found, last)
+    slow = slow_parts(recursion, coordinates, found, last, bool(coloured.text))
     noisy, of_drive = with_motion_noise(recursion, found, last), np.zeros_like(found.hessian)
     bias = sensor_bias(noisy, coordinates, found, last)
     if not bias.any():  # else noise of the drive is in it
         of_drive = drive_noise(recursion, coordinates, found, last).excess
-    texts = (missing.text, _step_warning(stages, found), coloured.text, outcome.warning, _stall_warning(found))
+    texts = (missing.text, _step_warning(stages, found), slow.text, coloured.text, outcome.warning, _stall_warning(found))
     p, slope = stages.cost.values(found.z), coordinates.slope(found.z)
     of_noise, levels = _of_noise(stages, found, last)
     combined = {name for group in _combinations(data, p) for name in group.names}  # of them the combination is told
-    excess = missing.excess + coloured.excess + outcome.scatter + smoothing_bias(stages, found)
+    excess = missing.excess + coloured.excess + slow.excess + outcome.scatter + smoothing_bias(stages, found)
     excess = excess + of_vanishing(stages.cost, found, combined)
     covariance = of_noise + excess + of_drive + np.outer(bias, bias)
     together = in_combination(data, p, covariance * np.outer(slope, slope))
@@ -57,8 +59,8 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
     return (
         Checks(
             texts, excess, nrmse(data, predictions), together, levels,
-            missing.doubt or hidden_gear(recursion, coordinates, found, last, noisy), missing.lasting, missing.bias,
-            slope * np.sqrt(np.diag(of_drive)),
+            missing.doubt or hidden_gear(recursion, coordinates, found, last, noisy) or slow.doubt, missing.lasting,
+            missing.bias, slope * np.sqrt(np.diag(of_drive)),
         ),
         covariance,
         bias,

@@ -202,6 +202,15 @@ class Recursion:
         J = self._J[first:].reshape(-1, self._J.shape[2])[:, self._columns]
         return J.T @ J, J.T @ result.residuals[first:].ravel()
 
+    def sensitivities(self, result: Pass) -> Array:
+        """Return the derivatives of the predicted labels over sqrt(S) by the free parameters, shape (T, labels, free).
+
+        Raises:
+            JointIdError: `result` is not the latest pass.
+        """
+        self._require_latest(result)
+        return np.asarray(self._J[:, :, self._columns])
+
     def scores(self, result: Pass) -> Array:
         """Return the contribution of each sample to the gradient, shape (T, free).
 
