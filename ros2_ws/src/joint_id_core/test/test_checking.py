@@ -144,7 +144,8 @@ NAMED = {
         lambda: Recording(good().time + 4e-4 * UNEVEN, only(good(), "link_position", "torque").channels),
         "times scatter by", "link_position is smoother at even times, every 2",
     ),
-    "scale": (lambda: scaled("link_velocity", 1.08), "link_velocity is 1.080 times", "factors of both"),
+    "calibration": (lambda: scaled("link_velocity", 1.02), "link_velocity is 1.02 times", "leave out link_velocity"),
+    "scale": (lambda: scaled("link_velocity", 1.08), "link_velocity is 1.08 times", "factors of both"),
     "degrees alone": (
         lambda: only(scaled("link_position", 300.0), "link_position", "torque"), "link_position spans", "0.0174533",
     ),

@@ -51,3 +51,27 @@ def test_a_computed_load_is_tried_again_from_the_values_with_a_matched_one(statu
     counts = last if statuses[last] is Status.CONVERGED or last < 2 else last - 1  # the matched one, if none is better
     assert (found.estimate.iterations, found.estimate.status) == (counts, statuses[counts])
     assert found.as_fitted(None) == (MATCHED if counts == 1 else AS_IT_IS)
+
+
+def test_a_recording_that_is_left_out_has_no_part_in_the_load(monkeypatch):
+    """Another payload in one of two recordings spoilt the load of both."""
+    good, made = fit(MODEL, motion(3.0)), []
+    recordings = [motion(3.0), motion(3.0).slice(0, 1000)]
+
+    class First(Load):
+        second_choice = False
+
+        def __init__(self, model, recordings, settings) -> None:
+            made.append(list(recordings))
+
+        def of(self, recording):
+            return recording
+
+    def fitted(recording, chosen):
+        return good if recording is recordings[0] else good.updated(status=Status.POOR_FIT)
+
+    monkeypatch.setattr(loaded_fit, "MatchedLoad", First)
+    found = loaded_fit.fitted_with_load(MODEL, recordings, None, fitted)
+    assert [len(one) for one in made] == [2, 1] and made[1][0] is recordings[0]
+    assert found.estimate.converged and found.estimate["J"] == good["J"]
+    assert "Only one recording can be used. Left out" in found.estimate.message

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from joint_id_core.estimators import fit
+from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.estimators.narrowed import narrowed
 from joint_id_core.estimators.opinion import Opinion, Second
+from joint_id_core.models import build
 from joint_id_core.results.estimate import Estimate, Status, Verdict
 
 from .online_motion import MODEL, TRUTH, motion
@@ -46,6 +47,20 @@ def test_the_interval_contains_that_of_the_regression_and_the_distance(wide, nam
     others = [n for n in found.free if n != name]
     assert [found[n] for n in others] == [wide[n] for n in others]
     assert f"The intervals of {name} are those of a regression" in found.message
+
+
+def test_a_regression_that_holds_what_the_user_freed_does_not_know_what_that_adds(wide):
+    assert narrowed(wide, MODEL, replace(opinion(wide, "c", 0.3, 0.2), holds=True)) is wide
+
+
+def test_a_prior_of_the_torque_constant_reaches_all_intervals():
+    """Only the scale of all torques is told by the prior, and the residuals are not white."""
+    driven, recording = build("rigid_joint", actuation="current"), motion()
+    still = np.sin(40.0 * recording["link_position"])  # a ripple, which the model lacks
+    current = recording.with_channels({"current": recording["torque"] / 0.1 + 0.3 * still})
+    found = fit(driven, current, ParameterSettings({"k_t": 0.1}, freed=["k_t"], priors={"k_t": 0.2}))
+    for name in ("k_t", "J", "c", "tau_f"):
+        assert found[name].std_dev > 0.18 * found[name].value, name
 
 
 def test_a_value_of_which_only_the_size_was_known_is_estimated_then(wide):

@@ -21,6 +21,7 @@ JOINT_HELP = (
     "name of the joint in the description, one for each estimate, in their order (default: that of the estimate)"
 )
 PARAMS_HELP = "parameter file of the identifier node, which starts with these values"
+BENT, FRICTION = "eyring", ("damping", "friction")  # a law whose slope at rest is not that of a motion
 ALL_HELP = "also what is not known to half of its value, and estimates that are not good ones"
 
 
@@ -69,6 +70,8 @@ def export(
         if not estimate.converged and not all_:
             raise JointIdError(f"{path}: {estimate.status.value}, not a good estimate: leave it out, or add --all")
         loaded[name], every = estimate, at_link(estimate)
+        if _law(estimate) == BENT:
+            every = [q for q in every if q.name not in FRICTION]
         found[name] = [q for q in every if q.known or (all_ and math.isfinite(q.value) and math.isfinite(q.std_dev))]
         source[name] = f"joint_id, {path.name}, {estimate.model} by {estimate.estimator}"
         if ros_params:
@@ -89,12 +92,20 @@ def export(
 
 def _beside(estimate: Estimate) -> list[str]:
     """Return what an estimate tells that damping and Coulomb friction do not hold."""
-    law = estimate.model_options.get("friction", "coulomb_viscous")
-    texts = [f"its friction law is {law}: only its Coulomb level and its viscous slope are exported"]
-    said = texts if law != "coulomb_viscous" else []
+    law, said = _law(estimate), list[str]()
+    if law == BENT:
+        said.append(
+            f"its friction law is {law}, whose slope falls with speed: no damping is that (fit coulomb_viscous)"
+        )
+    elif law != "coulomb_viscous":
+        said.append(f"its friction law is {law}: only its Coulomb level and its viscous slope are exported")
     if "J" in estimate.values:
         said.append("J is of rotor and link together, so no rotor inertia is exported")
     return said
+
+
+def _law(estimate: Estimate) -> str:
+    return str(estimate.model_options.get("friction", "coulomb_viscous"))
 
 
 def _csv(found: dict[str, list[AtLink]], source: dict[str, str]) -> str:

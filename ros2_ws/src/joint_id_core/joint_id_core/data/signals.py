@@ -59,6 +59,10 @@ class Parameter:
         """Whether the parameter is positive, so that its logarithm is estimated."""
         return self.lower >= 0.0
 
+    def allows(self, value: float) -> bool:
+        """Return whether a value is within the bounds."""
+        return self.lower <= value <= self.upper
+
     def checked(self, value: float) -> float:
         """Return `value` if it is finite and within the bounds.
 
@@ -67,7 +71,7 @@ class Parameter:
         """
         if not math.isfinite(value):
             raise JointIdError(f"parameter {self.name} = {value}: must be a finite number in {self.unit}")
-        if not self.lower <= value <= self.upper:
+        if not self.allows(value):
             raise JointIdError(
                 f"parameter {self.name} = {value:g} {self.unit} is outside its bounds "
                 f"[{self.lower:g}, {self.upper:g}]: give a value within them"

@@ -11,7 +11,7 @@ from joint_id_core.estimators.matched_load import MatchedLoad
 from joint_id_core.estimators.shared.computed_load import with_doubt
 from joint_id_core.estimators.shared.held_values import CONSTANT
 from joint_id_core.estimators.shared.settings import ParameterSettings
-from joint_id_core.estimators.together.fit import Together, together
+from joint_id_core.estimators.together.fit import USABLE, Together, together
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate
 
@@ -52,6 +52,11 @@ def fitted_with_load(
         if found.estimate.status.describes:
             return finished(found, as_computed)
     fits = [load.with_doubt(fitted(load.of(one), settings), k) for k, one in enumerate(recordings)]
+    used = [k for k, one in enumerate(fits) if one.status in USABLE]
+    if 0 < len(used) < len(fits):  # what is wrong with the others, as another payload, must not be in the load
+        load = MatchedLoad(model, [recordings[k] for k in used], settings)
+        for number, k in enumerate(used):
+            fits[k] = load.with_doubt(fitted(load.of(recordings[k]), settings), number)
     found = together(model, fits, settings)
     if load.second_choice and found.estimate.status.describes:
         # A search that ended in a wrong minimum leaves a poor fit, too, and the matched load suits the start value of

@@ -30,10 +30,12 @@ def narrowed(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
     """Return an estimate with the intervals of a regression, distances included, where these are narrower.
 
     It converged, or the two disagree on other parameters. One that is corrected for what it lacks stays (`correction`):
-    a regression does not know of that.
+    a regression does not know of that. Nor does it know what a parameter adds that it holds, as a torque constant.
     """
     checks = estimate.checks
     if estimate.status not in (Status.CONVERGED, Status.DISAGREE) or checks is None or checks.bias is not None:
+        return estimate
+    if opinion.holds:
         return estimate
     if estimate.converged and not opinion.coloured and not any(checks.texts):
         return estimate

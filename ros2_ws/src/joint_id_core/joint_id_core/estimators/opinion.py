@@ -61,6 +61,7 @@ class Opinion:
         unseen: parameters that it finds this motion does not show.
         between: that the drive changes between two samples; empty if it is held.
         changed: that the gain of the drive changes, and when; empty if it does not.
+        holds: whether it holds parameters that the estimate leaves free, so that its standard deviations lack them.
     """
 
     fault: str
@@ -72,6 +73,7 @@ class Opinion:
     unseen: tuple[str, ...] = ()
     between: str = ""
     changed: str = ""
+    holds: bool = False
 
 
 def suits(model: Model) -> bool:
@@ -120,7 +122,8 @@ def second_opinion(
     least = min(f.solution.r_squared for f in fitted)
     changed = next((text for f in fitted if (text := changed_gain(f.samples))), "")
     between = changes(model, share) if share else ""
-    return Opinion(fault, seconds, least, useless, lag, coloured, unseen, between, changed)
+    holds = any(name in own for name in estimate.free)
+    return Opinion(fault, seconds, least, useless, lag, coloured, unseen, between, changed, holds)
 
 
 def _seconds(fitted: Fitted) -> list[Second]:

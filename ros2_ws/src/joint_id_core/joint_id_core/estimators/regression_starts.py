@@ -54,7 +54,7 @@ def started(model: Model, recording: Recording, settings: ParameterSettings | No
         for other in (q.name for q in model.parameters if q.group == group != "" and q.name in free):
             if other not in own and other not in found:
                 far.setdefault(other, table[other] * value / table[name])
-    far = {n: v for n, v in far.items() if model.parameter(n).lower <= v <= model.parameter(n).upper}
+    far = {n: v for n, v in far.items() if model.parameter(n).allows(v)}
     if far:
         far |= _offset(model, found, table, settings)
     torques = [f.samples.y for f in fitted if f.samples.equation.quantity == "torque"]
@@ -78,9 +78,10 @@ def _with_torques(
     largest = min(limit, max((abs(found[q.name]) for q in signed if q.name in found), default=0.0))
     priors = {q.name: largest for q in signed if q.spread < largest}
     priors |= {q.name: limit for q in signed if limit < q.spread}
+    starts = {n: v for n, v in found.items() if n in priors and abs(v) <= limit and model.parameter(n).allows(v)}
     return replace(
         settings,
-        values={**settings.values, **{n: found[n] for n in priors if abs(found.get(n, math.inf)) <= limit}},
+        values={**settings.values, **starts},
         priors={**settings.priors, **priors},
     )
 

@@ -48,7 +48,7 @@ def known_of(task: Task, estimate: Estimate, gone_s: float) -> tuple[Array, Arra
         raise JointIdError(f"a time of {gone_s:g} s since the estimate is impossible: give 0 or more, inf if unknown")
     for name in estimate.free:
         row, value = model.parameter(name), estimate.values[name]
-        if not row.lower <= value <= row.upper or (row.positive and value <= 0.0):
+        if not row.allows(value) or (row.positive and value <= 0.0):
             raise JointIdError(f"the estimate of {name}, {value:g} {row.unit}, is outside the bounds of the model")
     z = coordinates.z(np.array([estimate.values[n] for n in estimate.free]))
     scale = 1.0 / coordinates.slope(z)

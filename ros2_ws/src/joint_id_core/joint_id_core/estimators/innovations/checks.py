@@ -47,7 +47,14 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
     bias = sensor_bias(noisy, coordinates, found, last)
     if not bias.any():  # else noise of the drive is in it
         of_drive = drive_noise(recursion, coordinates, found, last).excess
-    texts = (missing.text, _step_warning(stages, found), slow.text, coloured.text, outcome.warning, _stall_warning(found))
+    texts = (
+        missing.text,
+        _step_warning(stages, found),
+        slow.text,
+        coloured.text,
+        outcome.warning,
+        _stall_warning(found),
+    )
     p, slope = stages.cost.values(found.z), coordinates.slope(found.z)
     of_noise, levels = _of_noise(stages, found, last)
     combined = {name for group in _combinations(data, p) for name in group.names}  # of them the combination is told

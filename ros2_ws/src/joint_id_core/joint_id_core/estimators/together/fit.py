@@ -69,6 +69,11 @@ def together(model: Model, alone: Sequence[Estimate], settings: ParameterSetting
     apart: list[dict[str, float]] = [{} for _ in alone]
     if not used or len(alone) == 1:
         return Together(alone[0], tuple(alone), tuple(apart))
+    if len(used) == 1:
+        one = alone[used[0]]
+        status, notes = judge(alone, used, {row.name: row for row in one.parameters}, apart)
+        notes = (*notes, *(note for note in one.notes[1:] if note not in notes))
+        return Together(replace(one, status=status, notes=notes, message=message(notes)), tuple(alone), tuple(apart))
     space = Space(model, alone[used[0]], settings or ParameterSettings())
     shares = [share_of(space, alone[k]) for k in used]
     z, covariance = added(space, shares)
