@@ -22,15 +22,15 @@ from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.gauss_newton import Minimum
 from joint_id_core.estimators.innovations.recursion import Pass, Recursion
 from joint_id_core.estimators.shared.sentences import listed
-from joint_id_core.results.verdict import MAGNITUDE
 
 # Cut-offs of the weights, over the sampling rate, and the slowest of them, whose values hold where these differ.
 TESTED, SLOW = (0.01, 0.02, 0.04), (0.01, 0.01 / 3.0)
 # Standard deviations of a difference from which it is none by chance; and where the residuals are not white: then
 # something is lacking, and this tells what it does.
-SIGNIFICANT, COLOURED = 4.0, 2.5
+SIGNIFICANT, COLOURED = 5.0, 2.5
 # The same if a recorded motion is an input: the weights hold its noise. The largest of 24 right fits was 6.
 OF_INPUT, COLOURED_OF_INPUT = 6.5, 4.0
+UNSURE = 0.25  # standard deviation of a stiffness, over its value, from which more than slow motion tells is a guess
 LEAST = 0.05  # variance of a difference over that of the value: less would not matter
 INDEPENDENT = 1e-9  # share of the largest singular value of the weights from which they count
 
@@ -108,7 +108,7 @@ def slow_parts(
         "is no torque does"
     )
     stiffness = data.model.stiffness
-    if stiffness in data.free and wide[data.free.index(stiffness)] > MAGNITUDE:
+    if stiffness in data.free and wide[data.free.index(stiffness)] > UNSURE:
         why = f"only fast ones tell {stiffness}, and with it what of inertia and friction is at which side of the gear"
         return SlowParts(excess, doubt=f"{said}; {why}")
     return SlowParts(excess, f"{said}: the standard deviations contain what the slow ones say")
