@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.regression.estimator import Regression
@@ -12,19 +14,24 @@ from joint_id_core.models.options import DRIVES
 from joint_id_core.models.rigid_joint import RigidJoint
 
 CLEARLY = 0.2  # share of the error of new samples that gravity takes away; a flexible gear may look like 6 %
+# Travel in rad that shows a load as that of gravity: over less it looks like a spring with a force of any size, as of a
+# cable, or friction of a linear axis (EMPS: an offset of 370 N where 3 are).
+TRAVEL = 0.3
 WITH_GRAVITY = tuple(name for name, model in MODELS.items() if "gravity" in model.__dataclass_fields__)
 
 
 def gravity_helps(recording: Recording) -> float:
     """Return the share of the error of new samples that gravity takes away from inverse dynamics of a rigid joint.
 
-    0 without the signals that it needs.
+    0 without the signals that it needs, and if the joint moves little.
     """
     from joint_id_core.estimators.regression.fit import regressed  # loads SciPy, as the next
     from joint_id_core.estimators.shared.long_record import fitted_part
 
     drive = next((d for d in DRIVES if recording.measured(d)), None)
     if drive is None or not recording.measured("link_position"):
+        return 0.0
+    if not np.ptp(recording["link_position"][np.isfinite(recording["link_position"])]) > TRAVEL:
         return 0.0
     names = [n for n in ("link_position", "link_velocity") if recording.measured(n)]
     names += [n for n in ("external_torque",) if n in recording]  # it may be computed
