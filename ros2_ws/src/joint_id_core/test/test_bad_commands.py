@@ -196,6 +196,13 @@ def test_a_recording_that_cannot_be_predicted_does_not_lose_the_fit(tmp_path, he
     assert told in line and "nrmse" not in line
 
 
+def test_a_recording_that_is_predicted_worse_than_by_its_mean_is_said(tmp_path, here, log):
+    record = formats.read(tmp_path / log)
+    formats.write(tmp_path / "other.csv", record.with_channels({"torque": -record["torque"]}))
+    code, out, err = here("fit", log, "--model", "rigid_joint", "--validate", "other.csv")
+    assert code == 0 and "R^2 -" in out and "worse than by its mean: the fit does not hold there" in err
+
+
 def test_a_link_that_leads_to_itself_is_said(tmp_path, here):
     (tmp_path / "loop.csv").symlink_to("loop.csv")
     code, _, err = here("fit", "loop.csv", "--model", "rigid_joint")

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from joint_id_core import formats
 from joint_id_core.checking.findings import findings
 from joint_id_core.data.recording import Recording
-from joint_id_core.estimators import Regression, fit
+from joint_id_core.estimators import ParameterSettings, Regression, fit
+from joint_id_core.models import build
 from joint_id_core.results.estimate import Status
 from joint_id_core.simulation.simulator import simulate
 
@@ -150,6 +151,15 @@ NAMED = {
         lambda: only(scaled("link_position", 300.0), "link_position", "torque"), "link_position spans", "0.0174533",
     ),
 }  # fmt: skip
+
+
+def test_currents_in_milliamperes_are_refused():
+    channels = {"link_position": good()["link_position"], "current": 1e3 * good()["torque"]}
+    recording = Recording(good().time, channels)
+    found = findings(recording)
+    assert len(found) == 1 and found[0].fatal and "more than motors of joints take: if it is in mA" in found[0].text
+    model = build("rigid_joint", actuation="current")
+    assert fit(model, recording, ParameterSettings({"k_t": 1.0})).status is Status.BAD_DATA
 
 
 @pytest.mark.parametrize(("make", "what", "where"), NAMED.values(), ids=list(NAMED))

@@ -173,3 +173,14 @@ def test_a_table_of_several_joints_is_fitted_joint_by_joint(tmp_path, run_here, 
     code, out = run_here(*pasted(out), "--json")
     found = {p["name"]: p for p in json.loads(out)["parameters"]}
     assert all(abs(found[n]["value"] - truth) < 4.0 * found[n]["std_dev"] for n, truth in TRUTH.items())
+
+
+def test_other_models_are_compared_with_the_options_of_the_fit(tmp_path, run_here):
+    time = np.arange(0.0, 8.0, 0.004)
+    wrong = multisine(time, 25.0, (0.3, 0.9, 2.1), seed=2), multisine(time, 0.5, (0.4, 1.3), seed=5)
+    np.savetxt(tmp_path / "log.csv", np.column_stack([time, *wrong]), header="when,u,x", delimiter=",", comments="")
+    columns = ("--map", "time_s=when", "--map", "torque=2*u", "--map", "link_position=x", "--end", "7.5")
+    code, out = run_here("fit", "log.csv", *columns)
+    assert code == 1
+    line = next(line for line in out.splitlines() if line.startswith("other models: "))
+    assert shlex.split(line.partition(": ")[2]) == ["joint-id", "compare", "log.csv", *columns]

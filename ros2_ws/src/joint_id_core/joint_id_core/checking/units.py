@@ -18,6 +18,7 @@ SLOWEST_S = 0.5  # a longer period shows no motion of a joint
 TIMES = (("milliseconds", "0.001", 100.0), ("microseconds", "1e-6", 1e5), ("nanoseconds", "1e-9", SLOWEST_S * 1e9))
 DISTINCT = 50  # whole numbers among positions that are no chance
 STRONGEST = 5e4  # Nm that no joint of a robot has at its link
+LARGEST_CURRENT = 1e3  # A that no motor of a joint takes
 TURNS = 4.0 * 2.0 * np.pi  # rad that no link of a robot turns
 
 
@@ -78,6 +79,17 @@ def torque_units(recording: Recording) -> Iterator[Finding]:
             f"Channel torque reaches {largest:.3g} Nm, more than joints of robots have: if it is in mNm, multiply it "
             "by 0.001 (--map torque=0.001*COLUMN)",
             ("torque",),
+        )
+
+
+def current_units(recording: Recording) -> Iterator[Finding]:
+    """Find currents that are larger than those of any robot; of a rigid joint, no motion shows their unit."""
+    if recording.measured("current") and (largest := float(np.nanmax(np.abs(recording["current"])))) > LARGEST_CURRENT:
+        yield Finding(
+            f"Channel current reaches {largest:.3g} A, more than motors of joints take: if it is in mA, multiply it "
+            "by 0.001 (--map current=0.001*COLUMN)",
+            ("current",),
+            fatal=True,
         )
 
 

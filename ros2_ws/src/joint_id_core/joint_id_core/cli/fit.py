@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
 from joint_id_core.cli.design_hint import design_hint
-from joint_id_core.cli.fit_options import FilesArgument, FitOptions, JsonOption
+from joint_id_core.cli.fit_options import CompareOptions, FilesArgument, FitOptions, JsonOption
 from joint_id_core.cli.group import BAD_INPUT, complain
 from joint_id_core.cli.joints import at_once, joints_json, joints_table
 from joint_id_core.cli.options import completed, with_group, with_options
@@ -151,27 +152,38 @@ def _validated(found: Result, given: Given) -> tuple[list[dict[str, Any]], str]:
     if explained is not None:
         rows.append({"signal": explained[0], "r_squared": explained[1]})
         said += f", {explained[0]} R^2 {explained[1]:.4f}"
+        if explained[1] < 0.0:
+            complain(
+                f"{other.source}: its {explained[0]} is predicted worse than by its mean: the fit does not hold there"
+            )
     return rows, said
 
 
 def _again(files: list[Path], found: Result, options: Mapping[str, Any]) -> list[str]:
     """Return what to do next, as commands that can be pasted: the same fit, and one more."""
-    words = ["joint-id", "fit", *map(str, files)]
-    for name, given in {**found.job.model_options, **options}.items():
-        option = f"--{name.replace('_', '-')}"
-        if isinstance(given, bool):
-            words += [option] if given else []
-            continue
-        for text in given if isinstance(given, list) else [given]:
-            words += [] if text is None else [option, str(text)]
+    words = _words("fit", files, {**found.job.model_options, **options})
     same = shlex.join(words)
     if found.estimate.converged:
         keep = [f"the same, and keep it: {same} --save estimate.json"]
         if len(files) > 1 or any(options.get(name) is not None for name in SHOWN):
             return keep  # a report takes one file, and no option of an estimator
         return [*keep, f"a page to look at: {shlex.join(['joint-id', 'report', *words[2:]])}"]
-    others = ["joint-id", "compare", str(files[0])] + (["--joint", options["joint"]] if options["joint"] else [])
+    shared = [*(f.name.rstrip("_") for f in fields(CompareOptions)), "joint"]
+    others = _words("compare", files[:1], {name: options.get(name) for name in shared})
     return [f"the same: {same}", f"other models: {shlex.join(others)}"]
+
+
+def _words(command: str, files: list[Path], options: Mapping[str, Any]) -> list[str]:
+    """Return the words of a command with options by name; those that are None are left out."""
+    words = ["joint-id", command, *map(str, files)]
+    for name, given in options.items():
+        option = f"--{name.replace('_', '-')}"
+        if isinstance(given, bool):
+            words += [option] if given else []
+            continue
+        for text in given if isinstance(given, list) else [given]:
+            words += [] if text is None else [option, str(text)]
+    return words
 
 
 def _result(together: Together) -> dict[str, Any]:
