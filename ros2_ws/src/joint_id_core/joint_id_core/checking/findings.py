@@ -28,8 +28,8 @@ from joint_id_core.data.recording import Recording
 LEAST = 50  # samples; fewer show nothing
 CHECKS = (  # what explains other findings comes before them
     time_units, position_units, torque_units, current_units, swapped, slower_source, constant_channels, velocities,
-    low_rate, uneven_stamps, outliers, repeated, zeros, jumps, frozen, cut_off, standing, twist_offset, directions, unfollowed,
-    circuit, bursts, coarse,
+    low_rate, uneven_stamps, outliers, repeated, zeros, jumps, frozen, cut_off, standing, twist_offset, directions,
+    unfollowed, circuit, bursts, coarse,
 )  # fmt: skip
 
 
