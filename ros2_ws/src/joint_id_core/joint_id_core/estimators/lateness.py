@@ -21,6 +21,10 @@ from joint_id_core.results.estimate import Estimate
 # Fall of -2 log likelihood from which a share is worth a fit. Parameters that make up for a late drive hide most of it.
 LIKELY = 1.0
 BESIDE = 10.0  # the same beside the parameters, of which rounding of an encoder makes small ones
+EARLY = 2.5  # standard deviations by which a voltage acts later than recorded, from which intervals contain that
+# Share of each value that is doubtful then, too: such a voltage has less noise than the record, whatever its times are.
+# k_t of a simulated motor came out up to 0.9 % too small.
+EARLY_ERROR = 0.01
 RANK = 1e-10  # of the scaled information matrix: some parameters are not shown at all
 WIDER = 2.0  # standard deviation over the former one from which the user is told
 
@@ -52,6 +56,8 @@ class Lateness:
 
     def contained(self, estimate: Estimate, model: Model) -> Estimate:
         """Return the estimate of a held drive, whose intervals contain that it may not be."""
+        if self.beside < -EARLY * self.information**-0.5 and model.stiffness is None and model.torque_drive is None:
+            return self._early(estimate, model)
         wider = self._with_mean_square(estimate, model, mean_square_share(self.beside, self.information))
         grown = np.diag(wider.covariance) > WIDER**2 * np.diag(estimate.covariance)
         if not grown.any():
@@ -61,6 +67,20 @@ class Lateness:
         told = (
             f"this motion hardly tells whether {model.drive} was held between samples (it may come {share} of a sample "
             f"late): the interval of {names} contains both; record all samples of the controller"
+        )
+        notes = (*wider.notes[:1], sentence(told), *wider.notes[1:])
+        return replace(wider, notes=notes, message=message(notes))
+
+    def _early(self, estimate: Estimate, model: Model) -> Estimate:
+        """Return the same for a voltage that acts after its record, as behind the filter of an amplifier."""
+        doubted = EARLY_ERROR * np.array([estimate[name].value for name in estimate.free])
+        covariance = estimate.covariance + (self.beside**2 + 1.0 / self.information) * np.outer(
+            self.effect, self.effect
+        )
+        wider = with_covariance(model, estimate, covariance + np.diag(doubted**2))
+        told = (
+            f"{model.drive} seems to act {-self.beside:.2g} of a sample after its record (filter of the amplifier?): "
+            "the intervals contain that; correct its times, or record it at the motor"
         )
         notes = (*wider.notes[:1], sentence(told), *wider.notes[1:])
         return replace(wider, notes=notes, message=message(notes))
