@@ -67,6 +67,15 @@ def test_a_column_that_only_rounding_makes_is_no_parameter():
     assert np.linalg.norm(rows, axis=(0, 1)).min() > 1e-3
 
 
+@pytest.mark.parametrize("name", ["lift", "roll", "spin"])
+def test_a_drive_with_the_other_sign_is_named(name):
+    """It spoils the torques of joints before it, whose names alone would mislead; of the last one masses take it up."""
+    motion = dict(moving_arm.rigid(SECONDS, 1))
+    motion[name] = motion[name].with_channels({"torque": -motion[name]["torque"]})
+    found = fit_arm(ARM, [motion], GAINS)
+    assert not found.converged and f"Friction of {name} is pulled below zero, as of a drive" in found.message
+
+
 def test_friction_and_rotors_are_found_with_honest_intervals():
     z = np.array([off(fitted(seed)) for seed in range(10)])
     assert np.abs(z).max() < 4.5

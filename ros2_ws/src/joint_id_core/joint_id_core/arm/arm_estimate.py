@@ -96,6 +96,11 @@ class JointValues:
     rest: Rest
     noise: Noise
 
+    @property
+    def pulled_below_zero(self) -> bool:
+        """Whether the data ask for friction below zero of both kinds, which no joint has."""
+        return self.damping.verdict is self.friction.verdict is Verdict.AT_BOUND
+
     def at_link(self) -> list[AtLink]:
         """Return what is estimated, for a robot's description."""
         found = []
@@ -127,7 +132,7 @@ class ArmEstimate:
 
     Attributes:
         source: of the description.
-        status: CONVERGED, or POOR_FIT if the torque of a joint is not explained.
+        status: CONVERGED, or POOR_FIT if the torque of a joint that moves is not explained.
         poor: names of such joints.
         joints, parameters: what was found.
         links: bodies that exist and have these parameters, near those of the description.
@@ -164,8 +169,15 @@ class ArmEstimate:
         said = (
             f"{known} of {len(self.parameters)} combinations of masses and inertias are known to half of their value."
         )
+        if still := [j.name for j in self.joints if math.isnan(j.r_squared)]:
+            said = f"{', '.join(still)} did not move: nothing is known of {'it' if len(still) == 1 else 'them'}. {said}"
         if self.converged:
             return f"Converged. {said}"
+        if pulled := [j.name for j in self.joints if j.pulled_below_zero]:
+            said = (
+                f"Friction of {', '.join(pulled)} is pulled below zero, as of a drive that is recorded with the other "
+                f"sign: check that first, it spoils the others. {said}"
+            )
         return (
             f"The torque of {', '.join(self.poor)} is not explained: another load acts on it, the gains or the "
             f"description are wrong, or its drive is another quantity. {said}"

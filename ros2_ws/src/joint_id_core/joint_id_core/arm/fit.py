@@ -163,7 +163,8 @@ class _Fitted:
     def estimate(self, source: str, held_out: HeldOut | None, factors: tuple[Factor, ...] = ()) -> ArmEstimate:
         """Return the result; friction and rotors are known no better than the `factors` on the torques."""
         n = self._count
-        sigma, share = np.sqrt(np.diag(self.covariance)), [f.std_dev / f.value for f in factors] or [0.0] * n
+        sigma = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))  # of what nothing shows, rounding is left
+        share = [f.std_dev / f.value for f in factors] or [0.0] * n
         r_squared, usual = explained(self._lefts), self._friction.usual
         bands = self._band.width(self._friction.breakaway(self.values[self._friction_at :], usual))
         other, joints = held_out or HeldOut(*np.full((3, n), np.nan)), []
@@ -182,7 +183,7 @@ class _Fitted:
         base, seen = self._base, self._seen[: self._base]
         known = self.covariance[:base, :base] * np.outer(seen, seen)
         links = consistent_links(self._regressor, self.values[:base], known, rotors)
-        poor = [j.name for j in joints if not j.r_squared > LEAST_R_SQUARED]
+        poor = [j.name for j in joints if j.r_squared <= LEAST_R_SQUARED or j.pulled_below_zero]
         status = Status.POOR_FIT if poor else Status.CONVERGED
         duration = sum(p.duration for p in self._parts)
         doubts = tuple(text for part in self._parts for text in part.doubts)

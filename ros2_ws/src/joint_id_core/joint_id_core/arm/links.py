@@ -108,7 +108,7 @@ def consistent_links(regressor: Regressor, values: Array, covariance: Array, rot
     """
     described = [pseudo_inertia(body) for body in regressor.bodies]
     near = np.array([nearest_body(body) for body in described])
-    sigma = np.sqrt(np.diag(covariance))
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     seen = np.flatnonzero(sigma > 0.0)
     known = np.array(rotors, dtype=float)
     place = np.ix_(seen, seen)
