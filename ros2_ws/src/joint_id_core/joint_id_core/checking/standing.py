@@ -52,8 +52,11 @@ def _rests(recording: Recording, first: int, last: int) -> bool:
 
 
 def slower_source(recording: Recording) -> Iterator[Finding]:
-    """Find positions that change with every n-th sample only, because their source is slower than the recording."""
-    for name in positions(recording):
+    """Find channels that change with every n-th sample only, because their source is slower than the recording.
+
+    These are positions, and a measured current: a torque may be a command that is held.
+    """
+    for name in [*positions(recording), *(["current"] if recording.measured("current") else [])]:
         changes = np.flatnonzero(np.diff(recording[name]))
         distances = np.diff(changes)
         if len(distances) < LEAST_CHANGES:

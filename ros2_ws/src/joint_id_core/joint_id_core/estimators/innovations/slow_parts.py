@@ -52,6 +52,35 @@ class SlowParts:
     doubt: str = ""
 
 
+@dataclass(frozen=True)
+class _Fit:
+    """A pass of a fit, for k coordinates.
+
+    Attributes:
+        weights: derivatives of the predicted labels over sqrt(S), shape (T, labels, k).
+        residuals: shape (T, labels).
+        precision: of the prior, shape (k, k).
+        pull: of the prior, shape (k,).
+        step: that is left to the minimum, shape (k,).
+    """
+
+    weights: Array
+    residuals: Array
+    precision: Array
+    pull: Array
+    step: Array
+
+    def asked(self, instruments: Array) -> tuple[Array, Array]:
+        """Return how far values by other weights (T, labels, n) are from the minimum, (k,), and their covariance."""
+        size = np.sqrt(np.einsum("tkp,tkp->p", instruments, instruments))
+        scaled = instruments / np.where(size > 0.0, size, 1.0)
+        seen = np.einsum("tkp,tkq->pq", scaled, self.weights)
+        inverse = np.linalg.pinv(np.einsum("tkp,tkq->pq", scaled, scaled), rcond=INDEPENDENT, hermitian=True)
+        covariance = np.linalg.inv(seen.T @ inverse @ seen + self.precision)
+        moved = seen.T @ inverse @ np.einsum("tkp,tk->p", scaled, self.residuals) + self.pull
+        return covariance @ moved - self.step, covariance
+
+
 def slow_parts(
     recursion: Recursion, coordinates: Coordinates, found: Minimum, last: Pass, coloured: bool
 ) -> SlowParts:  # fmt: skip
@@ -61,54 +90,55 @@ def slow_parts(
         recursion, coordinates, found, last: of the fit, with its latest pass.
         coloured: whether its residuals are not white.
     """
-    from scipy.signal import butter, lfilter, sosfilt  # half a second
-
-    data, nothing = recursion.data, SlowParts(np.zeros_like(found.hessian))
-    if data.model.stiffness is None or len(data.time) < 2:
-        return nothing
-    slope, residuals = coordinates.slope_at(last.free), last.residuals
-    weights = recursion.sensitivities(last) * slope
-    of_prior = found.hessian - np.einsum("tkp,tkq->pq", weights, weights)
-    pull = found.gradient - np.einsum("tkp,tk->p", weights, residuals)
-    step = found.inverse @ found.gradient  # `last` is one step before the minimum
-
-    def asked(instruments: Array) -> tuple[Array, Array]:
-        """Return how far the values are from those by weights (T, labels, n), shape (k,), and the covariance there."""
-        size = np.sqrt(np.einsum("tkp,tkp->p", instruments, instruments))
-        scaled = instruments / np.where(size > 0.0, size, 1.0)
-        seen = np.einsum("tkp,tkq->pq", scaled, weights)
-        inverse = np.linalg.pinv(np.einsum("tkp,tkq->pq", scaled, scaled), rcond=INDEPENDENT, hermitian=True)
-        covariance = np.linalg.inv(seen.T @ inverse @ seen + of_prior)
-        moved = seen.T @ inverse @ np.einsum("tkp,tk->p", scaled, residuals) + pull
-        return covariance @ moved - step, covariance
-
-    sigma = np.sqrt(np.diag(found.inverse))
-    largest = np.zeros(len(sigma))
-    for cut_off in TESTED:
-        low, below = butter(2, 2.0 * cut_off)
-        band = low[0] * np.array([1.0, 0.0, -1.0])  # the rate of the same filter: both phases of a motion near its edge
-        away, covariance = asked(
-            np.concatenate([lfilter(part, below, weights, axis=0) for part in (low, band)], axis=2)
-        )
-        chance = np.sqrt(np.maximum(np.diag(covariance) - sigma**2, LEAST * sigma**2))
-        largest = np.maximum(largest, np.abs(away) / chance)
-    recorded = "link_position" in data.model.input_names
+    model, free = recursion.data.model, recursion.data.free
+    if model.stiffness is None:
+        return SlowParts(np.zeros_like(found.hessian))
+    weights = recursion.sensitivities(last) * coordinates.slope_at(last.free)
+    fit = _Fit(
+        weights, last.residuals,
+        found.hessian - np.einsum("tkp,tkq->pq", weights, weights),
+        found.gradient - np.einsum("tkp,tk->p", weights, last.residuals),
+        found.inverse @ found.gradient,
+    )  # fmt: skip
+    recorded = "link_position" in model.input_names
     limits = (OF_INPUT, COLOURED_OF_INPUT) if recorded else (SIGNIFICANT, COLOURED)
-    if not np.max(largest) > limits[coloured]:
-        return nothing
-    slow = [sosfilt(butter(4, 2.0 * cut_off, output="sos"), weights, axis=0) for cut_off in SLOW]
-    away, covariance = asked(np.concatenate(slow, axis=2))
-    size, axes = np.linalg.eigh(covariance - found.inverse)
-    excess = np.asarray((axes * np.maximum(size, 0.0)) @ axes.T + np.outer(away, away))
-    wide = np.sqrt(np.diag(excess))
-    most = np.argsort(-largest)[:2]
+    away = _away(fit, np.diag(found.inverse))
+    if not np.max(away) > limits[coloured]:
+        return SlowParts(np.zeros_like(found.hessian))
+    excess = _left_open(fit, found)
+    most = sorted(np.argsort(-away)[:2].tolist())
     said = (
-        f"slow parts of the motion ask for other values than fast ones (by {np.max(largest):.2g} sigma: "
-        f"{listed([data.free[k] for k in sorted(most)])}), as the ripple of an encoder, the current loop or noise that "
-        "is no torque does"
+        f"slow parts of the motion ask for other values than fast ones (by {np.max(away):.2g} sigma: "
+        f"{listed([free[k] for k in most])}), as the ripple of an encoder, the current loop or noise that is no torque "
+        "does"
     )
-    stiffness = data.model.stiffness
-    if stiffness in data.free and wide[data.free.index(stiffness)] > (UNSURE_OF_INPUT if recorded else UNSURE):
-        why = f"only fast ones tell {stiffness}, and with it what of inertia and friction is at which side of the gear"
+    lost = UNSURE_OF_INPUT if recorded else UNSURE
+    if model.stiffness in free and np.sqrt(np.diag(excess))[free.index(model.stiffness)] > lost:
+        why = f"only fast ones tell {model.stiffness}, and what of inertia and friction is at which side of the gear"
         return SlowParts(excess, doubt=f"{said}; {why}")
     return SlowParts(excess, f"{said}: the standard deviations contain what the slow ones say")
+
+
+def _away(fit: _Fit, variance: Array) -> Array:
+    """Return how far each value is from those by slow parts, in standard deviations of that distance, shape (k,)."""
+    from scipy.signal import butter, lfilter  # half a second
+
+    largest = np.zeros(len(variance))
+    for cut_off in TESTED:
+        low, below = butter(2, 2.0 * cut_off)
+        rate = low[0] * np.array([1.0, 0.0, -1.0])  # of the same filter: both phases of a motion near its edge
+        slow = [lfilter(part, below, fit.weights, axis=0) for part in (low, rate)]
+        away, covariance = fit.asked(np.concatenate(slow, axis=2))
+        chance = np.sqrt(np.maximum(np.diag(covariance) - variance, LEAST * variance))
+        largest = np.maximum(largest, np.abs(away) / chance)
+    return largest
+
+
+def _left_open(fit: _Fit, found: Minimum) -> Array:
+    """Return what is to be added to the covariance, so that it is what the slowest parts say, shape (k, k)."""
+    from scipy.signal import butter, sosfilt
+
+    slow = [sosfilt(butter(4, 2.0 * cut_off, output="sos"), fit.weights, axis=0) for cut_off in SLOW]
+    away, covariance = fit.asked(np.concatenate(slow, axis=2))
+    size, axes = np.linalg.eigh(covariance - found.inverse)
+    return np.asarray((axes * np.maximum(size, 0.0)) @ axes.T + np.outer(away, away))
