@@ -65,7 +65,7 @@ def fitted_with_load(
         again = unmatched((settings or ParameterSettings()).with_values(begun))
         if again.estimate.status.describes:
             return finished(again, as_computed)
-    if len(fits) > 1:  # it is the same in all recordings, so they do not average it away
+    if len(used) > 1:  # it is the same in all recordings, so they do not average it away
         found = replace(found, estimate=load.with_doubt(found.estimate))
     return finished(found, load.of)
 
