@@ -166,7 +166,7 @@ def test_currents_in_milliamperes_are_refused():
     channels = {"link_position": good()["link_position"], "current": 1e3 * good()["torque"]}
     recording = Recording(good().time, channels)
     found = findings(recording)
-    assert len(found) == 1 and found[0].fatal and "more than motors of joints take: if it is in mA" in found[0].text
+    assert len(found) == 1 and found[0].fatal and "Channel current seems to be in mA" in found[0].text
     model = build("rigid_joint", actuation="current")
     assert fit(model, recording, ParameterSettings({"k_t": 1.0})).status is Status.BAD_DATA
 
