@@ -86,8 +86,8 @@ def current_units(recording: Recording) -> Iterator[Finding]:
     """Find currents that are larger than those of any robot; of a rigid joint, no motion shows their unit."""
     if recording.measured("current") and (largest := float(np.nanmax(np.abs(recording["current"])))) > LARGEST_CURRENT:
         yield Finding(
-            f"Channel current seems to be in mA: it reaches {largest:.3g} A, more than motors of joints take; multiply it "
-            "by 0.001 (--map current=0.001*COLUMN)",
+            f"Channel current seems to be in mA: it reaches {largest:.3g} A, more than motors of joints take; multiply "
+            "it by 0.001 (--map current=0.001*COLUMN)",
             ("current",),
             fatal=True,
         )
