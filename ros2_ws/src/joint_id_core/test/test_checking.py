@@ -276,7 +276,7 @@ def test_a_joint_that_is_held_still_has_no_command_to_follow():
 
 def test_a_torque_that_no_robot_has_may_be_in_another_unit():
     (found,) = findings(scaled("torque", 1e5 / np.abs(good()["torque"]).max()))
-    assert "if it is in mNm, multiply it by 0.001" in found.text and not found.fatal
+    assert "torque seems to be in mNm" in found.text and "multiply it by 0.001" in found.text and not found.fatal
 
 
 def two_sides(sign: float, motor: str, link: str, offset: float = 0.0) -> Recording:

@@ -294,21 +294,3 @@ def test_a_parameter_file_needs_estimates_of_one_model(flexible, run, tmp_path):
     assert code == 2 and "joint wrist is of another model" in err
     code, _, err = run("elbow.json", "--ros-params", "--urdf", "arm.urdf", "--out", "x.urdf")
     assert code == 2 and "exclude each other" in err
-
-
-@pytest.mark.parametrize("law", ["eyring", "stribeck"])
-def test_a_law_whose_slope_falls_with_speed_has_no_damping(law, run, tmp_path):
-    """The slope at rest is up to twice that of a motion."""
-    model = build("motor_side", friction=law)
-    values, free = model.values(), tuple(q.name for q in model.parameters if not q.fixed)
-    rows = tuple(ParameterEstimate(q.name, q.unit, values[q.name], 1e-6, Verdict.ESTIMATED) for q in model.parameters)
-    covariance = 1e-12 * np.eye(len(free))
-    made = Estimate(
-        "motor_side", "innovations", Status.CONVERGED, "Converged.", rows, free, covariance, joint="elbow",
-        model_options={"friction": law},
-    )  # fmt: skip
-    made.save(tmp_path / "one.json")
-    code, out, err = run("one.json")
-    names = {row["quantity"] for row in csv.DictReader(io.StringIO(out))}
-    assert code == 0 and f"friction law is {law}" in err
-    assert names == ({"armature"} if law == "eyring" else {"armature", "damping", "friction"})

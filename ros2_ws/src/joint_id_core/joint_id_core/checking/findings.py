@@ -21,13 +21,13 @@ from joint_id_core.checking.stamps import STAMPS, uneven_stamps
 from joint_id_core.checking.standing import slower_source, standing
 from joint_id_core.checking.swapped import swapped
 from joint_id_core.checking.twist import twist_offset
-from joint_id_core.checking.units import current_units, position_units, time_units, too_large, torque_units
+from joint_id_core.checking.units import drive_units, position_units, time_units, too_large
 from joint_id_core.checking.velocity import velocities
 from joint_id_core.data.recording import Recording
 
 LEAST = 50  # samples; fewer show nothing
 CHECKS = (  # what explains other findings comes before them
-    time_units, position_units, torque_units, current_units, swapped, slower_source, constant_channels, velocities,
+    time_units, position_units, drive_units, swapped, slower_source, constant_channels, velocities,
     low_rate, uneven_stamps, outliers, repeated, zeros, jumps, frozen, cut_off, standing, twist_offset, directions,
     unfollowed, circuit, bursts, coarse,
 )  # fmt: skip

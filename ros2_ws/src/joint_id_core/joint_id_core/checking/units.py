@@ -17,8 +17,9 @@ SLOWEST_S = 0.5  # a longer period shows no motion of a joint
 # Units of time, each with the longest period that is taken for it: those between are 0.1 s in one, 0.1 ms in the next.
 TIMES = (("milliseconds", "0.001", 100.0), ("microseconds", "1e-6", 1e5), ("nanoseconds", "1e-9", SLOWEST_S * 1e9))
 DISTINCT = 50  # whole numbers among positions that are no chance
-STRONGEST = 5e4  # Nm that no joint of a robot has at its link
-LARGEST_CURRENT = 1e3  # A that no motor of a joint takes
+# By drive, what no joint of a robot has at its link, its unit, and whether more is an error for sure: other machines
+# have stronger gears, but no motor of a joint takes so many amperes.
+STRONGEST = {"torque": (5e4, "Nm", False), "current": (1e3, "A", True)}
 TURNS = 4.0 * 2.0 * np.pi  # rad that no link of a robot turns
 
 
@@ -72,25 +73,16 @@ def position_units(recording: Recording) -> Iterator[Finding]:
             )
 
 
-def torque_units(recording: Recording) -> Iterator[Finding]:
-    """Find torques that are larger than those of any robot; of a rigid joint, no motion shows their unit."""
-    if recording.measured("torque") and (largest := float(np.nanmax(np.abs(recording["torque"])))) > STRONGEST:
-        yield Finding(
-            f"Channel torque reaches {largest:.3g} Nm, more than joints of robots have: if it is in mNm, multiply it "
-            "by 0.001 (--map torque=0.001*COLUMN)",
-            ("torque",),
-        )
-
-
-def current_units(recording: Recording) -> Iterator[Finding]:
-    """Find currents that are larger than those of any robot; of a rigid joint, no motion shows their unit."""
-    if recording.measured("current") and (largest := float(np.nanmax(np.abs(recording["current"])))) > LARGEST_CURRENT:
-        yield Finding(
-            f"Channel current seems to be in mA: it reaches {largest:.3g} A, more than motors of joints take; multiply "
-            "it by 0.001 (--map current=0.001*COLUMN)",
-            ("current",),
-            fatal=True,
-        )
+def drive_units(recording: Recording) -> Iterator[Finding]:
+    """Find drives that are larger than those of any robot; of a rigid joint, no motion shows their unit."""
+    for name, (most, unit, sure) in STRONGEST.items():
+        if recording.measured(name) and (largest := float(np.nanmax(np.abs(recording[name])))) > most:
+            yield Finding(
+                f"Channel {name} seems to be in m{unit}: it reaches {largest:.3g} {unit}, more than joints of robots "
+                f"have; multiply it by 0.001 (--map {name}=0.001*COLUMN)",
+                (name,),
+                fatal=sure,
+            )
 
 
 def _whole(known: Array) -> bool:
