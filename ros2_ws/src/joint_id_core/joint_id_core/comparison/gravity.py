@@ -31,7 +31,9 @@ def gravity_helps(recording: Recording) -> float:
     drive = next((d for d in DRIVES if recording.measured(d)), None)
     if drive is None or not recording.measured("link_position"):
         return 0.0
-    if not np.ptp(recording["link_position"][np.isfinite(recording["link_position"])]) > TRAVEL:
+    position = recording["link_position"]
+    known = position[np.isfinite(position)]
+    if not len(known) or not np.ptp(known) > TRAVEL:
         return 0.0
     names = [n for n in ("link_position", "link_velocity") if recording.measured(n)]
     names += [n for n in ("external_torque",) if n in recording]  # it may be computed
