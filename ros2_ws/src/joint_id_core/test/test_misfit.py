@@ -192,3 +192,31 @@ def test_friction_that_grows_with_the_load_is_named_and_in_the_intervals():
     assert "grows with the load" in " ".join(estimate.notes)
     for name in estimate.free:
         assert abs(estimate[name].value - TRUTH[name]) < 3.0 * estimate[name].std_dev, name
+
+
+@pytest.mark.parametrize(
+    ("recorded", "told"),
+    [
+        (lambda u: u * (1.0 + 0.05 * (u / np.abs(u).max()) ** 2), "a gain of the recorded torque that changes with its size"),
+        (lambda u: u * np.where(u > 0.0, 1.03, 0.97), "a gain of the recorded torque that differs by its sign"),
+    ],
+)
+def test_a_gain_that_changes_with_the_torque_is_named_and_in_the_intervals(recorded, told):
+    """A motor that saturates, or an amplifier whose halves differ: the joint has another torque than was recorded."""
+    model = build("rigid_joint")
+    measured = simulated_rigid(model, seed=3)
+    right = fit(model, measured)
+    assert right.converged and "gain of the recorded" not in " ".join(right.notes)
+    wrong = fit(model, Recording(measured.time, {**measured.channels, "torque": recorded(measured["torque"])}))
+    assert told in " ".join(wrong.notes), wrong.notes
+    for name in ("J", "c", "tau_f"):
+        assert abs(wrong[name].value - model.values()[name]) < 3.0 * wrong[name].std_dev, wrong[name]
+
+
+def simulated_rigid(model, seed):
+    """Ten seconds of a rigid joint that follows a multisine, with noise of its sensors."""
+    time = np.arange(5000) / 500
+    motion = simulate_closed_loop(
+        model, controller_of(model, model.values()), position_reference(), time, {}, torque_noise=0.05, seed=seed
+    )
+    return Sensors(noise={"link_position": 1e-5, "link_velocity": 1e-3}).measure(motion, seed)

@@ -25,7 +25,7 @@ CREDIBLE = 3.0  # the same for noise of a sensor, whose bias is that of `drive_n
 SIGNIFICANT = 4.0  # size from which the user is told; by chance it happens once in 16,000 tests
 OWN_SHARE = 0.15  # least fraction of the information on a shape that the parameters do not explain as well
 CERTAIN = 8.0  # size from which one that parameters take the place of counts without that
-FAR_MORE = 2.0  # size of a shape over that of another one of its name from which it takes its place
+FAR_MORE = 2.0  # size of a shape over that of another one of its name, or of any if general, to take its place
 LARGE = 0.5  # change of the stiffness by such a shape, over its value, from which no interval contains it
 MOST = 2  # most shapes that are used together: with more they cancel each other, and their bias grows without limit
 TINY = 1e-300
@@ -58,7 +58,7 @@ class Misfit:
         parts = [
             f"{s.name}{_amount(s, course)} ({size:.3g} sigma: {s.advice})"
             for s, size, course in self.found
-            if size > SIGNIFICANT
+            if size > SIGNIFICANT * (FAR_MORE if s.general else 1.0)
         ]
         if not parts:
             return ""
@@ -183,7 +183,8 @@ class _Test:
             size = abs(score) / np.sqrt(information) if information > ROUNDING * self.total[k] > 0.0 else 0.0
             own = information > OWN_SHARE * self.total[k] or (self.candidates[k].replaced and size > CERTAIN)
             sizes.append(float(size) if own else 0.0)
-        best = int(np.argmax(sizes))
+        rank = [size / FAR_MORE if self.candidates[k].general else size for k, size in zip(rest, sizes, strict=True)]
+        best = int(np.argmax(rank))
         return rest[best], sizes[best]
 
 

@@ -32,6 +32,7 @@ class Shape:
         replaced: True for play, hysteresis and the like, in whose place parameters go far from their values. Their size
             is positive, too.
         measure: factor and unit of the size of the course, if that is of use; else None.
+        general: True for one that many other causes look like in part. It is taken, and told of, if it says far more.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Shape:
     sensor: bool = False
     replaced: bool = False
     measure: tuple[float, str] | None = None
+    general: bool = False
 
 
 def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
@@ -75,9 +77,20 @@ def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
         text = f"noise in the recorded {inputs[drive]} that does not move the joint"
         part = (drive, unforeseen(known[inputs[drive]]))
         found.append(Shape(text, f"record the commanded {inputs[drive]}", (part,), sensor=True))
+        found += _of_the_gain(known[inputs[drive]], inputs[drive], drive)
     if motor is not None and model.stiffness is not None and {"motor_position", "link_position"} <= known.keys():
         found += _with_a_spring(data, known, value, motor)
     return found
+
+
+def _of_the_gain(u: Array, name: str, drive: int) -> list[Shape]:
+    """Return what a motor or a sensor that is not linear adds to the recorded drive `u` (T,)."""
+    advice = "the joint has another torque than was recorded"
+    text = f"a gain of the recorded {name}"
+    return [
+        Shape(f"{text} that changes with its size", advice, ((drive, u * u * u),), general=True),
+        Shape(f"{text} that differs by its sign", advice, ((drive, np.abs(u)),), general=True),
+    ]
 
 
 def unforeseen(drive: Array) -> Array:
