@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from joint_id_core.arm.arm_estimate import ArmEstimate
+from joint_id_core.arm.beforehand import Beforehand
 from joint_id_core.arm.changes import PAYLOAD
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.fit import fit_arm
@@ -64,7 +65,7 @@ def runs() -> list[Run]:
 def _follow(description: Description, logs: Sequence[tuple[str, Arm]], whole: ArmEstimate) -> Run:
     regressor = Regressor(description)
     stream = ArmStream(regressor, {name: {"torque": 1.0} for name in description.joints}, "ur10e")
-    follower = ArmFollower(description.joints, description.mass)
+    follower = ArmFollower(description.joints, description.mass, beforehand=Beforehand.of(regressor))
     begin, cpu_s, mass, told = 0.0, 0.0, (float("nan"), float("nan")), {"found": [], "gone": []}
     frictions = payloads = 0
     for name, arm in logs:

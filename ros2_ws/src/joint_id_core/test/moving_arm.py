@@ -65,6 +65,7 @@ URDF = f"""<?xml version="1.0"?>
   {joint("spin", "hand", "plate", 'xyz="0.02 0 0.08"', "0 0 1", "continuous")}
   {joint("flange", "plate", "tool", 'xyz="0 0 0.04" rpy="0 0.4 0"', "1 0 0", "fixed")}
 </robot>"""
+DOWN = (0.0, 0.0, -9.81)  # m/s^2
 MASS, CENTRE = 2.5, (0.02, -0.03, 0.12)  # of a payload: kg, and m in the frame of the plate
 CARRYING = URDF.replace(
     "</robot>",
@@ -85,20 +86,22 @@ class Motion:
     ddq: Array
 
 
-def at(time: Array, seed: int = 0) -> Motion:
-    """A motion of sines at some instants."""
+def at(time: Array, seed: int = 0, standing: tuple[str, ...] = ()) -> Motion:
+    """A motion of sines at some instants, in which some joints stand."""
     rng = np.random.default_rng(seed)
     q, dq, ddq = (np.zeros((len(time), len(JOINTS))) for _ in range(3))
     for j in range(len(JOINTS)):
         for hz in rng.uniform(0.1, 0.9, 5):
             w, size, phase = 2.0 * np.pi * hz, rng.uniform(0.1, 0.35), rng.uniform(0.0, 2.0 * np.pi)
+            if JOINTS[j] in standing:
+                continue
             q[:, j] += size * np.sin(w * time + phase)
             dq[:, j] += size * w * np.cos(w * time + phase)
             ddq[:, j] -= size * w * w * np.sin(w * time + phase)
     return Motion(q, dq, ddq)
 
 
-def inverse(motion: Motion, urdf: str = URDF, gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)) -> Array:
+def inverse(motion: Motion, urdf: str = URDF, gravity: tuple[float, float, float] = DOWN) -> Array:
     """Torques that the rigid links need, shape (T, 6)."""
     import mujoco
 
@@ -113,20 +116,28 @@ def inverse(motion: Motion, urdf: str = URDF, gravity: tuple[float, float, float
 
 
 def rigid(
-    seconds: float, seed: int = 0, urdf: str = URDF, growth: float = 0.0, falls: Array | float = 0.0
+    seconds: float,
+    seed: int = 0,
+    urdf: str = URDF,
+    growth: float = 0.0,
+    falls: Array | float = 0.0,
+    standing: tuple[str, ...] = (),
+    noise: float = 1e-5,
+    late: float = 0.0,
+    gravity: tuple[float, float, float] = DOWN,
 ) -> dict[str, Recording]:
     """What link encoders and torques of all joints show, by name; torques are means over a sample.
 
     Coulomb friction grows with the torque of the links by a share `growth` of it, and `falls` (Nm) from standstill as
-    exp(-|v| / 0.3 rad/s).
+    exp(-|v| / 0.3 rad/s). Encoders have a `noise` in rad, and torques are `late` in s.
     """
     time = np.arange(round(seconds * RATE)) / RATE
-    middle = at(time + 0.5 / RATE, seed)
-    links = inverse(middle, urdf)
+    middle = at(time + 0.5 / RATE - late, seed, standing)
+    links = inverse(middle, urdf, gravity)
     coulomb = COULOMB + growth * np.abs(links) + falls * np.exp(-np.abs(middle.dq) / 0.3)
     torque = links + ROTOR * middle.ddq + VISCOUS * middle.dq + coulomb * np.sign(middle.dq)
     rng = np.random.default_rng([seed, 1])
-    shown = {"link_position": at(time, seed).q + 1e-5 * rng.standard_normal(torque.shape)}
+    shown = {"link_position": at(time, seed, standing).q + noise * rng.standard_normal(torque.shape)}
     shown["torque"] = torque + 0.05 * rng.standard_normal(torque.shape)
     return _by_joint(time, shown)
 

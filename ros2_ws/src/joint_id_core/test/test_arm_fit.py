@@ -192,6 +192,63 @@ def test_a_joint_that_moves_and_is_fixed_in_the_description_is_told():
     assert not fit_arm(fixed, [{**record, "spin": still}], GAINS).doubts
 
 
+# --- a joint that stands
+
+
+@pytest.mark.parametrize("standing", [("bend",), ("lift", "bend")])
+def test_a_joint_that_stands_leaves_the_others_right(standing):
+    """Its encoder has noise, and the torques of neighbours with parallel axes go together."""
+    record = moving_arm.rigid(SECONDS, 1, standing=standing, noise=1e-4)
+    found = fit_arm(ARM, [record], GAINS)
+    assert found.converged and f"{', '.join(standing)} did not move" in found.message
+    for j, truth in zip(found.joints, zip(ROTOR, VISCOUS, COULOMB, strict=True), strict=True):
+        for value, true in zip((j.armature, j.damping, j.friction), truth, strict=True):
+            if j.name in standing:
+                assert value.verdict is Verdict.NOT_EXCITED
+            elif value.verdict is Verdict.ESTIMATED:
+                assert abs(value.value - true) < 4.0 * value.std_dev, (j.name, value, true)
+    assert sum(j.damping.verdict is Verdict.ESTIMATED for j in found.joints) == len(JOINTS) - len(standing)
+    for link in found.links.links:
+        assert 0.5 < link.found.mass / link.described.mass < 2.0
+    for p in found.parameters:
+        assert p.verdict is not Verdict.ESTIMATED or p.std_dev > 0.0
+
+
+def test_a_motion_of_one_joint_tells_of_no_other():
+    standing = tuple(name for name in JOINTS if name != "roll")
+    found = fit_arm(ARM, [moving_arm.rigid(SECONDS, 1, standing=standing)], GAINS)
+    assert found.converged and all(np.isfinite(p.value) and np.isfinite(p.std_dev) for p in found.parameters)
+    roll = found.joints[JOINTS.index("roll")]
+    for value, truth in ((roll.damping, VISCOUS[3]), (roll.friction, COULOMB[3])):
+        assert value.verdict is Verdict.ESTIMATED and abs(value.value - truth) < 4.0 * value.std_dev
+    assert roll.armature.verdict is not Verdict.ESTIMATED or abs(roll.armature.value - ROTOR[3]) < (
+        4.0 * roll.armature.std_dev
+    )
+    assert not found.by_load.value > 0.5  # of a joint that hardly bears a load
+
+
+def test_what_it_does_not_show_is_not_predicted():
+    """What moves later is not known; the fit does not say otherwise."""
+    found = fit_arm(ARM, [moving_arm.rigid(SECONDS, 1)], GAINS, moving_arm.rigid(SECONDS, 2))
+    assert found.converged and not found.missed
+    heavy = fit_arm(ARM, [moving_arm.rigid(SECONDS, 1)], GAINS, moving_arm.rigid(SECONDS, 2, CARRYING))
+    assert not heavy.converged and {"lift", "bend"} <= {*heavy.missed}
+    assert "in the held-out recording is not predicted" in heavy.message
+
+
+def test_a_joint_that_counts_as_fixed_at_0_is_there(tmp_path):
+    (tmp_path / "arm.urdf").write_text(URDF)
+    fixed = Description.read(tmp_path / "arm.urdf", still=["bend"])
+    record = moving_arm.rigid(4.0, 1, standing=("bend",))
+    off_zero = {
+        **record,
+        "bend": record["bend"].with_channels({"link_position": record["bend"]["link_position"] + 1.4}),
+    }
+    with pytest.raises(JointIdError, match=r"joint bend is at 1.4, and with --still bend it counts as fixed at 0"):
+        fit_arm(fixed, [off_zero], GAINS)
+    fit_arm(fixed, [record], GAINS)
+
+
 # --- a payload
 
 
@@ -225,6 +282,24 @@ def test_a_mass_that_was_weighed_gives_the_torque_constants():
     assert np.abs(off(found)).max() < 4.5  # friction and rotors are right, and no better known than the constants
     least = found.factors[1].std_dev / found.factors[1].value
     assert found.joints[1].damping.std_dev >= least * found.joints[1].damping.value
+
+
+def test_the_torque_constant_of_a_joint_that_stands_is_not_known():
+    records = [moving_arm.rigid(SECONDS, k, urdf, standing=("bend",)) for k, urdf in ((0, URDF), (2, CARRYING))]
+    found = fit_arm(ARM, records[:1], GAINS, payload=records[1:], mass=MASS)
+    assert [factor.joint for factor in found.factors if not factor.known] == ["bend"]
+    assert "bend not known" in str(found) and "nan" not in str(found).replace("bend", "")[:200]
+    lift = found.factors[1]
+    assert abs(lift.value - 1.0) < 4.0 * lift.std_dev < 0.2
+
+
+def test_combinations_are_no_better_known_than_the_torque_constants():
+    free, carrying = moving_arm.rigid(SECONDS, 0), moving_arm.rigid(SECONDS, 2, CARRYING)
+    found = fit_arm(ARM, [free], GAINS, payload=[carrying], mass=MASS)
+    of_roll = found.factors[3].std_dev / found.factors[3].value
+    assert found.parameters[3].text == "rotor of roll"
+    assert found.parameters[3].std_dev >= of_roll * found.parameters[3].value
+    assert found.parameters[3].std_dev == pytest.approx(found.joints[3].armature.std_dev)
 
 
 def test_what_tells_nothing_of_a_payload_is_refused():

@@ -17,6 +17,7 @@ from .moving_arm import CARRYING, CENTRE, COULOMB, JOINTS, MASS, RATE, ROTOR, UR
 pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
 pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
 
+from joint_id_core.arm.beforehand import Beforehand
 from joint_id_core.arm.belief import Belief
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.equations import Equations, equations
@@ -266,3 +267,29 @@ def test_positions_that_jump_by_a_turn_are_the_same_motion():
     for a, b in zip(one, other, strict=True):
         np.testing.assert_array_equal(a.used, b.used)
         np.testing.assert_allclose(a.columns[a.used], b.columns[b.used], atol=1e-6)
+
+
+def test_what_a_standing_joint_left_open_is_not_known_when_it_moves():
+    """It stood while the arm was learnt, and its neighbours' torques went together."""
+    first = moving_arm.rigid(LEARN, 1, standing=("bend",), noise=1e-4)
+    second = {
+        n: Recording(r.time + LEARN + 5.0, r.channels, source=r.source, joint=n)
+        for n, r in moving_arm.rigid(AFTER, 2).items()
+    }
+    stream = ArmStream(REGRESSOR, GAINS, "arm.urdf")
+    follower = ArmFollower(JOINTS, ARM.mass, beforehand=Beforehand.of(REGRESSOR))
+    for arm in (first, second):
+        for batch in batches(arm):
+            for block in stream.push(batch):
+                follower.add(block)
+        belief = follower.belief
+        assert belief is not None
+        for j in range(len(JOINTS)):
+            truth = REGRESSOR.reference[j] + ROTOR[j]
+            sigma = float(np.sqrt(belief.told_covariance[j, j]))
+            assert not belief.seen[j] or abs(belief.values[j] - truth) < 4.0 * sigma, (
+                JOINTS[j],
+                belief.values[j],
+                sigma,
+            )
+    assert not follower.changes  # no payload, and no other friction

@@ -197,7 +197,10 @@ def test_friction_that_grows_with_the_load_is_named_and_in_the_intervals():
 @pytest.mark.parametrize(
     ("recorded", "told"),
     [
-        (lambda u: u * (1.0 + 0.05 * (u / np.abs(u).max()) ** 2), "a gain of the recorded torque that changes with its size"),
+        (
+            lambda u: u * (1.0 + 0.05 * (u / np.abs(u).max()) ** 2),
+            "a gain of the recorded torque that changes with its size",
+        ),
         (lambda u: u * np.where(u > 0.0, 1.03, 0.97), "a gain of the recorded torque that differs by its sign"),
     ],
 )

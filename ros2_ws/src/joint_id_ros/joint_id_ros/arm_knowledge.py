@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from joint_id_core.arm import belief_file
+from joint_id_core.arm.beforehand import Beforehand
 from joint_id_core.arm.belief import Belief
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.equations import Equations, joined
@@ -66,7 +67,9 @@ class ArmKnowledge:
     def begin(self) -> None:
         """Begin a run, as after a jump of the time, with what is known."""
         self._stream = ArmStream(self.regressor, self._gains, self._source)
-        self.follower = ArmFollower(self.regressor.joints, self._mass, self._known, self._check)
+        self.follower = ArmFollower(
+            self.regressor.joints, self._mass, self._known, self._check, Beforehand.of(self.regressor)
+        )
         if self._known is not None:
             self._stream.know(self._known.values, self._known.carries)
 

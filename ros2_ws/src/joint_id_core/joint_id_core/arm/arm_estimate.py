@@ -132,7 +132,7 @@ class ArmEstimate:
 
     Attributes:
         source: of the description.
-        status: CONVERGED, or POOR_FIT if the torque of a joint that moves is not explained.
+        status: CONVERGED, or POOR_FIT if the torque of a joint that moves is not explained, or not predicted.
         poor: names of such joints.
         joints, parameters: what was found.
         links: bodies that exist and have these parameters, near those of the description.
@@ -142,6 +142,7 @@ class ArmEstimate:
         factors: on the torques, from the mass of a payload that is known; empty without.
         doubts: what the checks of the recordings found.
         recordings: that were fitted.
+        missed: names of joints whose torque in the held-out recording is not predicted.
     """
 
     source: str
@@ -156,6 +157,7 @@ class ArmEstimate:
     factors: tuple[Factor, ...] = ()
     doubts: tuple[str, ...] = ()
     recordings: tuple[str, ...] = ()
+    missed: tuple[str, ...] = ()
 
     @property
     def converged(self) -> bool:
@@ -173,6 +175,12 @@ class ArmEstimate:
             said = f"{', '.join(still)} did not move: nothing is known of {'it' if len(still) == 1 else 'them'}. {said}"
         if self.converged:
             return f"Converged. {said}"
+        if not self.poor:
+            return (
+                f"The torque of {', '.join(self.missed)} in the held-out recording is not predicted: something changed "
+                "between the recordings (a load, the zero of a joint, the temperature), or the fitted ones show too "
+                f"little. {said}"
+            )
         if pulled := [j.name for j in self.joints if j.pulled_below_zero]:
             said = (
                 f"Friction of {', '.join(pulled)} is pulled below zero, as of a drive that is recorded with the other "
@@ -224,7 +232,7 @@ class ArmEstimate:
             lines.append(f"  torque at rest is that of friction at standstill, no rest was recorded of {short}")
         lines += [f"  {self.payload}"] if self.payload is not None else []
         if self.factors:
-            listed = ", ".join(f"{f.joint} {f.value:.4g} ± {f.std_dev:.2g}" for f in self.factors)
+            listed = ", ".join(map(str, self.factors))
             lines.append(f"  the torques are right if they are multiplied by: {listed}")
         lines += ["", *self.links.lines]
         return "\n".join([*lines, *(f"  doubtful: {text}" for text in (*self.doubts, *self.links.doubts))])

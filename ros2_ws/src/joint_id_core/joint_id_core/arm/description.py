@@ -44,6 +44,7 @@ class Description:
         joints: names of those that move by themselves, from the base on.
         source: where the description came from.
         text: the URDF.
+        still: joints that count as fixed at 0 as the user says so.
     """
 
     def __init__(self, text: str, source: str = "robot_description", gravity: Sequence[float] = GRAVITY) -> None:
@@ -58,7 +59,7 @@ class Description:
             JointIdError: Pinocchio is not installed, no URDF, a joint of an unknown kind, a link that moves and has no
                 mass, units other than kg and m, a gravity that is none.
         """
-        self.source, self.text = source, text
+        self.source, self.text, self.still = source, text, tuple[str, ...]()
         root = parsed(text, source)
         self._mimics = mimics_of(root, source)
         self._model: Any = built(root, source)
@@ -129,7 +130,9 @@ class Description:
             reason = getattr(error, "strerror", None) or "not a text file"
             raise JointIdError(f"{path}: cannot be read ({reason}): give a URDF file") from None
         text = urdf_of(Path(path)) if is_mjcf(text) else text
-        return cls(with_still(text, still, str(path)), str(path), gravity)
+        found = cls(with_still(text, still, str(path)), str(path), gravity)
+        found.still = tuple(still)
+        return found
 
     def require(self, joint: str) -> None:
         """Check that a joint moves by itself and drives no other one.

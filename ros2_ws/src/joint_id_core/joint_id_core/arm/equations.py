@@ -30,6 +30,7 @@ SLOW = 0.01  # rad/s, over about twice of which Coulomb friction turns: gears yi
 REST, REST_S = 0.005, 0.25  # rad/s, s: a joint that is slower for so long rests, and sticks with any torque
 TURNED = 0.01  # how far filtered Coulomb friction of 1 is from it where a reversal does not count
 POSITION, DRIVES = "link_position", ("torque", "current")
+STANDS = 5e-3  # rad, range of the position of a joint that stands, and does not move by the noise of its encoder
 MOVED = 0.02  # rad, standard deviation of the position of a joint that was not still
 
 
@@ -171,6 +172,9 @@ def unchecked(
     like = Recording(time, {}, source=first.source, origin=first.origin)
     q, dq, ddq = motion(recordings, joints, like, source)
     known = np.isfinite(np.concatenate([q, dq, ddq], axis=1)).all(axis=1)
+    if known.any():
+        stands = np.ptp(q[known], axis=0) < STANDS
+        q[:, stands], dq[:, stands], ddq[:, stands] = np.median(q[known], axis=0)[stands], 0.0, 0.0
     base = len(regressor.reference)
     inertial = np.full((len(time), count, base + PAYLOAD), np.nan)
     inertial[known] = np.concatenate(regressor.rows(q[known], dq[known], ddq[known]), axis=2)

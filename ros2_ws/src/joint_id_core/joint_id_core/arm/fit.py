@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from joint_id_core.arm.arm_estimate import ArmEstimate, JointValues, Rest, Value
+from joint_id_core.arm.beforehand import Beforehand
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.drift import drift
 from joint_id_core.arm.equations import PAYLOAD, Equations, equations
@@ -22,6 +23,7 @@ from joint_id_core.arm.gear import with_yielding
 from joint_id_core.arm.gravity import check_gravity
 from joint_id_core.arm.judged import base_parameters, friction, rotor
 from joint_id_core.arm.links import consistent_links
+from joint_id_core.arm.motion import require_still
 from joint_id_core.arm.noise import noise_of
 from joint_id_core.arm.payload import Factor, Payload, gains_from_mass, payload_of
 from joint_id_core.arm.regressor import Regressor
@@ -33,6 +35,7 @@ from joint_id_core.results.status import Status
 from joint_id_core.results.verdict import Verdict
 
 LEAST_R_SQUARED = 0.9  # of the torque of a joint
+WORSE = 2.0  # what is left of a held-out recording over what is left of those that were fitted
 ROUNDS = 2  # of torque constants: the first has the load of the gears with wrong ones
 BENT = 0.1  # least bend of friction, as a share of Coulomb friction: a smaller one is that of the filters at reversals
 SURE = 3.0  # standard deviations from which a bend of friction, or its growth with the load, is taken into the law
@@ -68,6 +71,8 @@ def fit_arm(
             "the mass of a payload tells nothing without a recording in which the arm carries it: give one (--payload)"
         )
     regressor, source = Regressor(description), description.source
+    for record in (*records, *payload, *([] if held_out is None else [held_out])):
+        require_still(record, description.still)
     parts = [equations(regressor, record, gains, source) for record in records]
     check_gravity(description, regressor, parts)
     parts += [equations(regressor, record, gains, source, loaded=True) for record in payload]
@@ -78,7 +83,7 @@ def fit_arm(
         factors = tuple(Factor(n, float(v), float(s)) for n, (v, s) in zip(regressor.joints, found, strict=True))
         scale = np.array([factor.value for factor in factors])
         parts, other = ([replace(part, y=part.y * scale) for part in some] for some in (parts, other))
-    fitted = _Fitted(regressor, parts)
+    fitted = _Fitted(regressor, parts, [f.std_dev / f.value if f.known else 0.0 for f in factors])
     told = fitted.estimate(source, fitted.held_out(other[0]) if other else None, factors)
     return replace(told, recordings=tuple(record[regressor.joints[0]].source for record in (*records, *payload)))
 
@@ -86,10 +91,11 @@ def fit_arm(
 def _gains(regressor: Regressor, parts: Sequence[Equations], mass: float) -> tuple[Array, Array]:
     """Return factors on the torques of all joints with which the payload has this mass, and their sigma, shape (n,)."""
     scale, sigma = np.ones(len(regressor.joints)), np.zeros(len(regressor.joints))
+    beforehand = Beforehand.of(regressor)
     for _ in range(ROUNDS):
         scaled = [replace(part, y=part.y * scale) for part in parts]
-        law = Friction.from_values(regressor, Stacked.of(scaled).weighed()[0])
-        found, spread = gains_from_mass([law.added(part) for part in scaled], mass)
+        law = Friction.from_values(regressor, Stacked.of(scaled, beforehand).weighed()[0])
+        found, spread = gains_from_mass([law.added(part) for part in scaled], mass, beforehand)
         scale, sigma = scale * found, scale * spread
     return scale, sigma
 
@@ -97,16 +103,17 @@ def _gains(regressor: Regressor, parts: Sequence[Equations], mass: float) -> tup
 class _Fitted:
     """Weighted least squares of all equations."""
 
-    def __init__(self, regressor: Regressor, parts: Sequence[Equations]) -> None:
-        self._regressor = regressor
+    def __init__(self, regressor: Regressor, parts: Sequence[Equations], gains: Sequence[float]) -> None:
+        """Fit; `gains` are standard deviations of the gains, as shares of them, or none."""
+        self._regressor, self._beforehand = regressor, Beforehand.of(regressor)
         self._count, self._base = len(regressor.joints), len(regressor.reference)
         self._loaded = any(part.loaded for part in parts)
-        self._friction = Friction.from_values(regressor, self._whole(Stacked.of(parts).weighed()[0]))
+        self._friction = Friction.from_values(regressor, self._whole(Stacked.of(parts, self._beforehand).weighed()[0]))
         self._parts = [self._friction.added(part) for part in parts]
         self.covariance: Array
         self._lag: float
         self._friction_at = self._base + PAYLOAD * self._loaded
-        table = self._with_what_data_ask_for(Stacked.of(self._parts))
+        table = self._with_what_data_ask_for(Stacked.of(self._parts, self._beforehand))
         places = (self._friction_at + np.arange(2 * self._count)).reshape(2, -1)
         left = table.y - table.columns @ self.values
         # a fit takes some of the noise for motion
@@ -115,6 +122,9 @@ class _Fitted:
         changes = drift(table, left, places, self.values[places], self._lag)
         self.covariance = with_yielding(self.values, self.covariance, self._friction_at + self._friction.gears)
         self.covariance[places, places] += (changes[:, None] * self.values[places]) ** 2 / len(parts)
+        if gains:
+            moved = table.by_gain(table.scatter(left)) * np.array(gains)
+            self.covariance += moved @ moved.T
         self._lefts = [self._left(part) for part in self._parts]
         self._band = Band.of(self._lefts)
 
@@ -122,7 +132,7 @@ class _Fitted:
         """Solve, again without bends and growth with the load that may be 0, and return the equations of that."""
         self._solve(table)
         more = self._friction_at + self._friction.bends_and_growth
-        size, sigma = np.abs(self.values[more]), np.sqrt(np.diag(self.covariance)[more])
+        size, sigma = np.abs(self.values[more]), np.sqrt(np.maximum(np.diag(self.covariance), 0.0))[more]
         self._by_load = float(self.values[-1]), float(sigma[-1])
         size[-1] = self.values[-1]  # friction does not fall with the load
         coulomb = np.abs(self.values[self._friction_at + self._count : more[0]])
@@ -158,33 +168,35 @@ class _Fitted:
     def held_out(self, part: Equations) -> HeldOut:
         """Return how another recording is predicted."""
         left = self._left(self._friction.added(part))
-        return HeldOut(explained([left]), self._band.holds(left), left.rests.mean(axis=0))
+        return HeldOut(explained([left]), self._band.holds(left), left.rests.mean(axis=0), self._band.worse(left))
 
     def estimate(self, source: str, held_out: HeldOut | None, factors: tuple[Factor, ...] = ()) -> ArmEstimate:
-        """Return the result; friction and rotors are known no better than the `factors` on the torques."""
+        """Return the result, with `factors` on the torques that it has already."""
         n = self._count
         sigma = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))  # of what nothing shows, rounding is left
-        share = [f.std_dev / f.value for f in factors] or [0.0] * n
         r_squared, usual = explained(self._lefts), self._friction.usual
         bands = self._band.width(self._friction.breakaway(self.values[self._friction_at :], usual))
-        other, joints = held_out or HeldOut(*np.full((3, n), np.nan)), []
+        other, joints = held_out or HeldOut(*np.full((4, n), np.nan)), []
         for j, name in enumerate(self._regressor.joints):
-            armature = rotor(self._regressor, j, self.values[j], sigma[j], self._seen[j], share[j])
+            armature = rotor(self._regressor, j, self.values[j], sigma[j], self._seen[j])
             damping, coulomb = (
-                friction(float(self.values[k]), sigma[k], unit, bool(self._seen[k]), share[j])
+                friction(float(self.values[k]), sigma[k], unit, bool(self._seen[k]))
                 for k, unit in ((self._friction_at + j, "Nm s/rad"), (self._friction_at + n + j, "Nm"))
             )
             rest = Rest(*(float(a[j]) for a in (bands, self._band.rest_s, other.in_band, other.resting)))
             bent = float(self.values[self._friction_at + 2 * n + j])
             told = float(r_squared[j]), float(other.r_squared[j]), float(usual[j]), bent
             joints.append(JointValues(name, armature, damping, coulomb, *told, rest, self._noise[j]))
-        parameters = base_parameters(self._regressor, self.values, sigma, self._seen)
+        parameters = base_parameters(self._regressor, self.values, sigma, self._seen, self._beforehand.sigma)
         rotors = [j.armature.value if j.armature.verdict is Verdict.ESTIMATED else 0.0 for j in joints]
         base, seen = self._base, self._seen[: self._base]
         known = self.covariance[:base, :base] * np.outer(seen, seen)
         links = consistent_links(self._regressor, self.values[:base], known, rotors)
         poor = [j.name for j in joints if j.r_squared <= LEAST_R_SQUARED or j.pulled_below_zero]
-        status = Status.POOR_FIT if poor else Status.CONVERGED
+        missed = [
+            j.name for j, w in zip(joints, other.worse, strict=True) if j.held_out <= LEAST_R_SQUARED and w > WORSE
+        ]
+        status = Status.POOR_FIT if poor or missed else Status.CONVERGED
         duration = sum(p.duration for p in self._parts)
         doubts = tuple(text for part in self._parts for text in part.doubts)
         return ArmEstimate(
@@ -199,6 +211,7 @@ class _Fitted:
             self.payload,
             factors,
             doubts,
+            missed=tuple(missed),
         )
 
     def _growth(self) -> Value:

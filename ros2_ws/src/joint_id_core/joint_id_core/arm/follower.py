@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 
+from joint_id_core.arm.beforehand import Beforehand
 from joint_id_core.arm.belief import Belief
 from joint_id_core.arm.changes import (
     CLEAR,
@@ -103,6 +104,7 @@ class ArmFollower:
         arm_mass: float,
         belief: Belief | None = None,
         check: Callable[[Sequence[Equations]], None] = lambda parts: None,
+        beforehand: Beforehand | None = None,
     ) -> None:
         """Begin.
 
@@ -111,13 +113,14 @@ class ArmFollower:
             arm_mass: mass of the arm in kg, which tells what payloads are possible.
             belief: what is known of it already.
             check: looks at the motion from which an arm is learnt, and raises a JointIdError if that is of no use.
+            beforehand: what the description tells of the arm; see `learned`.
         """
         self.belief, self.changes = belief, dict[str, ArmChange]()
         self.unexplained: tuple[str, ...] = ()
         self.rests, self.time, self.used = True, float("nan"), 0
         self._joints, self._mass = tuple(joints), arm_mass
         self._first: list[Equations] = []  # from which it is learnt
-        self._learning, self._check = belief is None, check
+        self._learning, self._check, self._beforehand = belief is None, check, beforehand
         self._due = LEARN_S
         self._held: deque[Equations] = deque()
         self._rival: Rival | None = None
@@ -166,7 +169,7 @@ class ArmFollower:
             self._due = LEARN_S
             raise
         try:
-            self.belief = learned(self._first)
+            self.belief = learned(self._first, self._beforehand)
         except JointIdError:  # too few equations yet
             return False
         if motion >= LONGEST_S:

@@ -24,6 +24,7 @@ from joint_id_core.data.recording import Array
 STRIBECK = 0.3  # rad/s, v_s: where friction of gears bends
 FASTEST = 1.0  # rad/s, to which a straight line shall be near
 POSES = 200  # random ones
+GROWS = 0.3  # Nm/Nm, standard deviation of the growth with the load that is known beforehand: of gears it is below 0.2
 ROUNDED = 9  # decimals of a load that are no rounding
 
 _GRID = np.linspace(0.0, FASTEST, 101)
@@ -76,7 +77,7 @@ class Friction:
         growth = ((np.abs(load) - self.usual) * np.tanh(whole.dq / SLOW))[:, :, None]
         columns = np.concatenate([own, gear.rates(load, whole.known, RATE), growth], axis=2)
         more = below_band(columns, whole.known)[::KEPT]
-        precision = np.concatenate([part.precision, np.zeros(count), gear.precision(count), [0.0]])
+        precision = np.concatenate([part.precision, np.zeros(count), gear.precision(count), [GROWS**-2]])
         return replace(part.steady, columns=np.concatenate([part.columns, more], axis=2), precision=precision)
 
     def breakaway(self, values: Array, load: Array) -> Array:

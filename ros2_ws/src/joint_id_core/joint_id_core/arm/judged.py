@@ -13,10 +13,11 @@ from joint_id_core.results.verdict import MAGNITUDE, Verdict
 # Of friction at best, as a share. What reversals leave of it, whatever the law by which friction turns there, is in the
 # residuals and so in the covariance; this is for lengths and times, which nobody knows better.
 ACCURACY = 2e-4
+LEARNED = 0.5  # share of the standard deviation without recordings below which they have told something
 BOUND = 1.96  # standard deviations below zero from which the data, and not chance, ask for a negative value
 
 
-def rotor(regressor: Regressor, j: int, value: float, sigma: float, seen: bool, share: float = 0.0) -> Value:
+def rotor(regressor: Regressor, j: int, value: float, sigma: float, seen: bool) -> Value:
     """Return the inertia of a rotor seen at the link, beside what the description says of the links.
 
     Args:
@@ -24,24 +25,26 @@ def rotor(regressor: Regressor, j: int, value: float, sigma: float, seen: bool, 
         j: number of the joint.
         value, sigma: of its base parameter in kg m^2.
         seen: whether a motion has shown it.
-        share: standard deviation of the gain, as a share of it.
     """
-    own = value - float(regressor.reference[j])
-    found = _positive(own, float(np.hypot(sigma, share * own)), "kg m^2", seen)
+    found = _positive(value - float(regressor.reference[j]), sigma, "kg m^2", seen)
     return found if regressor.alone[j] else found.beside("beside the inertia of its links in the description")
 
 
-def friction(value: float, sigma: float, unit: str, seen: bool, share: float = 0.0) -> Value:
-    """Return a friction, which is known no better than the gain (`share`) and the filters allow."""
-    return _positive(value, float(np.hypot(sigma, np.hypot(ACCURACY, share) * value)), unit, seen)
+def friction(value: float, sigma: float, unit: str, seen: bool) -> Value:
+    """Return a friction, which is known no better than the filters allow."""
+    return _positive(value, float(np.hypot(sigma, ACCURACY * value)), unit, seen)
 
 
 def base_parameters(
-    regressor: Regressor, values: Array, sigma: Array, seen: NDArray[np.bool_]
+    regressor: Regressor, values: Array, sigma: Array, seen: NDArray[np.bool_], before: Array | float = np.inf
 ) -> tuple[BaseParameter, ...]:
-    """Return the base parameters, which come first in arrays of shape (P,)."""
-    rows = zip(regressor.combinations, values, sigma, regressor.reference, seen, strict=False)
-    return tuple(BaseParameter(t, float(v), float(s), float(r), _verdict(v, s, r, k)) for t, v, s, r, k in rows)
+    """Return the base parameters, which come first in arrays of shape (P,).
+
+    `before`: their standard deviations without the recordings, (B,), if anything was known then.
+    """
+    known = np.broadcast_to(before, regressor.reference.shape)
+    rows = zip(regressor.combinations, values, sigma, regressor.reference, seen, known, strict=False)
+    return tuple(BaseParameter(t, float(v), float(s), float(r), _verdict(v, s, r, k, b)) for t, v, s, r, k, b in rows)
 
 
 def _positive(value: float, sigma: float, unit: str, seen: bool) -> Value:
@@ -57,8 +60,10 @@ def _positive(value: float, sigma: float, unit: str, seen: bool) -> Value:
     return Value(value, sigma, unit, Verdict.ESTIMATED, "")
 
 
-def _verdict(value: float, sigma: float, reference: float, seen: bool) -> Verdict:
-    """Return whether a base parameter is known to half of its value, or of that of the description."""
+def _verdict(value: float, sigma: float, reference: float, seen: bool, before: float) -> Verdict:
+    """Return whether a base parameter is known to half of its value, or of that of the description, by the motion."""
     if not seen:
         return Verdict.NOT_EXCITED
+    if sigma > LEARNED * before:
+        return Verdict.PRIOR
     return Verdict.ESTIMATED if sigma < MAGNITUDE * max(abs(value), abs(reference)) else Verdict.PRIOR

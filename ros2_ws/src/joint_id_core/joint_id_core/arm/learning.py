@@ -7,20 +7,26 @@ from dataclasses import replace
 
 import numpy as np
 
+from joint_id_core.arm.beforehand import Beforehand
 from joint_id_core.arm.belief import GRAVITY, KINDS, UNKNOWN, Belief, Scores
 from joint_id_core.arm.drift import drift
 from joint_id_core.arm.equations import PAYLOAD, Equations, joined
 from joint_id_core.arm.stacked import Stacked
+from joint_id_core.data.recording import Array
 
 
-def learned(parts: Sequence[Equations]) -> Belief:
+def learned(parts: Sequence[Equations], beforehand: Beforehand | None = None) -> Belief:
     """Return the belief from the first stretches of motion. What the arm carries in all of them counts to it.
+
+    Args:
+        parts: the stretches.
+        beforehand: what is known of the arm; without, what joints that stand leave open seems to be known.
 
     Raises:
         JointIdError: they are too short for the number of parameters.
     """
     whole = replace(joined(parts), loaded=False)
-    table = Stacked.of([whole])
+    table = Stacked.of([whole], beforehand)
     values, sigma = table.weighed()
     left = table.y - table.columns @ values
     covariance, lag = table.covariance(table.columns, left, sigma, table.precision)
@@ -38,7 +44,8 @@ def learned(parts: Sequence[Equations]) -> Belief:
     place = np.concatenate([np.arange(whole.base), np.arange(whole.base + PAYLOAD, own + PAYLOAD)])
     all_values, all_covariance, seen = np.zeros(size), np.zeros((size, size)), np.zeros(size, dtype=bool)
     all_values[place], seen[place] = values, shown
-    spread = covariance + np.diag(np.where(shown | (table.precision > 0.0), 0.0, UNKNOWN**2))
+    known = (table.precision if beforehand is None else np.diag(table.precision)) > 0.0
+    spread = _positive(covariance + np.diag(np.where(shown | known, 0.0, UNKNOWN**2)))
     means, offsets, noise = np.zeros((count, own)), np.zeros(count), np.full(count, UNKNOWN**2)
     mean, torque = np.zeros(count), np.zeros(count)
     for j in range(count):
@@ -59,3 +66,11 @@ def learned(parts: Sequence[Equations]) -> Belief:
         sum(p.duration for p in parts), Scores.none(count, KINDS + GRAVITY),
         drift(table, left, friction, values[friction], lag),
     )  # fmt: skip
+
+
+def _positive(covariance: Array) -> Array:
+    """Return a covariance (P, P) without the negative eigenvalues of rounding, which is large where columns depend."""
+    size = np.sqrt(np.diag(covariance))
+    size = np.where(size > 0.0, size, 1.0)
+    sizes, axes = np.linalg.eigh(covariance / np.outer(size, size))
+    return np.asarray((axes * np.maximum(sizes, 0.0)) @ axes.T * np.outer(size, size))

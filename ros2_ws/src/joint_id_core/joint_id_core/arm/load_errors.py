@@ -14,16 +14,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from joint_id_core.arm.beforehand import ways
 from joint_id_core.arm.description import Description
-from joint_id_core.arm.regressor import OF_LINK, Regressor
+from joint_id_core.arm.regressor import Regressor
 from joint_id_core.arm.typical_inertia import typical_poses
 from joint_id_core.data.load_errors import SampledErrors
 from joint_id_core.data.recording import Array
 
 SHARE = 0.3  # standard deviation of a mass, of first moments and inertias as far as the mass makes them
 SCALE = 0.2  # the same of the whole load, in units of a torque that is current times a constant
-# Sizes that a body has at least, over the means of all: a tool or cables may be missing in the description.
-LEAST_MASS, LEAST_LEVER = 0.1, 0.5
 LITTLE = 1e-3  # size of an error over that of the largest one that does not count
 STATES = 256  # random ones that show which errors count
 RATE_HZ = 100.0  # of the samples at which they are computed: loads of an arm are slower than 10 Hz
@@ -113,18 +112,6 @@ def errors_of(description: Description) -> Errors | None:
 
 def _one_sigma(regressor: Regressor) -> Array:
     """Return independent directions of the B base parameters, each of one standard deviation, shape (B, B)."""
-    masses, levers = regressor.bodies[:, 0], np.array([_lever(body) for body in regressor.bodies])
-    masses = np.maximum(masses, LEAST_MASS * masses.mean())
-    levers = np.maximum(levers, LEAST_LEVER * levers.mean())
-    powers = [0 if part == "mass" else 1 if part.startswith("m") else 2 for part in OF_LINK]
-    sigma = SHARE * masses[:, None] * levers[:, None] ** powers
-    spread = regressor.composition[:, len(regressor.joints) :] * sigma.ravel()
-    of_all = SCALE * regressor.reference
+    spread, of_all = ways(regressor, SHARE), SCALE * regressor.reference
     values, vectors = np.linalg.eigh(spread @ spread.T + np.outer(of_all, of_all))
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-def _lever(body: Array) -> float:
-    """Return the distance of a body's mass from its joint's frame: its radius of gyration about the origin, in m."""
-    mass, spread = body[0], body[4] + body[6] + body[9]
-    return float(np.sqrt(max(0.0, 0.5 * spread / mass))) if mass > 0.0 else 0.0

@@ -9,7 +9,7 @@ import numpy as np
 
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.load_errors import errors_of
-from joint_id_core.arm.motion import motion
+from joint_id_core.arm.motion import motion, require_still
 from joint_id_core.arm.typical_inertia import typical_inertia
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
@@ -56,11 +56,13 @@ def loaded(description: Description, joint: str, records: Sequence[Mapping[str, 
 
     Raises:
         JointIdError: the joint is not in the description or does not move by itself; a joint of the description was not
-            recorded; a recording holds an external torque already, or the arm's motion is not known anywhere in it.
+            recorded; one that counts as fixed is elsewhere; a recording holds an external torque already, or the arm's
+            motion is not known anywhere in it.
     """
     description.require(joint)
     loads = []
     for joints in records:
+        require_still(joints, description.still)
         own = joints.get(joint)
         if own is None:
             raise JointIdError(f"no recording of joint {joint}: there are {', '.join(joints)}")

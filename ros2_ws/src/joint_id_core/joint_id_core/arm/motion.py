@@ -15,6 +15,7 @@ from joint_id_core.filtering.offline import FilterOptions, differentiate
 # depend on it between 5 and 35 Hz.
 CUTOFF_HZ = 20.0
 BRIDGED_S = 0.02  # gaps up to it are bridged: a sixth of the shortest period that the equations look at
+AT_ZERO = 0.02  # rad or m, from 0 of a joint that counts as fixed there
 SETTLED_S = 0.1  # at the ends of a stretch derivatives are less accurate, as no samples are beyond
 
 
@@ -54,6 +55,22 @@ def require_recorded(recordings: Mapping[str, Recording], joints: Sequence[str],
             f"{', '.join(recordings) or 'none'}): joints are found by name. Record all joints, or make one that stands "
             "still fixed (--still of joint-id, or in a copy of the description)"
         )
+
+
+def require_still(recordings: Mapping[str, Recording], still: Sequence[str]) -> None:
+    """Check that joints which count as fixed at 0 are there in recordings that hold them.
+
+    Raises:
+        JointIdError: one is elsewhere.
+    """
+    for name in still:
+        if name in recordings and recordings[name].measured("link_position"):
+            at = float(np.nanmedian(recordings[name]["link_position"]))
+            if abs(at) > AT_ZERO:
+                raise JointIdError(
+                    f"{recordings[name].source}: joint {name} is at {at:.3g}, and with --still {name} it counts as "
+                    "fixed at 0: leave that out, as it was recorded. That it does not move is found from the recording"
+                )
 
 
 def bridging(options: FilterOptions, period: float) -> FilterOptions:

@@ -7,11 +7,13 @@ Robotic Systems 2014, do with a payload).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from joint_id_core.arm.beforehand import Beforehand
 from joint_id_core.arm.equations import PAYLOAD, Equations
 from joint_id_core.arm.stacked import Stacked, solved
 from joint_id_core.data.recording import Array
@@ -25,11 +27,23 @@ SETTLED = 1e-6  # change of the gains, relative
 
 @dataclass(frozen=True)
 class Factor:
-    """By what the recorded torque of a joint, or its gain, is multiplied to be right, with its standard deviation."""
+    """By what the recorded torque of a joint, or its gain, is multiplied to be right, with its standard deviation.
+
+    That is NaN if nothing is known of it.
+    """
 
     joint: str
     value: float
     std_dev: float
+
+    @property
+    def known(self) -> bool:
+        """Whether anything is known of it."""
+        return math.isfinite(self.std_dev)
+
+    def __str__(self) -> str:
+        """Return it as text."""
+        return f"{self.joint} {self.value:.4g} ± {self.std_dev:.2g}" if self.known else f"{self.joint} not known"
 
 
 @dataclass(frozen=True)
@@ -72,15 +86,17 @@ def payload_of(link: str, values: Array, covariance: Array) -> Payload:
     return Payload(link, mass, float(np.sqrt(covariance[0, 0])), (x, y, z), (dx, dy, dz))
 
 
-def gains_from_mass(parts: Sequence[Equations], mass: float) -> tuple[Array, Array]:
+def gains_from_mass(parts: Sequence[Equations], mass: float, beforehand: Beforehand) -> tuple[Array, Array]:
     """Return factors on the torques of all joints with which the payload has this mass, and their sigma, shape (n,).
 
-    Gauss-Newton: the torque that was recorded is that of the masses over the factor, and friction. Of friction, what
-    grows with the load has one parameter for all joints, so it is over the factor, too.
+    Those of a joint that stands are 1, with a sigma of NaN. Gauss-Newton: the torque that was recorded is that of the
+    masses over the factor, and friction. Of friction, what grows with the load has one parameter for all joints, so it
+    is over the factor, too.
 
     Args:
         parts: equations with all columns of friction.
         mass: of the payload in kg.
+        beforehand: what is known of the arm.
 
     Raises:
         JointIdError: no recording has the payload or none is without it, the mass is not above 0, or the iteration
@@ -90,24 +106,27 @@ def gains_from_mass(parts: Sequence[Equations], mass: float) -> tuple[Array, Arr
         raise JointIdError(f"a payload of {mass:g} kg tells no torque constant: give its mass in kg, above 0")
     if all(part.loaded for part in parts) or not any(part.loaded for part in parts):
         raise JointIdError("torque constants need recordings with the payload and others without it")
-    table, first = Stacked.of(parts), parts[0].base
+    table, first = Stacked.of(parts, beforehand), parts[0].base
     values, _ = table.weighed()
     values[first], n = mass, table.count
     free = np.delete(np.arange(table.columns.shape[1]), first)
     share, place = np.ones(n), np.arange(len(values))
     shared = (place < first + PAYLOAD) | (place == place[-1])  # parameters that are not of a joint alone
     of_joint = table.joint[:, None] == np.arange(n)
-    precision = np.append(np.broadcast_to(table.precision, len(values))[free], np.zeros(n))
+    expected = np.append(beforehand.of_all(len(values))[free], np.ones(n))
+    precision = np.zeros((len(expected), len(expected)))
+    precision[:-n, :-n] = np.asarray(table.precision)[np.ix_(free, free)]
     for _ in range(ITERATIONS):
         rigid = table.columns[:, shared] @ values[shared]
         scaled = np.where(shared, share[table.joint, None], 1.0) * table.columns
         left = table.y - scaled @ values
         sigma = table.scatter(left)
         columns = np.concatenate([scaled[:, free], np.where(of_joint, rigid[:, None], 0.0)], axis=1)
-        y = left + columns @ np.append(values[free], share)
-        new = solved(columns / sigma[table.joint, None], y / sigma[table.joint], precision)
+        y = left + columns @ (np.append(values[free], share) - expected)
+        new = expected + solved(columns / sigma[table.joint, None], y / sigma[table.joint], precision)
         step, share, values[free] = new[-n:] - share, new[-n:], new[:-n]
         if np.abs(step).max() < SETTLED:
             spread = np.sqrt(np.diag(table.covariance(columns, left, sigma, precision)[0])[-n:])
-            return 1.0 / share, spread / share**2
+            still = np.bincount(table.joint, minlength=n) == 0
+            return 1.0 / share, np.where(still, np.nan, spread / share**2)
     raise JointIdError("no torque constants with which the payload has this mass: check the mass and the recordings")

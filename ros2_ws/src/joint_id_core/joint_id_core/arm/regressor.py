@@ -78,6 +78,17 @@ class Regressor:
         )
         self.alone = ~np.any(share != 0.0, axis=1)
 
+    @property
+    def lengths(self) -> Array:
+        """Distance in m from each joint to the farthest one that its link carries; of others the mean, shape (n,)."""
+        model, found = self._model, np.zeros(len(self.joints))
+        for name in self.joints:
+            parent = model.parents[k := model.getJointId(name)]
+            if parent > 0 and (before := model.names[parent]) in self.joints:
+                j = self.joints.index(before)
+                found[j] = max(found[j], float(np.linalg.norm(model.jointPlacements[k].translation)))
+        return np.where(found > 0.0, found, found[found > 0.0].mean() if found.any() else 0.0)
+
     def rows(self, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array]:
         """Return the torques of all joints by unit parameters, from motions of shape (T, n).
 

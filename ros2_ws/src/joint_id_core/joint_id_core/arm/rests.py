@@ -71,11 +71,13 @@ class HeldOut:
         r_squared: share of the torque that is explained in motion; NaN without.
         in_band: share of the rests that the band holds; NaN without.
         resting: share of the time in which the joint rests.
+        worse: rms of what is left of the torque in motion, over that of the fit; NaN without.
     """
 
     r_squared: Array
     in_band: Array
     resting: Array
+    worse: Array
 
 
 def explained(lefts: Sequence[Left]) -> Array:
@@ -119,6 +121,11 @@ class Band:
         rest_s = np.array([sum(left.rests[:, j].sum() for left in lefts) * KEPT / RATE for j in range(count)])
         factor = float(np.quantile(each, SHARE, method="higher")) if each else 1.0
         return cls(max(1.0, factor), noise, offsets, rest_s)
+
+    def worse(self, left: Left) -> Array:
+        """Return the rms of what is left of the torque of each joint in motion over that of the fit, (n,)."""
+        own = NOISE * np.sqrt([_mean_square([left], j) for j in range(len(self.noise))])
+        return np.where((self.noise > 0.0) & (own > 0.0), own / np.where(self.noise > 0.0, self.noise, 1.0), np.nan)
 
     def width(self, breakaway: Array) -> Array:
         """Return half of its width in Nm at friction at standstill, (n,); 0 where that is not known."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.arm.autoregressive import autoregressive
+from joint_id_core.arm.beforehand import Beforehand
 from joint_id_core.arm.equations import PAYLOAD, Equations
 from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError
@@ -17,6 +18,7 @@ from joint_id_core.estimators.regression.covariance import automatic_lag, newey_
 WEIGHINGS = 3  # passes that weigh the joints
 LEAST_ROWS = 2.0  # equations by parameter
 LEAST_FREE = 0.01  # share of an equation that others do not determine
+DUST = 1e-9  # size of a column over that of the largest one which is the rounding of a joint that stands
 ROUNDED = 1e-13  # smallest singular value of normal equations that rounding does not make
 
 
@@ -29,7 +31,8 @@ class Stacked:
             viscous and Coulomb friction.
         joint, pieces: of each, the number of the joint, and of recording and joint, (T,).
         count: of joints, n.
-        precision: 1 / variance of each parameter about 0 that is known beforehand, (P,) or 0.
+        expected, precision: values of the parameters that are known beforehand, (P,), and 1 / variance of each, (P,),
+            or the inverse of their covariance, (P, P); 0 if nothing is.
     """
 
     y: Array
@@ -38,10 +41,11 @@ class Stacked:
     pieces: NDArray[np.int64]
     count: int
     precision: Array | float = 0.0
+    expected: Array | float = 0.0
 
     @classmethod
-    def of(cls, parts: Sequence[Equations]) -> Stacked:
-        """Stack the equations of recordings.
+    def of(cls, parts: Sequence[Equations], beforehand: Beforehand | None = None) -> Stacked:
+        """Stack the equations of recordings, with what is known beforehand of the base parameters.
 
         Raises:
             JointIdError: they are fewer than twice the parameters.
@@ -50,6 +54,8 @@ class Stacked:
         rows = [(part, j) for part in parts for j in range(count)]
         tables = [of_joint(part, j, loaded) for part, j in rows]
         y, columns = (np.concatenate([centred(pair[i]) for pair in tables]) for i in (0, 1))
+        size = np.linalg.norm(columns, axis=0)
+        columns[:, size < DUST * size.max()] = 0.0
         if len(y) < LEAST_ROWS * columns.shape[1]:
             raise JointIdError(
                 f"{len(y)} equations are too few for the {columns.shape[1]} parameters of this arm: record longer"
@@ -59,7 +65,12 @@ class Stacked:
         known = parts[0].precision
         if not loaded:
             known = np.delete(known, place_of_payload(parts[0]))
-        return cls(y, columns, np.repeat([j for _, j in rows], lengths), pieces, count, known)
+        table = cls(y, columns, np.repeat([j for _, j in rows], lengths), pieces, count, known)
+        if beforehand is None:
+            return table
+        size = len(known)
+        precision = np.diag(known) + beforehand.precision(size)
+        return replace(table, precision=precision, expected=beforehand.of_all(size))
 
     def without(self, places: NDArray[np.intp]) -> Stacked:
         """Return the same with some parameters that are 0."""
@@ -69,12 +80,23 @@ class Stacked:
 
     def weighed(self) -> tuple[Array, Array]:
         """Return values (P,), and standard deviations of what is left of the torque of each joint, shape (n,)."""
-        values, sigma = np.zeros(self.columns.shape[1]), np.ones(self.count)
+        expected = np.broadcast_to(self.expected, self.columns.shape[1])
+        values, sigma = expected, np.ones(self.count)
         for _ in range(WEIGHINGS):
             weights = 1.0 / sigma[self.joint]
-            values = solved(self.columns * weights[:, None], self.y * weights, self.precision)
+            left = (self.y - self.columns @ expected) * weights
+            values = expected + solved(self.columns * weights[:, None], left, self.precision)
             sigma = self.scatter(self.y - self.columns @ values)
         return values, sigma
+
+    def by_gain(self, sigma: Array) -> Array:
+        """Return by how much the values change with the torque of each joint, relative to it, shape (P, n).
+
+        `sigma`: of what is left of the torque of each joint, (n,), as from `weighed`.
+        """
+        weights = 1.0 / sigma[self.joint]
+        own = np.where(self.joint[:, None] == np.arange(self.count), (self.y * weights)[:, None], 0.0)
+        return solved(self.columns * weights[:, None], own, self.precision)
 
     def scatter(self, left: Array) -> Array:
         """Return the standard deviation of residuals (T,) by joint, shape (n,); 1 where there are none."""
@@ -87,7 +109,7 @@ class Stacked:
     ) -> tuple[Array, float]:
         """Return the covariance of values with these columns (T, k) and residuals (T,), and the lag of their memory.
 
-        `precision` is that of these values, (k,) or 0.
+        `precision` is that of these values, (k,), (k, k) or 0.
 
         Of each standard deviation it is the larger one of two: what the residuals show, and what noise with their first
         autocorrelation does.
@@ -142,7 +164,7 @@ def centred(values: Array) -> Array:
 
 
 def known_before(covariance: Array, columns: Array, precision: Array | float) -> Array:
-    """Return a covariance (k, k) of least squares with columns (T, k) as it is with what is known beforehand, (k,).
+    """Return a covariance (k, k) of least squares with columns (T, k) as it is with what is known beforehand.
 
     With information G of the columns and L beforehand, errors are (G + L)^-1 (G e - L x): e of least squares, and x of
     what is known beforehand, which has the covariance L^-1.
@@ -151,20 +173,28 @@ def known_before(covariance: Array, columns: Array, precision: Array | float) ->
         return covariance
     size = np.linalg.norm(columns, axis=0)
     size = np.where(size > 0.0, size, 1.0)
-    information, before = (columns / size).T @ (columns / size), np.diag(precision / size**2)
+    information, before = (columns / size).T @ (columns / size), _matrix(precision, len(size)) / np.outer(size, size)
     inverse = np.linalg.pinv(information + before, hermitian=True)
     middle = information @ (covariance * np.outer(size, size)) @ information + before
     return np.asarray(inverse @ middle @ inverse / np.outer(size, size))
 
 
 def solved(table: Array, y: Array, precision: Array | float = 0.0) -> Array:
-    """Return least squares; 0 for columns that are zero, and the shortest solution where columns depend.
+    """Return least squares of y, (T,) or (T, m).
 
-    `precision`: 1 / variance of each parameter about 0 that is known beforehand, in the units of the table.
+    They are 0 for columns that are zero, and the shortest solution where columns depend.
+
+    `precision`: what is known beforehand of the parameters about 0, in the units of the table: 1 / variance, (P,), or
+    the inverse of their covariance, (P, P).
     """
     size = np.linalg.norm(table, axis=0)
     scale = np.where(size > 0.0, size, 1.0)
     scaled = table / scale  # normal equations, which take a hundredth of the time: base parameters hardly depend
-    normal = scaled.T @ scaled + np.diag(np.broadcast_to(precision / scale**2, len(scale)))
-    found = np.linalg.lstsq(normal, scaled.T @ y, rcond=ROUNDED)[0] / scale
-    return np.asarray(np.where(size > 0.0, found, 0.0))
+    normal = scaled.T @ scaled + _matrix(precision, len(scale)) / np.outer(scale, scale)
+    found = np.linalg.lstsq(normal, scaled.T @ y, rcond=ROUNDED)[0]
+    return np.asarray(((size > 0.0) * found.T / scale).T)
+
+
+def _matrix(precision: Array | float, count: int) -> Array:
+    """Return what is known beforehand of a number of parameters as a matrix."""
+    return np.asarray(precision if np.ndim(precision) == 2 else np.diag(np.broadcast_to(precision, count)))

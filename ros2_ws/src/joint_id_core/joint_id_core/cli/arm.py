@@ -118,7 +118,7 @@ def _corrected(gains: Gains, factors: Sequence[Factor]) -> dict[str, dict[str, f
 
 def _constants(factors: Sequence[Factor], gains: Gains) -> list[str]:
     """Return options that give the torque constants that were found, to be pasted; none without currents."""
-    known = [(f, gains[f.joint]) for f in factors if "current" in gains[f.joint]]
+    known = [(f, gains[f.joint]) for f in factors if f.known and "current" in gains[f.joint]]
     return [
         f"--set {f.joint}.k_t={f.value * gain['current'] / gain['torque']:.4g}+-{100.0 * f.std_dev / f.value:.2g}%"
         for f, gain in known
