@@ -143,6 +143,7 @@ class ArmEstimate:
         doubts: what the checks of the recordings found.
         recordings: that were fitted.
         missed: names of joints whose torque in the held-out recording is not predicted.
+        contradiction: what the torques say that cannot be, in words; empty if nothing is.
     """
 
     source: str
@@ -158,6 +159,7 @@ class ArmEstimate:
     doubts: tuple[str, ...] = ()
     recordings: tuple[str, ...] = ()
     missed: tuple[str, ...] = ()
+    contradiction: str = ""
 
     @property
     def converged(self) -> bool:
@@ -175,6 +177,8 @@ class ArmEstimate:
             said = f"{', '.join(still)} did not move: nothing is known of {'it' if len(still) == 1 else 'them'}. {said}"
         if self.converged:
             return f"Converged. {said}"
+        if not self.poor and not self.missed:
+            return f"The torques contradict the description: {self.contradiction}. {said}"
         if not self.poor:
             return (
                 f"The torque of {', '.join(self.missed)} in the held-out recording is not predicted: something changed "

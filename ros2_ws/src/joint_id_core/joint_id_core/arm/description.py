@@ -47,13 +47,20 @@ class Description:
         still: joints that count as fixed at 0 as the user says so.
     """
 
-    def __init__(self, text: str, source: str = "robot_description", gravity: Sequence[float] = GRAVITY) -> None:
+    def __init__(
+        self,
+        text: str,
+        source: str = "robot_description",
+        gravity: Sequence[float] = GRAVITY,
+        payload: tuple[float, Array] | None = None,
+    ) -> None:
         """Take a URDF.
 
         Args:
             text: the URDF.
             source: where it came from, for messages.
             gravity: in m/s^2, in the frame of the base, shape (3,).
+            payload: mass in kg that the last link carries beside at a point in m in its joint's frame, shape (3,).
 
         Raises:
             JointIdError: Pinocchio is not installed, no URDF, a joint of an unknown kind, a link that moves and has no
@@ -67,6 +74,11 @@ class Description:
         self.joints = tuple(name for name in names if name not in self._mimics)
         self._column = {name: self._model.joints[self._model.getJointId(name)].idx_v for name in names}
         self._model.gravity.linear = checked_gravity(gravity)
+        if payload is not None:
+            import pinocchio
+
+            last = self._model.getJointId(self.joints[-1])
+            self._model.inertias[last] += pinocchio.Inertia(*payload, np.zeros((3, 3)))
         self._data = self._model.createData()
         self._links = {joint.get("name", ""): end_of(joint, "child") for joint in root.findall("joint")}
         self._check_bodies()

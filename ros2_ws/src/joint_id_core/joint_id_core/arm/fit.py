@@ -17,11 +17,11 @@ from joint_id_core.arm.beforehand import Beforehand
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.drift import drift
 from joint_id_core.arm.equations import PAYLOAD, Equations, equations
-from joint_id_core.arm.friction import Friction
+from joint_id_core.arm.friction import UNEVEN, Friction
 from joint_id_core.arm.gains import Gains
 from joint_id_core.arm.gear import with_yielding
 from joint_id_core.arm.gravity import check_gravity
-from joint_id_core.arm.judged import base_parameters, friction, rotor
+from joint_id_core.arm.judged import base_parameters, beside_bodies, friction, rotor
 from joint_id_core.arm.links import consistent_links
 from joint_id_core.arm.motion import require_still
 from joint_id_core.arm.noise import noise_of
@@ -29,6 +29,7 @@ from joint_id_core.arm.payload import Factor, Payload, gains_from_mass, payload_
 from joint_id_core.arm.regressor import Regressor
 from joint_id_core.arm.rests import Band, HeldOut, Left, explained
 from joint_id_core.arm.stacked import Stacked, free
+from joint_id_core.arm.suspects import suspects
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.results.status import Status
@@ -83,7 +84,7 @@ def fit_arm(
         factors = tuple(Factor(n, float(v), float(s)) for n, (v, s) in zip(regressor.joints, found, strict=True))
         scale = np.array([factor.value for factor in factors])
         parts, other = ([replace(part, y=part.y * scale) for part in some] for some in (parts, other))
-    fitted = _Fitted(regressor, parts, [f.std_dev / f.value if f.known else 0.0 for f in factors])
+    fitted = _Fitted(description, regressor, parts, [f.std_dev / f.value if f.known else 0.0 for f in factors])
     told = fitted.estimate(source, fitted.held_out(other[0]) if other else None, factors)
     return replace(told, recordings=tuple(record[regressor.joints[0]].source for record in (*records, *payload)))
 
@@ -95,15 +96,19 @@ def _gains(regressor: Regressor, parts: Sequence[Equations], mass: float) -> tup
     for _ in range(ROUNDS):
         scaled = [replace(part, y=part.y * scale) for part in parts]
         law = Friction.from_values(regressor, Stacked.of(scaled, beforehand).weighed()[0])
-        found, spread = gains_from_mass([law.added(part) for part in scaled], mass, beforehand)
+        complete = [law.added(part) for part in scaled]
+        found, spread = gains_from_mass(complete, mass, beforehand)
         scale, sigma = scale * found, scale * spread
-    return scale, sigma
+    growth = float(Stacked.of(complete, beforehand).weighed()[0][-1])
+    return scale, np.hypot(sigma, UNEVEN * max(0.0, growth) * scale)
 
 
 class _Fitted:
     """Weighted least squares of all equations."""
 
-    def __init__(self, regressor: Regressor, parts: Sequence[Equations], gains: Sequence[float]) -> None:
+    def __init__(
+        self, description: Description, regressor: Regressor, parts: Sequence[Equations], gains: Sequence[float]
+    ) -> None:
         """Fit; `gains` are standard deviations of the gains, as shares of them, or none."""
         self._regressor, self._beforehand = regressor, Beforehand.of(regressor)
         self._count, self._base = len(regressor.joints), len(regressor.reference)
@@ -122,6 +127,13 @@ class _Fitted:
         changes = drift(table, left, places, self.values[places], self._lag)
         self.covariance = with_yielding(self.values, self.covariance, self._friction_at + self._friction.gears)
         self.covariance[places, places] += (changes[:, None] * self.values[places]) ** 2 / len(parts)
+        uneven = np.zeros(len(self.values))
+        loads = len(self._friction.rigid) if self._loaded else self._base
+        uneven[:loads] = self._friction.as_load(float(self.values[-1]))[:loads]
+        self.covariance += np.outer(uneven, uneven)
+        found = suspects(description, self._parts, table, self.values, self._whole(self.values), self._lag)
+        self.covariance += found.excess
+        self._suspects = found
         if gains:
             moved = table.by_gain(table.scatter(left)) * np.array(gains)
             self.covariance += moved @ moved.T
@@ -192,13 +204,18 @@ class _Fitted:
         base, seen = self._base, self._seen[: self._base]
         known = self.covariance[:base, :base] * np.outer(seen, seen)
         links = consistent_links(self._regressor, self.values[:base], known, rotors)
+        joints = [
+            replace(joint, armature=beside_bodies(joint.armature, link.rotor))
+            for joint, link in zip(joints, links.links, strict=True)
+        ]
         poor = [j.name for j in joints if j.r_squared <= LEAST_R_SQUARED or j.pulled_below_zero]
         missed = [
             j.name for j, w in zip(joints, other.worse, strict=True) if j.held_out <= LEAST_R_SQUARED and w > WORSE
         ]
-        status = Status.POOR_FIT if poor or missed else Status.CONVERGED
+        contradiction = self._suspects.gross or links.contradiction
+        status = Status.POOR_FIT if poor or missed or contradiction else Status.CONVERGED
         duration = sum(p.duration for p in self._parts)
-        doubts = tuple(text for part in self._parts for text in part.doubts)
+        doubts = (*(text for part in self._parts for text in part.doubts), *self._suspects.texts)
         return ArmEstimate(
             source,
             status,
@@ -212,6 +229,7 @@ class _Fitted:
             factors,
             doubts,
             missed=tuple(missed),
+            contradiction=contradiction,
         )
 
     def _growth(self) -> Value:

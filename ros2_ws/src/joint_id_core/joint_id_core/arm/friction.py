@@ -25,6 +25,9 @@ STRIBECK = 0.3  # rad/s, v_s: where friction of gears bends
 FASTEST = 1.0  # rad/s, to which a straight line shall be near
 POSES = 200  # random ones
 GROWS = 0.3  # Nm/Nm, standard deviation of the growth with the load that is known beforehand: of gears it is below 0.2
+# Share of the growth, as a standard deviation, by which a gear may lose more torque when it drives than when it is
+# driven: that part goes with the load itself and not with the direction, so that it looks like a larger load.
+UNEVEN = 0.5
 ROUNDED = 9  # decimals of a load that are no rounding
 
 _GRID = np.linspace(0.0, FASTEST, 101)
@@ -79,6 +82,10 @@ class Friction:
         more = below_band(columns, whole.known)[::KEPT]
         precision = np.concatenate([part.precision, np.zeros(count), gear.precision(count), [GROWS**-2]])
         return replace(part.steady, columns=np.concatenate([part.columns, more], axis=2), precision=precision)
+
+    def as_load(self, growth: float) -> Array:
+        """Return what of the load may be friction of gears that grows with it, one sigma, (base + PAYLOAD,)."""
+        return UNEVEN * max(0.0, growth) * self.rigid
 
     def breakaway(self, values: Array, load: Array) -> Array:
         """Return friction at standstill in Nm, (..., n), from all parameters from damping on, and a load (..., n).

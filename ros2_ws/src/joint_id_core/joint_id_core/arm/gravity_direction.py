@@ -113,9 +113,12 @@ def pulled(
     return found
 
 
-def pull_of(description: Description) -> Callable[[Array], Array]:
-    """Return a function of positions (T, joints): what gravity of 1 m/s^2 along each axis does, (T, joints, 3)."""
-    axes = [Description(description.text, description.source, axis) for axis in G * np.eye(3)]
+def pull_of(description: Description, payload: tuple[float, Array] | None = None) -> Callable[[Array], Array]:
+    """Return a function of positions (T, joints): what gravity of 1 m/s^2 along each axis does, (T, joints, 3).
+
+    `payload`: as for `Description`.
+    """
+    axes = [Description(description.text, description.source, axis, payload) for axis in G * np.eye(3)]
 
     def at(q: Array) -> Array:
         still = np.zeros_like(q)

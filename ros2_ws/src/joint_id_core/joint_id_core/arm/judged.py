@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,6 +30,15 @@ def rotor(regressor: Regressor, j: int, value: float, sigma: float, seen: bool) 
     """
     found = _positive(value - float(regressor.reference[j]), sigma, "kg m^2", seen)
     return found if regressor.alone[j] else found.beside("beside the inertia of its links in the description")
+
+
+def beside_bodies(found: Value, rotor: float) -> Value:
+    """Return the inertia of a rotor with the interval that holds that beside the bodies of the fit, if there is one."""
+    if found.verdict is not Verdict.ESTIMATED or not rotor > 0.0:
+        return found
+    beyond = max(0.0, abs(found.value - rotor) - found.std_dev)  # less is chance
+    wide = _positive(found.value, math.hypot(found.std_dev, beyond), found.unit, True)
+    return wide.beside(found.reason) if found.reason else wide
 
 
 def friction(value: float, sigma: float, unit: str, seen: bool) -> Value:

@@ -14,6 +14,7 @@ from joint_id_core.data.recording import Array
 
 SAME = 1e-6  # entropic distance of a body that did not move: about 0.1 %
 CONTRADICTED = 4.0  # standard deviations of a base parameter from that of bodies: of forty, by chance once in 400 fits
+IMPOSSIBLE = 8.0  # the same, from which something is wrong that no interval contains; of a UR10e it is 2 to 3
 UNLIKE = 2.0  # share by which a description is wrong that says nothing of single links: it is 0.4 of masses
 
 
@@ -71,6 +72,7 @@ class Links:
         share: by which second moments of the description seem to be wrong; masses by a fifth of it.
         off, farthest: base parameters of the links from those of the fit, in standard deviations, rms and at most.
         doubts: bodies of the description that do not exist, and base parameters that no bodies have.
+        contradiction: the latter, if they are so far that the torques cannot be right; else empty.
     """
 
     links: tuple[Link, ...]
@@ -78,6 +80,7 @@ class Links:
     off: float
     farthest: float
     doubts: tuple[str, ...]
+    contradiction: str
 
     @property
     def lines(self) -> list[str]:
@@ -124,6 +127,7 @@ def consistent_links(regressor: Regressor, values: Array, covariance: Array, rot
         for name, before in zip(regressor.links, described, strict=True)
         if np.linalg.eigvalsh(before).min() <= 0.0
     ]
+    contradiction = ""
     away = np.abs(made - values)[seen] / np.hypot(sigma, ACCURACY * values)[seen]
     if (count := int(np.count_nonzero(away > CONTRADICTED))) > 0:
         k = int(seen[np.argmax(away)])
@@ -132,6 +136,8 @@ def consistent_links(regressor: Regressor, values: Array, covariance: Array, rot
             f"{regressor.combinations[k]} = {values[k]:.3g} ± {sigma[k]:.2g}, bodies have {made[k]:.3g}: another load "
             "acts, friction follows another law, or a torque constant is wrong"
         )
+        if np.max(away) > IMPOSSIBLE:
+            contradiction = f"{doubts[-1]}; or the axis of a joint points the other way, or joints are exchanged"
     if found.share > UNLIKE:
         doubts.append(
             "the bodies of the description are far from those found: their torques are right, but the mass of a single "
@@ -140,4 +146,4 @@ def consistent_links(regressor: Regressor, values: Array, covariance: Array, rot
     rows = zip(regressor.links, regressor.joints, described, bodies, found.rotors, strict=True)
     links = tuple(Link(n, j, Body.of(before), Body.of(after), float(r)) for n, j, before, after, r in rows)
     off, farthest = float(np.sqrt(np.mean(away**2))), float(np.max(away))
-    return Links(links, found.share, off, farthest, tuple(doubts))
+    return Links(links, found.share, off, farthest, tuple(doubts), contradiction)

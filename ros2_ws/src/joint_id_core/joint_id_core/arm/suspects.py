@@ -1,0 +1,205 @@
+"""What the torques of an arm may hold that its model lacks: named where they show it, and counted in the intervals.
+
+A score (Lagrange multiplier) test (Breusch & Pagan, Review of Economic Studies 47, 1980), as of one joint in
+`estimators.innovations.misfit`: would a small fault of a given kind explain what the fit leaves? Such a fault moves the
+values; the square of that is added to their covariance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from joint_id_core.arm.autoregressive import autoregressive
+from joint_id_core.arm.description import Description
+from joint_id_core.arm.equations import PAYLOAD, Equations
+from joint_id_core.arm.gravity_direction import pull_of
+from joint_id_core.arm.stacked import Stacked, centred, solved
+from joint_id_core.data.recording import Array
+from joint_id_core.estimators.regression.covariance import newey_west
+
+LIKELY, SURE = 3.0, 5.0  # standard deviations of a fault from which it counts, and is told
+OWN_SHARE = 1e-3  # least share of the square of its torque that the parameters do not explain as well
+MOST = 3  # faults that are used together
+ACROSS = 0.1  # share of gravity that an axis is across at least
+GROSS = math.radians(30.0)  # an angle that no mounting is off by
+STEP = 1e-4  # rad or m, of the difference that tells what a wrong zero of a joint does
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """A fault.
+
+    Attributes:
+        text: what it is, by its amount.
+        torque: of all joints by unit fault, of each recording, (R, n).
+        most: amount beyond which it stands for something else.
+    """
+
+    text: Callable[[float], str]
+    torque: Sequence[Array]
+    most: float = math.inf
+
+
+@dataclass(frozen=True)
+class Suspects:
+    """Faults that were found.
+
+    Attributes:
+        texts: those that are sure, in words.
+        excess: covariance of what all may do, (P, P).
+        gross: one of the texts if it is of a fault too large to be what it is called; else empty.
+    """
+
+    texts: tuple[str, ...]
+    excess: Array
+    gross: str
+
+
+def suspects(
+    description: Description, parts: Sequence[Equations], table: Stacked, values: Array, whole: Array, lag: float
+) -> Suspects:
+    """Test what a fit leaves.
+
+    Args:
+        description: of the arm.
+        parts: equations of all recordings; `table`: of them.
+        values: of the parameters of the table, (P,); `whole`: of all, those of a payload included.
+        lag: in equations, over which what is left remembers.
+    """
+    left = table.y - table.columns @ values
+    weights = 1.0 / table.scatter(left)[table.joint]
+    columns = table.columns * weights[:, None]
+    some = list(_candidates(description, parts, whole))
+    faults = np.array([_stacked(parts, fault.torque) for fault in some]).T * weights[:, None]
+    own = faults - columns @ solved(columns, faults, table.precision)
+    test = _Test(own, left * weights, np.sum(faults**2, axis=0), table, lag)
+    taken = test.selected()
+    amounts, sizes = test.amounts(taken)
+    shift = solved(columns, faults[:, taken], table.precision) @ amounts
+    told = {
+        k: f"{some[k].text(float(amount))} ({abs(size):.2g} sigma)"
+        for _, k, amount, size in sorted(zip(-np.abs(sizes), taken, amounts, sizes, strict=True))
+        if abs(size) > SURE
+    }
+    amount = dict(zip(taken, np.abs(amounts), strict=True))
+    gross = next((text for k, text in told.items() if amount[k] > some[k].most), "")
+    return Suspects(tuple(told.values()), np.outer(shift, shift), gross)
+
+
+@dataclass(frozen=True)
+class _Test:
+    """Torques of faults without what parameters explain of them, (T, D), and what is left, (T,), both weighed."""
+
+    own: Array
+    left: Array
+    whole: Array
+    table: Stacked
+    lag: float
+
+    def selected(self) -> list[int]:
+        """Return the faults that are taken, the most significant one first."""
+        taken: list[int] = []
+        while len(taken) < MOST:
+            sizes = [
+                abs(self.amounts([*taken, k])[1][-1]) if k not in taken and self._apart(taken, k) else 0.0
+                for k in range(self.own.shape[1])
+            ]
+            best = int(np.argmax(sizes))
+            if not sizes[best] > LIKELY:
+                break
+            taken.append(best)
+        return taken
+
+    def amounts(self, taken: list[int]) -> tuple[Array, Array]:
+        """Return the amounts of some faults together, and their sizes in standard deviations."""
+        own = self.own[:, taken]
+        found = solved(own, self.left)
+        rest = self.left - own @ found
+        pieces, joint = self.table.pieces, self.table.joint
+        variances = [newey_west(own, rest, pieces, self.lag), autoregressive(own, rest, joint, pieces, self.lag)]
+        sigma = np.sqrt(np.max([np.diag(v) for v in variances], axis=0))
+        return found, found / np.where(sigma > 0.0, sigma, np.inf)
+
+    def _apart(self, taken: list[int], k: int) -> bool:
+        """Return whether a fault is told from the parameters and those that are taken."""
+        own = self.own[:, k]
+        if taken:
+            own = own - self.own[:, taken] @ solved(self.own[:, taken], own)
+        return bool(own @ own > OWN_SHARE * self.whole[k] > 0.0)
+
+
+def _candidates(description: Description, parts: Sequence[Equations], whole: Array) -> Iterator[Suspect]:
+    """Yield the faults that are tested; `whole` are the values of all parameters, those of a payload included."""
+    names, down, first = description.joints, description.gravity, parts[0].base
+    own = np.eye(len(names))
+    predicted = [part.columns @ np.where(_of_payload(part), whole * part.loaded, whole) for part in parts]
+    late = [-np.gradient(y, part.time, axis=0) for y, part in zip(predicted, parts, strict=True)]
+    yield Suspect(lambda s: f"the torques seem to be {1e3 * s:.2g} ms late", late)
+    if down.any():
+        empty = pull_of(description)
+        mass, moments = float(whole[first]), whole[first + 1 : first + 4]
+        known = any(part.loaded for part in parts) and mass > 0.0
+        carried = pull_of(description, (mass, moments / mass)) if known else empty
+        pulls = [(carried if part.loaded else empty) for part in parts]
+        at = [pull(part.q) for pull, part in zip(pulls, parts, strict=True)]
+        for axis, name in zip(np.eye(3), "xyz", strict=True):
+            if np.linalg.norm(across := np.cross(axis, down)) > ACROSS * np.linalg.norm(down):
+                yield Suspect(partial(_turned, name), [some @ across for some in at], GROSS)
+        for j, name in enumerate(names):
+            moved = [pull(part.q + STEP * own[j]) for pull, part in zip(pulls, parts, strict=True)]
+            steps = [(there - here) @ down / STEP for here, there in zip(at, moved, strict=True)]
+            yield Suspect(partial(_off_zero, name), steps, GROSS)
+    for j, name in enumerate(names):
+        yield Suspect(partial(_pulled, name), [part.q * own[j] for part in parts])
+    for loaded in (False, True):
+        for k in [k for k, part in enumerate(parts) if part.loaded == loaded][1:]:
+            more = [part.columns[:, :, first] * (i == k) for i, part in enumerate(parts)]
+            yield Suspect(partial(_carries, k + 1, "payload" if loaded else "last link"), more)
+    for k, part in enumerate(parts):
+        later = np.where(part.time > part.time.mean(), 1.0, 0.0)
+        more = [p.columns[:, :, first] * later[:, None] if i == k else 0.0 * p.y for i, p in enumerate(parts)]
+        yield Suspect(partial(_changes, k + 1), more)
+
+
+def _turned(axis: str, amount: float) -> str:
+    return f"gravity seems to be turned by {math.degrees(amount):.2g} degrees about {axis} of the base (--base-gravity)"
+
+
+def _off_zero(joint: str, amount: float) -> str:
+    other = "" if abs(amount) < GROSS else ", or its axis to point the other way, or joints to be exchanged"
+    return f"the zero of {joint} seems to be off by {-math.degrees(amount):.2g} degrees{other}"
+
+
+def _pulled(joint: str, amount: float) -> str:
+    return f"something pulls at {joint} as a spring of {amount:.2g} Nm/rad"
+
+
+def _carries(recording: int, what: str, amount: float) -> str:
+    more = "more" if amount > 0.0 else "less"
+    return f"the {what} seems to have about {abs(amount):.2g} kg {more} in recording {recording} than in the others"
+
+
+def _changes(recording: int, amount: float) -> str:
+    return f"the load of the last link seems to change in recording {recording}, by about {amount:.2g} kg"
+
+
+def _of_payload(part: Equations) -> NDArray[np.bool_]:
+    """Return which parameters are those of a payload, (P,)."""
+    place = np.arange(part.columns.shape[2])
+    return (place >= part.base) & (place < part.base + PAYLOAD)
+
+
+def _stacked(parts: Sequence[Equations], torque: Sequence[Array]) -> Array:
+    """Return torques of all joints, (R, n) of each recording, in the order of a table of their equations, (T,)."""
+    rows = [
+        centred(np.nan_to_num(some[part.used[:, j], j]))
+        for part, some in zip(parts, torque, strict=True)
+        for j in range(part.used.shape[1])
+    ]
+    return np.concatenate(rows)
