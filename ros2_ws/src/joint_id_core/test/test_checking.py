@@ -50,6 +50,10 @@ REFUSED = {
     "degrees of the position": (
         lambda: scaled("link_position", 180 / np.pi), "link_velocity is 0.01745 times", "the position is in degrees",
     ),
+    "degrees alone": (
+        lambda: without_velocity(scaled("link_position", 300.0)), "Channel link_position spans",
+        "it is in degrees; multiply it by 0.0174533",
+    ),
     "degrees of the velocity": (lambda: scaled("link_velocity", 180 / np.pi), "57.3 times", "in degrees/s"),
     "the other side of the gear": (lambda: scaled("link_velocity", 101.0), "101 times", "different sides of the gear"),
     "sign": (lambda: scaled("link_velocity", -1.0), "-1 times", "wrong sign"),
@@ -147,8 +151,9 @@ NAMED = {
     ),
     "calibration": (lambda: scaled("link_velocity", 1.02), "link_velocity is 1.02 times", "leave out link_velocity"),
     "scale": (lambda: scaled("link_velocity", 1.08), "link_velocity is 1.08 times", "factors of both"),
-    "degrees alone": (
-        lambda: only(scaled("link_position", 300.0), "link_position", "torque"), "link_position spans", "0.0174533",
+    "perhaps degrees": (
+        lambda: without_velocity(good().with_channels({"link_position": good()["link_position"] + 3.0 * good().time})),
+        "link_position spans", "if it is in degrees; multiply it by 0.0174533",
     ),
 }  # fmt: skip
 

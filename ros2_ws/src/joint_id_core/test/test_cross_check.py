@@ -10,6 +10,7 @@ import pytest
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import Innovations, ParameterSettings, Regression, fit
 from joint_id_core.estimators.cross_check import cross_checked
+from joint_id_core.estimators.innovations.verdicts import Shown, informative
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Estimate, Status, Verdict
 from joint_id_core.simulation.motion import simulate_motion
@@ -50,6 +51,20 @@ def test_intervals_contain_what_a_drive_that_is_not_in_time_does(late_s, estimat
     assert "The drive seems to be" in " ".join(found.notes)
     for name, truth in TRUTH.items():
         assert abs(found[name].value - truth) < 2.0 * found[name].std_dev, (name, found[name])
+
+
+def test_a_drive_that_is_far_too_late_is_no_good_fit_and_says_so_once():
+    """40 ms, as of a driver that stamps late: a fit of such a motion converged, with J = 0."""
+    record = motion()
+    torque = np.interp(record.time - 0.04, record.time, record["torque"])
+    found = fit(MODEL, record.with_channels({"torque": torque}))
+    assert not found.converged and " ".join(found.notes).count("The drive seems to be 40 ms late") == 1, found.notes
+
+
+def test_an_offset_alone_tells_nothing_of_the_joint():
+    shown = {name: Shown(Verdict.ESTIMATED if name == "tau_0" else Verdict.PRIOR, "") for name in ("J", "tau_0")}
+    assert not informative(MODEL, shown)
+    assert informative(MODEL, {**shown, "J": replace(shown["J"], verdict=Verdict.ESTIMATED)})
 
 
 @pytest.mark.parametrize(("name", "factor"), [("J", 3.0), ("J", 0.3), ("tau_f", 1.5), ("tau_0", -2.0)])

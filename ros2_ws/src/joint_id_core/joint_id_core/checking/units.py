@@ -21,6 +21,7 @@ DISTINCT = 50  # whole numbers among positions that are no chance
 # have stronger gears, but no motor of a joint takes so many amperes.
 STRONGEST = {"torque": (5e4, "Nm", False), "current": (1e3, "A", True)}
 TURNS = 4.0 * 2.0 * np.pi  # rad that no link of a robot turns
+FAST, OVER_S = 12.0, 0.1  # rad/s that no link of a robot has over such a time; those of a cobot reach 3 to 6
 
 
 def too_large(recording: Recording) -> Iterator[Finding]:
@@ -66,10 +67,13 @@ def position_units(recording: Recording) -> Iterator[Finding]:
                 fatal=True,
             )
         elif name == "link_position" and (span := float(np.ptp(known))) > TURNS:
+            fast = not recording.measured("link_velocity") and _speed(recording, name) > FAST
+            seems = "it is in degrees" if fast else "if it is in degrees"
             yield Finding(
-                f"Channel {name} spans {span:.4g} rad, more than the link of a robot turns: if it is in degrees, "
-                f"multiply it by 0.0174533 (--map {name}=0.0174533*COLUMN)",
+                f"Channel {name} spans {span:.4g} rad, more than the link of a robot turns: {seems}; multiply it by "
+                f"0.0174533 (--map {name}=0.0174533*COLUMN)",
                 (name,),
+                fatal=fast,
             )
 
 
@@ -83,6 +87,14 @@ def drive_units(recording: Recording) -> Iterator[Finding]:
                 (name,),
                 fatal=sure,
             )
+
+
+def _speed(recording: Recording, name: str) -> float:
+    """Return the largest change of a position in `OVER_S`, in rad/s."""
+    step = max(1, round(OVER_S / recording.period))
+    values = recording[name]
+    moved = np.abs(values[step:] - values[:-step])
+    return float(np.nanmax(moved, initial=0.0)) / (step * recording.period)
 
 
 def _whole(known: Array) -> bool:

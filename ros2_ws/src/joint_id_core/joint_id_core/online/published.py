@@ -62,7 +62,7 @@ def said(
     assert last.checks is not None
     z, covariance = coordinates.clip(now[0]), _with_excess(last, now[1])
     found = verdicts(model, last.free, covariance, coordinates, z, last.checks.together)
-    status = Status.CONVERGED if informative(found) else Status.UNINFORMATIVE
+    status = Status.CONVERGED if informative(model, found) else Status.UNINFORMATIVE
     told = [sentence(status.advice), *(c.text for c in changes)]
     notes = (*told, *findings(found, last.checks.texts, 0))
     p = np.array(list(last.values.values()))

@@ -208,7 +208,7 @@ def judge(
     elif reasons:
         # the advice comes second: the first reason says what is wrong, the others repeat it in other words
         status, said = Status.POOR_FIT, [reasons[0], Status.POOR_FIT.advice]
-    elif not informative(rows):
+    elif not informative(data.model, rows):
         status, said = Status.UNINFORMATIVE, [Status.UNINFORMATIVE.advice]
     else:
         status, said = Status.CONVERGED, [Status.CONVERGED.advice]
@@ -218,9 +218,10 @@ def judge(
     return Judgement(status, tuple(notes), residuals)
 
 
-def informative(rows: Mapping[str, Shown]) -> bool:
-    """Return whether the data show a parameter, or what some are together."""
-    return any(shown.verdict is Verdict.ESTIMATED or shown.together for shown in rows.values())
+def informative(model: Model, rows: Mapping[str, Shown]) -> bool:
+    """Return whether the data show a parameter of the joint, or what some are together; an offset is none."""
+    of_joint = [shown for n, shown in rows.items() if not model.parameter(n).of_recording]
+    return any(shown.verdict is Verdict.ESTIMATED or shown.together for shown in of_joint)
 
 
 def findings(rows: Mapping[str, Shown], warnings: Sequence[str], dropped: int) -> list[str]:

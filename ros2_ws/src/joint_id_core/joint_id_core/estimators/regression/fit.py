@@ -153,7 +153,7 @@ def _estimate(data: FitData, fitted: list[Fitted], band_hz: float, begun: float,
         found.get(q.name, ParameterEstimate(q.name, q.unit, v, np.nan, Verdict.FIXED, v, "held at this value"))
         for q, v in zip(model.parameters, data.p.tolist(), strict=True)
     )
-    status, notes = judge(fitted, found, held, band_hz, data.dropped)
+    status, notes = judge(data.model, fitted, found, held, band_hz, data.dropped)
     notes = (*notes[:2], *map(sentence, told), *notes[2:])
     nrmse, predictions = _predictions(data, fitted)
     seen = data.recording.time[fitted[0].samples.rows.index]

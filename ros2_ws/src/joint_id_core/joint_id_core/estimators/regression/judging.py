@@ -96,7 +96,12 @@ def row(model: Model, name: str, fitted: Fitted, j: int, start: float) -> Parame
 
 
 def judge(
-    fitted: list[Fitted], found: Mapping[str, ParameterEstimate], held: tuple[str, ...], band_hz: float, dropped: int
+    model: Model,
+    fitted: list[Fitted],
+    found: Mapping[str, ParameterEstimate],
+    held: tuple[str, ...],
+    band_hz: float,
+    dropped: int,
 ) -> tuple[Status, tuple[str, ...]]:
     """Return the status, and the findings as sentences, the most useful first.
 
@@ -112,9 +117,10 @@ def judge(
             f"; a fit of the first part explains {percent(worst.held_out.share)} of friction and inertia in the rest"
         )
     faults = [fault for f in fitted if (fault := f.fault or changed_gain(f.samples))]
+    of_joint = [found_row for n, found_row in found.items() if not model.parameter(n).of_recording]
     if faults:
         status, said = Status.POOR_FIT, [faults[0], Status.POOR_FIT.advice, explained]
-    elif not any(found_row.verdict is Verdict.ESTIMATED for found_row in found.values()):
+    elif not any(found_row.verdict is Verdict.ESTIMATED for found_row in of_joint):
         status, said = Status.UNINFORMATIVE, [Status.UNINFORMATIVE.advice, explained]
     else:
         status, said = Status.CONVERGED, [Status.CONVERGED.advice, explained]
