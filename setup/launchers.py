@@ -1,5 +1,7 @@
 """Write the workspace's environment to a file, and a launcher for each console script into the virtual environment.
 
+The library is made known to its Python, too.
+
 setup/build.sh runs this once, inside the sourced workspace. Sourcing takes a second; loading the file takes no time.
 """
 
@@ -8,6 +10,7 @@ from __future__ import annotations
 import os
 import shlex
 import sys
+import sysconfig
 from pathlib import Path
 
 BEGIN = (
@@ -39,7 +42,9 @@ def scripts(install: Path) -> dict[str, Path]:
 
 
 def main(venv: Path, install: Path) -> None:
-    """Write `<venv>/joint_id.env` and the launchers, and remove launchers of scripts that are gone."""
+    """Write `<venv>/joint_id.env`, the path of the library, and launchers; remove those of scripts that are gone."""
+    library = [path for path in os.environ["PYTHONPATH"].split(os.pathsep) if "joint_id_core" in path]
+    Path(sysconfig.get_path("purelib"), "joint_id.pth").write_text("\n".join([*library, ""]))
     env_file = venv / "joint_id.env"
     env_file.write_text(environment(venv))
     targets = scripts(install)

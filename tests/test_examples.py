@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import os
 import re
 import runpy
 import subprocess
@@ -54,6 +55,18 @@ def test_it_runs(
     runpy.run_path(str(file), run_name="__main__")
     out = capsys.readouterr().out
     assert re.search(SAYS[file.name[:2]], out), out
+
+
+def test_python_of_the_set_up_knows_the_library_without_more(tmp_path: Path) -> None:
+    """As README has it: with .venv/bin in PATH, from any folder, and nothing else of the environment."""
+    if not Path(sys.prefix, "joint_id.env").exists():
+        pytest.skip("not the environment of make setup")
+    clean = {name: os.environ[name] for name in ("HOME",) if name in os.environ}
+    done = subprocess.run(
+        [sys.executable, "-c", "import joint_id_core; print(joint_id_core.build('rigid_joint').name)"],
+        capture_output=True, text=True, cwd=tmp_path, env=clean, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0 and done.stdout.strip() == "rigid_joint", done.stderr
 
 
 def test_every_cell_of_the_notebook_runs_and_shows_what_it_says(tmp_path: Path) -> None:

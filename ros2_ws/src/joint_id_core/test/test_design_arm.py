@@ -253,6 +253,7 @@ def test_typical_values_need_limits_of_torque() -> None:
     ("changes", "text"),
     [
         ({"home": HOME + 3.0}, "home of turn is 3 rad"),
+        ({"reach": -1.0}, "reach = -1 rad: give a number above 0"),
         ({"home": HOME[:5]}, "home has 5 numbers"),
         ({"duration": 2.0}, "too short for a whole arm"),
         ({"shown": ("masses",)}, "known are friction, rotors, links"),

@@ -220,6 +220,7 @@ def test_where_a_limit_prevents_a_parameter_it_says_so():
         ({"home": 2.5}, "home = 2.5 rad is not between the limits -2 and 2 rad"),
         ({"reach": 0.0}, "reach = 0 rad: give a number above 0"),
         ({"rate": 10.0}, "rate = 10 Hz: give 50 Hz or more"),
+        ({"rate": 1e6}, "rate = 1e\\+06 Hz: give 50 Hz or more, .*, and no more than 10000"),
         (
             {"limits": JointLimits.none(("elbow_joint",), "my file")},
             "my file: joint elbow_joint has no limit of position",

@@ -119,6 +119,8 @@ def design_arm(
         raise JointIdError(f"{unknown[0]!r} is nothing that an arm can show: known are {', '.join(KINDS)}")
     if not duration >= LEAST_S:
         raise JointIdError(f"a motion of {duration:g} s is too short for a whole arm: give {LEAST_S:g} s or more")
+    if not 0.0 < reach < np.inf:
+        raise JointIdError(f"reach = {reach:g} rad: give a number above 0")
     full, notes = limits.of(regressor.joints).completed()
     at = (full.lower + full.upper) / 2.0 if home is None else np.asarray(home, dtype=float)
     if at.shape != (len(regressor.joints),) or not np.isfinite(at).all():
