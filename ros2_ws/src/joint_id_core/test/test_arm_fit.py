@@ -147,7 +147,8 @@ def test_recordings_are_checked_first():
     with pytest.raises(JointIdError, match=r"log: joint turn: .*milliseconds"):
         fit_arm(ARM, [slow], GAINS)
     degrees = {n: r.with_channels({"link_position": np.rad2deg(r["link_position"])}) for n, r in record.items()}
-    assert all("degrees" in text for text in fit_arm(ARM, [degrees], GAINS).doubts[:6])
+    with pytest.raises(JointIdError, match=r"joint turn: Channel link_position spans .* it is in degrees"):
+        fit_arm(ARM, [degrees], GAINS)
     torque = record["lift"]["torque"].copy()
     torque[2000] = 5e3
     found = fit_arm(ARM, [{**record, "lift": record["lift"].with_channels({"torque": torque})}], GAINS)

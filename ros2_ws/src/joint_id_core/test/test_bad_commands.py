@@ -177,8 +177,8 @@ def test_a_recording_to_predict_is_checked_as_well(tmp_path, here, log):
     record = formats.read(tmp_path / log)
     wrong = record.with_channels({"link_position": np.rad2deg(record["link_position"])})
     formats.write(tmp_path / "degrees.csv", wrong)
-    _, _, err = here("fit", log, "--model", "rigid_joint", "--validate", "degrees.csv")
-    assert "degrees.csv: " in err and "degrees" in err.partition("degrees.csv: ")[2]
+    _, out, err = here("fit", log, "--model", "rigid_joint", "--validate", "degrees.csv")
+    assert "degrees.csv could not be predicted" in err and "degrees" in out + err
 
 
 @pytest.mark.parametrize(

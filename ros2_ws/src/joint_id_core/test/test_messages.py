@@ -42,7 +42,7 @@ DATA = prepare(MODEL, recorded())
     coloured=st.booleans(),
     levels=st.lists(st.floats(min_value=1e-300, max_value=1e300), min_size=4, max_size=4),
     nrmse=st.lists(SIZES, min_size=2, max_size=2),
-    verdicts=st.lists(st.sampled_from(Verdict), min_size=40, max_size=40),
+    verdicts=st.lists(st.sampled_from(Verdict), min_size=6, max_size=6),
     warnings=st.lists(st.sampled_from(["", "the first thing", "another thing"]), max_size=5),
     settled=st.booleans(),
     doubts=st.sampled_from([(), ("only one start led anywhere",)]),
@@ -53,7 +53,8 @@ def test_every_judgement_is_readable(residual, coloured, levels, nrmse, verdicts
     found = SimpleNamespace(
         last=SimpleNamespace(residuals=residual * e), levels=np.array(levels[: len(DATA.noise_names)]), settled=settled
     )
-    rows = {f"parameter_{k}": Shown(v, "why", together if k < 2 else "") for k, v in enumerate(verdicts)}
+    names = MODEL.parameter_names
+    rows = {names[k]: Shown(v, "why", together if k < 2 else "") for k, v in enumerate(verdicts)}
     judged = judge(DATA, found, dict(zip(DATA.labels, nrmse, strict=True)), rows, warnings, doubts)
     readable(judged.message)
     assert " ".join(judged.notes).startswith(judged.message)
@@ -68,13 +69,13 @@ def test_every_judgement_is_readable(residual, coloured, levels, nrmse, verdicts
 def test_the_most_useful_findings_come_first():
     residuals = np.random.default_rng(0).standard_normal((300, 2))
     found = SimpleNamespace(last=SimpleNamespace(residuals=residuals), levels=np.full(4, 1e-9), settled=True)
-    rows = {"k_2": Shown(Verdict.PRIOR, ""), "J": Shown(Verdict.ESTIMATED, "")}
+    rows = {"c": Shown(Verdict.PRIOR, ""), "J": Shown(Verdict.ESTIMATED, "")}
     texts = ("the residuals show friction (try --friction stribeck)", "", "another thing")
     judged = judge(DATA, found, {}, rows, texts)
     assert judged.notes == (
         "Converged.",
         "The residuals show friction (try --friction stribeck).",
-        "This motion does not show k_2.",
+        "This motion does not show c.",
         "Another thing.",
     )
     assert judged.message == " ".join(judged.notes[:3])

@@ -76,7 +76,7 @@ def estimate_of(outcome: Outcome, begun: float) -> Estimate:
     slope = coordinates.slope(z)
     covariance = covariance_z * np.outer(slope, slope)
     rows = verdicts(model, data.free, covariance_z, coordinates, z, checks.together)
-    pull = prior_pull(model, data.free, coordinates, stages.cost.belief, z, covariance_z)
+    pull = prior_pull(model, data.free, coordinates, stages.cost.belief, z, found.inverse)
     doubts = tuple(filter(None, (outcome.doubt, checks.doubt)))
     judged = judge(data, found, checks.nrmse, rows, (pull, *checks.texts), doubts)
     sigma = np.sqrt(found.levels)

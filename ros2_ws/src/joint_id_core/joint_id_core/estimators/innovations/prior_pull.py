@@ -26,7 +26,7 @@ def prior_pull(
     Args:
         model, free: names of the estimated parameters.
         coordinates, belief: of these, and the prior.
-        z, covariance: estimate (k,) and its covariance (k, k), in coordinates.
+        z, covariance: estimate (k,) and its covariance (k, k) by noise and prior alone, in coordinates.
     """
     told = list[tuple[float, str]]()
     for k, name in enumerate(free):
