@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from pathlib import Path
@@ -10,8 +11,9 @@ from typing import Any
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
-from rclpy.exceptions import InvalidNamespaceException, InvalidTopicNameException
+from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import Executor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -50,11 +52,9 @@ class Recorder(Node):
         except InvalidNamespaceException as error:
             raise JointIdError(f"namespace: {' '.join(str(error).split())}") from None
         self.count, self._below = 0, f"{self.get_namespace().rstrip('/')}/"
-        try:
-            self._wanted = {self.resolve_topic_name(topic) for topic in topics}
-        except (InvalidTopicNameException, ValueError) as error:
-            raise JointIdError(f"topic name: {' '.join(str(error).split())}") from None
+        self._wanted = {self._resolved(topic) for topic in topics}
         self._output = output
+        self._end = math.inf  # ns; what arrives later is not written
         self._bag: LiveBag | None = None
         self._store = get_typestore(Stores.ROS2_JAZZY)
         self._counts: dict[str, int] = {}
@@ -74,6 +74,10 @@ class Recorder(Node):
         """Requested topics without any message."""
         return sorted(t for t in self._wanted if not self._counts.get(t))
 
+    def end(self) -> None:
+        """Write no message that arrives from now on."""
+        self._end = time.time_ns()
+
     def close(self) -> None:
         """Finish the bag.
 
@@ -83,6 +87,14 @@ class Recorder(Node):
         bag, self._bag = self._bag, None
         if bag is not None:
             bag.close()
+
+    def _resolved(self, topic: str) -> str:
+        """Return the whole name of a topic."""
+        try:
+            return self.resolve_topic_name(topic)
+        except (rclpy_implementation.RCLError, ValueError) as error:
+            said, _, _ = str(error).removeprefix("failed to resolve name: ").partition(", at ")  # a line of its source
+            raise JointIdError(f"topic {topic!r}: {said}: give the name of a topic, such as joint_states") from None
 
     def _save(self) -> None:
         if self._bag is not None:
@@ -124,6 +136,8 @@ class Recorder(Node):
 
         def write(data: bytes, info: Any) -> None:
             nonlocal number
+            if info["received_timestamp"] > self._end:
+                return
             if self._bag is None:  # created with the first message: a recording without messages leaves no files
                 self._bag = LiveBag(self._output)
             if number is None:
@@ -136,7 +150,8 @@ class Recorder(Node):
 
 
 def drain(recorder: Recorder, executor: Executor) -> None:
-    """Write the messages that have already arrived."""
+    """Write the messages that have already arrived, and none that arrives from now on."""
+    recorder.end()
     end, count = time.monotonic() + DRAIN_S, -1
     while recorder.count > count and time.monotonic() < end:
         count = recorder.count

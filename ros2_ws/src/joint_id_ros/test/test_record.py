@@ -109,7 +109,7 @@ def test_only_the_named_topics(node, tmp_path):
         (["present"], "exists already"),
         (["missing/bag"], "does not exist: create it"),
         (["bag", "--duration", "0"], "more than 0 s"),
-        (["bag", "two words", "--duration", "1"], "topic name"),
+        (["bag", "two words", "--duration", "1"], "JointIdError: topic 'two words': topic name must not contain"),
         (["bag", "/silence", "--duration", "0.3"], "no message arrived on /silence"),
     ],
 )

@@ -11,9 +11,11 @@ import time
 import numpy as np
 import pytest
 import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import JointState
 
 from joint_id_core import formats
+from joint_id_ros.recorder import Recorder, drain
 
 PATIENCE_S = 180.0  # a limit for tests that hang, not a measure of speed
 JOINT_ID = "from joint_id_core.cli import main; main()"
@@ -51,19 +53,23 @@ class Source:
         self._thread.start()
 
     def _run(self):
-        message = JointState(name=["elbow"], position=[0.0])
         begin = time.monotonic()
         while not self._ended.wait(max(0.0, begin + self.count * PERIOD_S - time.monotonic())):
-            message.header.stamp.sec, part = divmod(500 + self.count, 500)
-            message.header.stamp.nanosec = part * 2_000_000
-            message.position[0] = float(self.count)
-            self._publisher.publish(message)
+            self._publisher.publish(numbered(self.count))
             self.count += 1
 
     def stop(self):
         self._ended.set()
         if self._thread.is_alive():
             self._thread.join()
+
+
+def numbered(number):
+    """Return the message of this number."""
+    message = JointState(name=["elbow"], position=[float(number)])
+    message.header.stamp.sec, part = divmod(500 + number, 500)
+    message.header.stamp.nanosec = part * 2_000_000
+    return message
 
 
 def until(condition, what):
@@ -147,6 +153,43 @@ def test_a_killed_recording_is_shown_and_fitted(source, tmp_path):
         assert result.stderr.splitlines()[0] == told
         assert "Traceback" not in result.stderr
     assert f"{count} samples" in joint_id("info", bag).stdout
+
+
+def test_what_arrives_after_the_end_is_not_written(domain, tmp_path):
+    """A publisher that goes on does not keep the recorder from its end."""
+    rclpy.init()
+    node, recorder = rclpy.create_node("source"), Recorder(tmp_path / "bag", ["link_states"])
+    try:
+        publisher = node.create_publisher(JointState, "link_states", 2000)
+        executor = Flooded(publisher, context=recorder.context)
+        executor.add_node(recorder)
+        end = time.monotonic() + PATIENCE_S
+        while recorder.count < 10:
+            assert time.monotonic() < end, "nothing arrived"
+            executor.spin_once(timeout_sec=0.1)
+        count = executor.count
+        drain(recorder, executor)
+        recorder.close()
+        assert 10 <= recorder.count <= count
+        assert beginning(tmp_path / "bag") == recorder.count
+    finally:
+        recorder.destroy_node()
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+class Flooded(SingleThreadedExecutor):
+    """Publishes a message before each callback, as a robot would meanwhile."""
+
+    def __init__(self, publisher, **options):
+        super().__init__(**options)
+        self.count, self._publisher = 0, publisher
+
+    def spin_once(self, timeout_sec=None):
+        if self._publisher.get_subscription_count():
+            self._publisher.publish(numbered(self.count))
+            self.count += 1
+        super().spin_once(timeout_sec)
 
 
 @pytest.mark.long
