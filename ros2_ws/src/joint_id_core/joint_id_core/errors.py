@@ -13,10 +13,10 @@ class JointIdError(ValueError):
     """
 
 
-def close_to(name: str, known: Iterable[str]) -> str:
-    """Return " (did you mean k_1?)" if one of the known names is close to a name, else an empty text."""
+def close_to(name: object, known: Iterable[str]) -> str:
+    """Return " (did you mean k_1?)" if one of the known names is close to what was given as one, else an empty text."""
     from difflib import get_close_matches  # only when something is wrong
 
     by_lower = {one.lower(): one for one in known if one}
-    found = get_close_matches(name.lower(), by_lower, n=1, cutoff=0.6)
+    found = get_close_matches(str(name).lower(), by_lower, n=1, cutoff=0.6)
     return f" (did you mean {by_lower[found[0]]}?)" if found else ""

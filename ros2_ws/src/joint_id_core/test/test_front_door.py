@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from importlib.metadata import version
 
 import pytest
 
@@ -38,6 +39,11 @@ def test_the_import_loads_no_other_library():
 @pytest.fixture(scope="module")
 def recording():
     return jid.simulate_motion(jid.build("rigid_joint"), 3.0, seed=1)
+
+
+@pytest.fixture(scope="module")
+def estimate():
+    return jid.fit(MODEL, MOTION)
 
 
 def test_a_recording_comes_back_from_a_file(recording, tmp_path):
@@ -84,8 +90,44 @@ def test_an_argument_of_another_type_is_named(arguments, said):
         jid.fit(*arguments)
 
 
-def test_an_estimate_is_a_frame_and_a_figure(monkeypatch):
-    found = jid.fit(MODEL, MOTION)
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (
+            lambda found: jid.simulate_motion("rigid_joint", 1),
+            "model is 'rigid_joint', of type str: make it with build",
+        ),
+        (lambda found: jid.simulate("rigid_joint", [0, 1], {}), "model is 'rigid_joint', of type str"),
+        (lambda found: jid.held_out(MODEL, found, MOTION), "recording is .*, of type Estimate: make it with read"),
+        (lambda found: jid.held_out(MODEL, MOTION, {}), "estimate is {}, of type dict: make it with fit"),
+        (lambda found: jid.read(3), "path is 3, of type int: give the name of a file"),
+        (lambda found: jid.read("log.csv", mapping=["a"]), r"mapping is \['a'\], of type list: give a dictionary"),
+        (lambda found: jid.build(3), "unknown model 3: choose one of dc_motor"),
+        (lambda found: found[0], "model rigid_joint has no parameter 0: it has J, c"),
+    ],
+)
+def test_an_argument_of_another_type_is_named_elsewhere(call, said, estimate):
+    with pytest.raises(jid.JointIdError, match=said):
+        call(estimate)
+
+
+def test_an_estimate_is_read_like_a_mapping(estimate):
+    assert "J" in estimate and "k_1" not in estimate
+    assert list(estimate) == list(estimate.values) and len(estimate) == len(estimate.parameters)
+
+
+def test_a_status_and_a_verdict_are_texts(estimate):
+    assert estimate.status == "converged" and estimate["J"].verdict == "estimated"
+    assert f"{estimate.status}, {estimate['J'].verdict}" == "converged, estimated"
+    assert {jid.Status.CONVERGED: 1}["converged"] == {"estimated": 1}[jid.Verdict.ESTIMATED] == 1
+
+
+def test_the_version_is_that_of_the_package():
+    assert jid.__version__ == version("joint-id-core")
+
+
+def test_an_estimate_is_a_frame_and_a_figure(estimate, monkeypatch):
+    found = estimate
     frame = found.to_frame()
     assert list(frame.index) == [p.name for p in found.parameters] and frame.loc["J", "value"] == found["J"].value
     drawn = found.plot()

@@ -12,7 +12,7 @@ ROOT = Path(joint_id_core.__file__).parent
 # From the ground up; what stands on one line does not import from each other.
 FLOORS = (
     ("errors",),
-    ("options", "assignments", "text_file"),
+    ("arguments", "assignments", "options", "text_file"),
     ("data",),
     ("models", "filtering", "rtde"),
     ("formats",),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
+from joint_id_core.arguments import require_type
 from joint_id_core.errors import JointIdError, close_to
 from joint_id_core.estimators.hpinn.estimator import HPinn
 from joint_id_core.estimators.innovations.estimator import Innovations
@@ -143,8 +144,7 @@ def require_types(model: object, recording: object, settings: object, estimator:
         ("estimator", estimator, tuple(ESTIMATORS.values()), "Regression()"),
     ]
     for what, value, kinds, how in wanted:
-        if not isinstance(value, kinds):
-            raise JointIdError(f"{what} is {value!r:.60}, of type {type(value).__name__}: make it with {how}")
+        require_type(what, value, kinds, f"make it with {how}")
 
 
 def fit_several(

@@ -11,9 +11,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, NoneType
 from typing import NamedTuple
 
+from joint_id_core.arguments import require_type
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats import csv_file, mat_file
@@ -46,6 +47,7 @@ def read(path: str | Place, joint: str | None = None, mapping: Mapping[str, str]
     Raises:
         JointIdError: unreadable or damaged file, wrong types, missing joint, columns that are not understood.
     """
+    require_type("mapping", mapping, (Mapping, NoneType), 'give a dictionary, such as {"torque": "gtau*vir"}')
     path = place(path)
     kind = _kind(path)
     if isinstance(path, RemotePath):

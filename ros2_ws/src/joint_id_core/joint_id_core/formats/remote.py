@@ -10,10 +10,12 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import total_ordering
+from os import PathLike
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple, TypeAlias
 
+from joint_id_core.arguments import require_type
 from joint_id_core.errors import JointIdError
 
 # Bytes that are read ahead: an mcap file is read in small steps where its index is, else in chunks of about 1 MB.
@@ -162,9 +164,14 @@ class _File(io.RawIOBase):
 
 
 def place(path: str | Place) -> Place:
-    """Return a path, or an address where the text is one."""
+    """Return a path, or an address where the text is one.
+
+    Raises:
+        JointIdError: it is of another type.
+    """
     if isinstance(path, RemotePath):
         return path
+    require_type("path", path, (str, PathLike), "give the name of a file")
     return RemotePath(path) if isinstance(path, str) and is_url(path) else Path(path)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from types import SimpleNamespace
 from typing import Any, ClassVar, Protocol
@@ -30,10 +30,20 @@ class Ops(Protocol):
 
 @dataclass(frozen=True)
 class Model:
-    """A joint model. Subclasses are frozen dataclasses whose fields are the options of the model."""
+    """A joint model. Subclasses are frozen dataclasses whose fields are the options of the model.
+
+    Raises:
+        JointIdError: an option that is True or False is something else.
+    """
 
     name: ClassVar[str]
     summary: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        for option in fields(self):
+            value = getattr(self, option.name)
+            if isinstance(option.default, bool) and not isinstance(value, bool):
+                raise JointIdError(f"model {self.name}: {option.name} = {value!r}: give True or False")
 
     @property
     def states(self) -> tuple[Signal, ...]:

@@ -81,6 +81,7 @@ class HarmonicDrive(Model):
     drifting_load: bool = False
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.gravity and self.drifting_load:  # gravity came out up to six standard deviations off
             raise JointIdError(
                 f"model {self.name}: a load that drifts takes gravity as well: give gravity or drifting_load, not both"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -178,6 +178,18 @@ class Estimate:
             f"model {self.model} has no parameter {name!r}{close_to(name, self.values)}: it has "
             f"{', '.join(self.values)}"
         )
+
+    def __contains__(self, name: object) -> bool:
+        """Return whether the model has a parameter of this name."""
+        return name in self.values
+
+    def __iter__(self) -> Iterator[str]:
+        """Return the names of all parameters, as a mapping does."""
+        return iter(self.values)
+
+    def __len__(self) -> int:
+        """Return the number of parameters."""
+        return len(self.parameters)
 
     def __eq__(self, other: object) -> bool:
         """Return whether the other estimate has the same content; predictions, which are not saved, are ignored."""

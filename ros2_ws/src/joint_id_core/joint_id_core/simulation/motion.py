@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from joint_id_core.arguments import require_type
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import Model
@@ -40,8 +41,10 @@ def simulate_motion(
         seed: seed of the noise.
 
     Raises:
-        JointIdError: a length or rate that is not above zero, too many samples, unknown names, values out of bounds.
+        JointIdError: a length or rate that is not above zero, too many samples, unknown names, values out of bounds,
+            what is no model.
     """
+    require_type("model", model, Model, 'make it with build("rigid_joint")')
     for name, value in (("duration", duration), ("rate", rate)):
         if not (math.isfinite(value) and value > 0.0):
             raise JointIdError(f"{name} = {value:g}: give a number above 0")

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from joint_id_core.arguments import require_type
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.models import Model
@@ -226,8 +227,9 @@ def simulate(
 
     Raises:
         JointIdError: see `JointSimulator`; also a missing or unknown input, a wrong shape, values that are not
-            finite, fewer than two instants.
+            finite, fewer than two instants, what is no model.
     """
+    require_type("model", model, Model, 'make it with build("rigid_joint")')
     known = Recording(time, {}, source=f"simulation of {model.name}")
     if len(known) < 2:
         raise JointIdError(f"simulation of {model.name}: time must hold at least two instants")

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from joint_id_core.arguments import require_type
 from joint_id_core.cell.kernel import compile_model
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
@@ -49,8 +50,12 @@ def held_out_errors(
         left out or not measured, and everywhere for a constant label; infinite where the prediction diverges.
 
     Raises:
-        JointIdError: the recording cannot be used with this model, or is too short to predict anything.
+        JointIdError: the recording cannot be used with this model, or is too short to predict anything; an argument of
+            another type.
     """
+    require_type("model", model, Model, 'make it with build("rigid_joint")')
+    require_type("recording", recording, Recording, 'make it with read("motion.csv")')
+    require_type("estimate", estimate, Estimate, "make it with fit(model, recording)")
     data, predictions = _free_runs(model, recording, estimate, horizon_s)
     judged = _settled(data, horizon_s)
     if not judged.any():
