@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
@@ -16,6 +15,8 @@ if TYPE_CHECKING:  # the command line reads settings without loading NumPy
     from joint_id_core.results.estimate import Estimate
 
 NOTHING = 1e-9
+FARTHEST = 1e12  # times the value in the model's table, beyond which a start hides all else of the motion in rounding
+PRIORS = (1e-30, 1e30)  # the least and the largest standard deviation of a prior, whose squares are numbers, too
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class ParameterSettings:
             with the estimate, and are in no standard deviation of the others.
 
     Raises:
-        JointIdError: a standard deviation that is not above zero and finite, a text in place of a list of names.
+        JointIdError: a standard deviation that is not within `PRIORS`, a text in place of a list of names.
     """
 
     values: Mapping[str, float] = field(default_factory=dict)
@@ -50,8 +51,11 @@ class ParameterSettings:
         for name in ("values", "priors", "deviations"):
             object.__setattr__(self, name, dict(getattr(self, name)))
         for name, deviation in self.priors.items():
-            if not 0.0 < deviation < math.inf:
-                raise JointIdError(f"prior {name} = {deviation:g}: a standard deviation is finite and above zero")
+            if not PRIORS[0] <= deviation <= PRIORS[1]:
+                raise JointIdError(
+                    f"prior {name} = {deviation:g}: a standard deviation is finite and above zero: give one from "
+                    f"{PRIORS[0]:g} to {PRIORS[1]:g}"
+                )
 
     @classmethod
     def of_estimate(cls, estimate: Estimate) -> ParameterSettings:
@@ -113,7 +117,7 @@ class ParameterSettings:
 
         Raises:
             JointIdError: unknown name, value out of bounds, nothing left to estimate, a prior of a fixed parameter, a
-                positive parameter to estimate that starts at zero.
+                positive parameter to estimate that starts at zero, one beyond all that joints have.
         """
         import numpy as np
 
@@ -134,6 +138,11 @@ class ParameterSettings:
                     f"parameter {name} = 0: model {model.name} divides by it: give a value that is not 0"
                 )
         for row in model.parameters:
+            if row.positive and start[row.name] > FARTHEST * row.nominal > 0.0:
+                raise JointIdError(
+                    f"parameter {row.name} = {start[row.name]:g} {row.unit}: no joint comes near it, and a fit finds "
+                    f"no way from there: give a value nearer to the usual {row.nominal:g}"
+                )
             if row.name in free and row.positive and start[row.name] <= 0.0:
                 raise JointIdError(
                     f"parameter {row.name} starts at {start[row.name]:g}: a positive parameter needs a start above "
