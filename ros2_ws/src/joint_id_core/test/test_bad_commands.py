@@ -184,6 +184,15 @@ def test_a_recording_to_predict_is_checked_as_well(tmp_path, here, log):
     assert "degrees.csv could not be predicted" in err and "degrees" in out + err
 
 
+@pytest.mark.parametrize("words", [("fit", "--model", "rigid_joint"), ("compare",)])
+@pytest.mark.parametrize("same", ["log.csv", "link.csv"])
+def test_a_recording_is_no_test_of_its_own_fit(tmp_path, here, log, words, same):
+    (tmp_path / "link.csv").symlink_to(log)
+    code, out, err = here(words[0], log, *words[1:], "--validate", same)
+    assert (code, out) == (BAD_INPUT, "")
+    assert f"--validate {same}: the same recording is no test of its fit: give another one" in err
+
+
 @pytest.mark.parametrize(
     ("change", "told"),
     [

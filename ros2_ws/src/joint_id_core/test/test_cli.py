@@ -111,10 +111,11 @@ def test_fit_finds_the_truth_and_keeps_the_contract(motor, run):
 
 
 def test_fit_holds_cuts_and_validates(motor, tmp_path, run):
-    picture = tmp_path / "fit.png"
+    picture, other = tmp_path / "fit.png", tmp_path / "other.csv"
+    assert run("simulate", "dc_motor", "--out", other, "--duration", "2", "--rate", "1000", "--seed", "4")[0] == 0
     code, out, err = run(
         "fit", motor, "--model", "dc_motor", "--fix", "R=0.4932", "--fix", "k_b",
-        "--start", "0.2", "--end", "1.6", "--validate", motor, "--plot", picture, "--json",
+        "--start", "0.2", "--end", "1.6", "--validate", other, "--plot", picture, "--json",
     )  # fmt: skip
     assert (code, err) == (0, "")
     result = json.loads(out)

@@ -166,7 +166,9 @@ def test_the_command_takes_several_files(tmp_path, run):
         formats.write_csv(paths[-1], part)
     code, out, err = run("fit", *paths, "--model", "rigid_joint")
     assert (code, err) == (0, "") and "2 recordings agree" in out and "1.csv: converged; J" in out
-    code, out, _ = run("fit", *paths, "--model", "rigid_joint", "--json", "--validate", paths[0])
+    other = tmp_path / "other.csv"
+    formats.write_csv(other, PARTS[0])
+    code, out, _ = run("fit", *paths, "--model", "rigid_joint", "--json", "--validate", other)
     result = json.loads(out)
     assert code == 0 and [r["status"] for r in result["recordings"]] == ["converged", "converged"]
     assert result["validation"][0]["nrmse"] < 0.1

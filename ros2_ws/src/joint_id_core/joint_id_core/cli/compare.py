@@ -12,6 +12,7 @@ from joint_id_core.cli.fit_options import CompareOptions, FileArgument, JointOpt
 from joint_id_core.cli.group import BAD_INPUT, complain
 from joint_id_core.cli.options import with_group
 from joint_id_core.cli.output import Progress, print_json
+from joint_id_core.cli.outputs import require_unseen
 from joint_id_core.comparison.model_text import GRAMMAR
 from joint_id_core.errors import JointIdError
 from joint_id_core.jobs.given import window
@@ -43,6 +44,7 @@ def compare(
     """
     if validate is not None and held_out is not None:
         raise JointIdError("--validate and --held-out exclude each other: with --validate all of FILE is fitted")
+    require_unseen(validate, [file])
     settings = options.settings
     texts = [text for option in models or () for text in option.split(",")]
 

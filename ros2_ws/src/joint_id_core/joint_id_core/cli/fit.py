@@ -16,7 +16,7 @@ from joint_id_core.cli.group import BAD_INPUT, complain
 from joint_id_core.cli.joints import at_once, joints_json, joints_table
 from joint_id_core.cli.options import completed, with_group, with_options
 from joint_id_core.cli.output import Progress, print_json
-from joint_id_core.cli.outputs import require_apart, require_different
+from joint_id_core.cli.outputs import require_apart, require_different, require_unseen
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import ESTIMATORS, Innovations
 from joint_id_core.jobs.cores import run_all
@@ -69,6 +69,7 @@ def fit(
     solver = estimators.build(estimator, **estimator_options)
     ModelOptions(**model_options)  # wrong values are said first
     require_different(files)
+    require_unseen(validate, files)
     job = options.job(files, joint, model_options, solver).chosen()
     joint = job.joint
     for option, path in (("--validate", validate), ("--plot", plot), ("--save", save)):

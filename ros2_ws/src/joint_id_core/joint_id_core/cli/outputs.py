@@ -39,6 +39,16 @@ def require_different(files: Sequence[Path]) -> None:
             raise JointIdError(f"{files[k]} is given twice, and would count as two recordings: give it once")
 
 
+def require_unseen(validate: Path | None, files: Sequence[Path]) -> None:
+    """Check that the recording to validate with is none of those that are fitted.
+
+    Raises:
+        JointIdError: it is.
+    """
+    if validate is not None and _place(validate) in map(_place, files):
+        raise JointIdError(f"--validate {validate}: the same recording is no test of its fit: give another one")
+
+
 def _place(path: Path) -> Path:
     """Return where a path leads; a link that leads to itself is its own place, and is missed when it is read."""
     return Path(os.path.realpath(path))
