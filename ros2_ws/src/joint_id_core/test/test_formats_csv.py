@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from joint_id_core import formats
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.formats.mapping import unread
 
 
 @pytest.fixture
@@ -251,10 +250,12 @@ def test_a_name_that_fits_twice_is_not_guessed(csv, header, target, two):
         ("Time (ms),link_position (deg),torque,temp", {}, ["temp"]),
         ("time,link_position,torque,temp,n", {"current": "0.5*temp"}, ["n"]),
         ("time,time_s,link_position,torque", {}, ["time"]),
+        ("time,position,effort,n", {}, ["n"]),
+        ("time_ms,joint_angle_deg,torque_Nm", {}, []),
     ],
 )
-def test_columns_that_are_not_read_are_those_that_nothing_is_made_of(header, mapping, left):
-    assert unread("log.csv", header.split(","), mapping) == left
+def test_columns_that_are_not_read_are_those_that_nothing_is_made_of(csv, header, mapping, left):
+    assert formats.unread(csv(f"{header}\n"), mapping) == left
 
 
 def test_time_s_may_have_other_times_beside_it(csv):

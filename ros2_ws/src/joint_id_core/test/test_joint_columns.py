@@ -126,6 +126,14 @@ def test_matrices_of_a_mat_file(tmp_path):
     assert formats.joints(path) == ("joint_1", "joint_2")
     np.testing.assert_array_equal(formats.read(path, "joint_2")["torque"], -q[:, 1])
     assert formats.taken(path, "joint_2") == ["time_s = t", "link_position = q.2", "torque = tau.2"]
+    assert formats.unread(path) == ["tau_g.1", "tau_g.2"]
+
+
+def test_what_no_joint_reads_is_left_alone_and_said(tmp_path, run):
+    code, out, _ = run("info", table(tmp_path, "time", "q1", "tau1", "q2", "tau2", "tau_gravity_2", "n"))
+    assert code == 0 and "not understood and left alone (name them with --map): tau_gravity_2, n" in out
+    code, out, err = run("info", table(tmp_path, "time", "position", "effort"))
+    assert code == 0 and "link_position = position" in out and "left alone" not in out + err
 
 
 def test_a_mapping_names_columns_of_every_joint(tmp_path):

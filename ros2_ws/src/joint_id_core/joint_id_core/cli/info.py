@@ -23,7 +23,7 @@ def info(
 ) -> None:
     """Show joints, channels, rate, gaps and missing values of a recording, and what is doubtful about it."""
     from joint_id_core import formats
-    from joint_id_core.formats.mapping import listed, unread
+    from joint_id_core.formats.mapping import listed
 
     mapping = texts_by_name(map_ or (), "--map")
     found = formats.joints(file, mapping)
@@ -31,7 +31,7 @@ def info(
     contents = formats.contents(file)
     recordings = [formats.read(file, name, mapping) for name in names]
     described = [_describe(recording) | {"findings": doubts(recording, recordings)} for recording in recordings]
-    unknown = unread(file, contents, mapping) if not found else []
+    unknown = formats.unread(file, mapping)
     if json:
         print_json({"file": str(file), "contents": list(contents), "unknown": unknown, "joints": described})
         return

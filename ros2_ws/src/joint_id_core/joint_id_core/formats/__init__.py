@@ -22,7 +22,7 @@ from joint_id_core.formats.csv_file import write_csv
 from joint_id_core.formats.remote import Place, RemotePath, copied, place
 
 KINDS = {".csv": "csv", ".txt": "csv", ".tsv": "csv", ".mat": "mat", ".mcap": "bag", ".db3": "bag"}  # by ending
-__all__ = ["contents", "joints", "read", "read_joints", "taken", "write", "write_bag", "write_csv"]
+__all__ = ["contents", "joints", "read", "read_joints", "taken", "unread", "write", "write_bag", "write_csv"]
 
 
 class Joints(NamedTuple):
@@ -146,6 +146,19 @@ def taken(path: str | Path, joint: str | None = None, mapping: Mapping[str, str]
     if kind == "bag":
         return list(_bags().taken(path, mapping or {}))
     return (csv_file if kind == "csv" else mat_file).taken(path, joint or "", mapping or {})
+
+
+def unread(path: str | Path, mapping: Mapping[str, str] | None = None) -> list[str]:
+    """Return the columns of a table that no joint reads; [] for a bag.
+
+    Raises:
+        JointIdError: unreadable file, columns that are not understood.
+    """
+    path = Path(path)
+    kind = _kind(path)
+    if kind == "bag":
+        return []
+    return (csv_file if kind == "csv" else mat_file).unread(path, mapping or {})
 
 
 def write(path: str | Path, recording: Recording) -> None:

@@ -24,6 +24,7 @@ from joint_id_core.formats.column_names import TIME
 from joint_id_core.formats.csv_header import COMMENTS, Header, cells, find_header, is_number, lines
 from joint_id_core.formats.mapping import plan
 from joint_id_core.formats.mapping import taken as in_words
+from joint_id_core.formats.mapping import unread as left_alone
 from joint_id_core.formats.overlooked import tell, tell_empty
 
 SHOWN = 40  # characters of a cell that an error shows
@@ -146,6 +147,13 @@ def taken(path: Path, joint: str, mapping: Mapping[str, str]) -> list[str]:
     if not joint and (of_all := joint_columns.in_words(path, names, mapping)):
         return of_all
     return in_words(plan(path, names, joint_columns.columns(path, names, joint, mapping)))
+
+
+def unread(path: Path, mapping: Mapping[str, str]) -> list[str]:
+    """Return the columns that no joint reads."""
+    names = find_header(path).names
+    found = joint_columns.joints(path, names, mapping) or ("",)
+    return left_alone(names, [plan(path, names, joint_columns.columns(path, names, one, mapping)) for one in found])
 
 
 def _column(path: Path, name: str, index: int, rows: list[list[str]], numbers: list[int]) -> Array:

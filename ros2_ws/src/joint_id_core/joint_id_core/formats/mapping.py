@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from joint_id_core.data.signals import CHANNELS
@@ -117,9 +117,9 @@ def taken(plan_: Mapping[str, Product]) -> list[str]:
     ]
 
 
-def unread(path: Place, found: Collection[str], mapping: Mapping[str, str]) -> list[str]:
-    """Return the columns that are not read; arguments and errors as of `plan`."""
-    used = {name for product in plan(path, found, mapping).values() for name in product.names}
+def unread(found: Collection[str], plans: Iterable[Mapping[str, Product]]) -> list[str]:
+    """Return the columns that none of the plans reads."""
+    used = {name for plan_ in plans for product in plan_.values() for name in product.names}
     return [column for column in found if column not in used]
 
 

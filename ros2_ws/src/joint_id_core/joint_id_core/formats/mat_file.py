@@ -18,6 +18,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.formats import joint_columns
 from joint_id_core.formats.mapping import TIME, plan
 from joint_id_core.formats.mapping import taken as in_words
+from joint_id_core.formats.mapping import unread as left_alone
 from joint_id_core.formats.overlooked import tell, tell_empty
 
 UNUSABLE = {  # by kind of NumPy
@@ -73,6 +74,14 @@ def taken(path: Path, joint: str, mapping: Mapping[str, str]) -> list[str]:
     if not joint and (of_all := joint_columns.in_words(path, found, mapping)):
         return of_all
     return in_words(plan(path, found, joint_columns.columns(path, found, joint, mapping), unusable))
+
+
+def unread(path: Path, mapping: Mapping[str, str]) -> list[str]:
+    """Return the vectors that no joint reads."""
+    found, unusable = _load(path)
+    joints_ = joint_columns.joints(path, found, mapping) or ("",)
+    plans = [plan(path, found, joint_columns.columns(path, found, one, mapping), unusable) for one in joints_]
+    return left_alone(found, plans)
 
 
 def variables(path: Path) -> tuple[str, ...]:
