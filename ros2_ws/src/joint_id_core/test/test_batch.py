@@ -65,6 +65,9 @@ def test_what_is_wrong_with_a_recording_is_a_row_and_is_done_again_on_demand(tmp
     output = tmp_path / "out.parquet"
     code, _, err = run("batch", tmp_path, "-o", output, *COMMAND)
     assert code == 1 and "2 recordings could not be read or fitted" in err
+    for place in (cut, tmp_path / "other.csv"):  # each with its reason
+        (line,) = (line for line in err.splitlines() if line.startswith(f"joint-id: {place}"))
+        assert line.count(str(place)) == 1 and len(line) > len(f"joint-id: {place}: ")
     assert [(Path(r["recording"]).name, r["status"]) for r in rows(output)] == [
         ("a_0", "converged"), ("a_1", "error"), ("other.csv", "error"),
     ]  # fmt: skip

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from joint_id_core.batch.cores import Done, here, on_cores
 from joint_id_core.batch.recordings import Found
-from joint_id_core.batch.row import FAILED
+from joint_id_core.batch.row import FAILED, Row
 from joint_id_core.batch.store import store
 from joint_id_core.batch.table import finished, join, libraries, write_part
 from joint_id_core.batch.work import Work
@@ -20,11 +20,12 @@ Pool = Callable[[Work, Sequence[Found]], Iterator[Done]]
 
 @dataclass(frozen=True)
 class Summary:
-    """What a run did: recordings that were fitted, finished before, failed; rows of the table by status."""
+    """What a run did: recordings that were fitted, finished before, failed, and why; rows of the table by status."""
 
     fitted: int
     before: int
     failed: int
+    failures: tuple[str, ...]
     rows: Mapping[str, int]
     said: tuple[str, ...]
 
@@ -66,14 +67,22 @@ def run(
         known = finished(place, work.options)
         todo = [one for one in found if not known.has(one, again)]
         progress(f"{len(todo)} of {len(found)} recordings to fit")
-        failed = 0
+        failures: list[str] = []
         for one, rows in _timed(pool(work, todo), len(todo), progress):
             known.parts[one.place] = write_part(place, rows, one)
-            failed += any(row["status"] in FAILED for row in rows)
+            failures += [_failure(one, row) for row in rows if row["status"] in FAILED][:1]
         progress(f"writing {output}")
         counts = join(place, known.parts)
         place.clear()
-        return Summary(len(todo), len(found) - len(todo), failed, dict(counts), tuple(known.said))
+        return Summary(
+            len(todo), len(found) - len(todo), len(failures), tuple(failures), dict(counts), tuple(known.said)
+        )
+
+
+def _failure(one: Found, row: Row) -> str:
+    """Return why a recording failed, with its place."""
+    message = str(row["message"])
+    return message if message.startswith(one.place) else f"{one.place}: {message}"
 
 
 def _timed(results: Iterator[Done], count: int, progress: Progress) -> Iterator[Done]:

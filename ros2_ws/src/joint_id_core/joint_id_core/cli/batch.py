@@ -25,6 +25,7 @@ PATTERN_HELP = (
     "files, folders, addresses (s3://...), or patterns in quotes: 'logs/**/*.mcap'; {robot} and {joint} are names in "
     "it: 'logs/{robot}/*.mcap'"
 )
+TOLD = 5  # recordings that could not be read or fitted; the table has all
 JOBS_HELP = "processes, one thread each (default: one a core)"
 DASK_HELP = "address of a Dask scheduler, such as tcp://host:8786, whose workers do the work"
 
@@ -94,5 +95,7 @@ def batch(
             "finished before"
         )
     if done.failed:
+        for text in done.failures[:TOLD]:
+            complain(text)
         complain(f"{done.failed} recordings could not be read or fitted: see the column message of their rows")
         raise typer.Exit(1)
