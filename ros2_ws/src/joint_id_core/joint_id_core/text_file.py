@@ -1,4 +1,4 @@
-"""Write a text file whole, or not at all."""
+"""Write a text file whole, or not at all, and check before long work that it can be."""
 
 from __future__ import annotations
 
@@ -29,6 +29,26 @@ def write_text(path: Path, text: str, what: str) -> None:
             draft.unlink(missing_ok=True)
             raise
     except OSError as error:
-        raise JointIdError(
-            f"{path}: {what} cannot be written: {error.strerror}: check folder, permissions and space"
-        ) from None
+        raise _not_written(path, what, error) from None
+
+
+def require_writable(path: Path, what: str) -> None:
+    """Check that a text can be written, as by `write_text`; nothing is left where no file was.
+
+    Raises:
+        JointIdError: it cannot.
+    """
+    try:
+        path = path.resolve() if path.is_symlink() else path
+        existed = path.exists()
+        if existed and not path.is_file() and not path.is_dir():
+            return  # a pipe that is opened and closed has ended for its reader
+        path.open("a").close()
+        if not existed:
+            path.unlink()
+    except OSError as error:
+        raise _not_written(path, what, error) from None
+
+
+def _not_written(path: Path, what: str, error: OSError) -> JointIdError:
+    return JointIdError(f"{path}: {what} cannot be written: {error.strerror}: check folder, permissions and space")

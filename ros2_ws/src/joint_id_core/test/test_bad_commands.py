@@ -17,7 +17,7 @@ from joint_id_core import formats
 from joint_id_core.cli.group import BAD_INPUT
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.text_file import write_text
+from joint_id_core.text_file import require_writable, write_text
 
 from .online_motion import motion
 
@@ -77,8 +77,8 @@ def log(tmp_path):
     ],
 )
 def test_one_line_says_what_is_wrong(tmp_path, here, log, words, said):
-    code, _, err = here(*(log if w == "LOG" else w for w in words))
-    assert code == BAD_INPUT
+    code, out, err = here(*(log if w == "LOG" else w for w in words))
+    assert (code, out) == (BAD_INPUT, "")
     (line,) = err.splitlines()
     assert said in line
     assert not [p for p in tmp_path.rglob("*") if p.name != log]
@@ -136,6 +136,15 @@ def test_no_output_takes_the_place_of_an_input(tmp_path, here, log, words):
     code, _, err = here(*words)
     assert code == BAD_INPUT and "would overwrite a file that is read by this command" in err
     assert (tmp_path / log).read_bytes() == before
+
+
+def test_a_check_of_an_output_leaves_all_as_it_was(tmp_path):
+    (tmp_path / "kept.json").write_text("old")
+    (tmp_path / "latest.json").symlink_to("new.json")  # which is not there
+    for name in ("kept.json", "latest.json", "other.json"):
+        require_writable(tmp_path / name, "the estimate")
+    assert (tmp_path / "kept.json").read_text() == "old" and (tmp_path / "latest.json").is_symlink()
+    assert {p.name for p in tmp_path.iterdir()} == {"kept.json", "latest.json"}
 
 
 def test_a_link_to_another_file_stays_a_link(tmp_path):

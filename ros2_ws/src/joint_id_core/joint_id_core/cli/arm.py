@@ -18,7 +18,7 @@ from joint_id_core.cli.options import with_group
 from joint_id_core.cli.output import Progress, print_json
 from joint_id_core.cli.outputs import require_apart, require_different
 from joint_id_core.jobs.given import in_order, joints_of, names_in
-from joint_id_core.text_file import write_text
+from joint_id_core.text_file import require_writable, write_text
 
 if TYPE_CHECKING:
     from joint_id_core.arm.payload import Factor
@@ -74,6 +74,9 @@ def fit(
     require_apart(
         {"--save": save} | {f"--out ({k + 1})" if k else "--out": path for k, path in enumerate(outs)}, inputs
     )
+    for path, what in ((save, "the result"), *((path, "the description") for path in outs)):
+        if path is not None:
+            require_writable(path, what)
     description = options.description(urdf)
     gains, spread = options.gains(description.joints)
     with Progress() as progress:

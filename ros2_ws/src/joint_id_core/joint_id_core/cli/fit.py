@@ -22,6 +22,7 @@ from joint_id_core.estimators import ESTIMATORS, Innovations
 from joint_id_core.jobs.cores import run_all
 from joint_id_core.jobs.fit_job import ALL, FitJob, Result
 from joint_id_core.models.options import ModelOptions
+from joint_id_core.text_file import require_writable
 
 if TYPE_CHECKING:
     from joint_id_core.estimators.together.fit import Together
@@ -76,12 +77,14 @@ def fit(
         if joint == ALL and path is not None:
             raise JointIdError(f"{option} is for one joint: name it (--joint NAME), or leave {option} out")
     require_apart({"--plot": plot, "--save": save}, [*files, validate, *options.inputs])
+    if save is not None:
+        require_writable(save, "the estimate")
     if plot is not None:
         if len(files) > 1:
             raise JointIdError("--plot shows one recording: fit one file, or leave --plot out")
-        from joint_id_core.results.plot import require_writable
+        from joint_id_core.results.plot import require_writable as require_picture
 
-        require_writable(plot)
+        require_picture(plot)
     if joint == ALL:
         _fit_all(job, json)
         return

@@ -23,7 +23,7 @@ from joint_id_core.estimators import ESTIMATORS
 from joint_id_core.jobs.cores import of_all
 from joint_id_core.jobs.fit_job import ALL, FitJob
 from joint_id_core.models.options import ModelOptions
-from joint_id_core.text_file import write_text
+from joint_id_core.text_file import require_writable, write_text
 
 if TYPE_CHECKING:
     from joint_id_core.pages.contents import Contents
@@ -55,7 +55,7 @@ def report(
     from joint_id_core.results.estimate import Estimate
 
     require_apart({"--out": out}, [source, against, *options.inputs])
-    _require_writable(out)
+    _require_page(out)
     earlier = Estimate.load(against) if against is not None else None
     command = shlex.join(["joint-id", *sys.argv[1:]])
     if source.suffix.lower() == ".json":
@@ -131,7 +131,7 @@ def _one(job: FitJob) -> tuple[str, Contents | str]:
         return job.joint, str(error)
 
 
-def _require_writable(path: Path) -> None:
+def _require_page(path: Path) -> None:
     """Check, before a long fit, that the page can be written.
 
     Raises:
@@ -139,10 +139,4 @@ def _require_writable(path: Path) -> None:
     """
     if path.suffix.lower() not in ("", ".html", ".htm"):
         raise JointIdError(f"{path}: the report is a page of HTML, which a browser can print: end its name in .html")
-    try:
-        existed = path.exists()
-        path.open("a").close()
-        if not existed:
-            path.unlink()
-    except OSError as error:
-        raise JointIdError(f"{path}: cannot be written: {error.strerror}: choose another place with --out") from None
+    require_writable(path, "the report")
