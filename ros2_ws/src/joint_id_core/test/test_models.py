@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from joint_id_core.data.signals import CHANNELS, Parameter, channel, positive
 from joint_id_core.errors import JointIdError
+from joint_id_core.estimators import ParameterSettings
 from joint_id_core.models import (
     LAWS,
     MODELS,
@@ -33,6 +34,23 @@ VARIANTS = [
     RigidJoint(), RigidJoint("current", "stribeck", True),
     MotorSide(), MotorSide("current", "eyring", True),
 ]  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True)
+class Mistaken(RigidJoint):
+    name = "mistaken"
+
+    def derivative(self, x, u, p, ops):
+        return x[1], u[0] / p.J_q
+
+
+@dataclasses.dataclass(frozen=True)
+class Doubled(RigidJoint):
+    name = "doubled"
+
+    @property
+    def parameters(self):
+        return (*super().parameters, positive("J", "kg m^2", "test", 1.0))
 
 
 def evaluate(model, x, u, ops=None, **changes):
@@ -217,6 +235,15 @@ def test_models_are_built_by_name_with_their_options():
         (lambda: DCMotor().values({"R": math.nan}), "R = nan: must be a finite number in Ohm"),
         (lambda: RigidJoint().values({"w_s": 0.0}), "w_s = 0 rad/s is outside"),
         (lambda: RigidJoint("current").values(), r"needs k_t .* no default.*--set k_t"),
+        (lambda: HarmonicDrive().parameter("k_t"), "no parameter 'k_t' without --actuation current: it has J_m"),
+        (lambda: RigidJoint().parameter("w_b"), "no parameter 'w_b' without --friction stribeck"),
+        (lambda: HarmonicDrive(drifting_load=True).parameter("delta_q"), "no parameter 'delta_q' without --delays"),
+        (
+            lambda: Mistaken().smoothing,
+            r"model mistaken: its derivative uses p.J_q, which is no parameter: it has J, c, tau_f",
+        ),
+        (lambda: ParameterSettings().applied_to(Mistaken()), "model mistaken: its derivative uses p.J_q"),
+        (lambda: Doubled().parameter_names, "model doubled has two parameters 'J': give one of them another name"),
     ],
 )
 def test_misuse_is_one_clear_line(call, message):

@@ -183,14 +183,24 @@ class Model:
 
     @cached_property
     def parameter_names(self) -> tuple[str, ...]:
-        """Names of all parameters, fixed ones included."""
-        return tuple(p.name for p in self.parameters)
+        """Names of all parameters, fixed ones included.
+
+        Raises:
+            JointIdError: two have the same name.
+        """
+        names = tuple(p.name for p in self.parameters)
+        if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
+            raise JointIdError(f"model {self.name} has two parameters {twice[0]!r}: give one of them another name")
+        return names
 
     @cached_property
     def smoothing(self) -> dict[str, str]:
         """Velocity states with Coulomb friction, each with the name of its smoothing velocity.
 
         They are found by a call of the derivative, so that a model need not declare them separately.
+
+        Raises:
+            JointIdError: the derivative uses a parameter that the model does not have.
         """
         seen: dict[str, str] = {}
 
@@ -210,7 +220,15 @@ class Model:
             value = Named(1.0)
             value.name = name
             setattr(p, name, value)
-        self.derivative([0.0] * len(self.states), [0.0] * len(self.inputs), p, Recorder())
+        try:
+            self.derivative([0.0] * len(self.states), [0.0] * len(self.inputs), p, Recorder())
+        except AttributeError as error:
+            if error.obj is not p:
+                raise
+            raise JointIdError(
+                f"model {self.name}: its derivative uses p.{error.name}, which is no parameter"
+                f"{close_to(error.name, self.parameter_names)}: it has {', '.join(self.parameter_names)}"
+            ) from None
         return seen
 
     @property
@@ -227,9 +245,12 @@ class Model:
         for p in self.parameters:
             if p.name == name:
                 return p
+        from joint_id_core.models.lacking import option_for
+
+        option = option_for(self, name)
+        hint = f" without {option}" if option else close_to(name, self.parameter_names)
         raise JointIdError(
-            f"model {self.name} has no parameter {name!r}{close_to(name, self.parameter_names)}: it has "
-            f"{', '.join(self.parameter_names)}"
+            f"model {self.name} has no parameter {name!r}{hint}: it has {', '.join(self.parameter_names)}"
         )
 
     def values(self, changes: Mapping[str, float] | None = None) -> dict[str, float]:

@@ -117,12 +117,14 @@ class ParameterSettings:
 
         Raises:
             JointIdError: unknown name, value out of bounds, nothing left to estimate, a prior of a fixed parameter, a
-                positive parameter to estimate that starts at zero, one beyond all that joints have.
+                positive parameter to estimate that starts at zero, one beyond all that joints have; a mistake in one's
+                own model.
         """
         import numpy as np
 
         for name in (*self.fixed, *self.freed, *self.priors):
             model.parameter(name)
+        _ = model.smoothing  # a call of the derivative, which says what is wrong with it
         start = model.values(self.values)
         free = tuple(
             q.name for q in model.parameters if (not q.fixed or q.name in self.freed) and q.name not in self.fixed
