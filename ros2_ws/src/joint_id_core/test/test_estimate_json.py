@@ -77,6 +77,7 @@ def test_an_estimate_can_be_validated_after_it_was_saved(fitted, tmp_path):
         ("", "not a JSON file"),
         ("[1, 2]", "not an estimate"),
         ('{"format": "another"}', "not an estimate"),
+        ('{"format": "joint_id knowledge"}', "the state of an identifier: give a file that fit --save wrote"),
         ('{"format": "joint_id estimate", "version": 99}', "of version 99.* update joint_id"),
         ('{"format": "joint_id estimate", "version": "1"}', "\"version\" is '1', and not a whole number"),
         ('{"format": "joint_id estimate", "version": 0}', '"version" is 0, and not a whole number'),

@@ -120,6 +120,13 @@ def test_a_table_of_one_joint_may_have_short_words(tmp_path):
     assert "link_position" not in formats.read(clear)
 
 
+def test_a_column_that_is_there_twice_is_named(tmp_path):
+    path = table(tmp_path, "time", "position", "position", "effort", "effort_2")
+    with pytest.raises(JointIdError, match="two columns are called 'position': rename one"):
+        formats.read(path)
+    assert formats.read(path, mapping={"link_position": "effort_2"}).measured("torque")
+
+
 def test_matrices_of_a_mat_file(tmp_path):
     path, q = tmp_path / "log.mat", np.arange(10.0).reshape(5, 2)
     scipy.io.savemat(path, {"t": TIME, "q": q, "tau": -q, "tau_g": 0.0 * q})

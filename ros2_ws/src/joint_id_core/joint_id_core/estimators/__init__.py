@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from joint_id_core.arguments import require_type
@@ -183,10 +184,10 @@ def build(name: str, **options: object) -> Innovations | Regression | HPinn:
         raise JointIdError(
             f"unknown estimator {name!r}{close_to(name, ESTIMATORS)}: choose one of {', '.join(ESTIMATORS)}"
         )
-    known = ESTIMATORS[name].__dataclass_fields__
+    known = {kind: [f.name for f in fields(ESTIMATORS[kind])] for kind in ESTIMATORS}
     for option in options:
-        if option not in known:
-            raise JointIdError(
-                f"estimator {name} has no option {option}: leave it out, or choose from {', '.join(known)}"
-            )
+        if option not in known[name]:
+            others = [f"--estimator {kind}" for kind, own in known.items() if option in own]
+            advice = f"or take {' or '.join(others)}" if others else f"or choose from {', '.join(known[name])}"
+            raise JointIdError(f"estimator {name} has no option {option}: leave it out, {advice}")
     return ESTIMATORS[name](**options)  # type: ignore[arg-type]  # checked by the dataclass itself

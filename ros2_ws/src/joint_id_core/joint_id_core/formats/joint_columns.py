@@ -65,11 +65,11 @@ def columns(path: Path, found: Collection[str], joint: str, mapping: Mapping[str
     """Return the mapping that reads a joint, with what the user's `mapping` adds.
 
     Raises:
-        JointIdError: the table holds several joints and none of this name; as `joints`.
+        JointIdError: the table holds several joints and none of this name; a column twice; as `joints`.
     """
     by_joint = _by_joint(path, found, mapping)
     if not by_joint:
-        return {**_of_one(found, mapping), **mapping}
+        return {**_of_one(path, found, mapping), **mapping}
     names = tuple(by_joint)
     if joint not in names and (joint or len(names) > 1):
         none = f"no joint {joint!r}: it holds" if joint else "the joints"
@@ -129,12 +129,14 @@ def _numbered(path: Path, found: Collection[str], mapping: Mapping[str, str]) ->
     return {f"{NUMBERED}{n}": {t: e.replace(ANY, n) for t, e in patterns.items()} for n in every}
 
 
-def _of_one(found: Collection[str], mapping: Mapping[str, str]) -> dict[str, str]:
+def _of_one(path: Path, found: Collection[str], mapping: Mapping[str, str]) -> dict[str, str]:
     """Return the mapping that reads a table of one joint whose channels have other words, as far as they are clear."""
     own: dict[str, list[str]] = {}
     for column in found:
         if column not in CHANNELS and (known := understood(column)) is not None and not known[0]:
             own.setdefault(known[1], []).append(known[2])
+            if own[known[1]].count(known[2]) > 1 and known[1] not in {*found, *mapping}:
+                raise JointIdError(f"{path}: two columns are called {column!r}: rename one")
     return {channel: one for channel, (one, *others) in own.items() if not others and channel not in {*found, *mapping}}
 
 

@@ -21,6 +21,12 @@ from joint_id_core.results.estimate_check import LARGEST, check, damaged
 from joint_id_core.text_file import write_text
 
 FORMAT = "joint_id estimate"
+OTHERS = {  # formats of other files, and what they are
+    "joint_id knowledge": "the state of an identifier",
+    "joint_id baselines": "the baselines of an identifier",
+    "joint_id arm knowledge": "the state of an arm identifier",
+    "joint_id arm estimate": "of arm fit --save",
+}
 VERSION = 1  # increased when a reader of the previous version would misread a file
 
 
@@ -93,8 +99,9 @@ def from_dict(content: Mapping[str, Any]) -> Estimate:
         JointIdError: the content is not an estimate, is incomplete, or is of a later version.
     """
     if not isinstance(content, Mapping) or content.get("format") != FORMAT:
-        other = f", but {content['format']!r}" if isinstance(content, Mapping) and "format" in content else ""
-        raise JointIdError(f'not an estimate: "format" is not "{FORMAT}"{other}')
+        other = str(content["format"]) if isinstance(content, Mapping) and "format" in content else ""
+        what = f", but {other!r}{', ' + OTHERS[other] if other in OTHERS else ''}" if other else ""
+        raise JointIdError(f'not an estimate: "format" is not "{FORMAT}"{what}: give a file that fit --save wrote')
     if type(version := content.get("version")) is not int or version < 1:
         raise damaged(f'"version" is {version!r}, and not a whole number from 1 on')
     if version > VERSION:
