@@ -69,6 +69,8 @@ def log(tmp_path):
         (("fit", "LOG", "--model", "rigid_joint", "--free", "N=3"), "--free N=3: give the name alone"),
         (("fit", "LOG", "--model", "rigid_joint", "--fix", "J=0"), "model rigid_joint divides by it"),
         (("fit", "LOG", "--model", "rigid_joint", "--set", "J=0"), "model rigid_joint divides by it"),
+        (("fit", "LOG", "--free", "k_t"), "model rigid_joint has no parameter 'k_t' without --actuation current"),
+        (("fit", "LOG", "--epochs", "10"), "innovations has no option epochs: leave it out, or take --estimator hpinn"),
         (("fit", "LOG", "--model", "rigid_joint", "--set", "J=1e30"), "J = 1e+30 kg m^2: no joint comes near it"),
         (("fit", "LOG", "--model", "rigid_joint", "--fix", "c=1e300"), "give a value nearer to the usual 10"),
         (("fit", "LOG", "--model", "rigid_joint", "--prior", "J=1e300"), "give one from 1e-30 to 1e+30"),
@@ -222,6 +224,23 @@ def test_a_recording_that_is_predicted_worse_than_by_its_mean_is_said(tmp_path, 
     formats.write(tmp_path / "other.csv", record.with_channels({"torque": -record["torque"]}))
     code, out, err = here("fit", log, "--model", "rigid_joint", "--validate", "other.csv")
     assert code == 0 and "R^2 -" in out and "worse than by its mean: the fit does not hold there" in err
+
+
+@pytest.mark.parametrize(
+    ("change", "status"),
+    [
+        (lambda r: Recording(1e3 * r.time, r.channels), "bad_data"),
+        (lambda r: r.slice(0, 20), "too_short"),
+        (lambda r: Recording(r.time, {"torque": r["torque"]}), "missing_signal"),
+    ],
+)
+def test_where_nothing_was_fitted_the_message_is_all(tmp_path, here, change, status):
+    formats.write(tmp_path / "other.csv", change(motion(2.0)))
+    code, out, err = here("fit", "other.csv", "--model", "rigid_joint")
+    assert code == BAD_INPUT and f"joint-id: {status}: " in err
+    head, message = out.splitlines()
+    assert head == f"rigid_joint by innovations: {status}" and message.strip() in err
+    assert "design" in here("fit", "other.csv", "--model", "rigid_joint", "--json")[1]
 
 
 def test_a_link_that_leads_to_itself_is_said(tmp_path, here):

@@ -66,6 +66,7 @@ def fit(
     Exit code 0: converged; 1: no convergence or a poor fit; 2: bad input.
     """
     from joint_id_core import estimators, formats
+    from joint_id_core.results.status import Status
 
     solver = estimators.build(estimator, **estimator_options)
     ModelOptions(**model_options)  # wrong values are said first
@@ -115,7 +116,8 @@ def fit(
         text += f"\nheld out, {validate}: {said}"
     if command := design_hint(estimate, found.job):
         result["design"] = command
-        text += f"\na motion that shows more: {command}"
+        if estimate.status not in (Status.BAD_DATA, Status.TOO_SHORT, Status.MISSING_SIGNAL):  # no fault of the motion
+            text += f"\na motion that shows more: {command}"
     if json:
         print_json(result)
     else:

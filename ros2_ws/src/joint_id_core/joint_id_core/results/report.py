@@ -27,7 +27,10 @@ def table(estimate: Estimate) -> str:
     """Return the estimate as lines of text: values, standard deviations, verdicts, fit, strong correlations."""
     head = f"{estimate.model} by {estimate.estimator}: {estimate.status.value}"
     also = [f"    {note}" for note in estimate.notes if note not in estimate.message]
-    lines = [head, f"  {estimate.message}", *(["  also:", *also] if also else []), ""]
+    lines = [head, f"  {estimate.message}", *(["  also:", *also] if also else [])]
+    if estimate.status.unusable:
+        return "\n".join(lines)  # nothing was fitted
+    lines.append("")
     width = max([11, *(len(p.unit) + 1 for p in estimate.parameters)])
     lines.append(f"  {'parameter':<10}{'value':>13}  {'std dev':>10}  {'':>8}  {'unit':<{width}}{'verdict':<12}start")
     lines += [_row(p, width) for p in estimate.parameters]
