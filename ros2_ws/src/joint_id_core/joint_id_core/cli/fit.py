@@ -38,7 +38,7 @@ SHOWN = (
     "epochs",
     "learning_rate",
 )  # of the options of the estimators
-JOINT_HELP = f"joint of a file that holds several; {ALL}: each of them, on all cores, a row a joint"
+JOINT_HELP = f"joint of a file that holds several, or name of the only one; {ALL}: each, on all cores, a row a joint"
 
 
 @with_options("model_options", (ModelOptions,), no_default=("model",))

@@ -19,7 +19,7 @@ Texts = Optional[list[str]]
 MAP_HELP = "channel=column, or a product: torque=gtau*vir; torque=tau_#: of every joint; of a bag channel=topic.field"
 FileArgument = Annotated[Path, typer.Argument(help="CSV, MAT or bag")]
 FilesArgument = Annotated[list[Path], typer.Argument(help="CSV, MAT or bag; several: one fit of all")]
-JointOption = Annotated[Optional[str], typer.Option(help="joint of a file that holds several")]
+JointOption = Annotated[Optional[str], typer.Option(help="joint of a file that holds several, or name of the only one")]
 SetOption = Annotated[
     Texts, typer.Option("--set", help="NAME=VALUE: start value; of a held parameter also NAME=VALUE+-SD")
 ]
