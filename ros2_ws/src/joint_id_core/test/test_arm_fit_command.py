@@ -51,6 +51,7 @@ def test_the_command_prints_saves_and_writes_a_description(here):
     code, out, err = here("arm", "fit", "arm.urdf", "torques", *words)
     assert code == 0, out + err
     assert "arm of 6 joints: converged" in out and "turn, armature: beside the inertia of its links" in out
+    assert "  new.urdf: arm.urdf with what was estimated\n" in out
     saved = json.loads(Path("arm.json").read_text())
     assert saved["recordings"] == ["torques"]
     assert [j["name"] for j in saved["joints"]] == list(JOINTS) and len(saved["parameters"]) == 40

@@ -58,6 +58,11 @@ def test_help_of_the_real_command_loads_nothing_heavy():
     )
 
 
+@pytest.mark.parametrize("entry", importlib.metadata.entry_points(group=cli.GROUP), ids=lambda entry: entry.name)
+def test_help_of_commands_of_other_packages_tells_no_exceptions(entry):
+    assert "Raises" not in entry.load().__doc__
+
+
 def test_version_and_short_help(run):
     code, out, _ = run("--version")
     assert code == 0 and out == f"joint-id {importlib.metadata.version('joint-id-core')}\n"

@@ -127,7 +127,7 @@ def test_a_torque_constant_that_is_not_exact_widens_all(flexible):
 def test_a_urdf_keeps_all_else_and_says_where_values_come_from(flexible, run, tmp_path):
     flexible.save(tmp_path / "monday.json")
     code, out, err = run("monday.json", "--urdf", "arm.urdf", "-o", "out.urdf")
-    assert (code, out, err) == (0, "", "")
+    assert (code, out, err) == (0, "out.urdf: what was identified of elbow\n", "")
     text = (tmp_path / "out.urdf").read_text()
     assert "made by hand" in text and "joint_id, monday.json, harmonic_drive by innovations" in text
     assert "no place for: armature" in text

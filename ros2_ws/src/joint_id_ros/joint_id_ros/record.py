@@ -26,9 +26,6 @@ def record(
     """Record live topics to an mcap bag until Ctrl-C, SIGTERM or the end of --duration.
 
     Topics may appear at any time. Nothing is overwritten.
-
-    Raises:
-        JointIdError: the path exists or cannot be written, a bad duration or topic name, no message arrived.
     """
     if output.exists():
         raise JointIdError(f"{output} exists already: remove it or choose another name")

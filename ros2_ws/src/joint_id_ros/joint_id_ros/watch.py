@@ -18,11 +18,7 @@ def watch(
     namespace: Annotated[str, typer.Option(help="of the robot's nodes, such as /left")] = "",
     fleet: Annotated[bool, typer.Option("--fleet", help="all robots of the graph on one page")] = False,
 ) -> None:
-    """Show the running graph on a local page: estimates, alarms, the fit of the newest window, until Ctrl-C.
-
-    Raises:
-        JointIdError: options that contradict.
-    """
+    """Show the running graph on a local page: estimates, alarms, the fit of the newest window, until Ctrl-C."""
     from joint_id_ros.running import run
 
     if fleet:

@@ -104,6 +104,8 @@ def fit(
     source = f"joint_id, arm fit of {', '.join(file.name for file in files)}"
     for path in outs:
         write_text(path, exported(found, description, path, source), "the description")
+        if not json:
+            print(f"  {path}: {urdf} with what was estimated")
         if held_out is not None and not json:
             again = explained_by(path, description, held_out, _corrected(gains, found.factors))
             rotors = "" if path.suffix.lower() in OF_MUJOCO else ", without the other rotors,"

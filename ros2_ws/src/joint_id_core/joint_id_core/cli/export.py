@@ -88,6 +88,7 @@ def export(
         print(text, end="")
         return
     write_text(out, text, "the export")
+    print(f"{out}: what was identified of {', '.join(found)}")
 
 
 def _beside(estimate: Estimate) -> list[str]:
