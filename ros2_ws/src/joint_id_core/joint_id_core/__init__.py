@@ -12,7 +12,6 @@ Names are loaded when they are first used, so the import itself takes almost no 
 from __future__ import annotations
 
 from importlib import import_module
-from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -88,6 +87,8 @@ __all__ = sorted(_ROOMS)  # a list, made from the table above
 def __getattr__(name: str) -> object:
     """Load a public name from its subpackage when it is first used; `__version__` is that of the package."""
     if name == "__version__":
+        from importlib.metadata import version  # takes longer than all of this
+
         return version("joint-id-core")
     if name not in _ROOMS:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}: it has {', '.join(__all__)}")
