@@ -13,7 +13,7 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.estimators.innovations.verdicts import Shown, judge
 from joint_id_core.estimators.shared.fit_data import prepare
-from joint_id_core.estimators.shared.sentences import MOST_NAMES, listed, missed, sentence, times
+from joint_id_core.estimators.shared.sentences import MOST_NAMES, apart, listed, missed, sentence, times
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Status, Verdict
 from joint_id_core.results.report import table
@@ -124,3 +124,8 @@ def test_a_fit_whose_predictions_run_away_says_so_in_words():
     assert all(note in shown for note in rest)
     assert ("also:" in shown) == bool(rest)
     assert estimate.to_dict()["notes"] == list(estimate.notes)
+
+
+def test_numbers_that_differ_are_told_with_digits_that_differ():
+    assert apart(2.0, 3.0) == ("2", "3") and apart(0.0174530, 0.0174561) == ("0.01745", "0.01746")
+    assert apart(1.0, 1.0)[0] == apart(1.0, 1.0)[1]

@@ -53,12 +53,22 @@ def missed(what: str, nrmse: float) -> str:
 def of_halves(values: Iterable[tuple[str, float, float]]) -> str:
     """Say that the halves of a recording ask for other values, from name, value in the first half and in the second."""
     parts = [
-        f"{name} about {first:.3g} in the first half and {second:.3g} in the second" for name, first, second in values
+        f"{name} about {first} in the first half and {second} in the second"
+        for name, first, second in ((name, *apart(*pair)) for name, *pair in values)
     ]
     return (
         f"the halves of the recording ask for different values, {'; '.join(parts)}, which the standard deviations "
         "contain: the joint or its load changed, or something acts that the model lacks; fit parts (--start, --end)"
     )
+
+
+def apart(first: float, second: float) -> tuple[str, str]:
+    """Return two numbers with as many digits as tell them apart, three or more."""
+    for digits in range(3, 17):
+        texts = f"{first:.{digits}g}", f"{second:.{digits}g}"
+        if texts[0] != texts[1]:
+            break
+    return texts
 
 
 def times(ratio: float) -> str:
