@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import shlex
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from joint_id_core import formats
+from joint_id_core.cli.fit import _again
 from joint_id_core.data.recording import Recording
 from joint_id_core.models import build
 from joint_id_core.simulation.excitation import multisine
@@ -78,6 +81,19 @@ def test_a_model_that_does_not_describe_the_motion_is_left_out_and_said(tmp_path
     code, out = run_here("fit", "log.csv")
     assert code == 0 and "model rigid_joint" in out
     assert "harmonic_drive was tried and left out: " in out
+
+
+def test_where_a_flexible_joint_failed_the_gear_by_itself_is_proposed():
+    """As of a UR3e's shoulder, whose load is that of the other joints."""
+    found = SimpleNamespace(
+        job=SimpleNamespace(model_options={"model": "rigid_joint", "gravity": True}),
+        estimate=SimpleNamespace(converged=False),
+        why=("model rigid_joint with gravity: ...", "harmonic_drive was tried and left out: ..."),
+    )
+    *_, last = _again([Path("my log.csv")], found, {"robot": "ur3e", "joint": "lift"})
+    assert last.endswith("joint-id fit 'my log.csv' --model motor_side --robot ur3e --joint lift")
+    found.why = found.why[:1]
+    assert not any("motor_side" in text for text in _again([Path("log.csv")], found, {}))
 
 
 def test_a_regression_gets_the_richest_model_that_it_suits(tmp_path, run_here):

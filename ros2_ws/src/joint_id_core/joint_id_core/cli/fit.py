@@ -176,7 +176,11 @@ def _again(files: list[Path], found: Result, options: Mapping[str, Any]) -> list
         return [*keep, f"a page to look at: {shlex.join(['joint-id', 'report', *words[2:]])}"]
     shared = [*(f.name.rstrip("_") for f in fields(CompareOptions)), "joint"]
     others = _words("compare", files[:1], {name: options.get(name) for name in shared})
-    return [f"the same: {same}", f"other models: {shlex.join(others)}"]
+    found_again = [f"the same: {same}", f"other models: {shlex.join(others)}"]
+    if any(text.startswith("harmonic_drive was tried") for text in found.why):
+        gear = _words("fit", files, {"model": "motor_side", **options})
+        found_again.append(f"the gear by itself, whatever moves the link: {shlex.join(gear)}")
+    return found_again
 
 
 def _words(command: str, files: list[Path], options: Mapping[str, Any]) -> list[str]:
