@@ -6,6 +6,7 @@ docs/reliability.md has a row for each of these tests.
 from __future__ import annotations
 
 import math
+import time
 
 import pytest
 import rclpy
@@ -148,6 +149,17 @@ def test_a_joint_that_vanishes_is_taken_back_and_returns(graph):
     graph.right_again("other")
     graph.names = ["joint"]
     graph.send(4.0)
+
+
+def test_all_joints_of_a_source_that_stops_are_taken_back_and_return(graph):
+    graph.send(0.5)
+    assert graph.newest() is not None
+    stopped = time.monotonic()
+    graph.probe.until(lambda: graph.newest() is None, "the end of the joint")
+    assert time.monotonic() - stopped > 1.0
+    graph.told("identifier", "joint joint is not in joint_samples any more")
+    graph.told("filter", "nothing received on link_states")
+    graph.right_again()
 
 
 def test_a_joint_with_another_name_leaves_no_twin(graph):

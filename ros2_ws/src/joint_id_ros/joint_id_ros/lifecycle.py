@@ -15,6 +15,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
+from joint_id_core.data.instants import NANO
 from joint_id_core.errors import JointIdError
 from joint_id_core.options import check_value
 from joint_id_ros.parameters import declare, from_ros
@@ -65,6 +66,10 @@ class ManagedNode(LifecycleNode):
     def remedy(self, error: JointIdError) -> str:
         """Return advice on an error of `prepare`."""
         return "set the parameter and configure again"
+
+    def now_s(self) -> float:
+        """Return the time in s of the node's clock: with `use_sim_time` that of `/clock`."""
+        return float(self.get_clock().now().nanoseconds / NANO)
 
     def start(self) -> bool:
         """Configure and activate without a lifecycle manager; return whether both succeeded."""

@@ -6,7 +6,7 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,8 +20,9 @@ from joint_id_ros.joint_identifiers import JointIdentifiers, place_of
 from joint_id_ros.raw_messages import RawMessage
 from joint_id_ros.sample_queue import SampleQueue
 from joint_id_ros.samples import to_recordings
+from joint_id_ros.silence import STEP_S, Silence
 
-IDLE_S = 0.1  # time after which what has arrived is used even if it is little
+IDLE_S = STEP_S  # time after which what has arrived is used even if it is little
 # A batch holds samples of this share of a hop, of this time at least and of `IDLE_S` at most, and never of more than a
 # hop: its cost hardly depends on their number.
 GATHER, GATHER_S = 0.2, 0.02
@@ -46,6 +47,7 @@ class Callbacks:
     gone: Callable[[str], None]  # joint that is not in the samples any more
     problem: Callable[[str, str], None]  # kind, text
     completed: Callable[[Mapping[str, Recording]], Mapping[str, Recording]] = dict  # new samples, by joint
+    now_s: Callable[[], float] = time.monotonic  # clock by which joints are gone when no samples come at all
 
 
 @dataclass
@@ -108,6 +110,7 @@ class Worker:
         self._known = tuple(known)
         self._longest_lag_s = 0.0
         self._wanted, self._expected, self._callbacks = tuple(joints), tuple(expected), callbacks
+        self._silence = Silence(callbacks.now_s)
         self._identifiers = JointIdentifiers(make, callbacks.problem)
         self._origin_ns: int | None = None
         self._working = False
@@ -206,6 +209,8 @@ class Worker:
             try:
                 if batch:
                     self._update(batch)
+                if self._silence.look(bool(batch)) > GONE_S and not self._recorded:
+                    self._forget(list(self._named_ns))
             except JointIdError as error:
                 self._callbacks.problem("samples left out", str(error))
             except Exception as error:  # a bug must not end the thread silently
@@ -247,7 +252,11 @@ class Worker:
     def _forget_the_gone(self, joints: Collection[str], newest_ns: int) -> None:
         """End the identification of joints that the samples do not name any more."""
         self._named_ns |= dict.fromkeys(joints, newest_ns)
-        for joint in [j for j, named_ns in self._named_ns.items() if newest_ns - named_ns > GONE_S * NANO]:
+        self._forget([j for j, named_ns in self._named_ns.items() if newest_ns - named_ns > GONE_S * NANO])
+
+    def _forget(self, joints: Sequence[str]) -> None:
+        """End the identification of joints."""
+        for joint in joints:
             self._named_ns.pop(joint)
             self._done_ns.pop(joint, None)
             self._identifiers.forget(joint)

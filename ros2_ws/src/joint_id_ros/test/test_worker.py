@@ -119,6 +119,8 @@ def test_recorded_samples_wait_and_go_into_one_estimate_each_time_that_one_is_du
     assert max(time[-1] - time[0] for time in batches) <= gathered_s(0.5) + 1e-9
     assert worker.missed == worker.left_out == 0
     assert {kind for kind, _ in told} == {"estimated", "published", "finished"}
+    time.sleep(GONE_S + 0.5)
+    assert ("gone", "a") not in told  # what was recorded has an end
 
 
 @pytest.mark.parametrize("working", [True], indirect=True)
@@ -190,3 +192,15 @@ def test_a_joint_that_is_not_named_any_more_is_given_back_once(working):
     add(worker, last + 300, last + 310, ("a", "b"))
     until(lambda: worker.idle)
     assert made["b"] is not first
+
+
+def test_all_joints_are_given_back_when_no_samples_come_at_all(working):
+    worker, gate, told, made = working
+    gate.set()
+    add(worker, 0, 10, ("a", "b"))
+    until(lambda: worker.idle)
+    first = made["a"]
+    until(lambda: {("gone", "a"), ("gone", "b")} <= {*told})
+    add(worker, 10, 20, ("a", "b"))
+    until(lambda: made["a"] is not first)
+    assert [kind for kind, _ in told].count("gone") == 2

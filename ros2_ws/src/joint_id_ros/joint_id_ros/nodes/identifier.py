@@ -119,7 +119,7 @@ class IdentifierNode(ManagedNode):
         told = self._on_estimate, self._latest.publish, self._on_gone, self._diagnostics.problem
         make = partial(self._knowledge.continued, self._setup.begin)
         known, recorded = tuple(restored), read(self, BagReadingOptions).recorded
-        callbacks = Callbacks(*told, self._load_errors.attached)
+        callbacks = Callbacks(*told, self._load_errors.attached, self.now_s)
         self._worker = Worker(make, options.joints, options.expected, callbacks, hop_s, known, recorded)
 
     def _renew(self) -> None:
