@@ -8,6 +8,7 @@ import signal
 import time
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 CONVERGED_S = 120.0
 
@@ -82,10 +83,30 @@ def test_the_page_shows_the_graph_and_its_buttons_reach_the_identifier(graph):
     assert ask(port, "/action/reset", "POST", **{"X-Joint-Id": "1"})[0] == 200
     assert ask(port, "/", Host="robot.example")[0] == 403
 
+    assert not events.until(lambda s: s)["silent"]
     graph["identifier"].signal(signal.SIGINT)
     assert graph["identifier"].wait() == 0
+    events.until(lambda s: any("/identifier is silent for" in text for text in s["silent"]))
+    graph["sim"].signal(signal.SIGINT)
+    events.until(lambda s: any("No samples for" in text for text in s["silent"]))
     status, told = ask(port, "/action/reset", "POST", **{"X-Joint-Id": "1"})
     assert status == 409 and "is the identifier identifier running?" in told
     graph["watch"].signal(signal.SIGINT)  # while a page is open
     assert graph["watch"].wait() == 0
     assert "Traceback" not in graph["watch"].text
+
+
+def test_diagnostics_of_many_nodes_are_shown_when_they_come(start, probe):
+    watch = start("watch", port=0)
+    probe.until(lambda: "the page is at" in watch.text, "the live page")
+    publisher = probe.create_publisher(DiagnosticArray, "/diagnostics", 10)
+    probe.until(lambda: publisher.get_subscription_count() == 2, "the page")
+    count = 0
+    for count in range(200):  # 40 a second
+        status = DiagnosticStatus(name=f"/node_{count % 10}", message=str(count))
+        publisher.publish(DiagnosticArray(status=[status]))
+        probe.spin(0.025)
+    sent = time.monotonic()
+    port = int(watch.text.split("http://127.0.0.1:")[1].split("/")[0])
+    Events(port).until(lambda s: any(n["message"] == str(count) for n in s["nodes"]))
+    assert time.monotonic() - sent < 1.5

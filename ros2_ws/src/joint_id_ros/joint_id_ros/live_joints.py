@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
@@ -27,6 +28,7 @@ from joint_id_ros.raw_messages import RawMessage
 from joint_id_ros.samples import to_recordings
 
 RESTING = (Status.NO_MOTION, Status.TOO_SHORT)
+SILENT_S = 2.0  # without samples and estimates, from which their source counts as silent
 
 
 class LiveJoints:
@@ -42,6 +44,7 @@ class LiveJoints:
         self._view, self._lock = LiveView(), threading.Lock()
         self._samples: deque[RawMessage] = deque()
         self._params = b""
+        self._published_s = self._heard_s = time.monotonic()  # when estimates came last, and estimates or samples
 
     def put_params(self, data: bytes) -> None:
         """Take the newest message of estimates; it is read by `update`, so that one that is replaced costs nothing."""
@@ -50,6 +53,7 @@ class LiveJoints:
     def put_samples(self, message: RawMessage) -> None:
         """Take a sample of all joints, and forget those before the window."""
         with self._lock:
+            self._heard_s = time.monotonic()
             if self._samples and message.stamp_ns < self._samples[-1].stamp_ns:
                 self._samples.clear()
             self._samples.append(message)
@@ -59,10 +63,21 @@ class LiveJoints:
     def update(self) -> list[dict[str, object]]:
         """Read the newest estimates and return the rows of the page."""
         data, self._params = self._params, b""
+        now = time.monotonic()
         with self._lock:
             if data:
-                self._view.take({one.joint: to_seen(one) for one in deserialize_message(data, JointParams).joints})
-            return self._view.joints()
+                joints = {one.joint: to_seen(one) for one in deserialize_message(data, JointParams).joints}
+                self._view.take(joints)
+                self._published_s = now
+                self._heard_s = now if joints else self._heard_s  # without joints they are taken back
+            order = self._samples[-1].name if self._samples else ()
+            return self._view.joints(order, now - self._published_s)
+
+    @property
+    def complaints(self) -> list[str]:
+        """That no samples come, if none do."""
+        silent_s = time.monotonic() - self._heard_s
+        return [f"No samples for {silent_s:.0f} s"] if silent_s > SILENT_S else []
 
     def plots(self, query: Query) -> dict[str, object]:
         """Return the plots of the joint `name`."""

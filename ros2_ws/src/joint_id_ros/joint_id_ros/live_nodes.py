@@ -13,9 +13,13 @@ GONE_S = 60.0  # from which it is left out
 class LiveNodes:
     """Keeps the newest status of every node of a namespace."""
 
-    def __init__(self, namespace: str = "/") -> None:
-        """Begin without nodes; those of other namespaces, robots of their own, are left out."""
+    def __init__(self, namespace: str = "/", kept: str = "") -> None:
+        """Begin without nodes; those of other namespaces, robots of their own, are left out.
+
+        The node whose name is `kept` stays in the rows, however long it is silent.
+        """
         self._below = f"{namespace.rstrip('/')}/"
+        self._kept = f"{self._below}{kept}"
         self._heard: dict[str, tuple[float, DiagnosticStatus]] = {}
 
     def put(self, message: DiagnosticArray) -> None:
@@ -25,8 +29,15 @@ class LiveNodes:
 
     def silent(self, name: str) -> bool:
         """Whether a node that reported once does not report any more."""
-        heard = self._heard.get(name)
-        return heard is not None and time.monotonic() - heard[0] > SILENT_S
+        return self._silent_s(name) > SILENT_S
+
+    @property
+    def complaints(self) -> list[str]:
+        """That the kept node is silent, if it is."""
+        return [f"{self._kept} is silent for {self._silent_s(self._kept):.0f} s"] if self.silent(self._kept) else []
+
+    def _silent_s(self, name: str) -> float:
+        return time.monotonic() - self._heard[name][0] if name in self._heard else 0.0
 
     def worst(self, below: str) -> tuple[int, str]:
         """Return the worst level of the nodes whose names begin with `below`, and what these say."""
@@ -40,7 +51,7 @@ class LiveNodes:
     def rows(self) -> list[dict[str, object]]:
         """Return the rows of the page."""
         now = time.monotonic()
-        self._heard = {name: (at, s) for name, (at, s) in self._heard.items() if now - at < GONE_S}
+        self._heard = {n: (at, s) for n, (at, s) in self._heard.items() if now - at < GONE_S or n == self._kept}
         return [_row(name, now - at, status) for name, (at, status) in sorted(self._heard.items())]
 
 

@@ -73,16 +73,28 @@ def listed(texts: Iterable[str]) -> str:
     return f"<ul>{items}</ul>" if items else ""
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table of text; a narrow screen scrolls it."""
-    return table_of_html(head, ([escape(cell) for cell in row] for row in rows))
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], below: Sequence[str] = ()) -> str:
+    """Return a table of text.
+
+    Args:
+        head: of its columns.
+        rows: of cells.
+        below: looks of the last columns, which a narrow screen shows below the others: "text" takes a line of its own,
+            "word" begins the line of the text after it. Without them a narrow screen scrolls the table.
+    """
+    return table_of_html(head, ([escape(cell) for cell in row] for row in rows), below)
 
 
-def table_of_html(head: Sequence[str], rows: Iterable[Iterable[str]]) -> str:
+def table_of_html(head: Sequence[str], rows: Iterable[Iterable[str]], below: Sequence[str] = ()) -> str:
     """Return a table like `table`, whose cells are HTML below the head."""
-    top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
-    body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
-    return f'<div class="wide"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
+    first = len(head) - len(below)
+    looks = [""] * first + [f' class="{look}"' for look in below]
+    top = "".join(f"<th{look}>{escape(cell)}</th>" for cell, look in zip(head, looks, strict=True))
+    body = "".join(
+        f"<tr>{''.join(f'<td{look}>{cell}</td>' for cell, look in zip(row, looks, strict=True))}</tr>" for row in rows
+    )
+    table_ = f'<table style="--columns:{first}"><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>'
+    return f'<div class="wide">{table_}</div>'
 
 
 def badge(status: Status) -> str:

@@ -107,9 +107,10 @@ class FleetView:
         """Robot, joint, status and its look, model, age of the parameters, how long ago it was news, alarms."""
         estimate, gone = joint.seen.estimate, self._robots[robot].gone_s is not None
         status = (GONE, "idle") if gone else (estimate.status.value, LOOKS.get(estimate.status, ""))
+        age_s = joint.seen.age_s + now_s - self._robots[robot].heard_s
         alarms = "; ".join((*joint.seen.changes, *joint.seen.drifts))
         return [
-            robot, name, *status, estimate.model, round(joint.seen.age_s, 1), round(now_s - joint.news_s), alarms,
+            robot, name, *status, estimate.model, round(age_s, 1), round(now_s - joint.news_s), alarms,
             _found(joint.seen),
         ]  # fmt: skip
 

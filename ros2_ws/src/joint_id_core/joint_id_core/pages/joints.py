@@ -25,7 +25,7 @@ def report_of_joints(found: Mapping[str, Contents | str], source: str) -> str:
     page = Page(title, points=min(MOST, 3 * MOST // max(1, len(reports))))  # all together stay below 1 MB
     page.head(f"<h1>{escape(title)}</h1>")
     head = ("joint", "model", "status", "estimated parameters, ± 1 sigma")
-    page.section("All joints", table_of_html(head, (_row(*item) for item in found.items())))
+    page.section("All joints", table_of_html(head, (_row(*item) for item in found.items()), ("text",)))
     for joint, one in reports.items():
         fill(page, one, _anchor(joint))
     return page.html()

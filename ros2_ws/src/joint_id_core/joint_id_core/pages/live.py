@@ -105,9 +105,16 @@ class LiveView:
             raise JointIdError(f"joint {joint!r} is not published: {', '.join(self._seen) or 'no joint'} is")
         return self._seen[joint]
 
-    def joints(self) -> list[dict[str, Any]]:
-        """Return a row of the page for each joint."""
-        return [self._row(name, seen) for name, seen in sorted(self._seen.items())]
+    def joints(self, order: Sequence[str] = (), waited_s: float = 0.0) -> list[dict[str, Any]]:
+        """Return a row of the page for each joint, in an order of names, then by name.
+
+        Args:
+            order: names of joints of the robot.
+            waited_s: time since what was taken was published.
+        """
+        places = {name: k for k, name in enumerate(order)}
+        names = sorted(self._seen, key=lambda name: (places.get(name, len(places)), name))
+        return [self._row(name, self._seen[name], waited_s) for name in names]
 
     def plots(self, joint: str, window: Predictions | None) -> dict[str, Any]:
         """Return the plots of a joint: course of its parameters, and the fit of the newest window.
@@ -121,11 +128,11 @@ class LiveView:
         return {"trends": list(trends) if len(time) > 1 else [], "fit": fit}
 
     @staticmethod
-    def _row(name: str, seen: Seen) -> dict[str, Any]:
+    def _row(name: str, seen: Seen, waited_s: float = 0.0) -> dict[str, Any]:
         estimate = seen.estimate
         return {
             "joint": name, "model": estimate.model, "estimator": estimate.estimator, "status": estimate.status.value,
-            "good": estimate.converged, "message": estimate.message, "age": _number(seen.age_s),
+            "good": estimate.converged, "message": estimate.message, "age": round(seen.age_s + waited_s, 1),
             "temperature": _number(estimate.temperature), "alarms": [*seen.changes, *seen.drifts],
             "nrmse": {n: _number(v) for n, v in estimate.nrmse.items()},
             "parameters": parameter_rows(estimate),
@@ -157,7 +164,8 @@ def live_page(title: str, actions: Sequence[str] = tuple(ACTIONS)) -> str:
     page.section("Joints", '<div class="wide" id="joints"></div>')
     page.section(
         "Parameters",
-        '<p class="hint" id="choice">Choose a joint above. <a id="report" target="_blank">Report of this joint</a></p>',
+        '<p class="hint" id="choice"><span id="choose">Choose a joint above.</span> '
+        '<a id="report" target="_blank">Report of this joint</a></p>',
         '<p id="says"></p>',
         '<div class="wide" id="parameters"></div>',
     )  # fmt: skip

@@ -73,7 +73,7 @@ def _head(contents: Contents) -> Iterator[str]:
 
 def _parameters(estimate: Estimate) -> str:
     head = ("parameter", "value", "± (95 %)", "", "unit", "verdict", "reason")
-    return table(head, [_row(p) for p in estimate.parameters])
+    return table(head, [_row(p) for p in estimate.parameters], ("word", "text"))
 
 
 def _row(p: ParameterEstimate) -> tuple[str, ...]:
@@ -188,7 +188,7 @@ def trend_plots(
 def _held_out(contents: Contents) -> Iterator[str]:
     if contents.held_out:
         yield paragraph("A fit of the first 70 % of the samples predicts the others:")
-        yield table(("signal", "prediction"), contents.held_out)
+        yield table(("signal", "prediction"), contents.held_out, ("text",))
 
 
 def _correlations(estimate: Estimate) -> Iterator[str]:
@@ -223,7 +223,7 @@ def _earlier(earlier: Estimate, estimate: Estimate) -> Iterator[str]:
         (d.name, *(f"{p.value:.4g} ± {p.std_dev:.2g}" for p in (d.before, d.after)), d.before.unit, d.text)
         for d in rows
     ]
-    yield table(("parameter", "earlier", "now", "unit", "change"), cells)
+    yield table(("parameter", "earlier", "now", "unit", "change"), cells, ("text",))
 
 
 def _recording(recording: Recording, contents: Contents) -> Iterator[str]:

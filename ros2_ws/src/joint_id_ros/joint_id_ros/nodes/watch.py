@@ -40,7 +40,7 @@ class WatchNode(Node):
         declare(self, WatchOptions)
         options = read(self, WatchOptions)
         self._joints, self._feed = LiveJoints(options.window_s), Feed()
-        self._nodes, self._payload = LiveNodes(self.get_namespace()), ""
+        self._nodes, self._payload = LiveNodes(self.get_namespace(), options.identifier), ""
         self._client = IdentifierClient(self, options.identifier, tuple(ACTIONS))
         self._diagnostics = Diagnostics(self)
         page = live_page(f"joint_id {self.get_namespace()}".rstrip(" /"))
@@ -53,7 +53,8 @@ class WatchNode(Node):
         )
         self.create_subscription(JointParams, "joint_params", self._joints.put_params, LATEST, raw=True)
         self.create_subscription(ArmPayload, "payload", self._on_payload, LATEST)
-        self.create_subscription(DiagnosticArray, "/diagnostics", self._nodes.put, QoSProfile(depth=50))
+        heard = self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, QoSProfile(depth=50))
+        self._heard = heard.handle
         topics = {SAMPLES.name: JointSamples}
         self._sources = Sources(self, (), options.reliability, self._diagnostics, lambda *_: None)
         self.streams: Streams | None = Streams(
@@ -74,6 +75,14 @@ class WatchNode(Node):
             self._diagnostics.received(message.stamp_ns)
             self._joints.put_samples(message)
 
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        """Take all that have arrived: one at each turn of the executor would be read seconds later."""
+        taken: tuple[DiagnosticArray, object] | None = (message, None)
+        with self._heard:
+            while taken is not None:
+                self._nodes.put(taken[0])
+                taken = self._heard.take_message(DiagnosticArray, False)
+
     def _on_payload(self, message: ArmPayload) -> None:
         self._payload = message.message
 
@@ -87,4 +96,6 @@ class WatchNode(Node):
             self._joints.options = self._joints.options or self._client.options()
         except JointIdError as error:
             self._diagnostics.problem("options of the identifier", str(error))
-        self._feed.publish({"joints": self._joints.update(), "nodes": self._nodes.rows(), "payload": self._payload})
+        joints, nodes = self._joints.update(), self._nodes.rows()
+        silent = [*self._joints.complaints, *self._nodes.complaints]
+        self._feed.publish({"joints": joints, "nodes": nodes, "payload": self._payload, "silent": silent})

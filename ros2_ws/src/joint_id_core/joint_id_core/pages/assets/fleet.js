@@ -2,7 +2,7 @@
 // Keeps the page of a fleet up to date: a table of robots and one of joints from events, parameters of the chosen joint.
 (() => {
   const $ = (id) => document.getElementById(id);
-  const { table, badge, PARAMETERS } = jointId;
+  const { table, badge, link, lost, follow, parameters } = jointId;
   const LEVELS = ["ok", "warning", "error", "silent"];
   let chosen = decodeURIComponent(location.hash.slice(1));
   let newest = null;
@@ -19,8 +19,7 @@
     newest = state;
     const { robots, joints } = state;
     const count = (look) => joints.filter((j) => j[3] === look).length;
-    $("link").textContent = "live";
-    $("link").className = "status good";
+    link("live");
     $("told").textContent = robots.length
       ? `${robots.length} robots (${robots.filter((r) => r[1]).length} gone), ${joints.length} joints: ` +
         `${count("good")} converged, ${count("idle")} at rest or gone, ${count("fair")} in doubt, ${count("")} wrong`
@@ -29,13 +28,13 @@
       robots.map(([name, gone, all, good, wrong, ago, payload, level, says]) => [[
         name, gone ? badge("gone", "idle") : badge(LEVELS[level] || "?", ["good", "fair"][level] || ""),
         `${good} of ${all}`, wrong, ago, payload, says,
-      ]]));
+      ]]), ["text", "text"]);
     const wanted = $("wanted").value.trim().toLowerCase();
     const shown = joints.filter((j) => !wanted || j.slice(0, 3).join(" ").toLowerCase().includes(wanted));
-    table($("joints"), ["robot", "joint", "status", "model", "estimated", "age [s]", "since [s]", "changes and alarms"],
+    table($("joints"), ["robot", "joint", "status", "estimated", "age [s]", "since [s]", "model", "changes and alarms"],
       shown.map(([robot, joint, status, look, model, age, since, alarms, found]) => [[
-        robot, joint, badge(status, look), model, found, age, since, alarms,
-      ], `${robot} ${joint}`]), chosen, select);
+        robot, joint, badge(status, look), found, age, since, model, alarms,
+      ], `${robot} ${joint}`]), ["word", "text"], chosen, select);
     document.body.dataset.states = String(Number(document.body.dataset.states || 0) + 1);
     refresh();
   }
@@ -50,19 +49,12 @@
       if (!answer.ok) { $("says").textContent = await answer.text(); return; }
       const found = await answer.json();
       $("says").textContent = [`${robot}, ${joint}: ${found.message}`, ...found.alarms].join("; ");
-      table($("parameters"), PARAMETERS, found.parameters.map((row) => [row]));
+      parameters($("parameters"), found.parameters);
     } catch (error) {
       lost();
     }
   }
 
-  function lost() {
-    $("link").textContent = "not connected";
-    $("link").className = "status";
-  }
-
   $("wanted").oninput = () => show(newest);
-  const events = new EventSource("events");
-  events.onmessage = (event) => show(JSON.parse(event.data));
-  events.onerror = lost;
+  follow(show);
 })();

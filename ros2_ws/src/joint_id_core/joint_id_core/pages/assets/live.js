@@ -6,7 +6,7 @@
   let busy = false;
   let drawn = "";
 
-  const { text, table, list, badge, PARAMETERS } = jointId;
+  const { text, table, list, badge, link, lost, follow, parameters } = jointId;
 
   function select(joint) {
     chosen = joint;
@@ -22,30 +22,32 @@
     if (!state.joints) return;
     const joints = state.joints;
     if (!joints.some((j) => j.joint === chosen)) chosen = joints.length ? joints[0].joint : "";
-    $("link").textContent = "live";
-    $("link").className = "status good";
-    $("told").textContent = joints.length ? `${joints.length} joint${joints.length > 1 ? "s" : ""}, ${joints.filter((j) => j.good).length} converged`
+    link(state.silent.length ? "silent" : "live");
+    $("told").textContent = state.silent.length
+      ? `${state.silent.join("; ")}${joints.length ? ": what stands here is from before" : ""}.`
+      : joints.length ? `${joints.length} joint${joints.length > 1 ? "s" : ""}, ${joints.filter((j) => j.good).length} converged`
       : state.nodes.some((n) => n.name.endsWith("identifier")) ? "No estimate yet: it takes a window of motion."
         : "No estimate yet: no identifier is running.";
     list($("alarms"), joints.flatMap((j) => j.alarms.map((a) => `${j.joint}: ${a}`)).concat(
       state.nodes.filter((n) => n.level > 0).map((n) => [n.name, alone(n.message, joints)])
         .filter(([, message]) => message).map((told) => told.join(": "))), "None.");
-    table($("joints"), ["joint", "status", "model", "age [s]", "temperature [°C]", "nrmse"], joints.map((j) => [[
-      j.joint, badge(j.status, j.good ? "good" : j.status === "disagree" ? "fair" : ""), j.model, j.age, j.temperature,
+    table($("joints"), ["joint", "status", "age [s]", "temp. [°C]", "model", "nrmse"], joints.map((j) => [[
+      j.joint, badge(j.status, j.good ? "good" : j.status === "disagree" ? "fair" : ""), j.age, j.temperature, j.model,
       Object.entries(j.nrmse).map(([n, v]) => `${n} ${v == null ? "-" : v}`).join(", "),
-    ], j.joint]), chosen, select);
+    ], j.joint]), ["word", "text"], chosen, select);
     const joint = joints.find((j) => j.joint === chosen);
     $("report").href = `report?joint=${encodeURIComponent(chosen)}`;
     $("choice").hidden = !joint;
+    $("choose").hidden = joints.length < 2;
     $("says").textContent = joint ? `${joint.joint}: ${joint.message}` : "";
-    if (joint) table($("parameters"), PARAMETERS, joint.parameters.map((row) => [row]));
+    if (joint) parameters($("parameters"), joint.parameters);
     else $("parameters").replaceChildren();
     $("payload").textContent = state.payload || "";
     $("payload").parentElement.hidden = !state.payload;
     table($("nodes"), ["node", "state", "what it says", "values"], state.nodes.map((n) => [[
       n.name, badge(["ok", "warning", "error", "silent"][n.level] || "?", ["good", "fair"][n.level] || ""), n.message,
       n.values.map(([k, v]) => `${k}: ${v || "none"}`).join("; "),
-    ]]));
+    ]]), ["text", "text"]);
     document.body.dataset.states = String(Number(document.body.dataset.states || 0) + 1);
     refresh();
   }
@@ -89,11 +91,6 @@
     }
   }
 
-  function lost() {
-    $("link").textContent = "not connected";
-    $("link").className = "status";
-  }
-
   for (const button of document.querySelectorAll("button[data-action]")) {
     button.onclick = async () => {
       const name = button.dataset.action;
@@ -110,7 +107,5 @@
     };
   }
 
-  const events = new EventSource("events");
-  events.onmessage = (event) => show(JSON.parse(event.data));
-  events.onerror = lost;
+  follow(show);
 })();

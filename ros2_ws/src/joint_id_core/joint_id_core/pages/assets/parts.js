@@ -8,15 +8,18 @@
     return element;
   };
 
-  // Rows are pairs of cells and a key; a row with a key can be chosen.
-  function table(place, head, rows, chosen, select) {
+  // Rows are pairs of cells and a key; a row with a key can be chosen. `below`: as `document.table`.
+  function table(place, head, rows, below, chosen, select) {
     const all = document.createElement("table");
+    const first = head.length - below.length;
+    const look = (k) => below[k - first] || "";
+    all.style.setProperty("--columns", first);
     const top = all.createTHead().insertRow();
-    head.forEach((cell) => top.append(text("th", cell)));
+    head.forEach((cell, k) => top.append(text("th", cell, look(k))));
     const body = all.createTBody();
     for (const [cells, key] of rows) {
       const row = body.insertRow();
-      cells.forEach((cell) => row.append(cell instanceof Element ? cell : text("td", cell)));
+      cells.forEach((cell, k) => row.append(cell instanceof Element ? cell : text("td", cell, look(k))));
       if (key) {
         row.tabIndex = 0;
         row.className = key === chosen ? "chosen" : "choice";
@@ -37,6 +40,33 @@
     return cell;
   }
 
-  const PARAMETERS = ["parameter", "value", "± (95 %)", "unit", "verdict", "reason"];
-  Object.assign(globalThis.jointId, { text, table, list, badge, PARAMETERS });
+  // Says in the head whether what stands on the page is of now; marks of joints are grey if it is not.
+  function link(word) {
+    const mark = document.getElementById("link");
+    mark.textContent = word;
+    mark.className = word === "live" ? "status good" : "status";
+    document.body.classList.toggle("old", word !== "live");
+  }
+
+  function lost() {
+    link("not connected");
+    document.getElementById("told").textContent = "The node of this page does not answer: what stands here is from before.";
+  }
+
+  // Shows every state that the server sends; it sends one a second or more.
+  function follow(show) {
+    let heard = Date.now();
+    const events = new EventSource("events");
+    events.onmessage = (event) => {
+      heard = Date.now();
+      show(JSON.parse(event.data));
+    };
+    events.onerror = lost;
+    setInterval(() => { if (Date.now() - heard > SILENT_MS) lost(); }, 1000);
+  }
+
+  const SILENT_MS = 5000;
+  const parameters = (place, rows) => table(
+    place, ["parameter", "value", "± (95 %)", "unit", "verdict", "reason"], rows.map((row) => [row]), ["word", "text"]);
+  Object.assign(globalThis.jointId, { text, table, list, badge, link, lost, follow, parameters });
 })();

@@ -23,7 +23,7 @@
       width: 1.3,
       points: s.dots ? { show: true, size: 5, fill: COLOURS[0], stroke: COLOURS[0] } : { show: false },
       paths: s.dots ? () => null : undefined,
-      value: (_, v) => (v == null ? "-" : v.toPrecision(5)),
+      value: (_, v) => (v == null ? "" : v.toPrecision(5)),
     }));
     // The limits of a band are two more series that are not named.
     const edges = plot.bands.flatMap((k) => [k, k]).map((k) => ({
@@ -34,10 +34,13 @@
       series: [first + 2 * n + 1, first + 2 * n], fill: series[k].stroke + "22",
     }));
     const scale = plot.log ? { distr: 3 } : {};
+    // A logarithmic axis would end at a power of ten; that of frequencies ends with the data.
+    const across = plot.log ? { ...scale, range: (_, from, to) => [from, to] } : {};
     return {
       width: width(figure), height: HEIGHT, bands,
-      series: [{ label: plot.x_label, value: (_, v) => (v == null ? "-" : String(v)) }, ...series, ...edges],
-      scales: { x: { time: false, ...scale }, y: scale },
+      series: [{ label: plot.x_label, value: (_, v) => (v == null ? "" : String(v)) }, ...series, ...edges],
+      legend: { markers: { fill: (_, k) => series[k - 1]?.stroke } },
+      scales: { x: { time: false, ...across }, y: scale },
       axes: [{ label: plot.x_label, labelSize: 20 }, plot.log ? { size: 70, values: decades } : { size: 70, values: ticks }],
       cursor: plot.x_label === "time [s]" ? { sync: { key: "time" } } : {},
     };
