@@ -184,7 +184,7 @@ def test_a_known_slope_takes_the_temperature_out():
 def test_a_baseline_near_zero_is_told_in_its_unit():
     monitor = DriftMonitor(estimate(tau_f=0.001), AT_ONCE)
     (drift,) = monitor.update(estimate(1.0, tau_f=0.2))
-    assert drift.text.startswith("tau_f is 0.199 ± 0.014 1 above its baseline")
+    assert drift.text.startswith("tau_f is 0.199 ± 0.014 above its baseline")
 
 
 def test_baselines_come_back_from_their_file(tmp_path):

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 
 import joint_id_core as jid
 from joint_id_core.estimators.together.fit import together
@@ -238,6 +240,17 @@ def test_html_escapes_what_a_message_holds(fitted):
 def test_an_unknown_parameter_is_named(fitted):
     with pytest.raises(jid.JointIdError, match="no parameter 'k_9': it has J, c"):
         _ = fitted["k_9"]
+
+
+def test_a_picture_shows_the_prediction_over_the_samples_and_its_legend_hides_nothing(fitted):
+    drawn = fitted.plot()
+    FigureCanvasAgg(drawn).draw()
+    above, *others = drawn.axes
+    measured, predicted = above.get_lines()
+    assert (measured.get_label(), predicted.get_label()) == ("measured", "predicted")
+    assert np.dot(to_rgb(measured.get_color()), (0.3, 0.6, 0.1)) > 0.7 and predicted.get_color() == "C3"
+    assert above.get_legend().get_window_extent().y0 >= above.get_window_extent().y1
+    assert not any(axis.get_legend() for axis in others)
 
 
 def test_a_picture_of_the_fit_is_saved(fitted, tmp_path):

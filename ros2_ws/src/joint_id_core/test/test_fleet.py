@@ -114,7 +114,7 @@ def test_history_reads_the_table_of_a_batch(tmp_path, run):
     assert [r for r, t in trends.items() if "a trend" in t] == ["ur_03"] and told["courses"][0]["days"] == [0, 1, 2, 3]
     assert [(a["robot"], a["joint"], a["name"], a["others"]) for a in told["apart"]] == [("ur_07", "elbow", "c", 11)]
     code, out, _ = run("history", tmp_path / "out.parquet")
-    assert code == 0 and "ur_03 elbow" in out and "unlike the others: ur_07: elbow, c is 49.96 ± 0.05 " in out
+    assert code == 0 and "ur_03 elbow" in out and "unlike the others: ur_07: elbow, c is 49.964 ± 0.050 " in out
 
 
 def test_what_is_no_table_is_said(tmp_path, run):

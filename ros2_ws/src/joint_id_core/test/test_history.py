@@ -7,12 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from typer.testing import CliRunner
 
 from joint_id_core.cli import app
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status
 from joint_id_core.results.history import DAY_S, courses, known
+from joint_id_core.results.history_plot import figure
 from joint_id_core.results.verdict import Verdict
 
 
@@ -47,6 +49,13 @@ def test_scatter_beyond_the_intervals_is_no_trend(count):
         values = 10.0 + rng.standard_normal(count)
         called += "a trend" in courses(known([estimate(k, v, 0.1) for k, v in enumerate(values)]))[0].trend
     assert called <= 6
+
+
+def test_a_picture_has_whole_numbers_at_its_axes_and_says_what_the_bars_are():
+    drawn = figure(courses(known([estimate(k, 1000.0 + 1e-4 * k, 1e-5) for k in range(3)])))
+    FigureCanvasAgg(drawn).draw()
+    assert drawn.axes[0].yaxis.get_offset_text().get_text() == ""
+    assert drawn.get_supxlabel() == "bars: 95 % intervals"
 
 
 def test_a_folder_is_a_table_and_a_picture_and_what_is_no_estimate_is_named(tmp_path):

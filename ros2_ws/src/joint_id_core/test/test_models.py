@@ -233,6 +233,8 @@ def test_models_are_built_by_name_with_their_options():
         (lambda: DCMotor().values({"k_1": 1.0}), "no parameter 'k_1'"),
         (lambda: DCMotor().values({"R": -1.0}), r"R = -1 Ohm is outside its bounds \[0, inf\]"),
         (lambda: DCMotor().values({"R": math.nan}), "R = nan: must be a finite number in Ohm"),
+        (lambda: build("harmonic_drive").values({"N": 0.0}), "N = 0 is outside its bounds"),
+        (lambda: build("harmonic_drive").values({"N": math.nan}), "N = nan: must be a finite number$"),
         (lambda: RigidJoint().values({"w_s": 0.0}), "w_s = 0 rad/s is outside"),
         (lambda: RigidJoint("current").values(), r"needs k_t .* no default.*--set k_t"),
         (lambda: HarmonicDrive().parameter("k_t"), "no parameter 'k_t' without --actuation current: it has J_m"),

@@ -11,7 +11,9 @@ import pytest
 from joint_id_core import formats
 from joint_id_core.data.recording import Recording
 from joint_id_core.pages import series
-from joint_id_core.results.estimate import Estimate
+from joint_id_core.pages.contents import Contents
+from joint_id_core.pages.joints import report_of_joints
+from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status, Verdict
 
 from . import browser
 from .online_motion import motion
@@ -31,6 +33,16 @@ def page(tmp_path, run_here):
     code, out = run_here("report", "friday.csv", "--against", "monday.json", "-o", "friday.html")
     assert code == 0, out
     return tmp_path / "friday.html"
+
+
+@pytest.fixture
+def estimate():
+    """A stiffness and a ratio."""
+    rows = (
+        ParameterEstimate("k_1", "Nm/rad", 3741.2, 752.0, Verdict.ESTIMATED),
+        ParameterEstimate("N", "1", 101.0, 2.0, Verdict.ESTIMATED),
+    )
+    return Estimate("harmonic_drive", "innovations", Status.CONVERGED, "Converged.", rows)
 
 
 def plots(text: str) -> list[dict]:
@@ -88,6 +100,13 @@ def test_of_an_estimate_alone_there_is_a_table(tmp_path, run_here):
     assert code == 2 and "is not fitted again" in out
     for p in Estimate.load(tmp_path / "e.json").parameters:
         assert f"<td>{p.name}</td>" in text
+
+
+def test_numbers_have_the_digits_of_their_intervals_and_ratios_no_unit(estimate):
+    text = report_of_joints({"elbow": Contents(estimate)}, "log.csv")
+    assert "estimated parameters, ± 1 sigma" in text and "k_1 3740 ± 750 Nm/rad, N 101.0 ± 2.0" in text
+    assert "<td>± 1500</td><td>39 %</td><td>Nm/rad</td>" in text
+    assert "<td>± 3.9</td><td>3.9 %</td><td></td>" in text and ">1</td>" not in text
 
 
 @pytest.mark.long

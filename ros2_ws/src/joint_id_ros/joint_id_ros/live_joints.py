@@ -11,6 +11,7 @@ from dataclasses import replace
 from rclpy.serialization import deserialize_message
 
 from joint_id_core.data.instants import NANO
+from joint_id_core.data.quantities import with_deviation
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import Innovations
@@ -123,7 +124,8 @@ class LiveJoints:
 def to_seen(message: JointEstimate) -> Seen:
     """Return what a page shows of a published estimate."""
     changes = tuple(
-        f"{c.name} changed from {c.before:.4g} ± {c.before_std_dev:.2g} to {c.after:.4g} ± {c.after_std_dev:.2g}"
+        f"{c.name} changed from {with_deviation(c.before, c.before_std_dev)} "
+        f"to {with_deviation(c.after, c.after_std_dev)}"
         for c in message.changes
     )
     baselines: Mapping[str, float] = {d.name: d.baseline for d in message.drifts}

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from joint_id_core.data.quantities import unit_text
 from joint_id_core.errors import JointIdError
 
 LARGEST = 1e9  # no signal of a joint is larger, in its SI unit: a larger value means damaged data
@@ -69,11 +70,12 @@ class Parameter:
         Raises:
             JointIdError: the value is not finite or out of bounds.
         """
+        unit = unit_text(self.unit)
         if not math.isfinite(value):
-            raise JointIdError(f"parameter {self.name} = {value}: must be a finite number in {self.unit}")
+            raise JointIdError(f"parameter {self.name} = {value}: must be a finite number{unit and f' in {unit}'}")
         if not self.allows(value):
             raise JointIdError(
-                f"parameter {self.name} = {value:g} {self.unit} is outside its bounds "
+                f"parameter {self.name} = {value:g}{unit and f' {unit}'} is outside its bounds "
                 f"[{self.lower:g}, {self.upper:g}]: give a value within them"
             )
         return float(value)

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from statistics import NormalDist
 
 from joint_id_core.assignments import numbers_by_name
+from joint_id_core.data.quantities import unit_text
 from joint_id_core.errors import JointIdError
 from joint_id_core.options import check, option
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Verdict
@@ -110,7 +111,7 @@ class Drift:
             scale = 100.0 / abs(self.baseline)
             by = f"{size * scale:.3g} ± {self.std_dev * scale:.2g} %"
         else:  # the baseline is nearly zero
-            by = f"{size:.3g} ± {self.std_dev:.2g} {self.unit}".rstrip()
+            by = f"{size:.3g} ± {self.std_dev:.2g} {unit_text(self.unit)}".rstrip()
         sure = f"above {SURE}" if self.confidence > SURE else f"{self.confidence:.4f}"
         text = f"{self.name} is {by} {side} its baseline, confidence {sure}"
         if self.until > self.since:

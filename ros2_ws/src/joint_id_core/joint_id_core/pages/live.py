@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from joint_id_core.data.quantities import unit_text
 from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError
 from joint_id_core.pages.document import Page
-from joint_id_core.pages.report import WIDE, prediction_plots, trend_plots
+from joint_id_core.pages.report import interval, prediction_plots, trend_plots
 from joint_id_core.results.estimate import Estimate, Predictions
 
 MOST = 600  # points of a course; when there are more, every second one is left out
@@ -142,12 +143,9 @@ class LiveView:
 def parameter_rows(estimate: Estimate) -> list[list[str]]:
     """Return name, value, half of the 95 % interval, unit, verdict and reason of each parameter."""
     return [
-        [
-            p.name, f"{p.value:.5g}", f"± {WIDE * p.std_dev:.2g}" if math.isfinite(p.std_dev) else "", p.unit,
-            p.verdict.value, p.reason,
-        ]
+        [p.name, f"{p.value:.5g}", interval(p), unit_text(p.unit), p.verdict.value, p.reason]
         for p in estimate.parameters
-    ]  # fmt: skip
+    ]
 
 
 def live_page(title: str, actions: Sequence[str] = tuple(ACTIONS)) -> str:

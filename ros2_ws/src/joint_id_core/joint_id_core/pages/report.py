@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from joint_id_core.data.quantities import two_digits, unit_text, with_deviation, with_unit
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError
@@ -77,10 +78,13 @@ def _parameters(estimate: Estimate) -> str:
 
 
 def _row(p: ParameterEstimate) -> tuple[str, ...]:
-    known = math.isfinite(p.std_dev)
-    interval = f"± {WIDE * p.std_dev:.2g}" if known else ""
-    share = f"{100.0 * WIDE * p.std_dev / abs(p.value):.2g} %" if known and p.value else ""
-    return p.name, f"{p.value:.5g}", interval, share, p.unit, p.verdict.value, p.reason
+    share = f"{two_digits(100.0 * WIDE * p.std_dev / abs(p.value))} %" if math.isfinite(p.std_dev) and p.value else ""
+    return p.name, f"{p.value:.5g}", interval(p), share, unit_text(p.unit), p.verdict.value, p.reason
+
+
+def interval(p: ParameterEstimate) -> str:
+    """Return half of the 95 % interval, such as "± 750"; empty for a parameter that is held."""
+    return f"± {two_digits(WIDE * p.std_dev)}" if math.isfinite(p.std_dev) else ""
 
 
 def _unknown(estimate: Estimate) -> Iterator[str]:
@@ -182,7 +186,7 @@ def trend_plots(
             rows = {name: np.where(known, values, np.nan)}
             rows |= {n: np.full(len(time), level[p.name]) for n, level in levels.items() if p.name in level}
             bands = {name: np.where(known, WIDE * sigmas, np.nan)}
-            yield plot(f"{p.name} [{p.unit}]", time, rows, bands=bands)
+            yield plot(with_unit(p.name, p.unit), time, rows, bands=bands)
 
 
 def _held_out(contents: Contents) -> Iterator[str]:
@@ -220,10 +224,10 @@ def _earlier(earlier: Estimate, estimate: Estimate) -> Iterator[str]:
         yield paragraph(f"Not compared: {error}")
         return
     cells = [
-        (d.name, *(f"{p.value:.4g} ± {p.std_dev:.2g}" for p in (d.before, d.after)), d.before.unit, d.text)
+        (d.name, *(with_deviation(p.value, p.std_dev) for p in (d.before, d.after)), unit_text(d.after.unit), d.text)
         for d in rows
     ]
-    yield table(("parameter", "earlier", "now", "unit", "change"), cells, ("text",))
+    yield table(("parameter", "earlier, ± 1 sigma", "now, ± 1 sigma", "unit", "change"), cells, ("text",))
 
 
 def _recording(recording: Recording, contents: Contents) -> Iterator[str]:

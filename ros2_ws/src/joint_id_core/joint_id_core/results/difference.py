@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from joint_id_core.data.quantities import unit_text
 from joint_id_core.errors import JointIdError
 from joint_id_core.results.estimate import Estimate, ParameterEstimate
 from joint_id_core.results.verdict import Verdict
@@ -58,7 +59,7 @@ class Difference:
         size = (
             f"{share * self.change:+.2g} % ± {share * self.std_dev:.2g} %"
             if share * self.std_dev < 1000.0
-            else f"{self.change:+.3g} ± {self.std_dev:.2g} {self.before.unit}"
+            else f"{self.change:+.3g} ± {self.std_dev:.2g} {unit_text(self.before.unit)}".rstrip()
         )
         said = "changed" if self.changed else f"no change beyond {SURE:g} sigma"
         return f"{size}, {abs(self.sigmas):.1f} sigma: {said}"

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from joint_id_core.data.quantities import with_deviation
 from joint_id_core.data.recording import Array
 from joint_id_core.results.history import Course
 
@@ -53,8 +54,8 @@ class Apart:
     def text(self) -> str:
         """It in words."""
         return (
-            f"{self.robot}: {self.joint}, {self.name} is {self.value:.4g} ± {self.std_dev:.2g} {self.unit}, "
-            f"{self.others} others have {self.median:.4g} ± {self.spread:.2g}"
+            f"{self.robot}: {self.joint}, {self.name} is {with_deviation(self.value, self.std_dev, self.unit)}, "
+            f"{self.others} others have {with_deviation(self.median, self.spread)}"
         )
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from joint_id_core.data.quantities import with_deviation
+
 SHOWN = 3.0  # standard deviations by which a parameter must have changed to be named
 
 
@@ -33,8 +35,8 @@ class ParameterChange:
     def text(self) -> str:
         """The change in words."""
         values = (
-            f"{self.name} from {self.before:.4g} ± {self.before_std_dev:.2g} "
-            f"to {self.after:.4g} ± {self.after_std_dev:.2g}"
+            f"{self.name} from {with_deviation(self.before, self.before_std_dev)} "
+            f"to {with_deviation(self.after, self.after_std_dev)}"
         )
         if self.sure:
             return f"Changed: {values}."

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from joint_id_core.data.quantities import two_digits, unit_text
 from joint_id_core.data.recording import Array
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+MEASURED = "#b8c4cf"  # as pale as the line over it needs
 GAP = 10.0  # steps of the typical length, from which no line is drawn across
 
 
@@ -86,7 +88,7 @@ def figure(estimate: Estimate) -> Figure:
         axis.yaxis.label.set_size("small")
     drawn.align_ylabels(over_time)
     source = estimate.source.encode("utf-8", "replace").decode()  # a file name may be no text
-    over_time[0].set_title(f"{estimate.model} by {estimate.estimator}, {estimate.status.value}: {source}")
+    drawn.suptitle(f"{estimate.model} by {estimate.estimator}, {estimate.status.value}: {source}")
     over_time[-1].set_xlabel("time [s]")
     if estimate.losses:
         axes[-2].semilogy(np.arange(1, len(estimate.losses) + 1), estimate.losses, color="C4")
@@ -101,11 +103,14 @@ def _labels(axes: Sequence[Axes], shown: Predictions) -> None:
     for k, (name, found) in enumerate(shown.predicted.items()):
         time, measured, predicted = broken(shown.time - shown.time[0], shown.measured[name], found)
         above, below = axes[2 * k], axes[2 * k + 1]
-        above.plot(time, measured, ".", markersize=5, color="C1", alpha=0.45, label="measured")
-        above.plot(time, predicted, linewidth=0.9, color="C0", label="predicted")
+        above.plot(time, measured, ".", markersize=6, markeredgewidth=0.0, color=MEASURED, label="measured")
+        above.plot(time, predicted, linewidth=1.0, color="C3", label="predicted")
         above.set_ylabel(_named(name))
-        above.legend(loc="upper right", fontsize="small")
-        below.plot(time, predicted - measured, linewidth=0.7, color="C3")
+        if k == 0:
+            above.legend(
+                loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, fontsize="small", frameon=False, markerscale=1.5
+            )
+        below.plot(time, predicted - measured, linewidth=0.7, color="C0")
         below.set_ylabel("predicted -\nmeasured")
     if shown.horizon_s and shown.predicted:
         text = f"predictions begin anew at the filtered state every {shown.horizon_s:g} s, and errors grow from there"
@@ -116,9 +121,10 @@ def _parameters(axis: Axes, estimate: Estimate) -> None:
     """Write the parameters as a table."""
     axis.axis("off")
     rows = [
-        [p.name, f"{p.value:.5g}", f"± {p.std_dev:.2g}" if np.isfinite(p.std_dev) else "", p.unit, p.verdict.value]
+        [p.name, f"{p.value:.5g}", f"± {two_digits(p.std_dev)}" if np.isfinite(p.std_dev) else "", unit_text(p.unit),
+         p.verdict.value]
         for p in estimate.parameters
-    ]
+    ]  # fmt: skip
     table = axis.table(
         rows, colLabels=["parameter", "value", "std dev", "unit", "verdict"], cellLoc="left", loc="center"
     )

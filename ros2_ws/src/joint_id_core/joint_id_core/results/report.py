@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from joint_id_core.data.quantities import with_deviation
 from joint_id_core.results.estimate import Estimate, ParameterEstimate
 from joint_id_core.results.verdict import STRONG_CORRELATION, Verdict
 
@@ -20,7 +21,7 @@ def one_line(estimate: Estimate) -> str:
 def estimated(estimate: Estimate) -> str:
     """Return the estimated parameters with standard deviations and units; empty if there are none."""
     known = [p for p in estimate.parameters if p.verdict is Verdict.ESTIMATED]
-    return ", ".join(f"{p.name} {p.value:.4g} ± {p.std_dev:.2g} {p.unit}" for p in known)
+    return ", ".join(f"{p.name} {with_deviation(p.value, p.std_dev, p.unit)}" for p in known)
 
 
 def table(estimate: Estimate) -> str:

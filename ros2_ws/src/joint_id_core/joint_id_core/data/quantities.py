@@ -1,0 +1,45 @@
+"""How quantities are written: values with their standard deviations, and units."""
+
+from __future__ import annotations
+
+import math
+
+LEAST, MOST = 1e-3, 1e6  # of values that are written without an exponent
+
+
+def unit_text(unit: str) -> str:
+    """Return a unit as a reader wants it: nothing for a ratio, whose unit is "1"."""
+    return "" if unit == "1" else unit
+
+
+def with_unit(name: str, unit: str) -> str:
+    """Return a name with its unit, such as "k_1 [Nm/rad]"."""
+    return f"{name} [{text}]" if (text := unit_text(unit)) else name
+
+
+def two_digits(size: float) -> str:
+    """Return a number of two significant digits, such as "750" and "0.012"; with an exponent if it is far from 1."""
+    text = f"{size:.2g}"
+    return f"{float(text):.7g}" if abs(size) < MOST else text
+
+
+def with_deviation(value: float, std_dev: float, unit: str = "") -> str:
+    """Return a value to the second digit of its standard deviation, such as "3740 ± 750 Nm/rad".
+
+    A value that is smaller than its standard deviation keeps two digits.
+    """
+    end = f" {unit_text(unit)}".rstrip()
+    if not (math.isfinite(value) and math.isfinite(std_dev) and std_dev > 0.0):
+        return f"{value:.4g} ± {std_dev:.2g}{end}"
+    sigma = float(f"{std_dev:.1e}")
+    first = _decade(value) if value else _decade(sigma)
+    last = min(_decade(sigma), first) - 1  # decade of the last digit
+    rounded = round(value, -last)
+    if rounded and not LEAST <= abs(rounded) < MOST:
+        return f"{value:.{first - last}e} ± {std_dev:.2g}{end}"
+    spread = f"{sigma:.{max(0, 1 - _decade(sigma))}f}" if LEAST < 10.0 * sigma < MOST else f"{sigma:.1e}"
+    return f"{rounded:.{max(0, -last)}f} ± {spread}{end}"
+
+
+def _decade(value: float) -> int:
+    return math.floor(math.log10(abs(value)))
