@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -107,6 +108,26 @@ def test_numbers_have_the_digits_of_their_intervals_and_ratios_no_unit(estimate)
     assert "estimated parameters, ± 1 sigma" in text and "k_1 3740 ± 750 Nm/rad, N 101.0 ± 2.0" in text
     assert "<td>± 1500</td><td>39 %</td><td>Nm/rad</td>" in text
     assert "<td>± 3.9</td><td>3.9 %</td><td></td>" in text and ">1</td>" not in text
+
+
+@needs_browser
+def test_tables_of_a_report_fit_a_phone(estimate, tmp_path):
+    reason = (
+        "the data narrow what was believed before only 1.3 times; it is hard to tell from tau_f (correlation -0.98)"
+    )
+    poor = replace(
+        estimate, status=Status.POOR_FIT, message=f"{reason}. And more.", joint="shoulder_lift_joint",
+        parameters=tuple(replace(p, reason=text) for p, text in zip(estimate.parameters, ("", reason), strict=True)),
+    )  # fmt: skip
+    page = tmp_path / "all.html"
+    page.write_text(report_of_joints({"shoulder_lift_joint": Contents(poor), "elbow_joint": Contents(poor)}, "log.csv"))
+    with browser.Tab(tmp_path, 390) as tab:
+        tab.open(page.as_uri())
+        cells = "[...document.querySelectorAll('.wide td, .wide .status')]"
+        assert tab.value(f"{cells}.length") > 30
+        assert tab.value(f"{cells}.every((e) => e.getBoundingClientRect().right <= 390)")
+        begins = "[...document.querySelectorAll('.wide td:first-child')].map((e) => e.getBoundingClientRect().left)"
+        assert len(set(tab.value(begins))) == 1, "every row begins at the left, also one after an empty reason"
 
 
 @pytest.mark.long

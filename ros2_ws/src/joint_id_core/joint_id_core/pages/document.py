@@ -80,7 +80,8 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], below: Sequence[st
         head: of its columns.
         rows: of cells.
         below: looks of the last columns, which a narrow screen shows below the others: "text" takes a line of its own,
-            "word" begins the line of the text after it. Without them a narrow screen scrolls the table.
+            "word" begins the line of the text after it, "more" goes on in a second line. Without them a narrow screen
+            scrolls the table.
     """
     return table_of_html(head, ([escape(cell) for cell in row] for row in rows), below)
 

@@ -34,7 +34,7 @@
     table($("joints"), ["robot", "joint", "status", "estimated", "age [s]", "since [s]", "model", "changes and alarms"],
       shown.map(([robot, joint, status, look, model, age, since, alarms, found]) => [[
         robot, joint, badge(status, look), found, age, since, model, alarms,
-      ], `${robot} ${joint}`]), ["word", "text"], chosen, select);
+      ], `${robot} ${joint}`]), ["more", "more", "more", "word", "text"], chosen, select);
     document.body.dataset.states = String(Number(document.body.dataset.states || 0) + 1);
     refresh();
   }
