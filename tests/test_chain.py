@@ -41,7 +41,7 @@ def stamps(messages):
 
 
 def converged(found):
-    return [m for m in found if m.joints[0].status == JointEstimate.CONVERGED]
+    return [m for m in found if m.joints and m.joints[0].status == JointEstimate.CONVERGED]
 
 
 def test_simulated_steps_give_the_motor_and_gear_parameters_live(start, probe):

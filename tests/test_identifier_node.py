@@ -104,6 +104,15 @@ def test_a_late_subscriber_gets_the_last_estimate(identifying, probe, sample):
     assert repr(late[0]) in map(repr, found[-2:])
 
 
+@pytest.mark.parametrize("how", [{"end_with": "probe"}, {"recorded": True}, {"use_sim_time": True}])
+def test_the_last_estimate_of_a_source_that_has_an_end_or_pauses_stays(identifying, probe, sample, how):
+    found, samples = identifying(**how)
+    publish(samples, probe, [sample(k) for k in range(2 * RATE + 50)])
+    probe.until(lambda: latest(found), "an estimate")
+    probe.spin(3.5)
+    assert latest(found) is not None and not probe.told("identifier", "is not in joint_samples any more")
+
+
 def standing(message):
     message.link_position, message.link_velocity, message.torque = [0.5], [0.0], [0.0]
     return message

@@ -61,6 +61,7 @@ def test_a_robot_that_vanishes_is_shown_as_gone_until_it_is_back():
     assert a[:2] == ["a", True] and a[-1] == "gone for 4 s" and b[:2] == ["b", False]
     rows = view.state(9.0)["joints"]
     assert {row[2] for row in rows[:6]} == {"gone"} and {row[0] for row in rows[:6]} == {"a"}
+    assert {row[5] for row in rows[:6]} == {9.0}  # ages go on
     view.there("a", True, 10.0)
     a, _ = view.state(11.0)["robots"]
     assert a[1] is False and a[-1] == "filter: late"

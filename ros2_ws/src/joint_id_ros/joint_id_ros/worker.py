@@ -47,7 +47,7 @@ class Callbacks:
     gone: Callable[[str], None]  # joint that is not in the samples any more
     problem: Callable[[str, str], None]  # kind, text
     completed: Callable[[Mapping[str, Recording]], Mapping[str, Recording]] = dict  # new samples, by joint
-    now_s: Callable[[], float] = time.monotonic  # clock by which joints are gone when no samples come at all
+    now_s: Callable[[], float] = time.monotonic  # by it joints are gone when no samples come; if it stands, none is
 
 
 @dataclass

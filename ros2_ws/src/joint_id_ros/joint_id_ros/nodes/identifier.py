@@ -117,10 +117,10 @@ class IdentifierNode(ManagedNode):
         restored = {j: to_values(j, r.newest, r.estimate, r.origin_ns) for j, r in self._knowledge.restored.items()}
         self._latest.begin(restored)
         told = self._on_estimate, self._latest.publish, self._on_gone, self._diagnostics.problem
-        make = partial(self._knowledge.continued, self._setup.begin)
-        known, recorded = tuple(restored), read(self, BagReadingOptions).recorded
-        callbacks = Callbacks(*told, self._load_errors.attached, self.now_s)
-        self._worker = Worker(make, options.joints, options.expected, callbacks, hop_s, known, recorded)
+        make, reading = partial(self._knowledge.continued, self._setup.begin), read(self, BagReadingOptions)
+        now_s = (lambda: 0.0) if reading.end_with else self.now_s  # the last estimates stay
+        callbacks, known = Callbacks(*told, self._load_errors.attached, now_s), tuple(restored)
+        self._worker = Worker(make, options.joints, options.expected, callbacks, hop_s, known, reading.recorded)
 
     def _renew(self) -> None:
         """Begin a new run with what is known now."""
