@@ -130,7 +130,8 @@ class _Fitted:
         uneven = np.zeros(len(self.values))
         loads = len(self._friction.rigid) if self._loaded else self._base
         uneven[:loads] = self._friction.as_load(float(self.values[-1]))[:loads]
-        self.covariance += np.outer(uneven, uneven)
+        self._uneven = np.outer(uneven, uneven)
+        self.covariance += self._uneven
         found = suspects(description, self._parts, table, self.values, self._whole(self.values), self._lag)
         self.covariance += found.excess
         self._suspects = found
@@ -202,7 +203,8 @@ class _Fitted:
         parameters = base_parameters(self._regressor, self.values, sigma, self._seen, self._beforehand.sigma)
         rotors = [j.armature.value if j.armature.verdict is Verdict.ESTIMATED else 0.0 for j in joints]
         base, seen = self._base, self._seen[: self._base]
-        known = self.covariance[:base, :base] * np.outer(seen, seen)
+        # Files shall have the torques that were recorded: what of them is friction of the gears is left in.
+        known = (self.covariance - self._uneven)[:base, :base] * np.outer(seen, seen)
         links = consistent_links(self._regressor, self.values[:base], known, rotors)
         joints = [
             replace(joint, armature=beside_bodies(joint.armature, link.rotor))
