@@ -113,7 +113,7 @@ class ArmFollower:
             arm_mass: mass of the arm in kg, which tells what payloads are possible.
             belief: what is known of it already.
             check: looks at the motion from which an arm is learnt, and raises a JointIdError if that is of no use.
-            beforehand: what the description tells of the arm; see `learned`.
+            beforehand: see `learned`.
         """
         self.belief, self.changes = belief, dict[str, ArmChange]()
         self.unexplained: tuple[str, ...] = ()

@@ -136,8 +136,8 @@ class _Test:
 
 def _candidates(description: Description, parts: Sequence[Equations], whole: Array) -> Iterator[Suspect]:
     """Yield the faults that are tested; `whole` are the values of all parameters, those of a payload included."""
-    names, down, first = description.joints, description.gravity, parts[0].base
-    own = np.eye(len(names))
+    joints = list(zip(description.joints, description.turning.tolist(), strict=True))
+    down, first, own = description.gravity, parts[0].base, np.eye(len(joints))
     predicted = [part.columns @ np.where(_of_payload(part), whole * part.loaded, whole) for part in parts]
     late = [-np.gradient(y, part.time, axis=0) for y, part in zip(predicted, parts, strict=True)]
     yield Suspect(lambda s: f"the torques seem to be {1e3 * s:.2g} ms late", late)
@@ -151,12 +151,12 @@ def _candidates(description: Description, parts: Sequence[Equations], whole: Arr
         for axis, name in zip(np.eye(3), "xyz", strict=True):
             if np.linalg.norm(across := np.cross(axis, down)) > ACROSS * np.linalg.norm(down):
                 yield Suspect(partial(_turned, name), [some @ across for some in at], GROSS)
-        for j, name in enumerate(names):
+        for j, (name, turns) in enumerate(joints):
             moved = [pull(part.q + STEP * own[j]) for pull, part in zip(pulls, parts, strict=True)]
             steps = [(there - here) @ down / STEP for here, there in zip(at, moved, strict=True)]
-            yield Suspect(partial(_off_zero, name), steps, GROSS)
-    for j, name in enumerate(names):
-        yield Suspect(partial(_pulled, name), [part.q * own[j] for part in parts])
+            yield Suspect(partial(_off_zero, name, turns), steps, GROSS if turns else math.inf)
+    for j, (name, turns) in enumerate(joints):
+        yield Suspect(partial(_pulled, name, turns), [part.q * own[j] for part in parts])
     for loaded in (False, True):
         for k in [k for k, part in enumerate(parts) if part.loaded == loaded][1:]:
             more = [part.columns[:, :, first] * (i == k) for i, part in enumerate(parts)]
@@ -171,13 +171,15 @@ def _turned(axis: str, amount: float) -> str:
     return f"gravity seems to be turned by {math.degrees(amount):.2g} degrees about {axis} of the base (--base-gravity)"
 
 
-def _off_zero(joint: str, amount: float) -> str:
+def _off_zero(joint: str, turns: bool, amount: float) -> str:
+    if not turns:
+        return f"the zero of {joint} seems to be off by {-1e3 * amount:.2g} mm"
     other = "" if abs(amount) < GROSS else ", or its axis to point the other way, or joints to be exchanged"
     return f"the zero of {joint} seems to be off by {-math.degrees(amount):.2g} degrees{other}"
 
 
-def _pulled(joint: str, amount: float) -> str:
-    return f"something pulls at {joint} as a spring of {amount:.2g} Nm/rad"
+def _pulled(joint: str, turns: bool, amount: float) -> str:
+    return f"something pulls at {joint} as a spring of {amount:.2g} {'Nm/rad' if turns else 'N/m'}"
 
 
 def _carries(recording: int, what: str, amount: float) -> str:
