@@ -61,7 +61,7 @@ def fit(
     All torques and inertias scale with the torque constants. A recorded torque is taken as that at the link, or at the
     motor with --set N=RATIO.
 
-    Exit code 0: the torques of all joints are explained; 1: not of all; 2: bad input.
+    Exit code 0: the torques of all joints are explained and contradict nothing; 1: they are not, or do; 2: bad input.
     """
     from joint_id_core import formats
     from joint_id_core.arm.exported import OF_MUJOCO, exported
