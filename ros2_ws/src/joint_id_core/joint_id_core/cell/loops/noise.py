@@ -18,7 +18,7 @@ CD: int  # number of disturbances whose responses are computed at once: DISTURBA
 DELAYED: bool  # whether sensors have delays
 
 
-DISTURBANCES = 21
+DISTURBANCES = 19
 
 
 def noise_information(

@@ -77,6 +77,7 @@ def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
         text = f"noise in the recorded {inputs[drive]} that does not move the joint"
         part = (drive, unforeseen(known[inputs[drive]]))
         found.append(Shape(text, f"record the commanded {inputs[drive]}", (part,), sensor=True))
+    if drive is not None and model.stiffness is None:
         found += _of_the_gain(known[inputs[drive]], inputs[drive], drive)
     if motor is not None and model.stiffness is not None and {"motor_position", "link_position"} <= known.keys():
         found += _with_a_spring(data, known, value, motor)
@@ -84,12 +85,17 @@ def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
 
 
 def _of_the_gain(u: Array, name: str, drive: int) -> list[Shape]:
-    """Return what a motor or a sensor that is not linear adds to the recorded drive `u` (T,)."""
-    advice = "the joint has another torque than was recorded"
-    text = f"a gain of the recorded {name}"
+    """Return what a motor or a sensor that is not linear adds to the recorded drive `u` (T,).
+
+    Of a drive that stays around a value, as one that holds a load does, another gain is one of all torques: no shape.
+    """
+    away, size = _around_mean(u), np.abs(u)
+    spread = float(away @ away)
+    slope = float(away @ size) / spread if spread > 0.0 else 0.0
+    advice, text = "the joint has another torque than was recorded", f"a gain of the recorded {name}"
     return [
-        Shape(f"{text} that changes with its size", advice, ((drive, u * u * u),), general=True),
-        Shape(f"{text} that differs by its sign", advice, ((drive, np.abs(u)),), general=True),
+        Shape(f"{text} that changes with its size", advice, ((drive, away**3),), general=True),
+        Shape(f"{text} that differs by its sign", advice, ((drive, size - slope * away),), general=True),
     ]
 
 
