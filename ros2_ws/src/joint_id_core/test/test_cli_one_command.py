@@ -14,6 +14,7 @@ from joint_id_core import formats
 from joint_id_core.cli.fit import _again
 from joint_id_core.data.recording import Recording
 from joint_id_core.models import build
+from joint_id_core.results.status import Status
 from joint_id_core.simulation.excitation import multisine
 from joint_id_core.simulation.sensors import Sensors
 from joint_id_core.simulation.simulator import simulate
@@ -87,13 +88,15 @@ def test_where_a_flexible_joint_failed_the_gear_by_itself_is_proposed():
     """As of a UR3e's shoulder, whose load is that of the other joints."""
     found = SimpleNamespace(
         job=SimpleNamespace(model_options={"model": "rigid_joint", "gravity": True}),
-        estimate=SimpleNamespace(converged=False),
+        estimate=SimpleNamespace(converged=False, status=Status.POOR_FIT),
         why=("model rigid_joint with gravity: ...", "harmonic_drive was tried and left out: ..."),
     )
     *_, last = _again([Path("my log.csv")], found, {"robot": "ur3e", "joint": "lift"})
     assert last.endswith("joint-id fit 'my log.csv' --model motor_side --robot ur3e --joint lift")
     found.why = found.why[:1]
     assert not any("motor_side" in text for text in _again([Path("log.csv")], found, {}))
+    found.estimate.status = Status.BAD_DATA
+    assert _again([Path("log.csv")], found, {}) == [], "a command that fails again is of no use"
 
 
 def test_a_regression_gets_the_richest_model_that_it_suits(tmp_path, run_here):

@@ -167,6 +167,8 @@ def _validated(found: Result, given: Given) -> tuple[list[dict[str, Any]], str]:
 
 def _again(files: list[Path], found: Result, options: Mapping[str, Any]) -> list[str]:
     """Return what to do next, as commands that can be pasted: the same fit, and one more."""
+    if found.estimate.status.unusable:
+        return []  # the message says what to do before
     words = _words("fit", files, {**found.job.model_options, **options})
     same = shlex.join(words)
     if found.estimate.converged:
