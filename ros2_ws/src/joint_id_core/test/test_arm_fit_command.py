@@ -96,7 +96,7 @@ def test_the_command_writes_an_mjcf_and_tells_what_the_files_predict(here):
     assert code == 0, out + err
     assert "column  as described" in out
     for name, least in (("robot.urdf", 0.5), ("robot.xml", 0.999)):  # a URDF has the first rotor only
-        told = next(line for line in out.splitlines() if name in line)
+        told = next(line for line in out.splitlines() if name in line and "R^2" in line)
         shares = [float(word) for word in told.split("R^2 ")[1].split()]
         assert len(shares) == len(JOINTS) and min(shares) > least, told
     joints = list(ET.parse("robot.xml").getroot().iter("joint"))
