@@ -40,12 +40,12 @@ def test_columns_are_the_rates_of_the_torque_through_the_gear():
 
 def test_what_is_known_beforehand_makes_the_covariance_that_of_the_rule_of_bayes():
     columns = np.random.default_rng(0).standard_normal((30, 3)) * [1.0, 10.0, 0.01]
-    precision = np.array([0.0, 0.0, 50.0])
+    precision = np.diag([0.0, 0.0, 50.0])
     white = np.linalg.inv(columns.T @ columns)
-    bayes = np.linalg.inv(columns.T @ columns + np.diag(precision))
+    bayes = np.linalg.inv(columns.T @ columns + precision)
     found = known_before(white, columns, precision)
     np.testing.assert_allclose(found, bayes, rtol=1e-6, atol=1e-9)
-    np.testing.assert_array_equal(known_before(white, columns, np.zeros(3)), white)
+    np.testing.assert_array_equal(known_before(white, columns, np.zeros((3, 3))), white)
 
 
 def test_half_of_what_a_yielding_gear_changes_is_in_the_covariance():

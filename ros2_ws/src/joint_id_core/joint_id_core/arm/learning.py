@@ -44,7 +44,7 @@ def learned(parts: Sequence[Equations], beforehand: Beforehand | None = None) ->
     place = np.concatenate([np.arange(whole.base), np.arange(whole.base + PAYLOAD, own + PAYLOAD)])
     all_values, all_covariance, seen = np.zeros(size), np.zeros((size, size)), np.zeros(size, dtype=bool)
     all_values[place], seen[place] = values, shown
-    known = (table.precision if beforehand is None else np.diag(table.precision)) > 0.0
+    known = np.diag(table.precision) > 0.0
     spread = _positive(covariance + np.diag(np.where(shown | known, 0.0, UNKNOWN**2)))
     means, offsets, noise = np.zeros((count, own)), np.zeros(count), np.full(count, UNKNOWN**2)
     mean, torque = np.zeros(count), np.zeros(count)

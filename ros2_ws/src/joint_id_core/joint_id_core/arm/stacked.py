@@ -31,8 +31,8 @@ class Stacked:
             viscous and Coulomb friction.
         joint, pieces: of each, the number of the joint, and of recording and joint, (T,).
         count: of joints, n.
-        expected, precision: values of the parameters that are known beforehand, (P,), and 1 / variance of each, (P,),
-            or the inverse of their covariance, (P, P); 0 if nothing is.
+        expected, precision: values of the parameters that are known beforehand, (P,), and the inverse of their
+            covariance, (P, P); 0 if nothing is.
     """
 
     y: Array
@@ -65,12 +65,11 @@ class Stacked:
         known = parts[0].precision
         if not loaded:
             known = np.delete(known, place_of_payload(parts[0]))
-        table = cls(y, columns, np.repeat([j for _, j in rows], lengths), pieces, count, known)
+        table = cls(y, columns, np.repeat([j for _, j in rows], lengths), pieces, count, np.diag(known))
         if beforehand is None:
             return table
-        size = len(known)
-        precision = np.diag(known) + beforehand.precision(size)
-        return replace(table, precision=precision, expected=beforehand.of_all(size))
+        precision = table.precision + beforehand.precision(len(known))
+        return replace(table, precision=precision, expected=beforehand.of_all(len(known)))
 
     def without(self, places: NDArray[np.intp]) -> Stacked:
         """Return the same with some parameters that are 0."""
@@ -109,7 +108,7 @@ class Stacked:
     ) -> tuple[Array, float]:
         """Return the covariance of values with these columns (T, k) and residuals (T,), and the lag of their memory.
 
-        `precision` is that of these values, (k,), (k, k) or 0.
+        `precision` is that of these values, (k, k) or 0.
 
         Of each standard deviation it is the larger one of two: what the residuals show, and what noise with their first
         autocorrelation does.
@@ -173,7 +172,7 @@ def known_before(covariance: Array, columns: Array, precision: Array | float) ->
         return covariance
     size = np.linalg.norm(columns, axis=0)
     size = np.where(size > 0.0, size, 1.0)
-    information, before = (columns / size).T @ (columns / size), _matrix(precision, len(size)) / np.outer(size, size)
+    information, before = (columns / size).T @ (columns / size), precision / np.outer(size, size)
     inverse = np.linalg.pinv(information + before, hermitian=True)
     middle = information @ (covariance * np.outer(size, size)) @ information + before
     return np.asarray(inverse @ middle @ inverse / np.outer(size, size))
@@ -184,17 +183,12 @@ def solved(table: Array, y: Array, precision: Array | float = 0.0) -> Array:
 
     They are 0 for columns that are zero, and the shortest solution where columns depend.
 
-    `precision`: what is known beforehand of the parameters about 0, in the units of the table: 1 / variance, (P,), or
-    the inverse of their covariance, (P, P).
+    `precision`: the inverse of the covariance of the parameters about 0 that is known beforehand, (P, P), or 0, in the
+    units of the table.
     """
     size = np.linalg.norm(table, axis=0)
     scale = np.where(size > 0.0, size, 1.0)
     scaled = table / scale  # normal equations, which take a hundredth of the time: base parameters hardly depend
-    normal = scaled.T @ scaled + _matrix(precision, len(scale)) / np.outer(scale, scale)
+    normal = scaled.T @ scaled + precision / np.outer(scale, scale)
     found = np.linalg.lstsq(normal, scaled.T @ y, rcond=ROUNDED)[0]
     return np.asarray(((size > 0.0) * found.T / scale).T)
-
-
-def _matrix(precision: Array | float, count: int) -> Array:
-    """Return what is known beforehand of a number of parameters as a matrix."""
-    return np.asarray(precision if np.ndim(precision) == 2 else np.diag(np.broadcast_to(precision, count)))

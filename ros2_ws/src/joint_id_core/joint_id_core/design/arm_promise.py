@@ -137,6 +137,6 @@ def _covariance(part: Equations, table: Stacked, prior: ArmPrior, without: Place
         alike = np.exp(-np.abs(instants[:, None] - instants) / max(memory, FORGETS_S))
         whole += own.T @ own
         middle += own.T @ alike @ own
-    before = np.diag(table.precision / scale**2)
+    before = table.precision / np.outer(scale, scale)
     inverse = np.linalg.pinv(whole + before, hermitian=True, rcond=1e-13)
     return np.asarray(inverse @ (middle + before) @ inverse / np.outer(scale, scale))
