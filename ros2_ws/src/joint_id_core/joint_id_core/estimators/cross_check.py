@@ -228,7 +228,7 @@ def _as_wide(estimate: Estimate, model: Model, opinion: Opinion, seconds: Sequen
     if not wider:
         return replace(estimate, parameters=tuple(rows.values()))
     why = "what the drive does between samples is not known"
-    if opinion.lag and opinion.lag != opinion.fault:
+    if opinion.lag:
         why = "the drive is late or early"
     elif opinion.coloured:
         why = "the residual torque has a memory"
