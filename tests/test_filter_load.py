@@ -32,6 +32,11 @@ def arm():
     return moving_arm.rigid(14.0)
 
 
+def newest(found: list[JointParams], joint: str) -> JointEstimate | None:
+    """The newest estimate of a joint; those of a source that falls silent are taken back."""
+    return next((j for message in reversed(found) for j in message.joints if j.joint == joint), None)
+
+
 class Playing:
     """A filter, and the joints of the arm that are published for it."""
 
@@ -69,11 +74,12 @@ def test_a_description_that_comes_late_gives_the_load_and_a_joint_is_identified(
     assert np.isnan(playing.loads()).all(), "it is not known yet"
     probe.until(lambda: probe.told("filter", "no description on /robot_description yet"), "the reason")
 
-    def newest(joint: str) -> JointEstimate | None:
-        return next((j for j in found[-1].joints if j.joint == joint), None) if found else None
+    def has(joint: str, status: int) -> bool:
+        estimate = newest(found, joint)
+        return estimate is not None and estimate.status == status
 
-    probe.until(lambda: newest("lift") and newest("lift").status == JointEstimate.MISSING_SIGNAL, "what is missing")
-    assert "load of the rest of the arm" in newest("lift").message
+    probe.until(lambda: has("lift", JointEstimate.MISSING_SIGNAL), "what is missing")
+    assert "load of the rest of the arm" in newest(found, "lift").message
     playing.descriptions.publish(String(data=URDF))
     probe.until(lambda: probe.told("filter", "of /robot_description"), "the description")
     begin = playing.sent
@@ -89,8 +95,8 @@ def test_a_description_that_comes_late_gives_the_load_and_a_joint_is_identified(
         assert np.abs(load[rows] - right).max() < 0.01 * np.std(right)
     assert not any(s.measured & JointSamples.EXTERNAL_TORQUE for s in playing.samples)
     for name in ("lift", "tilt"):
-        probe.until(lambda name=name: newest(name) and newest(name).status == JointEstimate.CONVERGED, "an estimate")
-        k, rows = JOINTS.index(name), {p.name: p for p in newest(name).parameters}
+        probe.until(lambda name=name: has(name, JointEstimate.CONVERGED), "an estimate")
+        k, rows = JOINTS.index(name), {p.name: p for p in newest(found, name).parameters}
         truth = {"J": moving_arm.ROTOR[k] + typical_inertia(description)[k], "c": moving_arm.VISCOUS[k]}
         for parameter, value in truth.items():
             row = rows[parameter]
@@ -146,7 +152,8 @@ def test_without_a_description_there_is_no_load_and_the_identifier_says_which_on
     others = [name for name in JOINTS if name != "lift"]
 
     def told() -> bool:
-        text = found[-1].joints[0].message if found else ""
+        lift = newest(found, "lift")
+        text = lift.message if lift is not None else ""
         return "Other joints move, too" in text and "description_topic" in text and all(name in text for name in others)
 
     probe.until(told, "which joints, and what is missing")
@@ -181,12 +188,18 @@ def test_the_identifier_matches_the_load_of_other_masses_to_the_motion(start, pr
     probe.until(lambda: probe.count_subscribers("joint_samples") >= 2, "the identifier")
 
     def matched() -> JointEstimate | None:
-        lift = found[-1].joints[0] if found and found[-1].joints else None
+        lift = newest(found, "lift")
         return lift if lift is not None and "The load was matched to the motion" in lift.message else None
 
-    for _ in range(24):  # a fit of the newest seconds takes its time, too
+    def up_to_s() -> float:
+        """End of the newest window in s after the first sample."""
+        lift = newest(found, "lift")
+        return -np.inf if lift is None else lift.window_end.sec + lift.window_end.nanosec / NANO - BEGIN / NANO
+
+    for k in range(24):  # a fit of the newest seconds takes its time: no sample waits so long that it is left out
         playing.send(0.5)
-        probe.spin(0.2)
+        if k >= 8:
+            probe.until(lambda: up_to_s() > playing.sent / RATE - 1.5, "an estimate of these samples")
     probe.until(lambda: matched() is not None, "an estimate with a load that is matched")
     lift = matched()
     assert lift.status == JointEstimate.CONVERGED, lift.message

@@ -157,7 +157,7 @@ def test_all_joints_of_a_source_that_stops_are_taken_back_and_return(graph):
     stopped = time.monotonic()
     graph.probe.until(lambda: graph.newest() is None, "the end of the joint")
     assert time.monotonic() - stopped > 1.0
-    graph.told("identifier", "joint joint is not in joint_samples any more")
+    graph.told("identifier", "no joint_samples for 2 s")
     graph.told("filter", "nothing received on link_states")
     graph.right_again()
 

@@ -110,7 +110,7 @@ def test_the_last_estimate_of_a_source_that_has_an_end_or_pauses_stays(identifyi
     publish(samples, probe, [sample(k) for k in range(2 * RATE + 50)])
     probe.until(lambda: latest(found), "an estimate")
     probe.spin(3.5)
-    assert latest(found) is not None and not probe.told("identifier", "is not in joint_samples any more")
+    assert latest(found) is not None and not probe.told("identifier", "no joint_samples for")
 
 
 def standing(message):

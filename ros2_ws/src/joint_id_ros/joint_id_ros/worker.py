@@ -210,7 +210,7 @@ class Worker:
                 if batch:
                     self._update(batch)
                 if self._silence.look(bool(batch)) > GONE_S and not self._recorded:
-                    self._forget(list(self._named_ns))
+                    self._forget_the_silent()
             except JointIdError as error:
                 self._callbacks.problem("samples left out", str(error))
             except Exception as error:  # a bug must not end the thread silently
@@ -252,7 +252,18 @@ class Worker:
     def _forget_the_gone(self, joints: Collection[str], newest_ns: int) -> None:
         """End the identification of joints that the samples do not name any more."""
         self._named_ns |= dict.fromkeys(joints, newest_ns)
-        self._forget([j for j, named_ns in self._named_ns.items() if newest_ns - named_ns > GONE_S * NANO])
+        gone = [j for j, named_ns in self._named_ns.items() if newest_ns - named_ns > GONE_S * NANO]
+        for joint in gone:
+            self._callbacks.problem("joint gone", f"joint {joint} is not in joint_samples any more: it is left out")
+        self._forget(gone)
+
+    def _forget_the_silent(self) -> None:
+        """End the identification of all joints, as no samples come."""
+        silent = list(self._named_ns)
+        if silent:
+            text = f"no joint_samples for {GONE_S:.0f} s: until they come again, no estimate of {', '.join(silent)}"
+            self._callbacks.problem("no samples", text)
+        self._forget(silent)
 
     def _forget(self, joints: Sequence[str]) -> None:
         """End the identification of joints."""

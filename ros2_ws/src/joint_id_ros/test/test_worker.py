@@ -201,6 +201,7 @@ def test_all_joints_are_given_back_when_no_samples_come_at_all(working):
     until(lambda: worker.idle)
     first = made["a"]
     until(lambda: {("gone", "a"), ("gone", "b")} <= {*told})
+    assert ("no samples", f"no joint_samples for {GONE_S:.0f} s: until they come again, no estimate of a, b") in told
     add(worker, 10, 20, ("a", "b"))
     until(lambda: made["a"] is not first)
     assert [kind for kind, _ in told].count("gone") == 2

@@ -178,7 +178,6 @@ class IdentifierNode(ManagedNode):
 
     def _on_gone(self, joint: str) -> None:
         """Take back what was published of a joint that disappeared; called from the worker's thread."""
-        self._diagnostics.problem("joint gone", f"joint {joint} is not in {SAMPLES.name} any more: it is left out")
         self._knowledge.gone(joint)
         self._latest.drop(joint)
 
