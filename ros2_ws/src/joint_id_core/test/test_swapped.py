@@ -1,4 +1,4 @@
-"""Current and velocity of a motor in the wrong columns."""
+"""Current and velocity of a motor, or motor and link, in the wrong columns."""
 
 from __future__ import annotations
 
@@ -67,3 +67,13 @@ def test_short_constant_or_missing_signals_tell_nothing():
     assert not list(swapped(short))
     holes = {n: np.where(np.arange(len(motion)) % 40 < 5, np.nan, v) for n, v in motion.channels.items()}
     assert list(swapped(Recording(motion.time, holes)))
+
+
+def test_exchanged_columns_of_motor_and_link_are_refused():
+    time, motor, link = np.arange(0.0, 4.0, 0.002), "motor_position", "link_position"
+    turned = 0.3 * np.sin(3.0 * time) + 0.1 * np.sin(7.0 * time)
+    assert not [f for f in findings(Recording(time, {motor: 101.0 * turned, link: turned})) if "exchange" in f.text]
+    assert not [f for f in findings(Recording(time, {motor: turned, link: turned})) if "exchange" in f.text]  # no gear
+    (found,) = (f for f in findings(Recording(time, {motor: turned, link: 101.0 * turned})) if "exchange" in f.text)
+    assert "motor_position turns 0.0099 times as far as link_position" in found.text and found.fatal
+    assert "exchange the columns of motor and link (--map), or mend their units" in found.text
