@@ -55,6 +55,7 @@ def test_online_windows_of_single_moves_show_no_load_that_is_not_there(seed, gra
             assert abs(estimate[name].value - truth[name]) < 4.0 * estimate[name].std_dev, name
 
 
+@pytest.mark.long
 def test_noise_of_an_encoder_that_is_rounding_is_no_motion():
     """Its peaks at high frequencies would widen the band, and noise of the acceleration make the inertia smaller."""
     found = []

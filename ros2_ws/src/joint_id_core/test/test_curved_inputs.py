@@ -59,6 +59,7 @@ def test_a_motor_moves_as_it_did_between_the_samples_of_its_link(rate, share, mo
     assert curves < share * off()
 
 
+@pytest.mark.long
 def test_damping_of_the_gear_is_right_at_a_low_rate():
     """With straight lines it was 0.6 % too small."""
     found = fit(MODEL, recorded(250).window(2.0, 8.0), ParameterSettings({"tau_fm": 0.0}, fixed=("tau_fm",)))

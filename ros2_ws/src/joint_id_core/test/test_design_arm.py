@@ -21,7 +21,6 @@ from joint_id_core.results.verdict import Verdict
 
 from . import moving_arm
 from .moving_arm import COULOMB, JOINTS, ROTOR, URDF, VISCOUS
-from .quick import first_quick
 
 pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
 pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
@@ -193,7 +192,8 @@ def test_what_is_chosen_counts_and_all_else_is_in_the_way(designed: ArmDesign) -
     assert twice == pytest.approx(-len(variances) * (mean - np.log(4.0)), abs=1e-2)
 
 
-@pytest.mark.parametrize("criterion", first_quick(["D", "A"]))
+@pytest.mark.long
+@pytest.mark.parametrize("criterion", ["D", "A"])
 def test_other_criteria_find_good_motions_too(criterion: str, designed: ArmDesign) -> None:
     """The standard deviations of all three are alike: within 20 % in the geometric mean."""
     other = design_arm(ARM, LIMITS, PRIOR, HOME, SECONDS, criterion=criterion)

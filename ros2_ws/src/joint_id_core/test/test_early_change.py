@@ -28,7 +28,7 @@ def estimates(seconds: float, loaded_s: float, size: int = 10) -> list[Estimate]
     return found
 
 
-@pytest.mark.parametrize("loaded_s", first_quick([3.1, 2.3, 2.6], quick=2))
+@pytest.mark.parametrize("loaded_s", first_quick([3.1, 2.3, 2.6]))
 def test_a_load_in_the_window_after_the_first_one_is_followed(loaded_s):
     """Fits of all samples, those without the load among them, replaced what was right: 20 s later it was not known."""
     true = FACTOR * plant().values[INERTIA]

@@ -43,6 +43,7 @@ def reversal() -> Recording:
     return Recording(time, {"voltage": voltage, "current": current, "motor_velocity": velocity})
 
 
+@pytest.mark.long
 def test_a_velocity_that_turns_within_a_sample_is_simulated_as_an_adaptive_integrator_does():
     recording = reversal()
     data, kernel = prepare(MOTOR, recording), compile_model(MOTOR)

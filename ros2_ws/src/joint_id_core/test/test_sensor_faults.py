@@ -52,7 +52,8 @@ def seen(link_ms=0, encoders_ms=0, labels=PLAIN.state_names, gain=1.0, torque_of
     return Recording(np.arange(10, SAMPLES) / RATE, channels)
 
 
-@pytest.mark.parametrize("labels", [pytest.param(PLAIN.state_names, marks=pytest.mark.long), UR], ids=["all", "ur"])
+@pytest.mark.long
+@pytest.mark.parametrize("labels", [PLAIN.state_names, UR], ids=["all", "ur"])
 def test_three_milliseconds_between_the_encoders_are_found_to_a_tenth(labels):
     record = seen(link_ms=3, labels=labels)
     estimate = fit(LATE, record)

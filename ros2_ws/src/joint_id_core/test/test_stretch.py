@@ -47,6 +47,7 @@ def live(recording: Recording) -> list[Estimate]:
     return [e for e in found if e.status is not Status.TOO_SHORT]
 
 
+@pytest.mark.long
 def test_a_joint_whose_friction_bends_is_known_while_it_moves(monkeypatch):
     recording = bending(1)
     estimates = live(recording)
