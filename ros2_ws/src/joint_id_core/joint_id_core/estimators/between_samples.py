@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import Protocol
 
@@ -12,7 +11,7 @@ import numpy as np
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators.lateness import lateness
 from joint_id_core.estimators.shared.mean_drive import LEAST, MOST, POSITION, VELOCITY, changes, slope, with_mean_drive
-from joint_id_core.estimators.shared.sentences import message, sentence
+from joint_id_core.estimators.shared.sentences import sentence
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, Status
 
@@ -73,7 +72,7 @@ def fitted_between(estimate: Estimate, model: Model, recording: Recording, fit: 
     advised = (told, "Record all samples of the controller, or fit model rigid_joint.")
     alone = best.status is Status.CONVERGED  # else another fault is beside it, or makes the drive look so
     notes = (*advised, *best.notes[1:]) if alone else (*best.notes, *advised)
-    return replace(best, status=Status.POOR_FIT, notes=notes, message=message(notes)), 0.0
+    return best.noted(notes, status=Status.POOR_FIT), 0.0
 
 
 def described(model: Model, recording: Recording, share: float) -> Recording:
@@ -111,7 +110,7 @@ def _with_exact_share(
     if left is not None:
         estimate = left.share_contained(estimate, model)
     notes = (*estimate.notes[:1], sentence(changes(model, share)), *estimate.notes[1:])
-    return replace(estimate, notes=notes, message=message(notes)), share
+    return estimate.noted(notes), share
 
 
 def _misfit(estimate: Estimate) -> float:

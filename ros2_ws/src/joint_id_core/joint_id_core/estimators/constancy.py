@@ -8,7 +8,7 @@ of `BLOCKS` parts scatters as the information says. Source: tests of parameter c
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import chdtri
@@ -19,7 +19,7 @@ from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.filtered import run_through
 from joint_id_core.estimators.shared.fit_data import FitData, prepare
 from joint_id_core.estimators.shared.intervals import with_covariance
-from joint_id_core.estimators.shared.sentences import message, of_halves, sentence
+from joint_id_core.estimators.shared.sentences import of_halves, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate
@@ -78,7 +78,7 @@ def with_constancy(
     if wider is estimate or not (told := _told(estimate, found, slope)):
         return wider
     notes = (*estimate.notes[:1], sentence(told), *estimate.notes[1:])
-    return replace(wider, notes=notes, message=message(notes))
+    return wider.noted(notes)
 
 
 def pull_of(data: FitData, coordinates: Coordinates, estimate: Estimate) -> Pull | None:

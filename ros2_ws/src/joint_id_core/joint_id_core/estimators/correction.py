@@ -6,14 +6,11 @@ corrected ones are nearer to the joint. Their intervals stay: that the bias is l
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.misfit import CONTAINED
 from joint_id_core.estimators.shared.intervals import widened
-from joint_id_core.estimators.shared.sentences import message
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate
@@ -42,6 +39,4 @@ def with_correction(estimate: Estimate, model: Model, settings: ParameterSetting
         row = rows[name].at(float(value), float(sigma))
         rows[name] = widened(model, row, row.std_dev) if row.verdict is Verdict.ESTIMATED else row
     notes = tuple(note.replace(CONTAINED, CORRECTED) for note in estimate.notes)
-    return replace(
-        estimate, parameters=tuple(rows.values()), covariance=covariance, notes=notes, message=message(notes)
-    )
+    return estimate.noted(notes, parameters=tuple(rows.values()), covariance=covariance)

@@ -18,7 +18,7 @@ from joint_id_core.estimators.opinion import Opinion, Second, second_opinion
 from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.shared.intervals import between, interval_text, widened
 from joint_id_core.estimators.shared.mean_drive import CHANGES
-from joint_id_core.estimators.shared.sentences import listed, message, sentence
+from joint_id_core.estimators.shared.sentences import listed, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status
@@ -63,15 +63,15 @@ def judged(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
     estimate = _without_useless_advice(estimate, opinion)
     if opinion.lag:
         notes = (*estimate.notes[:1], sentence(opinion.lag), *estimate.notes[1:])
-        estimate = replace(estimate, notes=notes, message=message(notes))
+        estimate = estimate.noted(notes)
     if opinion.between and not any(CHANGES in note for note in estimate.notes):
         notes = (*estimate.notes[:1], sentence(opinion.between), *estimate.notes[1:])
-        estimate = replace(estimate, notes=notes, message=message(notes))
+        estimate = estimate.noted(notes)
     if estimate.status is Status.POOR_FIT and not opinion.fault and not opinion.lag:
         return _with_advice(estimate, opinion)
     if estimate.status is Status.POOR_FIT and opinion.fault:
         notes = (*estimate.notes[:1], sentence(opinion.fault), *estimate.notes[1:])
-        return replace(estimate, notes=notes, message=message(notes))
+        return estimate.noted(notes)
     if not estimate.converged:
         return estimate
     if opinion.fault:
@@ -152,7 +152,7 @@ def _without_useless_advice(estimate: Estimate, opinion: Opinion) -> Estimate:
         notes = [note.replace(f": try {advice})", f"; {advice} would predict new samples no better)") for note in notes]
     if notes == [*estimate.notes]:
         return estimate
-    return replace(estimate, notes=tuple(notes), message=message(notes))
+    return estimate.noted(notes)
 
 
 def _with_advice(estimate: Estimate, opinion: Opinion) -> Estimate:
@@ -161,12 +161,12 @@ def _with_advice(estimate: Estimate, opinion: Opinion) -> Estimate:
     first, *others = estimate.notes
     better = [note for note in others if ": try --" in note]  # what is still advised would help
     notes = (first, *better, sentence(advice), *(note for note in others if note not in better))
-    return replace(estimate, message=message(notes), notes=notes)
+    return estimate.noted(notes)
 
 
 def _poor(estimate: Estimate, fault: str) -> Estimate:
     notes = (sentence(fault), sentence(Status.POOR_FIT.advice), *estimate.notes[1:])
-    return replace(estimate, status=Status.POOR_FIT, message=message(notes), notes=notes)
+    return estimate.noted(notes, status=Status.POOR_FIT)
 
 
 def _widened(estimate: Estimate, model: Model, opinion: Opinion, apart: Sequence[Second]) -> Estimate:
@@ -202,9 +202,7 @@ def _with_rows(
 ) -> Estimate:  # fmt: skip
     """Return an estimate with other rows and notes, whose standard deviations grow by `scale` (free,)."""
     covariance = estimate.covariance * np.outer(scale, scale)
-    return replace(
-        estimate, message=message(notes), notes=notes, parameters=tuple(rows.values()), covariance=covariance
-    )  # fmt: skip
+    return estimate.noted(notes, parameters=tuple(rows.values()), covariance=covariance)
 
 
 def _as_wide(estimate: Estimate, model: Model, opinion: Opinion, seconds: Sequence[Second]) -> Estimate:

@@ -7,14 +7,12 @@ known then, and its intervals reckon with what is left.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.opinion import suits
 from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.shared.mean_drive import CHANGES
-from joint_id_core.estimators.shared.sentences import message, sentence
+from joint_id_core.estimators.shared.sentences import sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, Status
@@ -43,7 +41,7 @@ def regressed_instead(
     # What the model lacks, and what to try: a better model is better than another estimator.
     shown = [sentence(note.partition("; the standard deviations")[0].rstrip(".")) for note in others if SHOWN in note]
     notes = (*found.notes[:1], sentence(WHOSE), *shown, *found.notes[1:], f"Of innovations: {why[:1].lower()}{why[1:]}")
-    return replace(found, notes=notes, message=message(notes), elapsed_s=estimate.elapsed_s + found.elapsed_s)
+    return found.noted(notes, elapsed_s=estimate.elapsed_s + found.elapsed_s)
 
 
 def changes_between(estimate: Estimate) -> bool:

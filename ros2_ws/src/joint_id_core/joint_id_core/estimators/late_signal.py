@@ -9,7 +9,7 @@ Gauss-Newton gives. Where that is far likelier for one signal alone, fits with t
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.innovations.filtered import filtered
 from joint_id_core.estimators.shared.fit_data import prepare
 from joint_id_core.estimators.shared.motor_constants import unequal_constants
-from joint_id_core.estimators.shared.sentences import message, sentence
+from joint_id_core.estimators.shared.sentences import sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, Status
@@ -83,7 +83,7 @@ def with_late_signal(
     if not told:
         return estimate
     notes = (sentence(told), *estimate.notes[estimate.status is Status.CONVERGED :])
-    return replace(estimate, status=Status.POOR_FIT, notes=notes, message=message(notes))
+    return estimate.noted(notes, status=Status.POOR_FIT)
 
 
 def corrected(recording: Recording, name: str, late: int) -> Recording:

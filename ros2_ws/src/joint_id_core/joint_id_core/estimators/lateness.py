@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from joint_id_core.estimators.innovations.recursion import Pass, Recursion
 from joint_id_core.estimators.shared.fit_data import prepare
 from joint_id_core.estimators.shared.intervals import with_covariance
 from joint_id_core.estimators.shared.mean_drive import MOST, mean_square_share, slope
-from joint_id_core.estimators.shared.sentences import listed, message, sentence
+from joint_id_core.estimators.shared.sentences import listed, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate
@@ -69,7 +69,7 @@ class Lateness:
             f"late): the interval of {names} contains both; record all samples of the controller"
         )
         notes = (*wider.notes[:1], sentence(told), *wider.notes[1:])
-        return replace(wider, notes=notes, message=message(notes))
+        return wider.noted(notes)
 
     def _early(self, estimate: Estimate, model: Model) -> Estimate:
         """Return the same for a voltage that acts after its record, as behind the filter of an amplifier."""
@@ -83,7 +83,7 @@ class Lateness:
             "the intervals contain that; correct its times, or record it at the motor"
         )
         notes = (*wider.notes[:1], sentence(told), *wider.notes[1:])
-        return replace(wider, notes=notes, message=message(notes))
+        return wider.noted(notes)
 
     def _with_mean_square(self, estimate: Estimate, model: Model, square: float) -> Estimate:
         return with_covariance(model, estimate, estimate.covariance + square * np.outer(self.effect, self.effect))

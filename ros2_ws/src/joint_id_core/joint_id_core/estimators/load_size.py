@@ -7,14 +7,13 @@ stiffnesses, inertias and frictions, and they are known no better than the masse
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.shared.computed_load import LOAD
 from joint_id_core.estimators.shared.intervals import with_covariance
-from joint_id_core.estimators.shared.sentences import listed, message, sentence
+from joint_id_core.estimators.shared.sentences import listed, sentence
 from joint_id_core.models import Model
 from joint_id_core.models.combinations import combinations
 from joint_id_core.results.estimate import Estimate
@@ -65,4 +64,4 @@ def with_size_doubt(model: Model, estimate: Estimate, share: float) -> Estimate:
     wider = with_covariance(model, estimate, estimate.covariance + np.outer(moved, moved))
     told = f"{SAID}: {listed(scaled)} are known no better than the load, {100.0 * share:.0f} %"
     notes = (*wider.notes[:1], sentence(told), *wider.notes[1:])
-    return replace(wider, notes=notes, message=message(notes))
+    return wider.noted(notes)

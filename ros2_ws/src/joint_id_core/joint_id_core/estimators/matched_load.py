@@ -23,7 +23,7 @@ from joint_id_core.estimators.shared.computed_load import LOAD
 from joint_id_core.estimators.shared.held_values import CONSTANT
 from joint_id_core.estimators.shared.intervals import with_covariance
 from joint_id_core.estimators.shared.long_record import fitted_part
-from joint_id_core.estimators.shared.sentences import message, sentence
+from joint_id_core.estimators.shared.sentences import sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate
@@ -115,7 +115,7 @@ class MatchedLoad:
         if not self._said:
             return estimate
         notes = (*estimate.notes[:1], sentence(self._said), *estimate.notes[1:])
-        return replace(estimate, notes=notes, message=message(notes))
+        return estimate.noted(notes)
 
     def size_deviation(self, recordings: Sequence[Recording], matched: bool) -> float:
         """Return how far the size of the load is not known, matched or as computed: see `load_size`."""

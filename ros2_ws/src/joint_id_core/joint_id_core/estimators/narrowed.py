@@ -16,7 +16,7 @@ import numpy as np
 from joint_id_core.estimators.opinion import Opinion, Second
 from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.shared.intervals import interval_text
-from joint_id_core.estimators.shared.sentences import listed, message, sentence, without_shown
+from joint_id_core.estimators.shared.sentences import listed, sentence, without_shown
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status
 from joint_id_core.results.verdict import MAGNITUDE, Verdict
@@ -57,9 +57,7 @@ def narrowed(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
     notes, place = without_shown(estimate.notes, taken), 1 if estimate.converged else 2  # after the likely cause
     notes = (*notes[:place], sentence(said), *notes[place:])
     covariance = estimate.covariance * np.outer(scale, scale)
-    return replace(
-        estimate, message=message(notes), notes=notes, parameters=tuple(rows.values()), covariance=covariance
-    )  # fmt: skip
+    return estimate.noted(notes, parameters=tuple(rows.values()), covariance=covariance)
 
 
 def _sigma(first: ParameterEstimate, second: Second, model: Model) -> float:

@@ -6,14 +6,12 @@ both sides of a gear nearly move as one, so the gear does not matter for a drive
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.one_encoder import at_link
 from joint_id_core.estimators.regression.changed_gain import changed_gain
 from joint_id_core.estimators.regression.estimator import Regression
-from joint_id_core.estimators.shared.sentences import message, sentence
+from joint_id_core.estimators.shared.sentences import sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.models.rigid_joint import RigidJoint
@@ -50,9 +48,7 @@ def with_signal_faults(
     replaced = (sentence(told), sentence(estimate.status.advice) if doubted else "")
     others = [note for note in estimate.notes if note not in replaced]
     notes = (sentence(told), *([sentence(Status.POOR_FIT.advice)] if doubted else []), *others)
-    return replace(
-        estimate, status=Status.POOR_FIT if doubted else estimate.status, notes=notes, message=message(notes)
-    )
+    return estimate.noted(notes, status=Status.POOR_FIT if doubted else estimate.status)
 
 
 def _of_both(model: Model, recording: Recording, settings: ParameterSettings, drive: str) -> str:

@@ -170,10 +170,9 @@ def _told(estimate: Estimate, given: Given) -> Estimate:
     """Return an estimate with what is said of its recordings; a doubt about them comes before other notes."""
     if not given.doubt:
         return replace(estimate, notes=(*estimate.notes, *given.notes))
-    from joint_id_core.estimators.shared.sentences import message
 
     notes = (*estimate.notes[:1], given.doubt, *estimate.notes[1:], *given.notes)
-    return replace(estimate, notes=notes, message=message(notes))
+    return estimate.noted(notes)
 
 
 def _doubt(model: Model, estimate: Estimate, rate: float) -> str:

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from joint_id_core.cell.kernel import compile_shared
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.shared.intervals import between
-from joint_id_core.estimators.shared.sentences import message, sentence
+from joint_id_core.estimators.shared.sentences import sentence
 from joint_id_core.models import Model
 from joint_id_core.online.memory import BLOCK_S
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status
@@ -139,7 +139,5 @@ class Agreement:
             "of the motion"
         )
         notes = (sentence(said), "The value lies between, and the interval contains both.", *estimate.notes[1:])
-        return replace(
-            estimate, status=Status.DISAGREE, message=message(notes), notes=notes, parameters=tuple(rows.values()),
-            covariance=estimate.covariance * np.outer(scale, scale),
-        )  # fmt: skip
+        covariance = estimate.covariance * np.outer(scale, scale)
+        return estimate.noted(notes, status=Status.DISAGREE, parameters=tuple(rows.values()), covariance=covariance)

@@ -9,7 +9,6 @@ import numpy as np
 
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.innovations.belief import Belief
-from joint_id_core.estimators.shared.sentences import message
 from joint_id_core.estimators.shared.stillness import seen_by
 from joint_id_core.online.changes import Changes
 from joint_id_core.online.checks import Checked
@@ -150,7 +149,7 @@ class Knowledge:
             or any(a is not b for a, b in zip(self._same[0], basis, strict=True))
         ):
             found = self._published((), samples=len(window), chi2=self.last.chi2, **fields)
-            found = found.updated(status=status, message=message(notes), notes=notes)
+            found = found.noted(notes, status=status)
             self._same = (basis, told, found) if self.follower.tracker is None else None
             return found
         return self._same[2].updated(**fields)

@@ -9,9 +9,9 @@ from joint_id_core.checking.signals import GOES, known
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.estimators.shared.computed_load import LOAD
-from joint_id_core.estimators.shared.sentences import MOST_SENTENCES, listed, message
+from joint_id_core.estimators.shared.sentences import listed
 from joint_id_core.models import Model
-from joint_id_core.results.estimate import Estimate
+from joint_id_core.results.estimate import MOST_SENTENCES, Estimate, message
 
 POSITIONS = tuple(name for name in CHANNELS if name.endswith("_position"))
 TEXT = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,11 +15,11 @@ from joint_id_core.estimators.innovations.verdicts import findings, informative,
 from joint_id_core.estimators.load_size import SIZE_ERROR, with_size_doubt
 from joint_id_core.estimators.shared.computed_load import LOAD, with_doubt
 from joint_id_core.estimators.shared.fit_data import UnusableError, unusable
-from joint_id_core.estimators.shared.sentences import message, sentence
+from joint_id_core.estimators.shared.sentences import sentence
 from joint_id_core.models import Model
 from joint_id_core.online.agreement import Agreement
 from joint_id_core.online.window import SlidingWindow
-from joint_id_core.results.estimate import Estimate, ParameterChange, ParameterEstimate, Status
+from joint_id_core.results.estimate import Estimate, ParameterChange, ParameterEstimate, Status, message
 
 DISAGREE = "The newest samples disagree with what was known: the joint changes, or the model does not describe it."
 UNKNOWN_S = 1.0  # after a gap the load of an arm is not known for up to 0.7 s
@@ -103,22 +103,14 @@ def _with_excess(last: Estimate, covariance: Array) -> Array:
 def with_note(estimate: Estimate, window: SlidingWindow) -> Estimate:
     """Return the estimate of an earlier window as that of the present one, which the memory does not describe."""
     notes = (DISAGREE, *(note for note in estimate.notes if note != sentence(Status.CONVERGED.advice)))
-    return replace(
-        estimate,
-        status=Status.POOR_FIT,
-        message=message(notes),
-        notes=notes,
-        start=window.start,
-        end=window.end,
-        predictions=None,
-    )
+    return estimate.noted(notes, status=Status.POOR_FIT, start=window.start, end=window.end, predictions=None)
 
 
 def forgotten(estimate: Estimate, agreement: Agreement) -> Estimate:
     """Return the estimate of a window with which a memory begins in place of one that did not describe it."""
     agreement.replaced()
     notes = (estimate.notes[0], FORGOTTEN, *estimate.notes[1:])
-    return replace(estimate, message=message(notes), notes=notes)
+    return estimate.noted(notes)
 
 
 def with_computed_load(estimate: Estimate, recent: SlidingWindow, model: Model) -> Estimate:
@@ -128,7 +120,7 @@ def with_computed_load(estimate: Estimate, recent: SlidingWindow, model: Model) 
     newest = recent.recording(recent.end - UNKNOWN_S)
     if estimate.status is not Status.NO_MOTION and not any_finite(newest[LOAD]):
         notes = (sentence(UNKNOWN_LOAD),)
-        estimate = replace(estimate, status=Status.MISSING_SIGNAL, message=message(notes), notes=notes)
+        estimate = estimate.noted(notes, status=Status.MISSING_SIGNAL)
     return with_doubt(with_size_doubt(model, estimate, SIZE_ERROR), model)
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import time
 from concurrent.futures import Future
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -18,7 +17,6 @@ import numpy as np
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import fit
 from joint_id_core.estimators.opinion import suits
-from joint_id_core.estimators.shared.sentences import message
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.online.agreement import Agreement
@@ -123,5 +121,5 @@ def _fitted(model: Model, recording: Recording, settings: ParameterSettings) -> 
     found = fit(model, recording, settings)
     if not found.status.unusable:
         notes = (found.notes[0], WHOLE.format(found.end - found.start), *found.notes[1:])
-        found = replace(found, notes=notes, message=message(notes), predictions=None)
+        found = found.noted(notes, predictions=None)
     return found, time.thread_time() - begun

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,13 @@ from joint_id_core.results.verdict import Verdict as Verdict
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
+
+MOST_SENTENCES = 3  # of the notes, in a message
+
+
+def message(notes: Sequence[str]) -> str:
+    """Return the first `MOST_SENTENCES` notes as one text."""
+    return " ".join(notes[:MOST_SENTENCES])
 
 
 @dataclass(frozen=True)
@@ -158,6 +165,10 @@ class Estimate:
     def values(self) -> dict[str, float]:
         """Value of every parameter by name."""
         return {p.name: p.value for p in self.parameters}
+
+    def noted(self, notes: Sequence[str], **fields: Any) -> Estimate:
+        """Return a copy with these notes, the first of which are its message, and other `fields`."""
+        return replace(self, notes=tuple(notes), message=message(notes), **fields)
 
     def updated(self, **fields: Any) -> Estimate:
         """Return a copy with other `fields`, as `dataclasses.replace` does in ten times the time."""

@@ -18,12 +18,12 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.hpinn.estimator import HPinn
 from joint_id_core.estimators.shared.fit_data import FitData, UnusableError, options_of, origin_of, prepare, unusable
 from joint_id_core.estimators.shared.initial_state import rough_states, start_state
-from joint_id_core.estimators.shared.sentences import listed, message, missed, sentence, times
+from joint_id_core.estimators.shared.sentences import listed, missed, sentence, times
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.estimators.shared.substeps import stable_substeps
 from joint_id_core.models import Model
 from joint_id_core.options import Progress
-from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions, Status, Verdict
+from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions, Status, Verdict, message
 from joint_id_core.results.verdict import NOT_EXCITED_RATIO, PRIOR_RATIO
 
 if TYPE_CHECKING:

@@ -12,10 +12,10 @@ import numpy as np
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.shared.fit_data import FitData
-from joint_id_core.estimators.shared.sentences import message, missed, not_shown, sentence, times
+from joint_id_core.estimators.shared.sentences import missed, not_shown, sentence, times
 from joint_id_core.models import Model
 from joint_id_core.models.operations import ArrayOps
-from joint_id_core.results.estimate import ParameterEstimate, Status
+from joint_id_core.results.estimate import ParameterEstimate, Status, message
 from joint_id_core.results.verdict import MAGNITUDE, NOT_EXCITED_RATIO, PRIOR_RATIO, STRONG_CORRELATION, Verdict
 
 if TYPE_CHECKING:

@@ -24,10 +24,10 @@ from joint_id_core.estimators.shared.fit_data import (
     unusable,
 )
 from joint_id_core.estimators.shared.mean_drive import MOST, POSITION, changes, with_mean_drive
-from joint_id_core.estimators.shared.sentences import listed, message, sentence
+from joint_id_core.estimators.shared.sentences import listed, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
-from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions, Status, Verdict
+from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions, Status, Verdict, message
 
 FITS = 4  # most of them until the share of the next sample is known
 

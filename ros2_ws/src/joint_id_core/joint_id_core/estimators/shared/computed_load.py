@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 
 from joint_id_core.data.recording import Recording
-from joint_id_core.estimators.shared.sentences import message
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import SHOWN, Estimate
 
@@ -75,4 +74,4 @@ def _with_doubtful_changes(estimate: Estimate, model: Model) -> Estimate:
     told = {old.text: new.text if new.size > SHOWN else "" for old, new in zip(estimate.changes, wider, strict=True)}
     changes = tuple(change for change in wider if change.size > SHOWN)
     notes = tuple(filter(None, (told.get(note, note) for note in estimate.notes)))
-    return replace(estimate, changes=changes, notes=notes, message=message(notes))
+    return estimate.noted(notes, changes=changes)

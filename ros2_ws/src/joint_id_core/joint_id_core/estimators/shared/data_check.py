@@ -12,7 +12,7 @@ from joint_id_core.data.signals import integral_of
 from joint_id_core.estimators.shared.fit_data import UnusableError, unusable
 from joint_id_core.estimators.shared.motor_constants import unequal_constants
 from joint_id_core.estimators.shared.oscillation import slow_samples
-from joint_id_core.estimators.shared.sentences import message, sentence
+from joint_id_core.estimators.shared.sentences import sentence
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, Status
 
@@ -47,4 +47,4 @@ def noted(estimate: Estimate, found: Sequence[Finding], model: Model, recording:
     if not estimate.notes:
         return replace(estimate, notes=tuple(more))
     notes = (*estimate.notes[:1], *more, *estimate.notes[1:])
-    return replace(estimate, notes=notes, message=message(notes))
+    return estimate.noted(notes)

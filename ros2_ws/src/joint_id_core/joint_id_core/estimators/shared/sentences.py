@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 
-MOST_SENTENCES = 3
 MOST_NAMES = 12  # in one list; the table of the parameters has all of them
 FAR = 10.0  # nrmse above which a message gives words in place of the number
 MOST_TIMES = 1000.0  # the same for other ratios
@@ -13,11 +12,6 @@ MOST_TIMES = 1000.0  # the same for other ratios
 def sentence(text: str) -> str:
     """Return a clause as a sentence, with a capital letter and a full stop."""
     return text[:1].upper() + text[1:].rstrip(".") + "."
-
-
-def message(sentences: Sequence[str]) -> str:
-    """Return the first `MOST_SENTENCES` sentences as one text."""
-    return " ".join(sentences[:MOST_SENTENCES])
 
 
 def listed(names: Iterable[str]) -> str:

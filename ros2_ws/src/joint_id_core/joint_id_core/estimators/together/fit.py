@@ -6,13 +6,12 @@ Every recording is fitted by itself, with its own start and noise; then what the
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators.shared.sentences import message
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.estimators.together.information import Space, added, scatter, share_of
 from joint_id_core.estimators.together.judging import common, judge, own
@@ -73,7 +72,7 @@ def together(model: Model, alone: Sequence[Estimate], settings: ParameterSetting
         one = alone[used[0]]
         status, notes = judge(alone, used, {row.name: row for row in one.parameters}, apart)
         notes = (*notes, *(note for note in one.notes[1:] if note not in notes))
-        return Together(replace(one, status=status, notes=notes, message=message(notes)), tuple(alone), tuple(apart))
+        return Together(one.noted(notes, status=status), tuple(alone), tuple(apart))
     space = Space(model, alone[used[0]], settings or ParameterSettings())
     shares = [share_of(space, alone[k]) for k in used]
     z, covariance = added(space, shares)
@@ -102,8 +101,8 @@ def _estimate(
     }
     parameters = tuple(found.get(p.name) or own(model, [e[p.name] for e in parts]) for p in first.parameters)
     status, notes = judge(alone, used, found, apart)
-    return replace(
-        first, status=status, message=message(notes), notes=notes, parameters=parameters, free=space.names,
+    return first.noted(
+        notes, status=status, parameters=parameters, free=space.names,
         covariance=np.nan_to_num(covariance, posinf=0.0) * np.outer(slope, slope), checks=None, predictions=None,
         changes=(), deviance=float("nan"), nrmse={n: max(e.nrmse.get(n, 0.0) for e in parts) for n in first.nrmse},
         observations=sum(e.observations for e in parts), samples=sum(e.samples for e in parts),
