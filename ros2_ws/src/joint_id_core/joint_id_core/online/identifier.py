@@ -136,7 +136,8 @@ class OnlineIdentifier:
             return None
         newest = with_held_values(newest, self.model, self.settings)
         newest = with_computed_load(newest, self._watch.recent, self.model)
-        return newest.updated(elapsed_s=time.perf_counter() - begun)
+        warm = self._window if self._watch.moving else self._watch.recent
+        return newest.updated(temperature=warm.temperature, elapsed_s=time.perf_counter() - begun)
 
     def finish(self) -> None:
         """Test and learn from the newest samples, if it is time for that."""
@@ -164,9 +165,8 @@ class OnlineIdentifier:
             return None
         stretch = self._beside.stretch
         if self._watch.moving:
-            estimate = self._agreement.on(self._in_motion())
-            return stretch.on(estimate, self._trial.blames_sensor).updated(temperature=self._window.temperature)
-        return stretch.at_rest(self._at_rest()).updated(temperature=recent.temperature)
+            return stretch.on(self._agreement.on(self._in_motion()), self._trial.blames_sensor)
+        return stretch.at_rest(self._at_rest())
 
     def _without_memory(self) -> Estimate:
         """Fit the newest samples by themselves."""

@@ -56,10 +56,12 @@ class _Part(NamedTuple):
     Attributes:
         samples: the samples.
         duration: time that they count for in s.
+        warmth: see `_warmth`; None if it was not asked for when they were added.
     """
 
     samples: Recording
     duration: float
+    warmth: tuple[float, int] | None
 
 
 class SlidingWindow:
@@ -112,7 +114,8 @@ class SlidingWindow:
             self._period = length / (count - 1)
         elif step < (self._period or np.inf):  # samples that come one by one
             self._period = step
-        part = _Part(samples, length + (step if step < REST * self._period else self._period))
+        counts_s = length + (step if step < REST * self._period else self._period)
+        part = _Part(samples, counts_s, None if self._warmth is None else _warmth(samples))
         self._parts.append(part)
         self._take(part, 1)
         self.end, self._old = end, None
@@ -124,7 +127,7 @@ class SlidingWindow:
         self._rows += sign * len(part.samples)
         self._duration += sign * part.duration
         if self._warmth is not None:
-            (total, known), (warm, count) = self._warmth, _warmth(part.samples)
+            (total, known), (warm, count) = self._warmth, part.warmth or _warmth(part.samples)
             self._warmth = total + sign * warm, known + sign * count
 
     def __len__(self) -> int:
@@ -194,7 +197,7 @@ class SlidingWindow:
         if begin == len(found[0]) and len(found) > 1:
             found, begin = found[1:], 0
         found[0] = found[0].slice(begin, len(found[0])) if begin else found[0]
-        return _joined(found)
+        return joined(found)
 
 
 def _warmth(samples: Recording, end: int | None = None) -> tuple[float, int]:
@@ -210,7 +213,7 @@ def _warmth(samples: Recording, end: int | None = None) -> tuple[float, int]:
     return float(known.sum()), len(known)
 
 
-def _joined(parts: Sequence[Recording]) -> Recording:
+def joined(parts: Sequence[Recording]) -> Recording:
     """Return later and later samples of a joint as one recording, NaN where a part lacks a channel."""
     last = parts[-1]
     if len(parts) == 1:
