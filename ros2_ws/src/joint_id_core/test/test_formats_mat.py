@@ -44,6 +44,11 @@ def test_signals_in_structures_and_matrices_have_names(mat):
         formats.read(path)
 
 
+def test_a_constant_is_not_proposed_as_a_signal(mat):
+    with pytest.raises(JointIdError, match=r"columns t, phi, n_axis, gtau: .*--map time_s=t --map link_position=phi "):
+        formats.read(mat(n_axis=6, gtau=35.0, t=TIME, phi=TIME))
+
+
 def test_scalars_may_be_factors(mat):
     path = mat(t=TIME, vir=np.arange(5), gtau=35.0)
     recording = formats.read(path, mapping={"time_s": "t", "torque": "gtau*vir*2"})

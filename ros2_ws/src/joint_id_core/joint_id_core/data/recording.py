@@ -74,7 +74,10 @@ class Recording:
                 raise JointIdError(f"{self.source}: {name} has shape {values.shape}, time has {time.shape}")
             if (infinite := np.isinf(values)).any():
                 k = int(np.argmax(infinite))
-                raise JointIdError(f"{self.source}: {name} is infinite at sample {k} ({time[k]:.9g} s)")
+                raise JointIdError(
+                    f"{self.source}: {name} is infinite at sample {k} ({time[k]:.9g} s): write NaN, or in a table "
+                    "nothing, for a value that was not measured"
+                )
             channels[name] = values
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "channels", channels)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 import warnings
 from collections.abc import Collection, Mapping
 from pathlib import Path
@@ -28,6 +29,7 @@ from joint_id_core.formats.mapping import unread as left_alone
 from joint_id_core.formats.overlooked import tell, tell_empty
 
 SHOWN = 40  # characters of a cell that an error shows
+CLOCK = re.compile(r"\d:\d\d|\d{4}-\d\d-\d\d|\d\d?[./]\d\d?[./]\d")  # in a date, or a time of the day
 
 
 def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:
@@ -162,8 +164,11 @@ def _column(path: Path, name: str, index: int, rows: list[list[str]], numbers: l
         return np.array([float(row[index] or "nan") for row in rows])
     except ValueError:
         row, number = next((r, n) for r, n in zip(rows, numbers, strict=True) if not is_number(r[index] or "nan"))
-        hint = " with a decimal point" if is_number(row[index].replace(",", ".")) else ", or leave the cell empty"
-        shown = row[index] if len(row[index]) <= SHOWN else f"{row[index][:SHOWN]}..."
-        raise JointIdError(
-            f"{path}: line {number}, column {name}: {shown!r} is not a number: write one{hint}"
-        ) from None
+        cell = row[index]
+        shown = cell if len(cell) <= SHOWN else f"{cell[:SHOWN]}..."
+        what = "is not a number: write one, or leave the cell empty"
+        if is_number(cell.replace(",", ".")):
+            what = "is not a number: write one with a decimal point"
+        elif CLOCK.search(cell):
+            what = "is a date or a time of the day: write seconds, such as those since the first sample"
+        raise JointIdError(f"{path}: line {number}, column {name}: {shown!r} {what}") from None

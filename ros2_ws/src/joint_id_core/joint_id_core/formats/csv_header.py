@@ -55,7 +55,9 @@ def lines(path: Path) -> Iterator[tuple[int, str]]:
     except UnicodeDecodeError as error:
         if error.start == 0 and error.object[:2] in UTF_16:
             raise JointIdError(f"{path}: this is UTF-16 text: save the file as UTF-8") from None
-        raise JointIdError(f"{path}: byte {error.start} is not UTF-8 text: save the file as plain CSV") from None
+        raise JointIdError(
+            f"{path}: byte {error.start} is not UTF-8 text: save the file as UTF-8 (in Excel: CSV UTF-8)"
+        ) from None
 
 
 def _about_zeros(number: int, line: str) -> str:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+import re
 import shlex
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError, close_to
-from joint_id_core.formats.column_names import TIME, understood
+from joint_id_core.formats.column_names import DEGREE, TIME, TIMES, factor_of, understood, without_unit
+from joint_id_core.formats.joint_columns import WORDS
 from joint_id_core.formats.overlooked import overlooked
 from joint_id_core.formats.remote import Place
 
@@ -104,7 +106,7 @@ def listed(columns: Collection[str]) -> str:
         if number.isdecimal() and number != "1" and shown and shown[-1].startswith(f"{matrix}.1"):
             shown[-1] = f"{matrix}.1 to {number}"
         else:
-            shown.append(column)
+            shown.append(column or "(without a name)")
     return ", ".join(shown)
 
 
@@ -118,21 +120,33 @@ def taken(plan_: Mapping[str, Product]) -> list[str]:
 
 
 def unread(found: Collection[str], plans: Iterable[Mapping[str, Product]]) -> list[str]:
-    """Return the columns that none of the plans reads."""
+    """Return the columns that none of the plans reads; one without a name, as of row numbers, is not meant to be."""
     used = {name for plan_ in plans for product in plan_.values() for name in product.names}
-    return [column for column in found if column not in used]
+    return [column for column in found if column and column not in used]
 
 
 def _example(found: Collection[str]) -> str:
     """Return example options that map the user's own columns."""
-    own = _own(found)
-    time = next((c for c in found if (understood(c) or ("",))[0] == TIME), None) or next(own, "t")
-    position = next((c for c in own if c != time), "q")
-    factor = "0.0174533*" if "deg" in position.lower() else ""
-    options = (f"{TIME}={time}", f"link_position={factor}{position}")
-    text = " ".join(f"--map {shlex.quote(option)}" for option in options)
-    return text if factor else f"{text} (0.0174533*{position} if it is in degrees)"
+    own = [name for name in found if name not in TARGETS]
+    time = next((c for c in found if (understood(c) or ("",))[0] == TIME), None) or _named(own, TIMES) or "t"
+    position = _named([c for c in own if c != time], WORDS["link_position"]) or "q"
+    options = (_option(TIME, time), _option("link_position", position))
+    text = " ".join(options)
+    in_degrees = f"0.0174533*{position}"
+    told = without_unit(position)[1] or in_degrees in text
+    return text if told else f"{text} ({in_degrees} if it is in degrees)"
 
 
-def _own(found: Collection[str]) -> Iterator[str]:
-    return (name for name in found if name not in TARGETS)
+def _named(columns: Sequence[str], words: Collection[str]) -> str | None:
+    """Return the first column with one of these words in its name, or else the first one; None if there are none."""
+    tokens = (re.split(r"[\W\d_]+", column.lower()) for column in columns)
+    return next((c for c, its in zip(columns, tokens, strict=True) if {*words} & {*its}), next(iter(columns), None))
+
+
+def _option(target: str, column: str) -> str:
+    """Return the option that maps a column, in SI units if its name tells the unit."""
+    factor = factor_of(target, without_unit(column)[1])
+    if factor == 1.0 and target != TIME and "deg" in column.lower():
+        factor = DEGREE
+    number = f"{factor:.6g}*" if factor not in (None, 1.0) else ""
+    return f"--map {shlex.quote(f'{target}={number}{column}')}"

@@ -94,7 +94,10 @@ def variables(path: Path) -> tuple[str, ...]:
 
 
 def _load(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
-    """Return the vectors and scalars of the file by name, each of shape (n,), and of others what they hold."""
+    """Return the vectors and scalars of the file by name, each of shape (n,), and of others what they hold.
+
+    The longest come first.
+    """
     try:
         data = scipy.io.loadmat(path)
     except NotImplementedError:
@@ -113,7 +116,8 @@ def _load(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
                     found[name] = signal
     if not found:
         raise JointIdError(f"{path}: no real vector in this MAT file: save the signals as vectors or in structures")
-    return found, unusable
+    # Signals before the constants beside them: an error lists the columns, and proposes to map the first ones.
+    return dict(sorted(found.items(), key=lambda item: -item[1].size)), unusable
 
 
 def _signals(name: str, value: NDArray[Any]) -> Iterator[tuple[str, Array | str]]:
