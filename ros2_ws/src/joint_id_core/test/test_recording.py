@@ -36,6 +36,43 @@ def test_channels_are_checked():
         make(current=[0, 0, np.inf, 0, 0])
 
 
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (
+            np.array(["2026-01-01", "2026-01-02"], "datetime64[ns]"),
+            "time is not an array of numbers: give floats, time in",
+        ),
+        (np.array([1, 2], "timedelta64[ms]"), "time is not an array of numbers"),
+        ([1.0 + 1.0j, 2.0], "time is not an array of numbers"),
+        (["a", "b"], "time is not an array of numbers"),
+        ([[1.0], [1.0, 2.0]], "time is not an array of numbers"),
+    ],
+)
+def test_what_is_no_array_of_numbers_is_refused(values, message):
+    with pytest.raises(JointIdError, match=rf"log: {message}"):
+        Recording(values, {}, source="log")
+    with pytest.raises(JointIdError, match=r"log: torque is not an array of numbers"):
+        Recording([0.0, 1.0], {"torque": values}, source="log")
+
+
+@pytest.mark.parametrize("channels", [None, [1.0, 2.0], "torque"])
+def test_channels_are_a_dictionary(channels):
+    with pytest.raises(JointIdError, match=r"log: channels are of type \w+: give a dictionary"):
+        Recording([0.0, 1.0], channels, source="log")
+
+
+def test_arrays_are_copied_and_may_be_read_only_masked_of_integers_or_of_another_byte_order():
+    """Arrays of pandas are read-only, and compiled functions do not take those."""
+    time, values = TIME.astype(">f8"), np.ma.masked_array(np.arange(5), mask=[False, True, False, False, False])
+    time.setflags(write=False)
+    values.setflags(write=False)
+    recording = Recording(time, {"current": values})
+    for array in (recording.time, recording["current"]):
+        assert array.flags.writeable and array.dtype == np.dtype("=f8") and type(array) is np.ndarray
+    np.testing.assert_array_equal(recording["current"], [0, np.nan, 2, 3, 4])
+
+
 def test_gaps_and_missing_values_are_kept():
     recording = make(current=[0, 1, np.nan, 3, 4])
     assert recording.period == pytest.approx(0.1)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from joint_id_core.arguments import require_type
 from joint_id_core.comparison.model_text import Candidate, parse
 from joint_id_core.comparison.ranking import Ranking, rank
 from joint_id_core.comparison.trial import BLOCKS, Trial
@@ -84,6 +85,7 @@ def compare(
         JointIdError: misuse of parameter names or values (a name that no candidate has), a part too short, or motion in
             one part only. Candidates that cannot be fitted stay in the result, with the reason.
     """
+    require_type("models", models, (list, tuple), 'give a list of models, such as ["rigid_joint:all"]')
     candidates, settings = parse(models, recording), settings or ParameterSettings()
     for name in settings.names:
         if not any(name in c.model.parameter_names for c in candidates):

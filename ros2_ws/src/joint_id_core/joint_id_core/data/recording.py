@@ -6,9 +6,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from joint_id_core.data.load_errors import LoadErrors
 from joint_id_core.data.signals import CHANNELS
@@ -20,6 +21,23 @@ Array = NDArray[np.float64]  # of any shape; docstrings say which
 def any_finite(values: Array) -> bool:
     """Return whether any of the values, shape (T,), is finite; fast, since the first one usually is."""
     return bool(len(values) and math.isfinite(values[0])) or bool(np.isfinite(values).any())
+
+
+def _floats(values: ArrayLike, what: str) -> Array:
+    """Return a copy of values as floats, NaN where they are masked.
+
+    It is a copy, since arrays of pandas are read-only and compiled functions do not take those.
+
+    Raises:
+        JointIdError: dates, complex numbers, text, or lists of different lengths.
+    """
+    try:
+        given: NDArray[Any] = np.ma.asarray(values)
+        if given.dtype.kind in "cmM":
+            raise TypeError
+        return np.array(np.ma.filled(given.astype(float), np.nan))
+    except (TypeError, ValueError):
+        raise JointIdError(f"{what} is not an array of numbers: give floats, time in s") from None
 
 
 @dataclass(frozen=True)
@@ -51,7 +69,7 @@ class Recording:
     load_errors: LoadErrors | None = None
 
     def __post_init__(self) -> None:
-        time = np.asarray(self.time, dtype=float)
+        time = _floats(self.time, f"{self.source}: time")
         if time.ndim != 1:
             raise JointIdError(f"{self.source}: time must be one-dimensional, not of shape {time.shape}")
         if not (finite := np.isfinite(time)).all():
@@ -66,10 +84,15 @@ class Recording:
                 "sort the samples, or cut the file there"
             )
         channels = {}
+        if not hasattr(self.channels, "items"):  # a frame of pandas has it, too
+            raise JointIdError(
+                f"{self.source}: channels are of type {type(self.channels).__name__}: give a dictionary, such as "
+                '{"torque": values}'
+            )
         for name, values in self.channels.items():
             if name not in CHANNELS:
                 raise JointIdError(f"{self.source}: unknown channel {name!r}: known are {', '.join(CHANNELS)}")
-            values = np.asarray(values, dtype=float)
+            values = _floats(values, f"{self.source}: {name}")
             if values.shape != time.shape:
                 raise JointIdError(f"{self.source}: {name} has shape {values.shape}, time has {time.shape}")
             if (infinite := np.isinf(values)).any():

@@ -165,8 +165,10 @@ def write(path: str | Path, recording: Recording) -> None:
     """Write a recording: as CSV if the path ends in .csv, else as a bag directory.
 
     Raises:
-        JointIdError: the path exists or cannot be written; a bag without rosbags installed.
+        JointIdError: the path exists or cannot be written; a bag without rosbags installed; what is no recording.
     """
+    require_type("path", path, (str, Path), "give the name of a file")
+    require_type("recording", recording, Recording, 'make it with read("motion.csv")')
     if Path(path).suffix.lower() == ".csv":
         write_csv(path, recording)
     else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from numbers import Real
 
 import numpy as np
 
@@ -42,10 +43,11 @@ def simulate_motion(
 
     Raises:
         JointIdError: a length or rate that is not above zero, too many samples, unknown names, values out of bounds,
-            what is no model.
+            what is no model or no number.
     """
     require_type("model", model, Model, 'make it with build("rigid_joint")')
     for name, value in (("duration", duration), ("rate", rate)):
+        require_type(name, value, Real, "give a number above 0")
         if not (math.isfinite(value) and value > 0.0):
             raise JointIdError(f"{name} = {value:g}: give a number above 0")
     if duration * rate > MOST:

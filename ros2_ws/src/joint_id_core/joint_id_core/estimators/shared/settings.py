@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
+from joint_id_core.arguments import require_type
 from joint_id_core.errors import JointIdError
 
 if TYPE_CHECKING:  # the command line reads settings without loading NumPy
@@ -33,7 +35,8 @@ class ParameterSettings:
             with the estimate, and are in no standard deviation of the others.
 
     Raises:
-        JointIdError: a standard deviation that is not within `PRIORS`, a text in place of a list of names.
+        JointIdError: a standard deviation that is not within `PRIORS`, a text in place of a list of names or of a
+            number.
     """
 
     values: Mapping[str, float] = field(default_factory=dict)
@@ -49,7 +52,10 @@ class ParameterSettings:
                 raise JointIdError(f"{name} = {names!r}: give a list of names, e.g. {name}=[{names!r}]")
             object.__setattr__(self, name, tuple(dict.fromkeys(names)))
         for name in ("values", "priors", "deviations"):
-            object.__setattr__(self, name, dict(getattr(self, name)))
+            numbers = dict(getattr(self, name))
+            for parameter, number in numbers.items():
+                require_type(f"{name}: {parameter}", number, Real, "give a number")
+            object.__setattr__(self, name, numbers)
         for name, deviation in self.priors.items():
             if not PRIORS[0] <= deviation <= PRIORS[1]:
                 raise JointIdError(
