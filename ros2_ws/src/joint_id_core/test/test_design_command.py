@@ -97,6 +97,17 @@ def test_a_fit_that_shows_everything_proposes_nothing(tmp_path, run_here):
     assert code == 0 and "joint-id design" not in out
 
 
+def test_a_motion_of_ones_own_is_held_against_the_limits(tmp_path, run_here, few):
+    (tmp_path / "limits.yaml").write_text(LIMITS)
+    words = ("design", "--joint", "axis", "--limits", "limits.yaml", "--model", "rigid_joint", "--time", "5")
+    assert run_here(*words, "--out", "motion.csv")[0] == 0
+    code, out = run_here(*words, "--motion", "motion.csv")
+    assert code == 0 and "breaks a limit" not in out
+    (tmp_path / "limits.yaml").write_text(LIMITS.replace("max_velocity: 2.0", "max_velocity: 0.1"))
+    code, out = run_here(*words, "--motion", "motion.csv")
+    assert code == 0 and "It breaks a limit: axis: velocity" in out and "limit 0.1 rad/s." in out
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -114,6 +125,29 @@ def test_a_fit_that_shows_everything_proposes_nothing(tmp_path, run_here):
         (
             ("--joint", "axis", "--limits", "limits.yaml", "--model", "rigid_joint", "--out", "limits.yaml"),
             "would overwrite a file that is read",
+        ),
+        (
+            ("--joint", "axis", "--limits", "limits.yaml", "--model", "rigid_joint", "--out", "none/motion.csv"),
+            "none/motion.csv: the trajectory cannot be written",
+        ),
+        (
+            (
+                "--joint",
+                "axis",
+                "--limits",
+                "limits.yaml",
+                "--model",
+                "rigid_joint",
+                "--out",
+                "a.csv",
+                "--out",
+                "b.script",
+            ),
+            "axis is no joint of a UR robot",
+        ),
+        (
+            ("--joint", "elbow", "--robot", "ur3e", "--model", "rigid_joint", "--rate", "300", "--out", "b.script"),
+            "300 samples a second: the period must be a multiple of 2 ms",
         ),
     ],
 )

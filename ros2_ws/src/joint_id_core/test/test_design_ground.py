@@ -136,6 +136,12 @@ def test_what_no_limit_says_is_said() -> None:
         limits(velocity=1.0).completed()
 
 
+def test_limits_that_seem_to_be_in_degrees_are_told() -> None:
+    _, notes = limits(lower=-180.0, upper=170.0, velocity=90.0, acceleration=1.0, jerk=10.0, torque=1.0).completed()
+    assert len(notes) == 4 and "one has the limit position = 180 rad: if it is in degrees" in notes[0]
+    assert "two has the limit velocity = 90 rad/s: if it is in degrees, write it in SI units" in notes[3]
+
+
 URDF = """<robot name="r"><link name="a"/><link name="b"/><link name="c"/>
 <joint name="one" type="revolute"><parent link="a"/><child link="b"/>
 <limit lower="-2" upper="2.5" velocity="3" effort="40"/></joint>

@@ -52,6 +52,7 @@ def design_of_arm(
             broken = [f"It breaks a limit: {text}." for text in violations(motion, held)]
             found = designing.foreseen(regressor, motion, prior, (prior.told, *broken))
         else:
+            asked.require_program(joints, asked.rate)
             progress(f"designing a motion of {len(joints)} joints")
             home = None if asked.home is None else _numbers(asked.home, joints)
             reach = designing.REACH if asked.reach is None else asked.reach

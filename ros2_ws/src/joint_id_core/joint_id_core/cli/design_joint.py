@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Optional
 
@@ -38,6 +39,7 @@ def design_of_joint(
     """
     from joint_id_core.design import joint as designing
     from joint_id_core.design.files import read_trajectory
+    from joint_id_core.design.limits import violations
 
     asked.require_writable([Path(asked.robot) if asked.robot else None])
     joint, held = _limits(name, asked)
@@ -49,7 +51,11 @@ def design_of_joint(
             if joint in trajectory.names and len(trajectory.names) > 1:
                 trajectory = trajectory.of(joint)
             found = designing.foretell(designing.Foresight(model, settings, asked.rate), trajectory)
+            own = replace(held, names=trajectory.names)  # a motion of another origin may name its one joint otherwise
+            broken = (f"It breaks a limit: {text}." for text in violations(trajectory, own))
+            found = replace(found, notes=(*broken, *found.notes))
         else:
+            asked.require_program((joint,), asked.rate)
             home = None if asked.home is None else _number(asked.home)
             found = designing.design_joint(
                 model, held, settings, asked.time, asked.shown, criterion, home, reach, asked.rate, progress=progress

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
@@ -46,18 +46,33 @@ class MotionOptions:
         """Check, before a long search, what will be written.
 
         Raises:
-            JointIdError: an unknown kind of file, a file that is read too, a picture that cannot be written.
+            JointIdError: an unknown kind of file, a file that is read too, a file or picture that cannot be written.
         """
         from joint_id_core.design.files import kind_of
+        from joint_id_core.text_file import require_writable as require_text
 
         for path in self.out or ():
             kind_of(path)
         outputs = {**{f"--out {path}": path for path in self.out or ()}, "--plot": self.plot}
         require_apart(outputs, [self.limits, self.motion, *inputs])
+        for path in self.out or ():
+            require_text(path, "the trajectory")
         if self.plot is not None:
             from joint_id_core.results.plot import require_writable
 
             require_writable(self.plot)
+
+    def require_program(self, names: Sequence[str], rate: float) -> None:
+        """Check that a motion of these joints, at this rate in Hz, can be written as a URScript, if one is wanted.
+
+        Raises:
+            JointIdError: it cannot.
+        """
+        from joint_id_core.design.files import kind_of
+        from joint_id_core.design.urscript import require_ur_robot
+
+        if any(kind_of(path) == "URScript" for path in self.out or ()):
+            require_ur_robot(names, rate)
 
     def written(self, found: Design) -> Design:
         """Write and plot the motion, and return the design."""

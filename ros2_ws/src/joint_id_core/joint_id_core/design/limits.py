@@ -18,6 +18,9 @@ ACCELERATION = 5.0  # rad/s^2
 RISE_S = 0.1  # time in which an acceleration may go from nothing to its limit, which limits the jerk
 KINDS = ("velocity", "acceleration", "jerk", "torque")
 UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2", "jerk": "rad/s^3", "torque": "Nm"}
+OF_DEGREES = (
+    30.0  # rad, rad/s: what a limit of position or velocity exceeds in degrees, and of no joint of an arm in rad
+)
 PARTS = 8  # instants checked for each sample
 ROUNDING = 1e-9  # share of a limit that is no violation
 
@@ -101,7 +104,13 @@ class JointLimits:
                     f"{self.source}: joint {self.names[k]} has no limit of {what}: give one in a file of limits "
                     f"(--limits FILE, with {'max_velocity' if what == 'velocity' else 'min_position and max_position'})"
                 )
-        notes = []
+        notes = [
+            f"{name} has the limit {kind} = {value:g} {UNITS[kind]}: if it is in degrees, write it in SI units, in a "
+            f"YAML file as !degrees {value:g} ({self.source})."
+            for kind, values in (("position", np.maximum(-self.lower, self.upper)), ("velocity", self.velocity))
+            for name, value in zip(self.names, values, strict=True)
+            if value > OF_DEGREES
+        ]
         quick, sudden = ~np.isfinite(self.acceleration), ~np.isfinite(self.jerk)
         acceleration = np.where(quick, ACCELERATION, self.acceleration)
         jerk = np.where(sudden, acceleration / RISE_S, self.jerk)

@@ -33,19 +33,9 @@ def urscript(trajectory: Trajectory, notes: Sequence[str] = ()) -> str:
     Raises:
         JointIdError: a joint that no UR robot has, or a sample period that is no multiple of the controller's cycle.
     """
+    require_ur_robot(trajectory.names, trajectory.rate)
     columns = [_column(trajectory.names, name) for name in JOINT_NAMES]
-    strange = [name for k, name in enumerate(trajectory.names) if k not in columns]
-    if strange:
-        raise JointIdError(
-            f"URScript: {strange[0]} is no joint of a UR robot ({', '.join(JOINT_NAMES)}): write .csv or .yaml instead"
-        )
-    cycles = trajectory.period / CYCLE_S
-    if not _whole(cycles):
-        raise JointIdError(
-            f"URScript: {trajectory.rate:g} samples a second: the period must be a multiple of {1e3 * CYCLE_S:g} ms, "
-            "such as at 125, 250 or 500 Hz"
-        )
-    period = round(cycles) * CYCLE_S
+    period = round(trajectory.period / CYCLE_S) * CYCLE_S
     targets = [
         "[" + ", ".join(f"stay[{k}]" if c is None else f"{row[c]:.6f}" for k, c in enumerate(columns)) + "]"
         for row in trajectory.position.tolist()
@@ -68,6 +58,24 @@ def urscript(trajectory: Trajectory, notes: Sequence[str] = ()) -> str:
             "",
         ]
     )
+
+
+def require_ur_robot(names: Sequence[str], rate: float) -> None:
+    """Check that a motion of these joints, at this rate in Hz, can be written as a program.
+
+    Raises:
+        JointIdError: a joint that no UR robot has, or a sample period that is no multiple of the controller's cycle.
+    """
+    columns = [_column(names, name) for name in JOINT_NAMES]
+    if strange := [name for k, name in enumerate(names) if k not in columns]:
+        raise JointIdError(
+            f"URScript: {strange[0]} is no joint of a UR robot ({', '.join(JOINT_NAMES)}): write .csv or .yaml instead"
+        )
+    if not _whole(1.0 / (rate * CYCLE_S)):
+        raise JointIdError(
+            f"URScript: {rate:g} samples a second: the period must be a multiple of {1e3 * CYCLE_S:g} ms, "
+            "such as at 125, 250 or 500 Hz"
+        )
 
 
 _POPUP = 'title="joint_id", blocking=True'
