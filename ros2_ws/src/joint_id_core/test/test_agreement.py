@@ -42,7 +42,7 @@ def test_estimates_that_agree_stay_as_they_are():
 
 def test_values_that_disagree_are_told_with_an_interval_that_contains_both():
     found = told(estimate(2.0), estimate(4.0)).on(estimate(6.0, J=3.0))
-    assert found.status is Status.DISAGREE and "2 ± 0.02 before, 3 ± 0.02 now" in found.message
+    assert found.status is Status.DISAGREE and "2.000 ± 0.020 before, 3.000 ± 0.020 now" in found.message
     low, high = (found["J"].value + sign * 1.96 * found["J"].std_dev for sign in (-1.0, 1.0))
     assert low <= 2.0 - 1.96 * 0.02 and high >= 3.0 + 1.96 * 0.02
     assert found["tau_0"] == estimate(6.0)["tau_0"]

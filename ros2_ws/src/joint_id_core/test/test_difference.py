@@ -61,6 +61,13 @@ def test_more_friction_is_told_with_size_and_certainty(monday, friday, tmp_path)
     assert run(tmp_path / "monday.json", tmp_path / "monday.json")[0] == 0
 
 
+def test_of_an_offset_that_may_be_zero_no_share_is_told(monday, friday):
+    assert all("%" in row.text for row in differences(monday, friday))
+    rows = tuple(replace(p, value=p.std_dev) if p.name == "tau_0" else p for p in monday.parameters)
+    offset = differences(replace(monday, parameters=rows), friday)[3]
+    assert " Nm, " in offset.text and "%" not in offset.text
+
+
 def test_what_is_not_known_is_not_compared(monday):
     rows = tuple(replace(p, verdict=p.verdict.PRIOR) if p.name == "J" else p for p in monday.parameters)
     unknown = next(row for row in differences(monday, replace(monday, parameters=rows)) if row.name == "J")

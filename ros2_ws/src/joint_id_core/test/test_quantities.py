@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from joint_id_core.data.quantities import two_digits, unit_text, with_deviation
+from joint_id_core.data.quantities import change_text, two_digits, unit_text, with_deviation
 
 
 @pytest.mark.parametrize(
@@ -31,6 +31,7 @@ def test_a_value_has_the_digits_of_its_standard_deviation(value, std_dev, text):
 
 def test_a_ratio_has_no_unit():
     assert (unit_text("1"), unit_text("Nm")) == ("", "Nm")
+    assert change_text(4.7, 0.42, "%") == "+4.70 ± 0.42 %" and change_text(-0.5, 0.02) == "-0.500 ± 0.020"
     assert with_deviation(101.0, 2.5, "1") == "101.0 ± 2.5" and with_deviation(101.0, 2.5, "Nm") == "101.0 ± 2.5 Nm"
 
 

@@ -41,5 +41,10 @@ def with_deviation(value: float, std_dev: float, unit: str = "") -> str:
     return f"{rounded:.{max(0, -last)}f} ± {spread}{end}"
 
 
+def change_text(change: float, std_dev: float, unit: str = "") -> str:
+    """Return a change with its sign, such as "+4.70 ± 0.42 %", as `with_deviation` does."""
+    return f"{'+' if change > 0.0 else ''}{with_deviation(change, std_dev, unit)}"
+
+
 def _decade(value: float) -> int:
     return math.floor(math.log10(abs(value)))

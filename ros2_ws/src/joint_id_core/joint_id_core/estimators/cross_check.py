@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from joint_id_core.data.quantities import with_deviation
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.estimators.opinion import Opinion, Second, second_opinion
 from joint_id_core.estimators.regression.estimator import Regression
@@ -182,8 +183,8 @@ def _widened(estimate: Estimate, model: Model, opinion: Opinion, apart: Sequence
         distance = abs(first.value - second.value)
         if second in apart:
             values = (
-                f"{first.value:.3g} ± {first.std_dev:.2g} by {estimate.estimator}, "
-                f"{second.value:.3g} ± {second.wide:.2g} by {Regression.name}"
+                f"{with_deviation(first.value, first.std_dev)} by {estimate.estimator}, "
+                f"{with_deviation(second.value, second.wide)} by {Regression.name}"
             )
             found = between(model, first, (second.value, second.wide), values)
             told.append(f"{second.name} is {found.reason}")

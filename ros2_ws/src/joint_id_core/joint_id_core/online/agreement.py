@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from joint_id_core.cell.kernel import compile_shared
+from joint_id_core.data.quantities import with_deviation
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.shared.intervals import between
 from joint_id_core.estimators.shared.sentences import sentence
@@ -130,7 +131,7 @@ class Agreement:
         rows, scale, told = {p.name: p for p in estimate.parameters}, np.ones(len(estimate.free)), []
         for name, old in apart.items():
             row = rows[name]
-            said = f"{old.value:.3g} ± {old.std_dev:.2g} before, {row.value:.3g} ± {row.std_dev:.2g} now"
+            said = f"{with_deviation(old.value, old.std_dev)} before, {with_deviation(row.value, row.std_dev)} now"
             told.append(f"{name} is {said}")
             rows[name] = between(self._model, row, (old.value, old.std_dev), said)
             scale[estimate.free.index(name)] = rows[name].std_dev / row.std_dev

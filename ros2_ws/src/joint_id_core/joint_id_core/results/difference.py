@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from joint_id_core.data.quantities import unit_text
+from joint_id_core.data.quantities import change_text, with_deviation
 from joint_id_core.errors import JointIdError
 from joint_id_core.results.estimate import Estimate, ParameterEstimate
 from joint_id_core.results.verdict import Verdict
@@ -52,15 +52,16 @@ class Difference:
 
     @property
     def text(self) -> str:
-        """The verdict in words: "+12 % ± 2 %, 6 sigma: changed"."""
+        """The verdict in words: "+12.0 ± 2.0 %, 6.0 sigma: changed"."""
         if self.reason:
             return self.reason
-        share = 100.0 / abs(self.before.value) if self.before.value else math.inf
-        size = (
-            f"{share * self.change:+.2g} % ± {share * self.std_dev:.2g} %"
-            if share * self.std_dev < 1000.0
-            else f"{self.change:+.3g} ± {self.std_dev:.2g} {unit_text(self.before.unit)}".rstrip()
-        )
+        before = self.before
+        # of what may have been zero, such as an offset, a share says nothing
+        if abs(before.value) > SURE * before.std_dev:
+            share = 100.0 / abs(before.value)
+            size = change_text(share * self.change, share * self.std_dev, "%")
+        else:
+            size = change_text(self.change, self.std_dev, before.unit)
         said = "changed" if self.changed else f"no change beyond {SURE:g} sigma"
         return f"{size}, {abs(self.sigmas):.1f} sigma: {said}"
 
@@ -109,7 +110,7 @@ def table(rows: list[Difference]) -> str:
     """Return the differences as lines of text."""
     lines = [f"  {'parameter':<10}{'before':>22}{'after':>22}  {'unit':<11}change"]
     for row in rows:
-        one, other = (f"{p.value:.5g} ± {p.std_dev:.2g}" for p in (row.before, row.after))
+        one, other = (with_deviation(p.value, p.std_dev) for p in (row.before, row.after))
         lines.append(f"  {row.name:<10}{one:>22}{other:>22}  {row.before.unit:<11}{row.text}")
     return "\n".join(lines)
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
+from joint_id_core.data.quantities import change_text, with_deviation
 from joint_id_core.data.recording import Array
 from joint_id_core.results.estimate import Estimate
 from joint_id_core.results.verdict import Verdict
@@ -69,11 +70,14 @@ class Course:
         """The verdict in words."""
         if math.isnan(self.slope):
             return f"fewer than {FEWEST} estimates" + (" at different times" if self.dated else "")
-        mean = abs(float(np.average(self.values, weights=self.std_devs**-2)))
-        share = 100.0 / mean if mean else math.inf
+        weights = self.std_devs**-2
+        mean = abs(float(np.average(self.values, weights=weights)))
+        # of what may be zero, such as an offset, a share says nothing
+        share, unit = (100.0 / mean, "%") if mean > SURE / math.sqrt(float(weights.sum())) else (1.0, self.unit)
         sigmas = abs(self.slope) / self.slope_std_dev
         each = "day" if self.dated else "file"
-        size = f"{share * self.slope:+.2g} % ± {share * self.slope_std_dev:.2g} % a {each}, {sigmas:.1f} sigma"
+        change = change_text(share * self.slope, share * self.slope_std_dev, unit)
+        size = f"{change} a {each}, {sigmas:.1f} sigma"
         return f"{size}: {'a trend' if sigmas > SURE else f'no trend beyond {SURE:g} sigma'}"
 
 
@@ -142,7 +146,7 @@ def table(found: Sequence[Course]) -> str:
     width = max([6, *map(len, names)]) + 2
     lines = [f"  {'joint':<{width}}{'parameter':<10}{'n':>3}{'first':>20}{'last':>20}  {'unit':<11}trend"]
     for c, name in zip(found, names, strict=True):
-        first, last = (f"{c.values[k]:.4g} ± {c.std_devs[k]:.2g}" for k in (0, -1))
+        first, last = (with_deviation(float(c.values[k]), float(c.std_devs[k])) for k in (0, -1))
         lines.append(f"  {name:<{width}}{c.name:<10}{len(c.days):>3}{first:>20}{last:>20}  {c.unit:<11}{c.trend}")
     if not all(c.dated for c in found):
         lines.append("recordings without dates: their estimates are taken in the order of the files")

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from joint_id_core.data.quantities import with_deviation
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.shared.settings import ParameterSettings
@@ -47,7 +48,7 @@ class Together:
         """Return the estimate as a table, and a line for every recording."""
         lines = [str(self.estimate), "", "  each recording by itself, and its distance from the sum of all in sigma:"]
         for one, apart in zip(self.alone, self.apart, strict=True):
-            values = [f"{n} {one[n].value:.4g} ± {one[n].std_dev:.2g} ({d:+.1f})" for n, d in apart.items()]
+            values = [f"{n} {with_deviation(one[n].value, one[n].std_dev)} ({d:+.1f})" for n, d in apart.items()]
             lines.append(f"  {one.source}: {one.status.value}{'; ' if values else ''}{', '.join(values)}")
         return "\n".join(lines)
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from joint_id_core.data.quantities import with_deviation
 from joint_id_core.estimators.shared.intervals import interval_text
 from joint_id_core.estimators.shared.sentences import listed, sentence
 from joint_id_core.estimators.together.information import FAR, Space
@@ -54,7 +55,7 @@ def own(model: Model, rows: Sequence[ParameterEstimate]) -> ParameterEstimate:
     if row.verdict is Verdict.FIXED or not model.parameter(row.name).of_recording:
         return row
     values = [r.value for r in rows]
-    said = ", ".join(f"{r.value:.3g} ± {r.std_dev:.2g}" for r in rows)
+    said = ", ".join(with_deviation(r.value, r.std_dev) for r in rows)
     scatter = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
     sigma = float(np.sqrt(scatter**2 + np.mean([r.std_dev**2 for r in rows])))
     return replace(row, value=float(np.mean(values)), std_dev=sigma, reason=f"one a recording: {said}")
@@ -111,5 +112,5 @@ def judge(
 def _range(name: str, estimates: Sequence[Estimate]) -> str:
     """Return the lowest and the highest value of a parameter, and where they were found."""
     ordered = sorted(estimates, key=lambda e: e[name].value)
-    ends = (f"{e[name].value:.4g} ± {e[name].std_dev:.2g} ({e.source})" for e in (ordered[0], ordered[-1]))
+    ends = (f"{with_deviation(e[name].value, e[name].std_dev)} ({e.source})" for e in (ordered[0], ordered[-1]))
     return f"{name} is {' to '.join(ends)}"
