@@ -3,10 +3,13 @@
 The file has a column `time_s` and one column for each signal, in SI units. Here it is simulated first.
 """
 
+from pathlib import Path
+
 import joint_id_core as jid
 
 model = jid.build("harmonic_drive")
 truth = model.values({"k_1": 8000.0, "J_q": 1.2})
+Path("motion.csv").unlink(missing_ok=True)  # of an earlier run: nothing is overwritten
 jid.write("motion.csv", jid.simulate_motion(model, duration=3.0, values=truth))
 
 recording = jid.read("motion.csv")

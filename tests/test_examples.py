@@ -38,7 +38,8 @@ def test_they_are_numbered_short_and_listed() -> None:
         assert f"({file.name})" in page
 
 
-def test_it_runs_as_a_program(tmp_path: Path) -> None:
+def test_it_runs_as_a_program_and_again_where_it_has_run_before(tmp_path: Path) -> None:
+    (tmp_path / "motion.csv").write_text("time_s,torque\n0,1\n")
     done = subprocess.run(
         [sys.executable, FILES[0]], cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False
     )

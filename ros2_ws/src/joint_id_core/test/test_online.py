@@ -208,7 +208,7 @@ def test_a_missing_channel_or_an_empty_batch_does_no_harm():
 def test_a_recording_may_be_every_second_row_of_a_table():
     """Its arrays are then no contiguous ones."""
     whole = motion(6.0)
-    thinned = Recording(whole.time[::2], {n: values[::2] for n, values in whole.channels.items()})
+    thinned = whole.trusted(whole.time[::2], {n: v[::2] for n, v in whole.channels.items()}, whole.derived)
     assert not thinned.time.flags.c_contiguous
     identifier = OnlineIdentifier(MODEL, options=OnlineOptions(hop_s=0.5))
     assert [e for e in (identifier.update(thinned.slice(i, i + 50)) for i in range(0, len(thinned), 50)) if e]
