@@ -18,6 +18,7 @@ from importlib import import_module
 from typing import Any, Protocol
 
 from joint_id_core.errors import JointIdError
+from joint_id_ros.own_arguments import helped
 
 BAD_INPUT = 2  # exit code
 ENDED_EARLY = 3  # exit code
@@ -52,15 +53,20 @@ class Runnable(Protocol):
         """Stop threads and close files; called once, however the node ended."""
 
 
+def node_module(name: str) -> Any:
+    """Return the module `nodes/<name>.py`."""
+    return import_module(f"joint_id_ros.nodes.{name}")
+
+
 def node_class(name: str) -> Any:
     """Return the class of the node `name`, such as `ArmIdentifierNode` of `nodes/arm_identifier.py`."""
-    return getattr(import_module(f"joint_id_ros.nodes.{name}"), f"{name.title().replace('_', '')}Node")
+    return getattr(node_module(name), f"{name.title().replace('_', '')}Node")
 
 
 def run(name: str, arguments: Sequence[str] | None = None) -> int:
     """Run the node of `nodes/<name>.py` until SIGINT, SIGTERM or its own end; return the exit code.
 
-    The arguments are those of ROS; None takes those of the command line.
+    The arguments are those of ROS; None takes those of the command line, which may ask for help.
 
     The exit code is 0 after a signal or a normal end, 2 after bad input, and 3 after input that turned bad later. Bad
     input is reported in one line on stderr.
@@ -84,9 +90,11 @@ def run(name: str, arguments: Sequence[str] | None = None) -> int:
     from joint_id_ros.transport import without_shared_memory
 
     without_shared_memory()
-    make = node_class(name)
     node = executor = None
     try:
+        if arguments is None and helped(name, sys.argv[1:], lambda: node_module(name)):
+            return 0
+        make = node_class(name)
         rclpy.init(args=None if arguments is None else list(arguments), signal_handler_options=SignalHandlerOptions.NO)
         node = make()
         executor = SingleThreadedExecutor()
