@@ -21,8 +21,9 @@ def test_what_the_data_want_is_told_where_the_prior_matters(wanted, sigma, told)
     belief = Belief(("tau_0",), np.zeros(1), np.array([[0.01]]))
     variance = 1.0 / (1.0 / sigma**2 + 0.01)
     text = prior_pull(
-        MODEL, ("tau_0",), coordinates, belief, np.array([wanted / sigma**2 * variance]), np.array([[variance]])
-    )
+        MODEL, ("tau_0",), coordinates, belief, np.array([wanted / sigma**2 * variance]), np.array([[variance]]),
+        ("tau_0",),
+    )  # fmt: skip
     assert bool(text) is told
     if told:
         assert "want tau_0 near 35 Nm, 3.5 standard deviations" in text and "--prior tau_0=35" in text
@@ -33,9 +34,20 @@ def test_of_many_the_two_are_told_that_are_pulled_most():
     coordinates = Coordinates(MODEL, names)
     belief = Belief(names, coordinates.z(np.array([1.0, 1.0, 1.0, 0.0])), np.diag([1.0, 1.0, 1.0, 0.01]))
     away = np.array([2.0, 4.0, 3.0, 20.0])
-    text = prior_pull(MODEL, names, coordinates, belief, belief.mean + away, 0.36 * np.diag([1.0, 1.0, 1.0, 100.0]))
+    spreads = 0.36 * np.diag([1.0, 1.0, 1.0, 100.0])
+    text = prior_pull(MODEL, names, coordinates, belief, belief.mean + away, spreads, names)
     assert text.index("want c near") < text.index("want tau_f near") and text.count("--prior") == 2
     assert text.endswith("; others fight their priors less")
+
+
+def test_a_poor_fit_wants_nothing_of_priors_that_nobody_gave():
+    """Its model may ask for any value: once for a friction of 18,500 Nm."""
+    record = motion(6.0)
+    backwards = record.with_channels({"torque": -record["torque"]})
+    found = fit(MODEL, backwards)
+    assert found.status == "poor_fit" and not any("The data want" in note for note in found.notes), found
+    narrow = fit(MODEL, backwards, ParameterSettings(priors={"J": 0.3}))
+    assert narrow.status == "poor_fit" and any("The data want J near" in note for note in narrow.notes), narrow
 
 
 def test_a_fit_tells_it_and_the_advice_helps():

@@ -7,6 +7,7 @@ one more input: the previous label, weighted by the Kalman gain.
 from __future__ import annotations
 
 import time
+from collections.abc import Collection
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from joint_id_core.estimators.innovations.checks import run_checks
 from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.innovations.prior_pull import prior_pull
 from joint_id_core.estimators.innovations.search import Outcome, Search
-from joint_id_core.estimators.innovations.verdicts import judge, table, verdicts
+from joint_id_core.estimators.innovations.verdicts import Judgement, judge, table, verdicts
 from joint_id_core.estimators.shared.fit_data import UnusableError, options_of, origin_of, prepare, unusable
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
@@ -76,9 +77,17 @@ def estimate_of(outcome: Outcome, begun: float) -> Estimate:
     slope = coordinates.slope(z)
     covariance = covariance_z * np.outer(slope, slope)
     rows = verdicts(model, data.free, covariance_z, coordinates, z, checks.together)
-    pull = prior_pull(model, data.free, coordinates, stages.cost.belief, z, found.inverse)
     doubts = tuple(filter(None, (outcome.doubt, checks.doubt)))
-    judged = judge(data, found, checks.nrmse, rows, (pull, *checks.texts), doubts)
+
+    def judged_with(priors: Collection[str]) -> Judgement:
+        """Judge the fit, and tell which of these priors it fights."""
+        pull = prior_pull(model, data.free, coordinates, stages.cost.belief, z, found.inverse, priors)
+        return judge(data, found, checks.nrmse, rows, (pull, *checks.texts), doubts)
+
+    judged = judged_with(data.free)
+    if judged.status is Status.POOR_FIT:
+        # Such a model may ask for any value: that asks for no other start, but a narrow prior may be why it is poor.
+        judged = judged_with(data.priors)
     sigma = np.sqrt(found.levels)
     return Estimate(
         model=model.name, estimator="innovations", status=judged.status, message=judged.message,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.belief import Belief, Coordinates
@@ -16,7 +16,13 @@ UNKNOWN = 0.95  # standard deviation of the estimate over that of the prior from
 
 
 def prior_pull(
-    model: Model, free: Sequence[str], coordinates: Coordinates, belief: Belief, z: Array, covariance: Array
+    model: Model,
+    free: Sequence[str],
+    coordinates: Coordinates,
+    belief: Belief,
+    z: Array,
+    covariance: Array,
+    names: Collection[str],
 ) -> str:
     """Return what to do about a prior that pulls an estimate; empty if none does.
 
@@ -27,12 +33,13 @@ def prior_pull(
         model, free: names of the estimated parameters.
         coordinates, belief: of these, and the prior.
         z, covariance: estimate (k,) and its covariance (k, k) by noise and prior alone, in coordinates.
+        names: of the parameters that may be told.
     """
     told = list[tuple[float, str]]()
     for k, name in enumerate(free):
         prior = 1.0 / math.sqrt(belief.precision[k, k])
         share = math.sqrt(covariance[k, k]) / prior
-        if share >= UNKNOWN:
+        if name not in names or share >= UNKNOWN:
             continue
         away = float(z[k] - belief.mean[k])
         wanted = away / (1.0 - share**2)
