@@ -110,6 +110,13 @@ def test_numbers_have_the_digits_of_their_intervals_and_ratios_no_unit(estimate)
     assert "<td>± 3.9</td><td>3.9 %</td><td></td>" in text and ">1</td>" not in text
 
 
+def test_parts_of_joints_that_are_known_come_first_and_the_table_keeps_their_order(estimate):
+    statuses = {"a": Status.NO_MOTION, "b": Status.POOR_FIT, "c": Status.CONVERGED, "d": Status.DISAGREE}
+    text = report_of_joints({n: Contents(replace(estimate, status=one)) for n, one in statuses.items()}, "log.csv")
+    assert re.findall(r'href="#joint-(\w)"', text) == ["a", "b", "c", "d"]
+    assert re.findall(r'id="joint-(\w)"', text) == ["c", "d", "b", "a"]
+
+
 @needs_browser
 def test_tables_of_a_report_fit_a_phone(estimate, tmp_path):
     reason = (

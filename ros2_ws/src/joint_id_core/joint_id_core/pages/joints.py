@@ -10,10 +10,13 @@ from joint_id_core.pages.document import Page, badge, table_of_html
 from joint_id_core.pages.report import fill
 from joint_id_core.pages.series import MOST
 from joint_id_core.results.report import estimated
+from joint_id_core.results.status import Status
 
 
 def report_of_joints(found: Mapping[str, Contents | str], source: str) -> str:
     """Return the report as one file of HTML that fetches nothing.
+
+    The table keeps the order of the joints. Their parts follow, those of which most is known first.
 
     Args:
         found: by joint what its report is made of, or why there is none.
@@ -26,9 +29,14 @@ def report_of_joints(found: Mapping[str, Contents | str], source: str) -> str:
     page.head(f"<h1>{escape(title)}</h1>")
     head = ("joint", "model", "status", "estimated parameters, ± 1 sigma")
     page.section("All joints", table_of_html(head, (_row(*item) for item in found.items()), ("text",)))
-    for joint, one in reports.items():
+    for joint, one in sorted(reports.items(), key=lambda item: _usefulness(item[1].estimate.status), reverse=True):
         fill(page, one, _anchor(joint))
     return page.html()
+
+
+def _usefulness(status: Status) -> int:
+    """Return how much an estimate of this status tells."""
+    return (status is Status.CONVERGED) + status.describes + (not status.unusable)
 
 
 def _anchor(joint: str) -> str:
