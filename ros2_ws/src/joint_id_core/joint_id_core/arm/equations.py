@@ -55,7 +55,7 @@ class Equations:
 
     Attributes:
         time: instants in s, shape (R,), in the time of the recording of the first joint.
-        y: torque at the link in Nm, shape (R, n).
+        y, rate: torque at the link in Nm, and how fast it changes in Nm/s, shape (R, n).
         columns: torques by unit parameters, shape (R, n, P): `base` base parameters, `PAYLOAD` of a payload on the last
             link, viscous friction, Coulomb friction, and what `friction` adds.
         precision: 1 / variance of each parameter about 0 that is known beforehand, shape (P,); 0 if nothing is.
@@ -70,6 +70,7 @@ class Equations:
 
     time: Array
     y: Array
+    rate: Array
     columns: Array
     precision: Array
     q: Array
@@ -88,9 +89,14 @@ class Equations:
         some = slice(int(i), int(j))
         moving = float(np.count_nonzero(self.used[some].any(axis=1))) * KEPT / RATE
         return replace(
-            self, time=self.time[some], y=self.y[some], columns=self.columns[some], q=self.q[some], dq=self.dq[some],
-            used=self.used[some], rests=self.rests[some], duration=moving, unfiltered=None,
+            self, time=self.time[some], y=self.y[some], rate=self.rate[some], columns=self.columns[some],
+            q=self.q[some], dq=self.dq[some], used=self.used[some], rests=self.rests[some], duration=moving,
+            unfiltered=None,
         )  # fmt: skip
+
+    def scaled(self, gains: Array) -> Equations:
+        """Return the equations with torques that are larger by factors, (n,)."""
+        return replace(self, y=self.y * gains, rate=self.rate * gains)
 
     @property
     def steady(self) -> Equations:
@@ -103,15 +109,16 @@ class Equations:
 
 def joined(parts: Sequence[Equations]) -> Equations:
     """Return parts of one recording as one."""
-    time, y, columns, q, dq, used, rests = (
+    time, y, rate, columns, q, dq, used, rests = (
         np.concatenate([getattr(part, name) for part in parts])
-        for name in ("time", "y", "columns", "q", "dq", "used", "rests")
+        for name in ("time", "y", "rate", "columns", "q", "dq", "used", "rests")
     )
     duration = sum(p.duration for p in parts)
     return replace(
         parts[0],
         time=time,
         y=y,
+        rate=rate,
         columns=columns,
         q=q,
         dq=dq,
@@ -181,13 +188,14 @@ def unchecked(
     own = np.eye(count)
     columns = np.concatenate([inertial, dq[:, :, None] * own, np.tanh(dq / SLOW)[:, :, None] * own], axis=2)
     y = np.array([_torque(recordings[name], gains.get(name, {}), name, like) for name in joints]).T
+    rate = np.nan_to_num(np.gradient(y, 1.0 / RATE, axis=0))
     columns, kept = below_band(columns, known), slice(None, None, KEPT)
     told, rests = np.isfinite(y) & np.isfinite(columns).all(axis=2), _rests(dq)
     used = told & ~rests
     moving = float(np.count_nonzero(used.any(axis=1))) / RATE
     unfiltered = Unfiltered(inertial, dq, known)
     return Equations(
-        time[kept], y[kept], columns[kept], np.zeros(columns.shape[2]), q[kept], dq[kept], used[kept],
+        time[kept], y[kept], rate[kept], columns[kept], np.zeros(columns.shape[2]), q[kept], dq[kept], used[kept],
         (told & rests)[kept], moving, base, loaded, unfiltered=unfiltered,
     )  # fmt: skip
 

@@ -83,7 +83,7 @@ def fit_arm(
         found = zip(*_gains(regressor, parts, mass), strict=True)
         factors = tuple(Factor(n, float(v), float(s)) for n, (v, s) in zip(regressor.joints, found, strict=True))
         scale = np.array([factor.value for factor in factors])
-        parts, other = ([replace(part, y=part.y * scale) for part in some] for some in (parts, other))
+        parts, other = ([part.scaled(scale) for part in some] for some in (parts, other))
     fitted = _Fitted(description, regressor, parts, [f.std_dev / f.value if f.known else 0.0 for f in factors])
     told = fitted.estimate(source, fitted.held_out(other[0]) if other else None, factors)
     return replace(told, recordings=tuple(record[regressor.joints[0]].source for record in (*records, *payload)))
@@ -94,7 +94,7 @@ def _gains(regressor: Regressor, parts: Sequence[Equations], mass: float) -> tup
     scale, sigma = np.ones(len(regressor.joints)), np.zeros(len(regressor.joints))
     beforehand = Beforehand.of(regressor)
     for _ in range(ROUNDS):
-        scaled = [replace(part, y=part.y * scale) for part in parts]
+        scaled = [part.scaled(scale) for part in parts]
         law = Friction.from_values(regressor, Stacked.of(scaled, beforehand).weighed()[0])
         complete = [law.added(part) for part in scaled]
         found, spread = gains_from_mass(complete, mass, beforehand)

@@ -138,9 +138,7 @@ def _candidates(description: Description, parts: Sequence[Equations], whole: Arr
     """Yield the faults that are tested; `whole` are the values of all parameters, those of a payload included."""
     joints = list(zip(description.joints, description.turning.tolist(), strict=True))
     down, first, own = description.gravity, parts[0].base, np.eye(len(joints))
-    predicted = [part.columns @ np.where(_of_payload(part), whole * part.loaded, whole) for part in parts]
-    late = [-np.gradient(y, part.time, axis=0) for y, part in zip(predicted, parts, strict=True)]
-    yield Suspect(lambda s: f"the torques seem to be {1e3 * s:.2g} ms late", late)
+    yield Suspect(lambda s: f"the torques seem to be {1e3 * s:.2g} ms late", [-part.rate for part in parts])
     if down.any():
         empty = pull_of(description)
         mass, moments = float(whole[first]), whole[first + 1 : first + 4]
