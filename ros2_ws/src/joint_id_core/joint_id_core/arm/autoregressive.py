@@ -16,10 +16,16 @@ from scipy.signal import lfilter
 from joint_id_core.arm.equations import KEPT, RATE
 from joint_id_core.arm.noise import Noise, noise_of
 from joint_id_core.data.recording import Array
+from joint_id_core.estimators.regression.covariance import sandwich
 
 
 def autoregressive(
-    columns: Array, residuals: Array, joint: NDArray[np.intp], pieces: NDArray[np.int64], lag: float
+    columns: Array,
+    residuals: Array,
+    joint: NDArray[np.intp],
+    pieces: NDArray[np.int64],
+    lag: float,
+    precision: Array | float = 0.0,
 ) -> Array:
     """Return the covariance (k, k) of least squares with columns (T, k) and residuals (T,).
 
@@ -28,6 +34,7 @@ def autoregressive(
         joint: number of the joint of each equation, (T,).
         pieces: of recording and joint, (T,): those of different pieces are independent.
         lag: in samples, over which residuals remember.
+        precision: see `sandwich`.
     """
     size = np.linalg.norm(columns, axis=0)
     size = np.where(size > 0.0, size, 1.0)
@@ -37,8 +44,7 @@ def autoregressive(
         noise = noise_of(residuals[joint == j], lag)
         for k in np.unique(pieces[joint == j]):
             middle += of_products(scaled[pieces == k], noise)
-    inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
-    return np.asarray(inverse @ middle @ inverse / np.outer(size, size))
+    return sandwich(scaled, middle, size, precision)
 
 
 def of_products(columns: Array, noise: Noise) -> Array:

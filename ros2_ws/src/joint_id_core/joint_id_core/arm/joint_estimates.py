@@ -88,8 +88,10 @@ def _of_joint(follower: ArmFollower, belief: Belief, regressor: Regressor, j: in
     covariance = told[np.ix_(free, free)] * np.outer(scale, scale)
     r_squared = float(belief.r_squared[j])
     status, notes = _status(follower, name, r_squared), []
-    if status is Status.NO_MOTION:
+    if follower.rests:
         notes.append("The arm rests: what is known of it stays.")
+    elif status is Status.NO_MOTION:
+        notes.append(f"{name} has not moved since the arm is followed: move it to know its rotor and its friction.")
     elif name in follower.unexplained:
         notes.append(_unexplained(follower))
     elif status is Status.POOR_FIT:
@@ -109,7 +111,7 @@ def _of_joint(follower: ArmFollower, belief: Belief, regressor: Regressor, j: in
 
 
 def _status(follower: ArmFollower, name: str, r_squared: float) -> Status:
-    if follower.rests:
+    if follower.rests or math.isnan(r_squared):
         return Status.NO_MOTION
     return Status.POOR_FIT if name in follower.unexplained or not r_squared > LEAST_R_SQUARED else Status.CONVERGED
 

@@ -124,10 +124,10 @@ class Stacked:
         for k in np.unique(self.pieces):
             some = scores[self.pieces == k]
             lag = max(lag, automatic_lag(some[:, np.any(some, axis=0)]))
-        shown = known_before(newey_west(weighted, residuals, self.pieces, lag), weighted, precision)
+        shown = newey_west(weighted, residuals, self.pieces, lag, precision)
         whole = left * weights / np.sqrt(alone)  # a fit takes some of the noise for motion
-        modelled = autoregressive(weighted, whole, self.joint, self.pieces, lag)
-        modelled, own = np.diag(known_before(modelled, weighted, precision)), np.diag(shown)
+        modelled = np.diag(autoregressive(weighted, whole, self.joint, self.pieces, lag, precision))
+        own = np.diag(shown)
         wider = np.sqrt(np.maximum(1.0, modelled / np.where(own > 0.0, own, np.inf)))
         return shown * np.outer(wider, wider), lag
 
@@ -160,22 +160,6 @@ def free(weighted: Array) -> Array:
 def centred(values: Array) -> Array:
     """Return values without their mean."""
     return values - values.mean(axis=0) if len(values) else values
-
-
-def known_before(covariance: Array, columns: Array, precision: Array | float) -> Array:
-    """Return a covariance (k, k) of least squares with columns (T, k) as it is with what is known beforehand.
-
-    With information G of the columns and L beforehand, errors are (G + L)^-1 (G e - L x): e of least squares, and x of
-    what is known beforehand, which has the covariance L^-1.
-    """
-    if not np.any(precision):
-        return covariance
-    size = np.linalg.norm(columns, axis=0)
-    size = np.where(size > 0.0, size, 1.0)
-    information, before = (columns / size).T @ (columns / size), precision / np.outer(size, size)
-    inverse = np.linalg.pinv(information + before, hermitian=True)
-    middle = information @ (covariance * np.outer(size, size)) @ information + before
-    return np.asarray(inverse @ middle @ inverse / np.outer(size, size))
 
 
 def solved(table: Array, y: Array, precision: Array | float = 0.0) -> Array:

@@ -29,13 +29,16 @@ def automatic_lag(scores: Array) -> float:
     return float(np.max(1.1447 * (memory * len(scores)) ** (1.0 / 3.0), initial=1.0))
 
 
-def newey_west(columns: Array, residuals: Array, pieces: NDArray[np.int64], lag: float) -> Array:
+def newey_west(
+    columns: Array, residuals: Array, pieces: NDArray[np.int64], lag: float, precision: Array | float = 0.0
+) -> Array:
     """Return the covariance (k, k) of least squares with columns (T, k) and residuals (T,).
 
     Args:
         columns, residuals: of the fit.
         pieces: number of the stretch of each sample, shape (T,): samples of different stretches are independent.
         lag: in samples, over which the weights of a Bartlett kernel fall to zero.
+        precision: see `sandwich`.
     """
     count, parameters = columns.shape
     scale = np.sqrt(np.mean(columns**2, axis=0))
@@ -49,10 +52,25 @@ def newey_west(columns: Array, residuals: Array, pieces: NDArray[np.int64], lag:
     middle = share * _summed(scores, pieces, whole + 1)
     if whole:
         middle = middle + (1.0 - share) * _summed(scores, pieces, whole)
-    inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
     wider = float(np.polynomial.polynomial.polyval(lag / count, FIXED_B)) / FIXED_B[0]
     freedom = count / max(1, count - parameters)
-    return np.asarray(inverse @ middle @ inverse * (freedom * wider**2) / np.outer(scale, scale))
+    return sandwich(scaled, middle * (freedom * wider**2), scale, precision)
+
+
+def sandwich(scaled: Array, middle: Array, scale: Array, precision: Array | float = 0.0) -> Array:
+    """Return the covariance (k, k) of least squares with some columns, those of `scaled` (T, k) times `scale` (k,).
+
+    With information G of the columns and L beforehand, errors are (G + L)^-1 (s - L x): s the scores, and x the error
+    of what is known beforehand, which has the covariance L^-1.
+
+    Args:
+        scaled, scale: the columns.
+        middle: covariance (k, k) of the scores of the scaled columns.
+        precision: L, the inverse of the covariance (k, k) that is known beforehand, or 0.
+    """
+    before = precision / np.outer(scale, scale)
+    inverse = np.linalg.pinv(scaled.T @ scaled + before, hermitian=True)
+    return np.asarray(inverse @ (middle + before) @ inverse / np.outer(scale, scale))
 
 
 def _summed(scores: Array, pieces: NDArray[np.int64], lag: int) -> Array:
