@@ -65,7 +65,8 @@ def runs() -> list[Run]:
 def _follow(description: Description, logs: Sequence[tuple[str, Arm]], whole: ArmEstimate) -> Run:
     regressor = Regressor(description)
     stream = ArmStream(regressor, {name: {"torque": 1.0} for name in description.joints}, "ur10e")
-    follower = ArmFollower(description.joints, description.mass, beforehand=Beforehand.of(regressor))
+    beforehand = Beforehand.of(regressor)
+    follower = ArmFollower(description.joints, description.mass, beforehand=beforehand, description=description)
     begin, cpu_s, mass, told = 0.0, 0.0, (float("nan"), float("nan")), {"found": [], "gone": []}
     frictions = payloads = 0
     for name, arm in logs:

@@ -21,6 +21,7 @@ from joint_id_core.arm import belief_file
 from joint_id_core.arm.belief import Belief, sum_of
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.equations import PAYLOAD, Equations, equations, joined
+from joint_id_core.arm.faults import Faults
 from joint_id_core.arm.friction import Friction
 from joint_id_core.arm.learning import learned
 from joint_id_core.arm.regressor import Regressor
@@ -158,7 +159,8 @@ def test_residuals_with_a_memory_are_seen(known):
 
 
 def test_it_is_kept_in_a_file(known, tmp_path):
-    carrying = known.with_payload(np.full(10, 2.0))
+    faults = Faults(("the torques seem to be late",), 0.1 * known.values, "gross")
+    carrying = replace(known.with_payload(np.full(10, 2.0)), faults=faults)
     path = tmp_path / "arm.json"
     belief_file.write(path, carrying, REGRESSOR, GAINS)
     again = belief_file.read(path, REGRESSOR, GAINS)
@@ -166,6 +168,8 @@ def test_it_is_kept_in_a_file(known, tmp_path):
     np.testing.assert_array_equal(again.values, carrying.values)
     assert again.carries and again.duration == carrying.duration and again.base == carrying.base
     np.testing.assert_array_equal(again.scores.products, carrying.scores.products)
+    np.testing.assert_array_equal(again.faults.shift, faults.shift)
+    assert (again.faults.texts, again.faults.gross) == (faults.texts, faults.gross)
 
 
 def test_a_file_that_does_not_fit_is_refused(known, tmp_path):
@@ -185,6 +189,7 @@ def test_a_file_that_does_not_fit_is_refused(known, tmp_path):
         {"values": [None, *content["values"][1:]]},
         {"sigma": [0.0, *content["sigma"][1:]]},
         {"scores": {}},
+        {"faults": content["faults"] | {"shift": [0.0]}},
         {"duration": float("nan")},
     ):
         path.write_text(json.dumps(content | damage))

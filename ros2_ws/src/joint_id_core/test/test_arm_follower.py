@@ -180,6 +180,18 @@ def test_another_friction_is_told():
     assert follower.changes["bend"].since > LEARN + AFTER - 30.0
 
 
+def test_friction_of_all_joints_that_rises_together_is_followed_and_told():
+    """As of an arm that warms up: it was learnt anew."""
+    arm = moving_arm.rigid(2 * LEARN, 2)
+    time = arm["bend"].time
+    middle = moving_arm.at(time + 0.5 / RATE, 2).dq
+    more = 0.3 * (VISCOUS * middle + COULOMB * np.sign(middle)) * (time > LEARN)[:, None]
+    follower = followed(with_torque(arm, {n: more[:, j] for j, n in enumerate(JOINTS)}))
+    assert follower.belief is not None and not follower.unexplained and set(follower.changes) == set(JOINTS)
+    places = follower.belief.friction.start + np.arange(2 * len(JOINTS))
+    np.testing.assert_allclose(follower.belief.values[places], 1.3 * np.r_[VISCOUS, COULOMB], rtol=0.03)
+
+
 def test_a_push_from_outside_is_no_payload_and_is_not_learnt():
     arm = moving_arm.rigid(LEARN + AFTER, 4)
     time = arm["lift"].time
@@ -202,6 +214,7 @@ def test_what_stays_unexplained_is_learnt_anew():
     for block in blocks(with_torque(arm, {"lift": spring})):
         follower.add(block)
         lost = lost or (float(block.time[-1]) > LEARN and follower.belief is None)
+        assert follower.belief is not None or not follower.unexplained  # what is not known explains nothing
     assert lost and "payload" not in follower.changes
 
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 
+import numpy as np
 import pytest
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.results.estimate import Estimate
 from joint_id_core.results.status import Status
+from joint_id_core.results.verdict import Verdict
 
 from . import moving_arm
-from .moving_arm import JOINTS, URDF
+from .moving_arm import COULOMB, DOWN, JOINTS, ROTOR, URDF, VISCOUS
 
 pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
 pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
@@ -27,12 +30,13 @@ ARM = Description(URDF, "arm.urdf")
 REGRESSOR = Regressor(ARM)
 GAINS = {name: {"torque": 1.0} for name in JOINTS}
 LEARN = 22.0  # s of motion
+LEANING = tuple(9.81 * np.array([np.sin(0.05), 0.0, -np.cos(0.05)]))  # by 2.9 degrees
 
 
 def told(arm: Mapping[str, Recording]) -> dict[str, Estimate]:
     """What is told of an arm after its motion."""
     stream = ArmStream(REGRESSOR, GAINS, "arm.urdf")
-    follower = ArmFollower(JOINTS, ARM.mass, beforehand=Beforehand.of(REGRESSOR))
+    follower = ArmFollower(JOINTS, ARM.mass, beforehand=Beforehand.of(REGRESSOR), description=ARM)
     for k in range(0, len(arm[JOINTS[0]]), 50):
         for block in stream.push({name: record.slice(k, k + 50) for name, record in arm.items()}):
             if follower.add(block) and follower.belief is not None:
@@ -44,3 +48,32 @@ def test_a_joint_that_has_not_moved_says_so():
     found = told(moving_arm.rigid(LEARN, 1, standing=("bend",)))
     assert found["bend"].status is Status.NO_MOTION and "bend has not moved" in found["bend"].message
     assert all(found[name].converged for name in JOINTS if name != "bend")
+
+
+@pytest.mark.parametrize(
+    ("late", "gravity", "text"),
+    [
+        (0.005, DOWN, r"torques seem to be (4\.[5-9]|5\.?[0-5]?) ms late"),
+        (0.0, LEANING, r"turned by -2\.[7-9] degrees"),
+    ],
+    ids=["late torques", "a base that leans"],
+)
+def test_faults_of_the_samples_are_named_and_in_the_intervals(late, gravity, text):
+    """They left rotors and offsets 19 and 14 standard deviations off, without a word."""
+    found = told(moving_arm.rigid(3.0 * LEARN, 2, late=late, gravity=gravity))
+    truth = zip(JOINTS, ROTOR, VISCOUS, COULOMB, strict=True)
+    for name, *values in truth:
+        assert found[name].converged and re.search(text, found[name].message), found[name].message
+        for parameter, true in zip(("J_r", "c", "tau_f", "tau_0"), (*values, 0.0), strict=True):
+            row = found[name][parameter]
+            assert row.verdict is not Verdict.ESTIMATED or abs(row.value - true) < 4.0 * row.std_dev, (name, row)
+
+
+def test_nothing_is_told_of_samples_without_a_fault():
+    assert all(found.converged and "learnt" not in found.message for found in told(moving_arm.rigid(LEARN, 1)).values())
+
+
+def test_a_torque_with_the_other_sign_is_no_good_fit():
+    arm = moving_arm.rigid(LEARN, 2)
+    found = told({**arm, "spin": arm["spin"].with_channels({"torque": -arm["spin"]["torque"]})})
+    assert found["spin"].status is Status.POOR_FIT and "the other sign" in found["spin"].message

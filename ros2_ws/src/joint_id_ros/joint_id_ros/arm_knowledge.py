@@ -68,7 +68,12 @@ class ArmKnowledge:
         """Begin a run, as after a jump of the time, with what is known."""
         self._stream = ArmStream(self.regressor, self._gains, self._source)
         self.follower = ArmFollower(
-            self.regressor.joints, self._mass, self._known, self._check, Beforehand.of(self.regressor)
+            self.regressor.joints,
+            self._mass,
+            self._known,
+            self._check,
+            Beforehand.of(self.regressor),
+            self._description,
         )
         if self._known is not None:
             self._stream.know(self._known.values, self._known.carries)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from joint_id_core.arm.equations import PAYLOAD, Equations
+from joint_id_core.arm.faults import Faults
 from joint_id_core.arm.gear import with_yielding
 from joint_id_core.data.recording import Array
 
@@ -96,6 +97,7 @@ class Belief:
         duration: motion in s.
         scores: of the newest motion, for the colour.
         drift: of viscous and Coulomb friction from one stretch to the next, as a share of it, (2,): see `drift`.
+        faults: of the samples from which it was learnt.
     """
 
     values: Array
@@ -110,6 +112,7 @@ class Belief:
     duration: float
     scores: Scores
     drift: Array
+    faults: Faults
 
     @property
     def count(self) -> int:
@@ -138,8 +141,11 @@ class Belief:
 
     @property
     def told_covariance(self) -> Array:
-        """The covariance (P, P) with what gears may do otherwise than straight springs."""
-        return with_yielding(self.values, self.covariance, self.gears)
+        """The covariance (P, P) with what gears may do otherwise than straight springs, and what faults may do.
+
+        More motion does not tell these better: it has them, too.
+        """
+        return with_yielding(self.values, self.covariance, self.gears) + np.outer(self.faults.shift, self.faults.shift)
 
     def friction_of(self, joint: int) -> NDArray[np.intp]:
         """Return the places of the parameters of friction of a joint."""

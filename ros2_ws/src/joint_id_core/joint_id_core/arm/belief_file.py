@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from joint_id_core.arm.belief import Belief, Scores
+from joint_id_core.arm.faults import Faults
 from joint_id_core.arm.gains import Gains
 from joint_id_core.arm.regressor import Regressor
 from joint_id_core.errors import JointIdError
 from joint_id_core.text_file import write_text
 
-FORMAT, VERSION = "joint_id arm knowledge", 2
+FORMAT, VERSION = "joint_id arm knowledge", 3
 ARRAYS = ("values", "covariance", "sigma", "colour", "mean", "torque", "drift")
 
 
@@ -32,6 +33,8 @@ def write(path: Path, belief: Belief, regressor: Regressor, gains: Gains) -> Non
     content |= {"seen": belief.seen.tolist(), "carries": belief.carries, "duration": belief.duration}
     content["scores"] = {"products": belief.scores.products.tolist(), "squares": belief.scores.squares.tolist()}
     content["scores"]["duration"] = belief.scores.duration
+    faults = belief.faults
+    content["faults"] = {"texts": list(faults.texts), "shift": faults.shift.tolist(), "gross": faults.gross}
     write_text(path, json.dumps(content), "what is known of the arm")
 
 
@@ -70,17 +73,21 @@ def _belief(content: Mapping[str, Any], regressor: Regressor) -> Belief:
     scores = Scores(
         np.array(sums["products"], dtype=float), np.array(sums["squares"], dtype=float), float(sums["duration"])
     )
+    told = content["faults"]
+    faults = Faults(tuple(map(str, told["texts"])), np.array(told["shift"], dtype=float), str(told["gross"]))
     shapes = {"values": (size,), "covariance": (size, size)} | dict.fromkeys(ARRAYS[2:], (count,)) | {"drift": (2,)}
-    if any(arrays[name].shape != shape for name, shape in shapes.items()) or seen.shape != (size,):
+    if any(arrays[name].shape != shape for name, shape in shapes.items()) or any(
+        a.shape != (size,) for a in (seen, faults.shift)
+    ):
         raise ValueError
-    if not all(np.isfinite(a).all() for a in (*arrays.values(), scores.products, scores.squares)):
+    if not all(np.isfinite(a).all() for a in (*arrays.values(), scores.products, scores.squares, faults.shift)):
         raise ValueError
     variance = np.diag(arrays["covariance"])
     if (variance < 0.0).any() or (arrays["sigma"] <= 0.0).any() or not math.isfinite(content["duration"]):
         raise ValueError
     belief = Belief(
         **arrays, base=len(regressor.reference), carries=bool(content["carries"]), seen=seen,
-        duration=float(content["duration"]), scores=scores,
+        duration=float(content["duration"]), scores=scores, faults=faults,
     )  # fmt: skip
     if scores.products.shape != (count, len(belief.scores_of(0))) or scores.squares.shape != scores.products.shape:
         raise ValueError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -23,8 +23,10 @@ from joint_id_core.arm.changes import (
     find,
     with_other_friction,
 )
+from joint_id_core.arm.description import Description
 from joint_id_core.arm.equations import Equations
 from joint_id_core.arm.learning import learned
+from joint_id_core.arm.rivals import Rival, Young
 from joint_id_core.errors import JointIdError
 
 LEARN_S, LONGEST_S = 20.0, 60.0  # of motion: when an arm is known for the first time, and when it is learnt
@@ -46,46 +48,6 @@ class ArmChange:
     before: Belief
 
 
-@dataclass(frozen=True)
-class Rival:
-    """A belief of another friction that competes with the present one.
-
-    Attributes:
-        belief: it.
-        before: the belief when it began, at the instant `time` in s.
-        lead: twice the logarithm of the Bayes factor over the present belief since then.
-    """
-
-    belief: Belief
-    before: Belief
-    time: float
-    lead: float = 0.0
-
-    @property
-    def since(self) -> float:
-        """Motion in s before it began."""
-        return self.before.duration
-
-    def after(self, part: Equations, present: Belief) -> Rival:
-        """Return it after a stretch of motion, for which the present belief was as given."""
-        told = present.information([part])
-        lead = self.lead + self.belief.evidence(told) - present.evidence(told)
-        return replace(self, belief=self.belief.after(part), lead=lead)
-
-
-@dataclass(frozen=True)
-class Young:
-    """A payload that changed lately: the belief before, and the stretches of motion since then."""
-
-    belief: Belief
-    parts: list[Equations]
-
-    @property
-    def motion(self) -> float:
-        """Motion in s since then."""
-        return sum(part.duration for part in self.parts)
-
-
 class ArmFollower:
     """Follows an arm.
 
@@ -105,6 +67,7 @@ class ArmFollower:
         belief: Belief | None = None,
         check: Callable[[Sequence[Equations]], None] = lambda parts: None,
         beforehand: Beforehand | None = None,
+        description: Description | None = None,
     ) -> None:
         """Begin.
 
@@ -113,14 +76,15 @@ class ArmFollower:
             arm_mass: mass of the arm in kg, which tells what payloads are possible.
             belief: what is known of it already.
             check: looks at the motion from which an arm is learnt, and raises a JointIdError if that is of no use.
-            beforehand: see `learned`.
+            beforehand, description: see `learned`.
         """
         self.belief, self.changes = belief, dict[str, ArmChange]()
         self.unexplained: tuple[str, ...] = ()
         self.rests, self.time, self.used = True, float("nan"), 0
         self._joints, self._mass = tuple(joints), arm_mass
         self._first: list[Equations] = []  # from which it is learnt
-        self._learning, self._check, self._beforehand = belief is None, check, beforehand
+        self._learning, self._check = belief is None, check
+        self._beforehand, self._description = beforehand, description
         self._due = LEARN_S
         self._held: deque[Equations] = deque()
         self._rival: Rival | None = None
@@ -169,7 +133,7 @@ class ArmFollower:
             self._due = LEARN_S
             raise
         try:
-            self.belief = learned(self._first, self._beforehand)
+            self.belief = learned(self._first, self._beforehand, self._description)
         except JointIdError:  # too few equations yet
             return False
         if motion >= LONGEST_S:
@@ -278,14 +242,15 @@ class ArmFollower:
                 self.changes[name] = ArmChange(name, time, before)
 
     def _missed(self, part: Equations) -> bool:
-        """Leave out a stretch that nothing explains; many of them are another friction of a joint, or another arm."""
+        """Leave out a stretch that nothing explains; many are another friction, of one joint or all, or another arm."""
         assert self.belief is not None
         self._lost.append(part)
         motion = sum(part.duration for part in self._lost)
         if motion < FRICTION_S:
             return False
-        for j in range(len(self._joints)):
-            opened = partial(with_other_friction, joints=[j])
+        every = range(len(self._joints))  # all of them change as an arm warms up
+        for joints in (*([j] for j in every), every):
+            opened = partial(with_other_friction, joints=joints)
             parts, before = self._lost[1:], self.belief  # it may have changed in the first one
             if explains(opened(before), parts):
                 self.belief = opened(before)
@@ -300,4 +265,5 @@ class ArmFollower:
         for kept in (self._lost, self._first, self._held, self.changes):
             kept.clear()
         self._rival = self._young = self._opened = None
+        self.unexplained = ()
         return True

@@ -11,6 +11,7 @@ from joint_id_core.arm.changes import PAYLOAD
 from joint_id_core.arm.fit import LEAST_R_SQUARED
 from joint_id_core.arm.follower import ArmFollower
 from joint_id_core.arm.judged import friction, rotor
+from joint_id_core.arm.links import IMPOSSIBLE
 from joint_id_core.arm.payload import Payload, payload_of
 from joint_id_core.arm.regressor import Regressor
 from joint_id_core.results.estimate import Estimate, ParameterChange, ParameterEstimate, Status
@@ -87,13 +88,18 @@ def _of_joint(follower: ArmFollower, belief: Belief, regressor: Regressor, j: in
     scale = deviations[free] / sigma[free]
     covariance = told[np.ix_(free, free)] * np.outer(scale, scale)
     r_squared = float(belief.r_squared[j])
-    status, notes = _status(follower, name, r_squared), []
+    pulled = all(q.verdict is Verdict.AT_BOUND for q in quantities[1:]) or values[0] < -IMPOSSIBLE * sigma[0]
+    status, notes = _status(follower, name, r_squared, pulled or bool(belief.faults.gross)), []
     if follower.rests:
         notes.append("The arm rests: what is known of it stays.")
     elif status is Status.NO_MOTION:
         notes.append(f"{name} has not moved since the arm is followed: move it to know its rotor and its friction.")
     elif name in follower.unexplained:
         notes.append(_unexplained(follower))
+    elif pulled:
+        notes.append("Friction or inertia is pulled below zero, as of a drive that is recorded with the other sign.")
+    elif belief.faults.gross:
+        notes.append(f"The torques contradict the description: {belief.faults.gross}.")
     elif status is Status.POOR_FIT:
         notes.append(
             f"Only {100.0 * r_squared:.0f} % of the torque are explained: another load acts on the joint, or the "
@@ -101,6 +107,7 @@ def _of_joint(follower: ArmFollower, belief: Belief, regressor: Regressor, j: in
         )
     changes = _changes(follower, belief, name, j)
     notes += [change.text for change in changes]
+    notes += [fault_text(belief)] if status is Status.CONVERGED and belief.faults.texts else []
     notes += [f"J_r: {rows[0].reason}."] if rows[0].reason else []
     return Estimate(
         MODEL, ESTIMATOR, status, " ".join(notes[:2]) or "Converged.", tuple(rows), tuple(rows[k].name for k in free),
@@ -110,10 +117,16 @@ def _of_joint(follower: ArmFollower, belief: Belief, regressor: Regressor, j: in
     )  # fmt: skip
 
 
-def _status(follower: ArmFollower, name: str, r_squared: float) -> Status:
+def fault_text(belief: Belief) -> str:
+    """Return the faults of the samples from which an arm was learnt, as a sentence."""
+    return f"While the arm was learnt, {'; '.join(belief.faults.texts)}: the intervals contain it."
+
+
+def _status(follower: ArmFollower, name: str, r_squared: float, contradicted: bool) -> Status:
     if follower.rests or math.isnan(r_squared):
         return Status.NO_MOTION
-    return Status.POOR_FIT if name in follower.unexplained or not r_squared > LEAST_R_SQUARED else Status.CONVERGED
+    poor = contradicted or name in follower.unexplained or not r_squared > LEAST_R_SQUARED
+    return Status.POOR_FIT if poor else Status.CONVERGED
 
 
 def _unexplained(follower: ArmFollower) -> str:

@@ -9,18 +9,24 @@ import numpy as np
 
 from joint_id_core.arm.beforehand import Beforehand
 from joint_id_core.arm.belief import GRAVITY, KINDS, UNKNOWN, Belief, Scores
+from joint_id_core.arm.description import Description
 from joint_id_core.arm.drift import drift
 from joint_id_core.arm.equations import PAYLOAD, Equations, joined
+from joint_id_core.arm.faults import Faults
 from joint_id_core.arm.stacked import Stacked
+from joint_id_core.arm.suspects import suspects
 from joint_id_core.data.recording import Array
 
 
-def learned(parts: Sequence[Equations], beforehand: Beforehand | None = None) -> Belief:
+def learned(
+    parts: Sequence[Equations], beforehand: Beforehand | None = None, description: Description | None = None
+) -> Belief:
     """Return the belief from the first stretches of motion. What the arm carries in all of them counts to it.
 
     Args:
         parts: the stretches.
         beforehand: what is known of the arm; without, what joints that stand leave open seems to be known.
+        description: of the arm; without, no faults of the samples are looked for.
 
     Raises:
         JointIdError: they are too short for the number of parameters.
@@ -61,10 +67,16 @@ def learned(parts: Sequence[Equations], beforehand: Beforehand | None = None) ->
     all_covariance[end, end] = means @ spread @ means.T + np.diag(noise)
     all_covariance[end, place] = -means @ spread
     all_covariance[place, end] = -spread @ means.T
+    faults = Faults((), np.zeros(size))
+    if description is not None:
+        at_all = np.insert(values, whole.base, np.zeros(PAYLOAD))
+        found = suspects(description, [whole], table, values, at_all, lag)
+        faults.shift[place], faults.shift[end] = found.shift, found.torque - means @ found.shift
+        faults = replace(faults, texts=found.texts, gross=found.gross)
     return Belief(
         all_values, all_covariance, whole.base, sigma, colour, mean, torque, False, seen,
         sum(p.duration for p in parts), Scores.none(count, KINDS + GRAVITY),
-        drift(table, left, friction, values[friction], lag),
+        drift(table, left, friction, values[friction], lag), faults,
     )  # fmt: skip
 
 

@@ -52,13 +52,20 @@ class Suspects:
 
     Attributes:
         texts: those that are sure, in words.
-        excess: covariance of what all may do, (P, P).
+        shift: what all may do to the values, (P,).
+        torque: mean torque in Nm that they add to each joint, (n,).
         gross: one of the texts if it is of a fault too large to be what it is called; else empty.
     """
 
     texts: tuple[str, ...]
-    excess: Array
+    shift: Array
+    torque: Array
     gross: str
+
+    @property
+    def excess(self) -> Array:
+        """Covariance of what all may do, (P, P)."""
+        return np.outer(self.shift, self.shift)
 
 
 def suspects(
@@ -87,9 +94,10 @@ def suspects(
         for _, k, amount, size in sorted(zip(-np.abs(sizes), taken, amounts, sizes, strict=True))
         if abs(size) > SURE
     }
-    amount = dict(zip(taken, np.abs(amounts), strict=True))
-    gross = next((text for k, text in told.items() if amount[k] > some[k].most), "")
-    return Suspects(tuple(told.values()), np.outer(shift, shift), gross)
+    amount = dict(zip(taken, amounts, strict=True))
+    gross = next((text for k, text in told.items() if abs(amount[k]) > some[k].most), "")
+    mean = sum((a * _mean(parts, some[k].torque) for k, a in amount.items()), np.zeros(table.count))
+    return Suspects(tuple(told.values()), shift, mean, gross)
 
 
 @dataclass(frozen=True)
@@ -162,11 +170,11 @@ def _candidates(description: Description, parts: Sequence[Equations], whole: Arr
     for k, part in enumerate(parts):
         later = np.where(part.time > part.time.mean(), 1.0, 0.0)
         more = [p.columns[:, :, first] * later[:, None] if i == k else 0.0 * p.y for i, p in enumerate(parts)]
-        yield Suspect(partial(_changes, k + 1), more)
+        yield Suspect(partial(_changes, f"in recording {k + 1}" if len(parts) > 1 else "meanwhile"), more)
 
 
 def _turned(axis: str, amount: float) -> str:
-    return f"gravity seems to be turned by {math.degrees(amount):.2g} degrees about {axis} of the base (--base-gravity)"
+    return f"gravity seems to be turned by {math.degrees(amount):.2g} degrees about {axis} of the base (base_gravity)"
 
 
 def _off_zero(joint: str, turns: bool, amount: float) -> str:
@@ -185,14 +193,21 @@ def _carries(recording: int, what: str, amount: float) -> str:
     return f"the {what} seems to have about {abs(amount):.2g} kg {more} in recording {recording} than in the others"
 
 
-def _changes(recording: int, amount: float) -> str:
-    return f"the load of the last link seems to change in recording {recording}, by about {amount:.2g} kg"
+def _changes(when: str, amount: float) -> str:
+    return f"the load of the last link seems to change {when}, by about {amount:.2g} kg"
 
 
 def _of_payload(part: Equations) -> NDArray[np.bool_]:
     """Return which parameters are those of a payload, (P,)."""
     place = np.arange(part.columns.shape[2])
     return (place >= part.base) & (place < part.base + PAYLOAD)
+
+
+def _mean(parts: Sequence[Equations], torque: Sequence[Array]) -> Array:
+    """Return the mean of torques of all joints, (R, n) of each recording, over the equations that count, (n,)."""
+    sums = [np.where(p.used, np.nan_to_num(some), 0.0).sum(axis=0) for p, some in zip(parts, torque, strict=True)]
+    counts = [np.count_nonzero(part.used, axis=0) for part in parts]
+    return np.asarray(np.sum(sums, axis=0) / np.maximum(np.sum(counts, axis=0), 1))
 
 
 def _stacked(parts: Sequence[Equations], torque: Sequence[Array]) -> Array:

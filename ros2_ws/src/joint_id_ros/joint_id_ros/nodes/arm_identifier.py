@@ -13,6 +13,7 @@ from std_srvs.srv import Trigger
 from joint_id_core.alignment.joining import StampOrder
 from joint_id_core.alignment.source_watch import RATE, SourceEvent
 from joint_id_core.arm.description import Description
+from joint_id_core.arm.joint_estimates import fault_text
 from joint_id_core.arm.urdf import loaded_pinocchio
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats.topics import SAMPLES
@@ -178,4 +179,5 @@ class ArmIdentifierNode(ManagedNode):
         values: dict[str, object] = {"arm": text, "motion [s]": f"{follower.motion:.1f}", "state file": arm.state}
         bad = [*sources.complaints, *late, *filter(None, [arm.problem])]
         bad += [f"the torque of {', '.join(follower.unexplained)} is not explained"] if follower.unexplained else []
+        bad += [fault_text(follower.belief)] if follower.belief is not None and follower.belief.faults.texts else []
         return Health(max(level, DiagnosticStatus.WARN) if bad else level, "; ".join(bad) or text, values)
