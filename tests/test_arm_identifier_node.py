@@ -140,6 +140,21 @@ def test_an_arm_is_learnt_its_payload_found_and_kept_over_a_restart(start, probe
     assert abs(arm.payloads[-1].mass - moving_arm.MASS) < 0.1
 
 
+def test_what_was_published_is_taken_back_while_no_samples_come(start, probe, motions, tmp_path):
+    (tmp_path / "arm.urdf").write_text(URDF)
+    arm = Arm(start, probe, motions, urdf=str(tmp_path / "arm.urdf"))
+    arm.send(LEARN)
+    arm.until(JointEstimate.CONVERGED)
+    probe.until(lambda: arm.newest("lift") is None, "the end of the samples")
+    probe.until(lambda: probe.told("arm_identifier", "no samples of all joints for 2 s"), "that")
+    probe.until(lambda: arm.payloads[-1].verdict == 0, "that the payload is not known")
+    assert "wait" in arm.payloads[-1].message
+    arm.send(3.0, still=True)
+    assert arm.until(JointEstimate.NO_MOTION).parameters_status == JointEstimate.CONVERGED
+    arm.send(4.0)  # a second before the motion begins anew, with a jump
+    check(arm.until(JointEstimate.CONVERGED))
+
+
 @pytest.mark.long
 def test_another_time_or_rate_begins_a_new_run_with_what_is_known(start, probe, motions, tmp_path):
     (tmp_path / "arm.urdf").write_text(URDF)

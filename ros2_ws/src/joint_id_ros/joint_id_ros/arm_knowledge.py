@@ -27,6 +27,7 @@ class ArmKnowledge:
 
     Attributes:
         regressor: of the arm; follower: of the present run.
+        stretches: number of stretches of samples that were complete, at rest or in motion.
         problem: why the file is not used; empty if it is.
         scale: how far the torque constants are known, as a sentence; empty if that is not known.
     """
@@ -48,7 +49,7 @@ class ArmKnowledge:
         self._saver = Autosave(self._write, tell) if self._path is not None else None
         self._lock = FileLock(self._path) if self._path is not None else None
         self._known: Belief | None = None
-        self.problem = ""
+        self.problem, self.stretches = "", 0
         try:
             self._open()
         except JointIdError as error:
@@ -86,6 +87,7 @@ class ArmKnowledge:
         """
         new = False
         for block in self._stream.push(records):
+            self.stretches += 1
             before = self.follower.rests, self.follower.unexplained
             learnt = self.follower.add(block)
             # In motion there is: that the torques were tested, even if what they say is not believed yet.

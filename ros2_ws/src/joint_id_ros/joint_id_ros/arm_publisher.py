@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from joint_id_core.arm.joint_estimates import joint_estimates
 from joint_id_core.formats.topics import SAMPLES
@@ -14,13 +14,26 @@ from joint_id_ros.estimate_bytes import to_values
 from joint_id_ros.latest_estimates import LatestEstimates
 from joint_id_ros.lifecycle import ManagedNode
 from joint_id_ros.qos import LATEST
+from joint_id_ros.silence import Silence
+from joint_id_ros.worker import GONE_S
+
+GONE = f"no samples of all joints for {GONE_S:.0f} s: what is known of the arm waits until they return"
 
 
 class ArmPublisher:
-    """Publishes what is known, and remembers the newest good estimate of each joint."""
+    """Publishes what is known, and remembers the newest good estimate of each joint.
 
-    def __init__(self, node: ManagedNode) -> None:
+    What was published of an arm whose samples do not come any more is taken back until they return.
+
+    Attributes:
+        gone: whether samples of all joints came, and do not come any more.
+    """
+
+    def __init__(self, node: ManagedNode, clock_s: Callable[[], float]) -> None:
+        """Publish nothing yet; by `clock_s`, in s, samples are gone: if it stands, the last estimates stay."""
         self._latest = LatestEstimates(node)
+        self._absence, self.gone = Silence(clock_s), False
+        self._seen = 0  # stretches of samples
         self._payload = node.create_lifecycle_publisher(ArmPayload, "payload", LATEST)
         self._good: dict[str, Estimate] = {}
 
@@ -30,6 +43,7 @@ class ArmPublisher:
 
     def publish(self, arm: ArmKnowledge, origin_ns: int) -> None:
         """Publish what is known; times of the arm count from `origin_ns`."""
+        self.gone = False
         newest = joint_estimates(arm.follower, arm.regressor, SAMPLES.name)
         for name, found in newest.items():
             if found.converged:
@@ -43,6 +57,21 @@ class ArmPublisher:
             self._good[name] = found.updated(status=Status.CONVERGED)
             newest[name] = found.updated(status=Status.TOO_SHORT, message=text, notes=(text,))
         self._send(arm, newest, now_ns)
+
+    def look(self, arm: ArmKnowledge) -> bool:
+        """Look whether samples come; return whether what was published was taken back as they do not."""
+        absent_s = self._absence.look(arm.stretches != self._seen or not arm.stretches)
+        self._seen = arm.stretches
+        if self.gone or not absent_s > GONE_S:
+            return False
+        self.gone = True
+        self.take_back(arm.regressor.last_link, f"{GONE[0].upper()}{GONE[1:]}.")
+        return True
+
+    def take_back(self, link: str, why: str) -> None:
+        """Take back what was published of the joints and of what a link carries, and say why."""
+        self._latest.begin({})
+        self._payload.publish(ArmPayload(link=link, message=why))
 
     def wait(self) -> None:
         """Wait until the readers have what was published."""

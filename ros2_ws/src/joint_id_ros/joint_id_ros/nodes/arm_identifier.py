@@ -19,7 +19,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.formats.topics import SAMPLES
 from joint_id_msgs.msg import JointSamples
 from joint_id_ros.arm_knowledge import ArmKnowledge
-from joint_id_ros.arm_publisher import ArmPublisher
+from joint_id_ros.arm_publisher import GONE, ArmPublisher
 from joint_id_ros.description_source import DescriptionSource
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.ending import SILENT_S, Ending
@@ -29,11 +29,12 @@ from joint_id_ros.options.reading import ReadingOptions
 from joint_id_ros.parameters import read
 from joint_id_ros.raw_messages import RawMessage
 from joint_id_ros.samples import to_recordings
+from joint_id_ros.silence import STEP_S
 from joint_id_ros.sources import Sources
 from joint_id_ros.streams import Streams
 
 PACE_S = 0.1  # time between two readings of the samples
-CHECK_S = 0.5  # period of the checks whether there are samples, or the node to end with has gone
+CHECK_S = STEP_S  # period of the checks whether there are samples, or the node to end with has gone
 
 
 class ArmIdentifierNode(ManagedNode):
@@ -45,7 +46,7 @@ class ArmIdentifierNode(ManagedNode):
         self._arm: ArmKnowledge | None = None
         self._sources: Sources | None = None
         self._description: DescriptionSource | None = None
-        self._publisher = ArmPublisher(self)
+        self._publisher = ArmPublisher(self, self._clock_s)
         self._ending = Ending(self)
         self._diagnostics = Diagnostics(self, self._health, "joint_samples")
         for name in ("save", "reset"):
@@ -86,6 +87,7 @@ class ArmIdentifierNode(ManagedNode):
 
     def _take(self, description: Description | None) -> None:
         if self._arm is not None:
+            self._publisher.take_back(self._arm.regressor.last_link, "The arm has another description.")
             self._arm.close()
         self._arm = None
         if description is None:
@@ -135,12 +137,13 @@ class ArmIdentifierNode(ManagedNode):
             return
         if self._origin_ns is None:
             self._origin_ns = messages[0].stamp_ns
+        stretches = self._arm.stretches
         try:
             new = self._arm.add(to_recordings(messages, self._origin_ns, SAMPLES.name))
         except JointIdError as error:
             self._diagnostics.problem("samples left out", str(error))
             return
-        if new:
+        if new or (self._publisher.gone and self._arm.stretches > stretches):
             self._publisher.publish(self._arm, self._origin_ns)
 
     # --- the rest
@@ -161,7 +164,13 @@ class ArmIdentifierNode(ManagedNode):
         refused = "" if self._description is None else self._description.refused
         return refused or f"no description of the robot on {self._options.description_topic} yet"
 
+    def _clock_s(self) -> float:
+        """Return the time in s by which samples are gone; it stands where the last estimates shall stay."""
+        return 0.0 if self.get_parameter("end_with").value else self.now_s()
+
     def _on_timer(self) -> None:
+        if self._arm is not None and self.streams is not None and self._publisher.look(self._arm):
+            self._diagnostics.problem("arm gone", GONE)
         self._silent += 1
         silent = self._silent * CHECK_S > SILENT_S and self._sources is not None and not self._sources.published
         if silent and self._ending.due(self.get_parameter("end_with").value, self._origin_ns is not None):
@@ -176,6 +185,7 @@ class ArmIdentifierNode(ManagedNode):
             return Health(DiagnosticStatus.WARN, self._missing())
         follower, (level, late) = arm.follower, sources.lateness
         text = "learning" if follower.belief is None else "at rest" if follower.rests else "identifying"
+        text = "no samples" if self._publisher.gone else text
         values: dict[str, object] = {"arm": text, "motion [s]": f"{follower.motion:.1f}", "state file": arm.state}
         bad = [*sources.complaints, *late, *filter(None, [arm.problem])]
         bad += [f"the torque of {', '.join(follower.unexplained)} is not explained"] if follower.unexplained else []
