@@ -71,9 +71,13 @@ class Arm:
         return next((j for j in self.found[-1].joints if j.joint == joint), None) if self.found else None
 
     def until(self, status: int, joint: str = "lift") -> JointEstimate:
-        """Wait until the estimate of a joint has a status."""
-        self.probe.until(lambda: (n := self.newest(joint)) is not None and n.status == status, f"status {status}")
-        found = self.newest(joint)
+        """Wait until the newest estimate of a joint has a status; those of samples that end are taken back."""
+
+        def newest() -> JointEstimate | None:
+            return next((j for message in reversed(self.found) for j in message.joints if j.joint == joint), None)
+
+        self.probe.until(lambda: (n := newest()) is not None and n.status == status, f"status {status}")
+        found = newest()
         assert found is not None
         return found
 

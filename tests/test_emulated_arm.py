@@ -93,7 +93,7 @@ def test_an_arm_at_work_is_identified_and_so_is_what_it_picks_up(start, probe, r
     probe.until(lambda: len(payloads) and payloads[-1].verdict, "an arm that is known")
     probe.spin(5.0)
     # Where a joint sticks for a moment, half a second of motion may not be explained.
-    probe.until(lambda: all(j.status == JointEstimate.CONVERGED for j in found[-1].joints), "joints that are explained")
+    probe.until(lambda: {j.status for j in found[-1].joints} == {JointEstimate.CONVERGED}, "joints that are explained")
     assert not payloads[-1].carries
     for joint in found[-1].joints:
         p, rows = known[joint.joint], {r.name: r for r in joint.parameters}
