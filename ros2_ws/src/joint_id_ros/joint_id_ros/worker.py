@@ -6,7 +6,7 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,7 +15,7 @@ from joint_id_core.data.instants import NANO
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.online.identifier import OnlineIdentifier
-from joint_id_core.results.estimate import Estimate
+from joint_id_ros.callbacks import Callbacks
 from joint_id_ros.joint_identifiers import JointIdentifiers, place_of
 from joint_id_ros.raw_messages import RawMessage
 from joint_id_ros.sample_queue import SampleQueue
@@ -36,18 +36,6 @@ STOP_S = 2.0  # longest wait for the thread; launch and systemd kill a process t
 def gathered_s(hop_s: float) -> float:
     """Return the time in s of the samples that one batch holds while more arrive."""
     return min(hop_s, max(GATHER_S, min(GATHER * hop_s, IDLE_S)))
-
-
-@dataclass(frozen=True)
-class Callbacks:
-    """Callbacks of a worker, called from its threads."""
-
-    estimated: Callable[[str, Estimate, int], None]  # joint, estimate, origin of its times in ns
-    publish: Callable[[], None]  # publish what was estimated since the last call
-    gone: Callable[[str], None]  # joint that is not in the samples any more
-    problem: Callable[[str, str], None]  # kind, text
-    completed: Callable[[Mapping[str, Recording]], Mapping[str, Recording]] = dict  # new samples, by joint
-    now_s: Callable[[], float] = time.monotonic  # by it joints are gone when no samples come; if it stands, none is
 
 
 @dataclass

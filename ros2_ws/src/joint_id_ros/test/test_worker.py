@@ -10,9 +10,10 @@ import pytest
 from joint_id_core.estimators.shared.fit_data import UnusableError, unusable
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Status
+from joint_id_ros.callbacks import Callbacks
 from joint_id_ros.raw_messages import RawMessage, Table
 from joint_id_ros.sample_queue import KEEP_S, QUEUE_S
-from joint_id_ros.worker import GONE_S, Callbacks, Worker, gathered_s
+from joint_id_ros.worker import GONE_S, Worker, gathered_s
 
 PERIOD_NS = 10_000_000
 MODEL = build("rigid_joint")

@@ -21,6 +21,7 @@ from joint_id_core.stored.knowledge import StoredKnowledge
 from joint_id_msgs.msg import JointSamples
 from joint_id_ros.arm_load_errors import ArmLoadErrors
 from joint_id_ros.baselines import Baselines
+from joint_id_ros.callbacks import Callbacks
 from joint_id_ros.diagnostics import Diagnostics, Health
 from joint_id_ros.ending import SILENT_S, Ending
 from joint_id_ros.estimate_bytes import to_values
@@ -39,7 +40,7 @@ from joint_id_ros.preparation import Preparation
 from joint_id_ros.raw_messages import RawMessage
 from joint_id_ros.sources import Sources
 from joint_id_ros.streams import READ_S, Streams
-from joint_id_ros.worker import Callbacks, Worker, gathered_s
+from joint_id_ros.worker import Worker, gathered_s
 
 START_S = 0.05  # period of the checks, at a start without a lifecycle manager, whether the kernels are there
 END_S = 0.5  # period of the checks whether the node to end with has gone
