@@ -14,7 +14,7 @@ from joint_id_core.arm.judged import friction, rotor
 from joint_id_core.arm.links import IMPOSSIBLE
 from joint_id_core.arm.payload import Payload, payload_of
 from joint_id_core.arm.regressor import Regressor
-from joint_id_core.results.estimate import Estimate, ParameterChange, ParameterEstimate, Status
+from joint_id_core.results.estimate import Estimate, ParameterChange, ParameterEstimate, Status, message
 from joint_id_core.results.verdict import MAGNITUDE, Verdict
 
 MODEL, ESTIMATOR = "arm", "recursive"
@@ -105,12 +105,14 @@ def _of_joint(follower: ArmFollower, belief: Belief, regressor: Regressor, j: in
             f"Only {100.0 * r_squared:.0f} % of the torque are explained: another load acts on the joint, or the "
             "description, the gear ratio or the torque constant is wrong."
         )
+    else:
+        notes.append("Converged.")
     changes = _changes(follower, belief, name, j)
     notes += [change.text for change in changes]
     notes += [fault_text(belief)] if status is Status.CONVERGED and belief.faults.texts else []
     notes += [f"J_r: {rows[0].reason}."] if rows[0].reason else []
     return Estimate(
-        MODEL, ESTIMATOR, status, " ".join(notes[:2]) or "Converged.", tuple(rows), tuple(rows[k].name for k in free),
+        MODEL, ESTIMATOR, status, message(notes), tuple(rows), tuple(rows[k].name for k in free),
         covariance, nrmse={"torque": float(np.sqrt(max(0.0, 1.0 - r_squared)))},
         noise={"torque": float(belief.sigma[j])}, joint=name, notes=tuple(notes), changes=changes,
         whiteness={}, samples=follower.used,
