@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from joint_id_core.data.recording import Recording
-from joint_id_core.online.window import REST, SlidingWindow, joined
-
-GATHERED = 32  # parts that are put into the window together, as each one takes as long there
+from joint_id_core.online.window import SlidingWindow
 
 
 class NewestMotion:
@@ -16,30 +12,15 @@ class NewestMotion:
     Args:
         length_s: of the motion that is kept, in s.
         waits_s: motion in s until it is `due` for the first time.
-
-    Attributes:
-        end: instant of the newest sample in s; -inf before the first.
     """
 
     def __init__(self, length_s: float, waits_s: float) -> None:
-        self._window, self._waits_s, self.end = SlidingWindow(length_s), waits_s, -np.inf
-        self._new: list[Recording] = []  # later than the window, without a pause
+        self._window, self._waits_s = SlidingWindow(length_s), waits_s
 
     def append(self, samples: Recording) -> None:
-        """Add later samples."""
-        steps, begin, length = len(samples) - 1, float(samples.time[0]), samples.duration
-        goes_on = steps > 0 and (begin - self.end) * steps < REST * length
-        if not goes_on or len(self._new) == GATHERED:
-            self._gather()
-        self._new.append(samples)
-        self._waits_s -= length * (1.0 + 1.0 / max(1, steps))
-        self.end = begin + length
-
-    def _gather(self) -> None:
-        """Put the new samples into the window."""
-        if self._new:
-            self._window.append(joined(self._new))
-            self._new = []
+        """Add samples."""
+        self._window.append(samples)
+        self._waits_s -= samples.duration * (1.0 + 1.0 / max(1, len(samples) - 1))
 
     def wait(self, seconds: float) -> None:
         """Wait for so much more motion, in s."""
@@ -53,10 +34,13 @@ class NewestMotion:
     @property
     def duration(self) -> float:
         """Of the motion that is kept, in s."""
-        self._gather()
         return self._window.duration
+
+    @property
+    def end(self) -> float:
+        """Instant of the newest sample in s; -inf before the first."""
+        return self._window.end
 
     def recording(self) -> Recording:
         """Return the samples."""
-        self._gather()
         return self._window.recording()

@@ -197,7 +197,7 @@ class SlidingWindow:
         if begin == len(found[0]) and len(found) > 1:
             found, begin = found[1:], 0
         found[0] = found[0].slice(begin, len(found[0])) if begin else found[0]
-        return joined(found)
+        return _joined(found)
 
 
 def _warmth(samples: Recording, end: int | None = None) -> tuple[float, int]:
@@ -213,7 +213,7 @@ def _warmth(samples: Recording, end: int | None = None) -> tuple[float, int]:
     return float(known.sum()), len(known)
 
 
-def joined(parts: Sequence[Recording]) -> Recording:
+def _joined(parts: Sequence[Recording]) -> Recording:
     """Return later and later samples of a joint as one recording, NaN where a part lacks a channel."""
     last = parts[-1]
     if len(parts) == 1:
