@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
-from joint_id_core.data.quantities import change_text, two_digits, unit_text, with_deviation
+from joint_id_core.data.quantities import change_text, known_digits, two_digits, unit_text, with_deviation
 
 
 @pytest.mark.parametrize(
@@ -27,6 +29,14 @@ from joint_id_core.data.quantities import change_text, two_digits, unit_text, wi
 )
 def test_a_value_has_the_digits_of_its_standard_deviation(value, std_dev, text):
     assert with_deviation(value, std_dev) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "std_dev", "text"),
+    [(1.99091, 1.9, "2.0"), (0.087139, 0.25, "0.087"), (5155.18, 10.0, "5155"), (0.106, math.nan, "0.106")],
+)
+def test_a_value_alone_has_the_same_digits(value, std_dev, text):
+    assert known_digits(value, std_dev) == text
 
 
 def test_a_ratio_has_no_unit():

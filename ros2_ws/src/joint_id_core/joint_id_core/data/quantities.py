@@ -28,17 +28,26 @@ def with_deviation(value: float, std_dev: float, unit: str = "") -> str:
 
     A value that is smaller than its standard deviation keeps two digits.
     """
-    end = f" {unit_text(unit)}".rstrip()
+    return f"{' ± '.join(_rounded(value, std_dev))} {unit_text(unit)}".rstrip()
+
+
+def known_digits(value: float, std_dev: float) -> str:
+    """Return a value alone as `with_deviation` writes it; to five digits if it has no standard deviation."""
+    return _rounded(value, std_dev)[0] if math.isfinite(std_dev) and std_dev > 0.0 else f"{value:.5g}"
+
+
+def _rounded(value: float, std_dev: float) -> tuple[str, str]:
+    """Return a value and its standard deviation as text."""
     if not (math.isfinite(value) and math.isfinite(std_dev) and std_dev > 0.0):
-        return f"{value:.4g} ± {std_dev:.2g}{end}"
+        return f"{value:.4g}", f"{std_dev:.2g}"
     sigma = float(f"{std_dev:.1e}")
     first = _decade(value) if value else _decade(sigma)
     last = min(_decade(sigma), first) - 1  # decade of the last digit
     rounded = round(value, -last)
     if rounded and not LEAST <= abs(rounded) < MOST:
-        return f"{value:.{first - last}e} ± {std_dev:.2g}{end}"
+        return f"{value:.{first - last}e}", f"{std_dev:.2g}"
     spread = f"{sigma:.{max(0, 1 - _decade(sigma))}f}" if LEAST < 10.0 * sigma < MOST else f"{sigma:.1e}"
-    return f"{rounded:.{max(0, -last)}f} ± {spread}{end}"
+    return f"{rounded:.{max(0, -last)}f}", spread
 
 
 def change_text(change: float, std_dev: float, unit: str = "") -> str:

@@ -14,7 +14,7 @@ from joint_id_core.data.quantities import unit_text
 from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError
 from joint_id_core.pages.document import Page
-from joint_id_core.pages.report import interval, prediction_plots, trend_plots
+from joint_id_core.pages.report import interval, prediction_plots, trend_plots, value_text
 from joint_id_core.results.estimate import Estimate, Predictions
 
 MOST = 600  # points of a course; when there are more, every second one is left out
@@ -143,8 +143,7 @@ class LiveView:
 def parameter_rows(estimate: Estimate) -> list[list[str]]:
     """Return name, value, half of the 95 % interval, unit, verdict and reason of each parameter."""
     return [
-        [p.name, f"{p.value:.5g}", interval(p), unit_text(p.unit), p.verdict.value, p.reason]
-        for p in estimate.parameters
+        [p.name, value_text(p), interval(p), unit_text(p.unit), p.verdict.value, p.reason] for p in estimate.parameters
     ]
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from joint_id_core.data.quantities import two_digits, unit_text, with_deviation, with_unit
+from joint_id_core.data.quantities import known_digits, two_digits, unit_text, with_deviation, with_unit
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError
@@ -79,7 +79,12 @@ def _parameters(estimate: Estimate) -> str:
 
 def _row(p: ParameterEstimate) -> tuple[str, ...]:
     share = f"{two_digits(100.0 * WIDE * p.std_dev / abs(p.value))} %" if math.isfinite(p.std_dev) and p.value else ""
-    return p.name, f"{p.value:.5g}", interval(p), share, unit_text(p.unit), p.verdict.value, p.reason
+    return p.name, value_text(p), interval(p), share, unit_text(p.unit), p.verdict.value, p.reason
+
+
+def value_text(p: ParameterEstimate) -> str:
+    """Return the value of a parameter in the digits of its 95 % interval."""
+    return known_digits(p.value, WIDE * p.std_dev)
 
 
 def interval(p: ParameterEstimate) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from joint_id_core.data.quantities import with_deviation
 from joint_id_core.results.estimate import Estimate
 from joint_id_core.results.verdict import MAGNITUDE
 
@@ -38,7 +39,7 @@ class AtLink:
     @property
     def text(self) -> str:
         """Value, standard deviation and formula in words."""
-        return f"{self.name} {self.value:.5g} ± {self.std_dev:.2g} {self.unit} = {self.formula}"
+        return f"{self.name} {with_deviation(self.value, self.std_dev, self.unit)} = {self.formula}"
 
 
 def at_link(estimate: Estimate) -> list[AtLink]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from joint_id_core.data.quantities import two_digits, unit_text
+from joint_id_core.data.quantities import known_digits, two_digits, unit_text
 from joint_id_core.data.recording import Array
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError
@@ -121,8 +121,8 @@ def _parameters(axis: Axes, estimate: Estimate) -> None:
     """Write the parameters as a table."""
     axis.axis("off")
     rows = [
-        [p.name, f"{p.value:.5g}", f"± {two_digits(p.std_dev)}" if np.isfinite(p.std_dev) else "", unit_text(p.unit),
-         p.verdict.value]
+        [p.name, known_digits(p.value, p.std_dev), f"± {two_digits(p.std_dev)}" if np.isfinite(p.std_dev) else "",
+         unit_text(p.unit), p.verdict.value]
         for p in estimate.parameters
     ]  # fmt: skip
     table = axis.table(
