@@ -86,8 +86,8 @@ class Motion:
     ddq: Array
 
 
-def at(time: Array, seed: int = 0, standing: tuple[str, ...] = ()) -> Motion:
-    """A motion of sines at some instants, in which some joints stand."""
+def at(time: Array, seed: int = 0, standing: tuple[str, ...] = (), share: float = 1.0) -> Motion:
+    """A motion of sines at some instants, or a share of it, in which some joints stand."""
     rng = np.random.default_rng(seed)
     q, dq, ddq = (np.zeros((len(time), len(JOINTS))) for _ in range(3))
     for j in range(len(JOINTS)):
@@ -98,7 +98,7 @@ def at(time: Array, seed: int = 0, standing: tuple[str, ...] = ()) -> Motion:
             q[:, j] += size * np.sin(w * time + phase)
             dq[:, j] += size * w * np.cos(w * time + phase)
             ddq[:, j] -= size * w * w * np.sin(w * time + phase)
-    return Motion(q, dq, ddq)
+    return Motion(share * q, share * dq, share * ddq)
 
 
 def inverse(motion: Motion, urdf: str = URDF, gravity: tuple[float, float, float] = DOWN) -> Array:
@@ -125,19 +125,20 @@ def rigid(
     noise: float = 1e-5,
     late: float = 0.0,
     gravity: tuple[float, float, float] = DOWN,
+    share: float = 1.0,
 ) -> dict[str, Recording]:
     """What link encoders and torques of all joints show, by name; torques are means over a sample.
 
     Coulomb friction grows with the torque of the links by a share `growth` of it, and `falls` (Nm) from standstill as
-    exp(-|v| / 0.3 rad/s). Encoders have a `noise` in rad, and torques are `late` in s.
+    exp(-|v| / 0.3 rad/s). Encoders have a `noise` in rad, torques are `late` in s, and the motion is a `share` of `at`.
     """
     time = np.arange(round(seconds * RATE)) / RATE
-    middle = at(time + 0.5 / RATE - late, seed, standing)
+    middle = at(time + 0.5 / RATE - late, seed, standing, share)
     links = inverse(middle, urdf, gravity)
     coulomb = COULOMB + growth * np.abs(links) + falls * np.exp(-np.abs(middle.dq) / 0.3)
     torque = links + ROTOR * middle.ddq + VISCOUS * middle.dq + coulomb * np.sign(middle.dq)
     rng = np.random.default_rng([seed, 1])
-    shown = {"link_position": at(time, seed, standing).q + noise * rng.standard_normal(torque.shape)}
+    shown = {"link_position": at(time, seed, standing, share).q + noise * rng.standard_normal(torque.shape)}
     shown["torque"] = torque + 0.05 * rng.standard_normal(torque.shape)
     return _by_joint(time, shown)
 

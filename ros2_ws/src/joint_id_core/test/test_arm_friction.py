@@ -26,6 +26,7 @@ from joint_id_core.arm.stacked import Stacked
 ARM = Description(URDF, "arm.urdf")
 GAINS = {name: {"torque": 1.0} for name in JOINTS}
 GROWTH, FALLS = 0.06, np.array([3.0, 0.0, 1.5, 0.0, -0.8, 0.0])
+SLOW = 0.05  # share of the motion, at most 0.2 rad/s
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +59,17 @@ def test_friction_that_bends_is_found_and_damping_and_friction_are_the_nearest_l
 
 def test_such_friction_is_predicted_by_its_law_only(bent):
     assert min(j.held_out for j in bent.joints) > 0.9985
+
+
+@pytest.mark.parametrize("falls", [0.0, 3.0], ids=["straight", "bent"])
+def test_a_motion_too_slow_to_tell_a_bend_from_a_line_has_both_in_its_intervals(falls):
+    """Friction that turns sharply was taken for a bend: 0.46 +- 0.10 Nm in place of 1 Nm below 0.2 rad/s."""
+    found = fit_arm(ARM, [moving_arm.rigid(40.0, 2, falls=falls, share=SLOW)], GAINS)
+    assert found.converged and any("never faster than 0.6 rad/s" in doubt for doubt in found.doubts)
+    for j, viscous, coulomb in zip(found.joints, VISCOUS + falls * SLOPE, COULOMB + falls * AT_REST, strict=True):
+        assert j.bend == 0.0
+        for value, true in ((j.damping, viscous), (j.friction, coulomb)):
+            assert value.verdict is not Verdict.ESTIMATED or abs(value.value - true) < 4.0 * value.std_dev, (j, true)
 
 
 def test_terms_that_the_data_do_not_ask_for_are_left_out():

@@ -69,6 +69,14 @@ def test_faults_of_the_samples_are_named_and_in_the_intervals(late, gravity, tex
             assert row.verdict is not Verdict.ESTIMATED or abs(row.value - true) < 4.0 * row.std_dev, (name, row)
 
 
+def test_a_motion_too_slow_to_tell_a_bend_from_a_line_has_both_in_its_intervals():
+    found = told(moving_arm.rigid(2.0 * LEARN, 2, share=0.05))
+    for name, *values in zip(JOINTS, VISCOUS, COULOMB, strict=True):
+        for parameter, true in zip(("c", "tau_f"), values, strict=True):
+            row = found[name][parameter]
+            assert row.verdict is not Verdict.ESTIMATED or abs(row.value - true) < 4.0 * row.std_dev, (name, row)
+
+
 def test_nothing_is_told_of_samples_without_a_fault():
     assert all(found.converged and "learnt" not in found.message for found in told(moving_arm.rigid(LEARN, 1)).values())
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from joint_id_core.arm.equations import PAYLOAD, Equations
 from joint_id_core.arm.faults import Faults
+from joint_id_core.arm.friction import shows_bend
 from joint_id_core.arm.gear import with_yielding
 from joint_id_core.data.recording import Array
 
@@ -93,7 +94,7 @@ class Belief:
         colour: by how much its memory makes the variance of friction larger, shape (n,), at least 1.
         mean, torque: mean and variance of the torque of each joint, in Nm and Nm^2, shape (n,).
         carries: whether the payload counts.
-        seen: whether motion has shown each parameter, shape (P,).
+        seen: whether motion has shown each parameter, shape (P,): of a bend of friction, motion that was fast enough.
         duration: motion in s.
         scores: of the newest motion, for the colour.
         drift: of viscous and Coulomb friction from one stretch to the next, as a share of it, (2,): see `drift`.
@@ -203,11 +204,14 @@ class Belief:
         share, seen = min(1.0, part.duration / MEMORY_S), self.seen.copy()
         sigma, mean, torque = (a.copy() for a in (self.sigma, self.mean, self.torque))
         scores = Scores(self.scores.products.copy(), self.scores.squares.copy(), self.scores.duration + part.duration)
+        quick = shows_bend(part)
         for j in range(self.count):
             columns, left = found._of_joint(part, j)
             if not len(left):
                 continue
-            seen |= np.any(columns != 0.0, axis=0)
+            shown_now = np.any(columns != 0.0, axis=0)
+            shown_now[self.friction_of(j)[2]] &= quick[j]
+            seen |= shown_now
             sigma[j] = np.sqrt(sigma[j] ** 2 + share * float(np.mean(left**2) - sigma[j] ** 2))
             y = part.y[part.used[:, j], j]
             mean[j] += share * float(np.mean(y - mean[j]))

@@ -17,7 +17,7 @@ from joint_id_core.arm.beforehand import Beforehand
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.drift import drift
 from joint_id_core.arm.equations import PAYLOAD, Equations, equations
-from joint_id_core.arm.friction import UNEVEN, Friction
+from joint_id_core.arm.friction import STRAIGHT, UNEVEN, Friction, shows_bend
 from joint_id_core.arm.gains import Gains
 from joint_id_core.arm.gear import with_yielding
 from joint_id_core.arm.gravity import check_gravity
@@ -142,18 +142,27 @@ class _Fitted:
         self._band = Band.of(self._lefts)
 
     def _with_what_data_ask_for(self, table: Stacked) -> Stacked:
-        """Solve, again without bends and growth with the load that may be 0, and return the equations of that."""
+        """Solve, again without bends and growth with the load that may be 0, and return the equations of that.
+
+        Where no motion tells a bend from a straight line, the law is that line, and intervals contain both.
+        """
         self._solve(table)
         more = self._friction_at + self._friction.bends_and_growth
         size, sigma = np.abs(self.values[more]), np.sqrt(np.maximum(np.diag(self.covariance), 0.0))[more]
         self._by_load = float(self.values[-1]), float(sigma[-1])
         size[-1] = self.values[-1]  # friction does not fall with the load
         coulomb = np.abs(self.values[self._friction_at + self._count : more[0]])
-        weak = more[~(size > np.maximum(SURE * sigma, np.append(BENT * coulomb, 0.0)))]
-        if not len(weak):
-            return table
-        table = table.without(weak)
-        self._solve(table)
+        sure = size > np.maximum(SURE * sigma, np.append(BENT * coulomb, 0.0))
+        slow = ~np.append(np.any([shows_bend(part) for part in self._parts], axis=0), True)
+        names = self._regressor.joints
+        self._slow = [name for name, own in zip(names, sure & slow, strict=False) if own]
+        if np.any(weak := ~sure & ~slow):
+            table = table.without(more[weak])
+            self._solve(table)
+        if slow.any():
+            table, bent = table.without(more[slow]), self.values
+            self._solve(table)
+            self.covariance += np.outer(bent - self.values, bent - self.values)
         return table
 
     def _solve(self, table: Stacked) -> None:
@@ -218,6 +227,11 @@ class _Fitted:
         status = Status.POOR_FIT if poor or missed or contradiction else Status.CONVERGED
         duration = sum(p.duration for p in self._parts)
         doubts = (*(text for part in self._parts for text in part.doubts), *self._suspects.texts)
+        if self._slow:
+            doubts += (
+                f"{', '.join(self._slow)} never faster than {STRAIGHT:g} rad/s: friction may be straight or bend, and "
+                "the intervals contain both; move faster",
+            )
         return ArmEstimate(
             source,
             status,

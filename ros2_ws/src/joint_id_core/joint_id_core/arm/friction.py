@@ -23,6 +23,7 @@ from joint_id_core.data.recording import Array
 
 STRIBECK = 0.3  # rad/s, v_s: where friction of gears bends
 FASTEST = 1.0  # rad/s, to which a straight line shall be near
+STRAIGHT = 2.0 * STRIBECK  # rad/s, from where a bend has hardly a slope of its own: slower, it looks like damping
 POSES = 200  # random ones
 GROWS = 0.3  # Nm/Nm, standard deviation of the growth with the load that is known beforehand: of gears it is below 0.2
 # Share of the growth, as a standard deviation, by which a gear may lose more torque when it drives than when it is
@@ -103,6 +104,11 @@ def bend(dq: Array) -> Array:
     """Return the bend of friction at velocities in rad/s, for a unit parameter."""
     speed = np.abs(dq)
     return np.asarray((np.exp(-speed / STRIBECK) - AT_REST - SLOPE * speed) * np.tanh(dq / SLOW))
+
+
+def shows_bend(part: Equations) -> NDArray[np.bool_]:
+    """Return whether each joint is fast enough in some equations to tell a bend from a straight line, (n,)."""
+    return np.asarray(np.any(part.used & (np.abs(part.dq) > STRAIGHT), axis=0))
 
 
 def usual_load(regressor: Regressor) -> Array:

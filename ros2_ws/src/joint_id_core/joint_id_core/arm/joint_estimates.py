@@ -14,6 +14,7 @@ from joint_id_core.arm.judged import friction, rotor
 from joint_id_core.arm.links import IMPOSSIBLE
 from joint_id_core.arm.payload import Payload, payload_of
 from joint_id_core.arm.regressor import Regressor
+from joint_id_core.arm.straight import straightened
 from joint_id_core.results.estimate import Estimate, ParameterChange, ParameterEstimate, Status, message
 from joint_id_core.results.verdict import MAGNITUDE, Verdict
 
@@ -39,6 +40,7 @@ def joint_estimates(follower: ArmFollower, regressor: Regressor, source: str) ->
             )
             for name in regressor.joints
         }  # fmt: skip
+    belief = straightened(belief)
     return {
         name: _of_joint(follower, belief, regressor, j).updated(source=source, start=0.0, end=end)
         for j, name in enumerate(regressor.joints)
@@ -150,7 +152,8 @@ def _changes(follower: ArmFollower, belief: Belief, name: str, j: int) -> tuple[
     """Return what changed in a joint, if anything did."""
     change, found = follower.changes.get(name), []
     if change is not None:
+        before = straightened(change.before)
         for k, parameter in zip(belief.friction_of(j)[:2], ("c", "tau_f"), strict=True):
-            pair = [(float(b.values[k]), float(np.sqrt(b.covariance[k, k]))) for b in (change.before, belief)]
+            pair = [(float(b.values[k]), float(np.sqrt(b.covariance[k, k]))) for b in (before, belief)]
             found.append(ParameterChange(parameter, *pair[0], *pair[1], change.since))
     return tuple(found)

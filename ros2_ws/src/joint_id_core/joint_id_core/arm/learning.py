@@ -13,6 +13,7 @@ from joint_id_core.arm.description import Description
 from joint_id_core.arm.drift import drift
 from joint_id_core.arm.equations import PAYLOAD, Equations, joined
 from joint_id_core.arm.faults import Faults
+from joint_id_core.arm.friction import shows_bend
 from joint_id_core.arm.stacked import Stacked
 from joint_id_core.arm.suspects import suspects
 from joint_id_core.data.recording import Array
@@ -50,6 +51,7 @@ def learned(
     place = np.concatenate([np.arange(whole.base), np.arange(whole.base + PAYLOAD, own + PAYLOAD)])
     all_values, all_covariance, seen = np.zeros(size), np.zeros((size, size)), np.zeros(size, dtype=bool)
     all_values[place], seen[place] = values, shown
+    seen[whole.base + PAYLOAD + 2 * count + np.flatnonzero(~shows_bend(whole))] = False
     known = np.diag(table.precision) > 0.0
     spread = _positive(covariance + np.diag(np.where(shown | known, 0.0, UNKNOWN**2)))
     means, offsets, noise = np.zeros((count, own)), np.zeros(count), np.full(count, UNKNOWN**2)
