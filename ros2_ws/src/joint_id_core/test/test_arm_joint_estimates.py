@@ -85,3 +85,11 @@ def test_a_torque_with_the_other_sign_is_no_good_fit():
     arm = moving_arm.rigid(LEARN, 2)
     found = told({**arm, "spin": arm["spin"].with_channels({"torque": -arm["spin"]["torque"]})})
     assert found["spin"].status is Status.POOR_FIT and "the other sign" in found["spin"].message
+
+
+def test_torques_that_no_bodies_have_are_no_good_fit_of_any_joint():
+    """With the other sign at an elbow its neighbours stayed `converged`, and its offset was 46 sigma off."""
+    arm = moving_arm.rigid(2.0 * LEARN, 2)
+    found = told({**arm, "bend": arm["bend"].with_channels({"torque": -arm["bend"]["torque"]})})
+    assert all(one.status is Status.POOR_FIT for one in found.values())
+    assert "such as no bodies have" in found["roll"].message

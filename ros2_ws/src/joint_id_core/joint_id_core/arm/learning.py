@@ -14,9 +14,13 @@ from joint_id_core.arm.drift import drift
 from joint_id_core.arm.equations import PAYLOAD, Equations, joined
 from joint_id_core.arm.faults import Faults
 from joint_id_core.arm.friction import shows_bend
+from joint_id_core.arm.judged import rotor
+from joint_id_core.arm.links import consistent_links
+from joint_id_core.arm.regressor import Regressor
 from joint_id_core.arm.stacked import Stacked
 from joint_id_core.arm.suspects import suspects
 from joint_id_core.data.recording import Array
+from joint_id_core.results.verdict import Verdict
 
 
 def learned(
@@ -75,11 +79,24 @@ def learned(
         found = suspects(description, [whole], table, values, at_all, lag)
         faults.shift[place], faults.shift[end] = found.shift, found.torque - means @ found.shift
         faults = replace(faults, texts=found.texts, gross=found.gross)
-    return Belief(
+    belief = Belief(
         all_values, all_covariance, whole.base, sigma, colour, mean, torque, False, seen,
         sum(p.duration for p in parts), Scores.none(count, KINDS + GRAVITY),
         drift(table, left, friction, values[friction], lag), faults,
     )  # fmt: skip
+    if description is None or faults.gross:
+        return belief
+    return replace(belief, faults=replace(faults, gross=_contradiction(Regressor(description), belief)))
+
+
+def _contradiction(regressor: Regressor, belief: Belief) -> str:
+    """Return why no bodies have the base parameters of a belief; empty if some have."""
+    base, seen = slice(belief.base), belief.seen[: belief.base]
+    values, known = belief.values[base], belief.told_covariance[base, base] * np.outer(seen, seen)
+    sigma = np.sqrt(np.diag(known))
+    rotors = [rotor(regressor, j, float(values[j]), sigma[j], seen[j]) for j in range(belief.count)]
+    inertias = [found.value if found.verdict is Verdict.ESTIMATED else 0.0 for found in rotors]
+    return consistent_links(regressor, values, known, inertias).contradiction
 
 
 def _positive(covariance: Array) -> Array:
