@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from joint_id_core.estimators import Innovations, fit
 from joint_id_core.estimators.innovations import checks, drive_noise
 from joint_id_core.estimators.innovations.misfit import Misfit
 from joint_id_core.models import build
+from joint_id_core.online.lasting import Lasting
 from joint_id_core.results.estimate import Status
 from joint_id_core.simulation.excitation import position_reference
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
@@ -214,6 +216,23 @@ def test_a_gain_that_changes_with_the_torque_is_named_and_in_the_intervals(recor
     assert told in " ".join(wrong.notes), wrong.notes
     for name in ("J", "c", "tau_f"):
         assert abs(wrong[name].value - model.values()[name]) < 3.0 * wrong[name].std_dev, wrong[name]
+
+
+def test_what_a_gain_does_to_the_offset_is_in_its_interval_and_stays_known():
+    """A regression reads the same torques: its interval is none of an offset that a gain of one direction makes."""
+    model = build("rigid_joint")
+    measured = simulated_rigid(model, seed=3)
+    torque = measured["torque"]
+    right, wrong = (
+        fit(model, measured.with_channels({"torque": u})) for u in (torque, np.where(torque > 0.0, 1.03, 1.0) * torque)
+    )
+    assert "differs by its sign" in " ".join(wrong.notes) and wrong["tau_0"].std_dev < 1.0
+    assert abs(wrong["tau_0"].value) < 3.0 * wrong["tau_0"].std_dev, wrong["tau_0"]
+    later, lasting = replace(right, start=wrong.end, end=wrong.end + 2.0), Lasting(60.0)
+    assert lasting.on(later) is later
+    lasting.on(wrong)
+    assert "differs by its sign" in lasting.on(later).checks.texts[0]
+    assert np.all(np.diag(lasting.on(later).checks.excess) >= np.diag(wrong.checks.lasting))
 
 
 def simulated_rigid(model, seed):

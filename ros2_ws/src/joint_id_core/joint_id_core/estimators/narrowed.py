@@ -30,7 +30,8 @@ def narrowed(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
     """Return an estimate with the intervals of a regression, distances included, where these are narrower.
 
     It converged, or the two disagree on other parameters. One that is corrected for what it lacks stays (`correction`):
-    a regression does not know of that. Nor does it know what a parameter adds that it holds, as a torque constant.
+    a regression does not know of that. Nor does it know what a parameter adds that it holds, as a torque constant. A
+    recorded drive whose gain changes is that of both: what it does stays in the intervals.
     """
     checks = estimate.checks
     if estimate.status not in (Status.CONVERGED, Status.DISAGREE) or checks is None or checks.bias is not None:
@@ -40,10 +41,11 @@ def narrowed(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
     if estimate.converged and not opinion.coloured and not any(checks.texts):
         return estimate
     rows, scale = {row.name: row for row in estimate.parameters}, np.ones(len(estimate.free))
+    of_gain = dict(zip(estimate.free, np.zeros(len(scale)) if checks.of_gain is None else checks.of_gain, strict=True))
     taken = []
     for second in opinion.seconds:
         first = rows[second.name]
-        if (sigma := _sigma(first, second, model)) < NARROWER * first.std_dev:
+        if (sigma := _sigma(first, second, of_gain[second.name], model)) < NARROWER * first.std_dev:
             scale[estimate.free.index(second.name)] = sigma / first.std_dev
             reason = interval_text(first.value, sigma)
             rows[second.name] = replace(first, std_dev=sigma, verdict=Verdict.ESTIMATED, reason=reason)
@@ -60,12 +62,12 @@ def narrowed(estimate: Estimate, model: Model, opinion: Opinion) -> Estimate:
     return estimate.noted(notes, parameters=tuple(rows.values()), covariance=covariance)
 
 
-def _sigma(first: ParameterEstimate, second: Second, model: Model) -> float:
+def _sigma(first: ParameterEstimate, second: Second, shared: float, model: Model) -> float:
     """Return the standard deviation of a value that contains a second one; inf if it says little.
 
-    That is little more than a size, or that the parameter is about zero.
+    That is little more than a size, or that the parameter is about zero. Both have a `shared` standard deviation.
     """
-    sigma = math.hypot(second.wide, second.value - first.value, LEAST * first.value)
+    sigma = math.hypot(second.wide, second.value - first.value, LEAST * first.value, shared)
     size = first.value if model.parameter(second.name).positive else abs(first.value)
     both = f"by {Regression.name}" in first.reason  # they disagree: both values are in its interval already
     return math.inf if sigma > MAGNITUDE * size or both else sigma

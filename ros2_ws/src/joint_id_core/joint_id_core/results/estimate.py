@@ -62,7 +62,8 @@ class Checks:
         together: by parameter that enters only in combination with others, what is known instead and what to do.
         levels: how the intervals depend on the noise levels; None if it is not known. Files do not hold it.
         doubt, lasting, bias: of what the model lacks, as in `misfit.Misfit`. Files do not hold them.
-        of_drive: part of the standard deviations for noise of the drive's sensor (free,). Files do not hold it.
+        of_drive, of_gain: parts of the standard deviations for noise of the drive's sensor, and for a gain of it that
+            changes (free,). Files do not hold them.
     """
 
     texts: tuple[str, ...]
@@ -74,6 +75,7 @@ class Checks:
     lasting: Array | None = field(default=None, compare=False, repr=False)
     bias: Array | None = field(default=None, compare=False, repr=False)
     of_drive: Array | None = field(default=None, compare=False, repr=False)
+    of_gain: Array | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True)

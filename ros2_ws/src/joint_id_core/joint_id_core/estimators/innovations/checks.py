@@ -67,7 +67,7 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
         Checks(
             texts, excess, nrmse(data, predictions), together, levels,
             missing.doubt or hidden_gear(recursion, coordinates, found, last, noisy) or slow.doubt, missing.lasting,
-            missing.bias, slope * np.sqrt(np.diag(of_drive)),
+            missing.bias, slope * np.sqrt(np.diag(of_drive)), np.abs(slope * missing.of_gain),
         ),
         covariance,
         bias,

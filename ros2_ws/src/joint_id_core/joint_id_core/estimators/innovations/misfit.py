@@ -41,9 +41,10 @@ class Misfit:
         found: the shapes, each with its size in standard deviations, and with that of its course.
         excess: squares of their bias, to add to the covariance of the coordinates, shape (k, k).
         doubt: why the estimates cannot be used; empty if the intervals contain what is missing.
-        lasting: `excess` if a property of the joint is significant, which other motion may hide; else None.
+        lasting: `excess` if a property of joint or drive is significant, which other motion may hide; else None.
         bias: of the coordinates by the shapes that were found, shape (k,), if one of them is such a property and beyond
             doubt; else None.
+        of_gain: bias of the coordinates by the gain of the recorded drive, shape (k,). Other estimators read it, too.
     """
 
     found: tuple[tuple[Shape, float, float], ...]
@@ -51,6 +52,7 @@ class Misfit:
     doubt: str = ""
     lasting: Array | None = None
     bias: Array | None = None
+    of_gain: Array | float = 0.0
 
     @property
     def text(self) -> str:
@@ -58,11 +60,16 @@ class Misfit:
         parts = [
             f"{s.name}{_amount(s, course)} ({size:.3g} sigma: {s.advice})"
             for s, size, course in self.found
-            if size > SIGNIFICANT * (FAR_MORE if s.general else 1.0)
+            if size > _told_from(s)
         ]
         if not parts:
             return ""
         return f"the residuals show {' and '.join(parts)}; {CONTAINED}"
+
+
+def _told_from(shape: Shape) -> float:
+    """Return the size in standard deviations from which the user is told."""
+    return SIGNIFICANT * (FAR_MORE if shape.general else 1.0)
 
 
 def _amount(shape: Shape, course: float) -> str:
@@ -111,11 +118,12 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
         if taken[k] > SIGNIFICANT:
             candidates[k] = _rightly_named(recursion, coordinates, found, last, candidates[k])
     certain = [candidates[k].name for k in replaced if taken[k] > CERTAIN]
-    lasting = excess if any(taken[k] > SIGNIFICANT for k in replaced) else None
+    gains = [k for k in taken if candidates[k].general]
+    lasting = excess if any(taken[k] > _told_from(candidates[k]) for k in (*replaced, *gains)) else None
     doubt = _doubt(recursion, coordinates, found, certain, np.sqrt(np.diag(excess))) if certain else ""
     courses = test.courses(taken)
     sized = tuple((candidates[k], size, scale[k] * courses.get(k, 0.0)) for k, size in taken.items())
-    return Misfit(sized, excess, doubt, lasting, test.bias(taken) if certain else None)
+    return Misfit(sized, excess, doubt, lasting, test.bias(taken) if certain else None, test.bias(gains))
 
 
 @dataclass(frozen=True)
