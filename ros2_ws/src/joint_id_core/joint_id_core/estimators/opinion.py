@@ -15,6 +15,7 @@ from joint_id_core.estimators.regression.estimator import Regression
 from joint_id_core.estimators.regression.missing import HELPS
 from joint_id_core.estimators.shared.mean_drive import changes
 from joint_id_core.estimators.shared.settings import ParameterSettings
+from joint_id_core.estimators.shared.standing import standing
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, Status
 
@@ -108,13 +109,14 @@ def second_opinion(
         return None
     values = ParameterSettings(estimate.values, held)
     try:
-        _, _, fitted, share = with_share(model, recording, values, Regression(), share)
+        data, _, fitted, share = with_share(model, recording, values, Regression(), share)
     except JointIdError:
         return None
     if any(f.blind for f in fitted):
         return None
     fault = next((f.fault for f in fitted if f.fault), "")
-    seconds = tuple(second for f in fitted for second in _seconds(f))
+    stuck = standing(data)
+    seconds = tuple(second for f in fitted for second in _seconds(f) if second.name not in stuck)
     useless = frozenset(advice for f in fitted for advice, share in f.helps.items() if share < HELPS)
     lag = next((f.lag for f in fitted if f.lag), "")
     coloured = any(f.memory > MEMORY and f.solution.r_squared < 1.0 - LITTLE for f in fitted)

@@ -23,6 +23,7 @@ from joint_id_core.estimators.innovations.whiteness import memory
 from joint_id_core.estimators.shared.fit_data import FitData
 from joint_id_core.estimators.shared.free_run import free_runs, nrmse
 from joint_id_core.estimators.shared.sentences import listed
+from joint_id_core.estimators.shared.standing import not_known, standing
 from joint_id_core.estimators.shared.substeps import fastest_mode
 from joint_id_core.models.combinations import Combination, combinations
 from joint_id_core.results.estimate import Checks
@@ -47,8 +48,10 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
     bias = sensor_bias(noisy, coordinates, found, last)
     if not bias.any():  # else noise of the drive is in it
         of_drive = drive_noise(recursion, coordinates, found, last).excess
+    held = standing(data)
     texts = (
         missing.text,
+        not_known(held),
         _step_warning(stages, found),
         slow.text,
         coloured.text,
@@ -60,6 +63,7 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
     combined = {name for group in _combinations(data, p) for name in group.names}  # of them the combination is told
     excess = missing.excess + coloured.excess + slow.excess + outcome.scatter + smoothing_bias(stages, found)
     excess = excess + of_vanishing(stages.cost, found, combined)
+    excess = excess + np.diag(np.where(np.isin(data.free, held), coordinates.spread**2, 0.0))
     covariance = of_noise + excess + of_drive + np.outer(bias, bias)
     together = in_combination(data, p, covariance * np.outer(slope, slope))
     predictions = free_runs(stages.kernel, data, last.states, p, last.steps, stages.options.horizon_s)

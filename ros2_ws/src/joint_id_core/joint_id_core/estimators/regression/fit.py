@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import scipy
@@ -26,6 +27,7 @@ from joint_id_core.estimators.shared.fit_data import (
 from joint_id_core.estimators.shared.mean_drive import MOST, POSITION, changes, with_mean_drive
 from joint_id_core.estimators.shared.sentences import listed, sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
+from joint_id_core.estimators.shared.standing import not_known, standing
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions, Status, Verdict, message
 
@@ -146,6 +148,9 @@ def _estimate(data: FitData, fitted: list[Fitted], band_hz: float, begun: float,
     """Return the estimate; `told` is said of the recording."""
     model, starts = data.model, dict(zip(data.model.parameter_names, data.p.tolist(), strict=True))
     found = {n: r for f in fitted for n, r in estimates(model, f, starts).items()}
+    stuck = standing(data)
+    for n in found.keys() & stuck:
+        found[n] = replace(found[n], verdict=Verdict.NOT_EXCITED, reason="the link does not slide")
     known, held = tuple(n for n in data.free if n in found), tuple(n for n in data.free if n not in found)
     covariance = scipy.linalg.block_diag(*(np.nan_to_num(f.covariance, nan=0.0) for f in fitted))
     order = [[*found].index(n) for n in known]
@@ -154,7 +159,7 @@ def _estimate(data: FitData, fitted: list[Fitted], band_hz: float, begun: float,
         for q, v in zip(model.parameters, data.p.tolist(), strict=True)
     )
     status, notes = judge(data.model, fitted, found, held, band_hz, data.dropped)
-    notes = (*notes[:2], *map(sentence, told), *notes[2:])
+    notes = (*notes[:2], *map(sentence, filter(None, (not_known(stuck), *told))), *notes[2:])
     nrmse, predictions = _predictions(data, fitted)
     seen = data.recording.time[fitted[0].samples.rows.index]
     return Estimate(
