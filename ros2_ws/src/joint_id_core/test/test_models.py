@@ -225,8 +225,10 @@ def test_models_are_built_by_name_with_their_options():
     [
         (lambda: build("robot"), "unknown model 'robot': choose one of dc_motor"),
         (lambda: build("dc_motor", gravity=True), "dc_motor has no option 'gravity': it has friction"),
-        (lambda: build("dc_motor", friction="sticky").parameters, "unknown friction law 'sticky'"),
-        (lambda: build("dc_motor", friction=3).parameters, "unknown friction law 3: choose one of coulomb_viscous"),
+        (lambda: build("dc_motor", friction="sticky"), "unknown friction law 'sticky'"),
+        (lambda: build("dc_motor", friction=3), "unknown friction law 3: choose one of coulomb_viscous"),
+        (lambda: build("motor_side", actuation="curent"), r"unknown actuation 'curent' \(did you mean current\?\)"),
+        (lambda: build("rigid_joint", actuation="voltage"), "unknown actuation 'voltage': choose one of torque, cur"),
         (lambda: build("rigid_joint", gravity="false"), "model rigid_joint: gravity = 'false': give True or False"),
         (lambda: HarmonicDrive(offsets=1), "model harmonic_drive: offsets = 1: give True or False"),
         (lambda: DCMotor().parameter("k_1"), r"dc_motor has no parameter 'k_1' \(did you mean k_t\?\): it has R"),

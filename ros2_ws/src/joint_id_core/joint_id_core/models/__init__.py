@@ -21,7 +21,7 @@ def build(name: str, **options: str | bool) -> Model:
     """Build the model called `name` with its options (`actuation`, `friction`, `gravity`, `kinematic_error`).
 
     Raises:
-        JointIdError: no such model, an option that this model does not have, or a value of another type.
+        JointIdError: no such model, an option that this model does not have, or a value that it does not take.
     """
     if name not in MODELS:
         raise JointIdError(f"unknown model {name!r}{close_to(name, MODELS)}: choose one of {', '.join(MODELS)}")

@@ -33,7 +33,7 @@ class Model:
     """A joint model. Subclasses are frozen dataclasses whose fields are the options of the model.
 
     Raises:
-        JointIdError: an option that is True or False is something else.
+        JointIdError: an option that is True or False is something else, or a choice that there is not.
     """
 
     name: ClassVar[str]
@@ -44,6 +44,7 @@ class Model:
             value = getattr(self, option.name)
             if isinstance(option.default, bool) and not isinstance(value, bool):
                 raise JointIdError(f"model {self.name}: {option.name} = {value!r}: give True or False")
+        _ = self.inputs, self.parameters  # which look at the choices: their errors come here, and not at the first use
 
     @property
     def states(self) -> tuple[Signal, ...]:

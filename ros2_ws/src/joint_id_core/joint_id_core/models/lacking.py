@@ -7,7 +7,8 @@ from dataclasses import fields, replace
 from joint_id_core.errors import JointIdError
 from joint_id_core.models.base import Model
 from joint_id_core.models.friction import LAWS
-from joint_id_core.models.options import DRIVES, FLAGS
+from joint_id_core.models.options import FLAGS
+from joint_id_core.models.transmission import DRIVES
 
 CHOICES: dict[str, tuple[str | bool, ...]] = {"actuation": DRIVES, "friction": LAWS, **dict.fromkeys(FLAGS, (True,))}
 

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING
 
 from joint_id_core.models import LAWS, MODELS, Model, build
-from joint_id_core.models.transmission import Actuation
+from joint_id_core.models.transmission import DRIVES
 from joint_id_core.options import check, option
 
 if TYPE_CHECKING:
     from joint_id_core.data.recording import Recording
 
-DRIVES: tuple[str, ...] = get_args(Actuation)
 FLAGS = ("gravity", "kinematic_error", "delays", "offsets", "drifting_load")
 
 

@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from joint_id_core.data.signals import Parameter, Signal, channel, positive
+from joint_id_core.errors import JointIdError, close_to
 from joint_id_core.models.base import Ops
 
 Actuation = Literal["torque", "current"]
+DRIVES: tuple[str, ...] = get_args(Actuation)
 
 GEAR_RATIO = 101.0  # UR robots; the paper does not give N, but its Fig. 4 agrees with this value
 
 
 def drive_signal(actuation: Actuation) -> Signal:
-    """Return the input that drives the motor: its torque or its current."""
+    """Return the input that drives the motor: its torque or its current.
+
+    Raises:
+        JointIdError: it is neither.
+    """
+    if actuation not in DRIVES:
+        raise JointIdError(
+            f"unknown actuation {actuation!r}{close_to(actuation, DRIVES)}: choose one of {', '.join(DRIVES)}"
+        )
     return channel(actuation)
 
 
