@@ -80,10 +80,11 @@ def test_what_is_wrong_with_a_recording_is_a_row_and_is_done_again_on_demand(tmp
     data.write_bytes(whole)
     os.utime(data, ns=(stat.st_atime_ns, stat.st_mtime_ns))  # the size alone tells
     code, out, _ = run("batch", tmp_path, "-o", output, *COMMAND)
-    assert (code, out.count("1 recordings fitted, 2 were finished before")) == (0, 1)
+    assert (code, out.count("1 recording fitted, 2 were finished before")) == (0, 1)
     assert [r["status"] for r in rows(output)] == ["converged", "converged", "error"]
-    code, out, _ = run("batch", tmp_path, "-o", output, *COMMAND, "--retry")
-    assert (code, out.count("1 recordings fitted")) == (1, 1) and good.exists()
+    code, out, err = run("batch", tmp_path, "-o", output, *COMMAND, "--retry")
+    assert (code, out.count("1 recording fitted")) == (1, 1) and good.exists()
+    assert "joint-id: 1 recording could not be read or fitted" in err
 
 
 def test_csv_files_have_the_names_of_the_pattern(tmp_path):

@@ -153,6 +153,7 @@ def test_a_log_of_a_robot_is_read_joint_by_joint(robot_log, run_here, in_this_pr
         ["shoulder_pan_joint", "rigid_joint", "no_motion"], ["shoulder_lift_joint", "rigid_joint", "converged"],
     ]  # fmt: skip
     assert code == 1 and "no good estimate of shoulder_pan_joint" in out
+    assert "\n  shoulder_pan_joint: link_position did not change" in out  # of the file, which was just named
     code, out = run_here("fit", robot_log, "--robot", "arm.yaml", "--joint", "shoulder_lift_joint")
     assert code == 0 and "link_position = actual_q_1" in out
     code, out = run_here(*pasted(out), "--json")

@@ -70,6 +70,8 @@ class Regressor:
         self.composition[np.arange(len(self._kept)), self._kept] = 1.0
         self.composition[:, others] = share
         self.reference = self.composition[:, count:] @ self.bodies.ravel()
+        torque = np.abs(self.reference) * size[self._kept]
+        self.reference[torque < ROUNDED * torque.max()] = 0.0  # what cancels leaves rounding
         names = [f"rotor of {name}" for name in self.joints]
         names += [f"{part} of {name}" for name in self.joints for part in OF_LINK]
         self.combinations = tuple(

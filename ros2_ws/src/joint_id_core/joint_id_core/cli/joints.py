@@ -12,7 +12,7 @@ from joint_id_core.jobs.fit_job import Result
 
 def joints_table(results: Mapping[str, Result | str]) -> str:
     """Return a table with a row a joint: status, and the estimated parameters."""
-    from joint_id_core.results.report import estimated
+    from joint_id_core.results.report import beside_others, estimated
 
     width = max(len("joint"), *map(len, results)) + 2
     lines = [f"  {'joint':<{width}}{'model':<22}{'status':<16}parameters"]
@@ -28,7 +28,7 @@ def joints_table(results: Mapping[str, Result | str]) -> str:
             f"  {joint:<{width}}{estimate.model + gravity:<22}{estimate.status.value:<16}{estimated(estimate) or '-'}"
         )
         if not estimate.converged:
-            told[joint] = estimate.message
+            told[joint] = beside_others(estimate, estimate.message)
     return "\n".join([*lines, *([""] if told else []), *remarks(told)])
 
 

@@ -105,6 +105,7 @@ def fitted(job: FitJob, progress: Callable[[str], None]) -> Contents:
 def _of_all(job: FitJob, out: Path) -> None:
     """Write one page about all joints of a file."""
     from joint_id_core.pages.joints import report_of_joints
+    from joint_id_core.results.report import beside_others
 
     with Progress() as progress:
         found = of_all(job.of_every_joint(), _one, progress)
@@ -114,7 +115,10 @@ def _of_all(job: FitJob, out: Path) -> None:
             found[joint] = replace(one, command=shlex.join(["joint-id", *words, "--joint", joint]))
     write_text(out, report_of_joints(found, job.files[0].name), "the report")
     print(f"{out}: {len(found)} joints, {out.stat().st_size / 1e3:.0f} kB")
-    told = {joint: one if isinstance(one, str) else one.estimate.message for joint, one in found.items()}
+    told = {
+        joint: one if isinstance(one, str) else beside_others(one.estimate, one.estimate.message)
+        for joint, one in found.items()
+    }
     bad = [joint for joint, one in found.items() if isinstance(one, str) or not one.estimate.converged]
     if bad:
         print(*remarks({joint: told[joint] for joint in bad}), sep="\n")

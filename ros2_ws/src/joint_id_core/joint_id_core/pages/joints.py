@@ -9,7 +9,7 @@ from joint_id_core.pages.contents import Contents
 from joint_id_core.pages.document import Page, badge, table_of_html
 from joint_id_core.pages.report import fill
 from joint_id_core.pages.series import MOST
-from joint_id_core.results.report import estimated
+from joint_id_core.results.report import beside_others, estimated
 from joint_id_core.results.status import Status
 
 
@@ -53,5 +53,5 @@ def _row(joint: str, found: Contents | str) -> Iterator[str]:
     yield badge(estimate.status)
     values = escape(estimated(estimate))
     # Of a fit that is not good, the first sentence says why; the part about the joint says the rest.
-    why = next(iter(estimate.notes), estimate.message)
+    why = beside_others(estimate, next(iter(estimate.notes), estimate.message))
     yield values if estimate.converged else f"{escape(why)}<br>{values}"

@@ -24,6 +24,11 @@ def estimated(estimate: Estimate) -> str:
     return ", ".join(f"{p.name} {with_deviation(p.value, p.std_dev, p.unit)}" for p in known)
 
 
+def beside_others(estimate: Estimate, text: str) -> str:
+    """Return what is said of an estimate without the path of its recording, which those of other joints share."""
+    return text.removeprefix(f"{estimate.source}: ")
+
+
 def table(estimate: Estimate) -> str:
     """Return the estimate as lines of text: values, standard deviations, verdicts, fit, strong correlations."""
     head = f"{estimate.model} by {estimate.estimator}: {estimate.status.value}"
