@@ -4,15 +4,18 @@ Columns are `time_s` and any of `joint_id_core.data.signals.CHANNELS`, in SI uni
 `column_names`), or those of several joints (`joint_columns`). A signal without a column was not measured; an empty cell
 or `nan` is a missing value. Other columns are ignored unless a mapping names them. The delimiter (comma, semicolon,
 tab, bar or spaces) is found from the header.
-Lines that begin with #, % or // are comments; which line is the header, see `csv_header`.
+Lines that begin with #, % or // are comments; which line is the header, see `csv_header`. A last line that was cut
+short, as where a program was killed, is left out.
 """
 
 from __future__ import annotations
 
 import csv
+import logging
 import math
 import re
 import warnings
+from collections import deque
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
@@ -28,6 +31,7 @@ from joint_id_core.formats.mapping import taken as in_words
 from joint_id_core.formats.mapping import unread as left_alone
 from joint_id_core.formats.overlooked import tell, tell_empty
 
+log = logging.getLogger(__name__)
 SHOWN = 40  # characters of a cell that an error shows
 CLOCK = re.compile(r"\d:\d\d|\d{4}-\d\d-\d\d|\d\d?[./]\d\d?[./]\d")  # in a date, or a time of the day
 
@@ -96,6 +100,8 @@ def write_csv(path: str | Path, recording: Recording) -> None:
 
 def _numbers(path: Path, header: Header) -> Array | None:
     """Return all cells as numbers (rows, columns), read by NumPy; None if a cell or a line is not as it expects."""
+    if not _ended(path):
+        return None
     # NumPy reads a file that it opens itself in larger pieces; with comments it takes every line apart in Python.
     for comments in (None, COMMENTS):
         try:
@@ -110,23 +116,43 @@ def _numbers(path: Path, header: Header) -> Array | None:
     return None
 
 
+def _ended(path: Path) -> bool:
+    """Return whether the last line has its end."""
+    return all(line.endswith("\n") for _, line in deque(lines(path), maxlen=1))
+
+
 def _table(path: Path, header: Header) -> tuple[list[list[str]], list[int]]:
-    """Return the cells by row, and the line number of each row."""
+    """Return the cells by row, and the line number of each row; without a last line that was cut short."""
     rows, numbers = [], []
     for number, line in lines(path):
         text = line.strip()
         if number <= header.line or not text or text.startswith(COMMENTS):
             continue
         row = cells(line, header.delimiter)
-        if len(row) != len(header.names):
+        if len(row) != len(header.names) and (line.endswith("\n") or len(row) > len(header.names)):
             raise JointIdError(
                 f"{path}: line {number} has {len(row)} cells, the header has {len(header.names)}: mend or cut this line"
             )
         rows.append(row)
         numbers.append(number)
+    if rows and numbers[-1] == number and not line.endswith("\n") and _is_cut(rows, len(header.names)):
+        log.warning(
+            "%s: line %d is left out, as the file seems to be cut short within it: if it is whole, end it with a "
+            "line end", path, number,
+        )  # fmt: skip
+        del rows[-1], numbers[-1]
     if not rows:
         raise JointIdError(f"{path}: only a header ({', '.join(header.names)}), no samples: record it again")
     return rows, numbers
+
+
+def _is_cut(rows: list[list[str]], count: int) -> bool:
+    """Return whether the last of the rows, whose line has no end, lacks some of `count` cells, or digits of the last.
+
+    What is as long as the longest number in its column lacks nothing that matters.
+    """
+    *others, last = rows
+    return len(last) < count or len(last[-1]) < max((len(row[-1]) for row in others), default=0)
 
 
 def _columns(path: Path, header: Header, used: Collection[str]) -> dict[str, Array]:

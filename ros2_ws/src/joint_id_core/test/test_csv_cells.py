@@ -1,0 +1,43 @@
+"""Cells of tables as programs leave them that were killed."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+
+import pytest
+
+from joint_id_core import formats
+from joint_id_core.errors import JointIdError
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "log.csv"
+    path.write_text(text)
+    return path
+
+
+WHOLE = "time_s,link_position,torque\n0.1,1.0,0.25\n0.2,2.0,-10.75\n0.3,3.0,-11.25"
+
+
+@pytest.mark.parametrize("lost", [1, 3, 6, 7, 9, 11, 13])
+def test_a_last_line_that_was_cut_is_left_out_and_said(tmp_path, caplog, lost):
+    recording = formats.read(written(tmp_path, WHOLE[:-lost]))
+    assert recording.time.tolist() == [0.1, 0.2] and recording["torque"].tolist() == [0.25, -10.75]
+    assert "log.csv: line 4 is left out, as the file seems to be cut short within it" in caplog.text
+
+
+@pytest.mark.parametrize("end", ["", "\n", "\r\n", "\n\n", "\n# the end"])
+def test_a_whole_last_line_is_read(tmp_path, caplog, end):
+    path = written(tmp_path, WHOLE + end)
+    packed = path.with_suffix(".csv.gz")
+    packed.write_bytes(gzip.compress(path.read_bytes()))
+    for one in (path, packed):
+        assert formats.read(one)["torque"].tolist() == [0.25, -10.75, -11.25]
+    assert not caplog.text
+
+
+@pytest.mark.parametrize("text", ["time_s,torque\n0,1\n1\n", "time_s,torque\n0,1\n1,2,3"])
+def test_other_lines_of_the_wrong_length_are_refused(tmp_path, text):
+    with pytest.raises(JointIdError, match=r"line 3 has . cells, the header has 2"):
+        formats.read(written(tmp_path, text))
