@@ -27,6 +27,12 @@ def test_a_last_line_that_was_cut_is_left_out_and_said(tmp_path, caplog, lost):
     assert "log.csv: line 4 is left out, as the file seems to be cut short within it" in caplog.text
 
 
+def test_a_cut_line_of_several_joints_is_said_once(tmp_path, caplog):
+    path = written(tmp_path, "time_s,q1,q2\n0,0.5,0.25\n1,0.75,0.5\n2,0.5,0.")
+    found = formats.read_joints(path).recordings
+    assert [len(recording) for recording in found.values()] == [2, 2] and caplog.text.count("line 4 is left out") == 1
+
+
 @pytest.mark.parametrize("end", ["", "\n", "\r\n", "\n\n", "\n# the end"])
 def test_a_whole_last_line_is_read(tmp_path, caplog, end):
     path = written(tmp_path, WHOLE + end)

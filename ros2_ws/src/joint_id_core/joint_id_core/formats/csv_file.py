@@ -17,6 +17,7 @@ import re
 import warnings
 from collections import deque
 from collections.abc import Collection, Mapping
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -136,14 +137,20 @@ def _table(path: Path, header: Header) -> tuple[list[list[str]], list[int]]:
         rows.append(row)
         numbers.append(number)
     if rows and numbers[-1] == number and not line.endswith("\n") and _is_cut(rows, len(header.names)):
-        log.warning(
-            "%s: line %d is left out, as the file seems to be cut short within it: if it is whole, end it with a "
-            "line end", path, number,
-        )  # fmt: skip
+        _tell_cut(path, number)
         del rows[-1], numbers[-1]
     if not rows:
         raise JointIdError(f"{path}: only a header ({', '.join(header.names)}), no samples: record it again")
     return rows, numbers
+
+
+@lru_cache(maxsize=100)
+def _tell_cut(path: Path, number: int) -> None:
+    """Log that the last line is left out: once, as each joint of a table is read by itself."""
+    text = (
+        "%s: line %d is left out, as the file seems to be cut short within it: if it is whole, end it with a line end"
+    )
+    log.warning(text, path, number)
 
 
 def _is_cut(rows: list[list[str]], count: int) -> bool:
