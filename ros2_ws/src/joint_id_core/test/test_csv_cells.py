@@ -1,10 +1,11 @@
-"""Cells of tables as programs leave them that were killed."""
+"""Cells of tables as spreadsheets write them, and as programs leave them that were killed."""
 
 from __future__ import annotations
 
 import gzip
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from joint_id_core import formats
@@ -15,6 +16,31 @@ def written(folder: Path, text: str) -> Path:
     path = folder / "log.csv"
     path.write_text(text)
     return path
+
+
+@pytest.mark.parametrize("delimiter", [";", "\t"])
+@pytest.mark.parametrize("above", ["", "Messung 3\n\n"])
+@pytest.mark.parametrize("names", ["time_s;torque;note", "Zeit;M;N"])
+def test_decimal_commas_are_read_where_nothing_else_can_be_meant(tmp_path, delimiter, above, names):
+    text = f"{above}{names}\n0;-1,5;a\n0,25;2,5e-3;1.5\n1;;\n".replace(";", delimiter)
+    own = dict(zip(("time_s", "torque"), names.split(";"), strict=False))
+    recording = formats.read(written(tmp_path, text), mapping=own)
+    assert recording.time.tolist() == [0.0, 0.25, 1.0]
+    np.testing.assert_array_equal(recording["torque"], [-1.5, 2.5e-3, np.nan])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("time_s;torque\n0;0,5\n1;1.234,5\n", r"line 3, column torque: '1.234,5' is not .* separators of thousands$"),
+        ("time_s;torque\n0;0,5\n1;1,234,567\n", r"'1,234,567' is not a number: write one without separators of th"),
+        ("time_s;torque\n0;1,234\n1;0.5\n", r"line 2, column torque: '1,234' is not a number: .* decimal point$"),
+        ("0;0,5\n1;1,5\n", r"no header, line 1 holds numbers only"),
+    ],
+)
+def test_commas_that_may_mean_something_else_are_refused(tmp_path, text, message):
+    with pytest.raises(JointIdError, match=message):
+        formats.read(written(tmp_path, text))
 
 
 WHOLE = "time_s,link_position,torque\n0.1,1.0,0.25\n0.2,2.0,-10.75\n0.3,3.0,-11.25"

@@ -69,7 +69,7 @@ def test_mapping_multiplies_columns_and_numbers(csv):
             "time_s,current\n0,1\n\n1,high\n",
             r"log.csv: line 4, column current: 'high' is not a number: write one, or leave",
         ),
-        ("time_s;current\n0;1,5\n", r"line 2, column current: '1,5' is not a number: write one with a decimal point"),
+        ('time_s,current\n0,"1,5"\n', r"line 2, column current: '1,5' is not a number: write one with a decimal point"),
         ("time_s,current\n0,1\n1\n", r"log.csv: line 3 has 1 cells, the header has 2"),
         ("time_s,current,current\n0,1,2\n", r"log.csv: 2 columns are called 'current'"),
         ("time_s,current\n0,1\n2,1\n1,1\n", r"log.csv: time goes backwards at sample 2 \(2 s, then 1 s\)"),

@@ -3,7 +3,7 @@
 Columns are `time_s` and any of `joint_id_core.data.signals.CHANNELS`, in SI units, or written as people do (see
 `column_names`), or those of several joints (`joint_columns`). A signal without a column was not measured; an empty cell
 or `nan` is a missing value. Other columns are ignored unless a mapping names them. The delimiter (comma, semicolon,
-tab, bar or spaces) is found from the header.
+tab, bar or spaces) is found from the header. Where it is a semicolon or a tab, numbers may have decimal commas.
 Lines that begin with #, % or // are comments; which line is the header, see `csv_header`. A last line that was cut
 short, as where a program was killed, is left out.
 """
@@ -26,7 +26,7 @@ from joint_id_core.data.recording import Array, Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.formats import joint_columns
 from joint_id_core.formats.column_names import TIME
-from joint_id_core.formats.csv_header import COMMENTS, Header, cells, find_header, is_number, lines
+from joint_id_core.formats.csv_header import COMMENTS, DECIMAL_COMMA, Header, cells, find_header, is_number, lines
 from joint_id_core.formats.mapping import plan
 from joint_id_core.formats.mapping import taken as in_words
 from joint_id_core.formats.mapping import unread as left_alone
@@ -34,6 +34,8 @@ from joint_id_core.formats.overlooked import tell, tell_empty
 
 log = logging.getLogger(__name__)
 SHOWN = 40  # characters of a cell that an error shows
+THOUSANDS = re.compile(r"[+-]?\d{1,3}([.,' ]\d{3})+([.,]\d*)?")
+COMMAS = (";", "\t")  # delimiters of tables whose numbers may have decimal commas, as Excel writes them in Europe
 CLOCK = re.compile(r"\d:\d\d|\d{4}-\d\d-\d\d|\d\d?[./]\d\d?[./]\d")  # in a date, or a time of the day
 
 
@@ -168,7 +170,15 @@ def _columns(path: Path, header: Header, used: Collection[str]) -> dict[str, Arr
     if table is not None:
         return {name: table[:, header.names.index(name)].copy() for name in used}
     rows, numbers = _table(path, header)  # slower, with empty cells, and says what is wrong and where
-    return {name: _column(path, name, header.names.index(name), rows, numbers) for name in used}
+    places = {name: header.names.index(name) for name in used}
+    if header.delimiter in COMMAS and not _has_points(rows, places.values()):
+        rows = [[c.replace(",", ".") if DECIMAL_COMMA.fullmatch(c) else c for c in row] for row in rows]
+    return {name: _column(path, name, place, rows, numbers) for name, place in places.items()}
+
+
+def _has_points(rows: list[list[str]], places: Collection[int]) -> bool:
+    """Return whether a cell in these columns is a number with a point: a comma may then separate thousands."""
+    return any("." in row[k] and is_number(row[k]) for row in rows for k in places)
 
 
 def joints(path: Path, mapping: Mapping[str, str]) -> tuple[str, ...]:
@@ -200,8 +210,10 @@ def _column(path: Path, name: str, index: int, rows: list[list[str]], numbers: l
         cell = row[index]
         shown = cell if len(cell) <= SHOWN else f"{cell[:SHOWN]}..."
         what = "is not a number: write one, or leave the cell empty"
-        if is_number(cell.replace(",", ".")):
+        if DECIMAL_COMMA.fullmatch(cell):
             what = "is not a number: write one with a decimal point"
         elif CLOCK.search(cell):
             what = "is a date or a time of the day: write seconds, such as those since the first sample"
+        elif THOUSANDS.fullmatch(cell):
+            what = "is not a number: write one without separators of thousands"
         raise JointIdError(f"{path}: line {number}, column {name}: {shown!r} {what}") from None

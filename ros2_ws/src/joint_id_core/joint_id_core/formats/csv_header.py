@@ -17,6 +17,7 @@ from joint_id_core.formats.mapping import TARGETS
 
 COMMENTS = ("#", "%", "//")
 SEPARATOR = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # the first line of a file that is made for Excel
+DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 LOOK = 30  # lines, among which the header is: titles may stand above it
 UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
@@ -89,7 +90,7 @@ def find_header(path: Path) -> Header:
         delimiter = _delimiter(text)
         found.append(Header(cells(text, delimiter), number, delimiter))
         texts.append(text)
-        if len(found) == 1 and all(is_number(cell) for cell in found[0].names):
+        if len(found) == 1 and all(_is_value(cell) for cell in found[0].names):
             return _in_comment(path, comment, found[0])
         if len(found) == LOOK:
             break
@@ -123,7 +124,7 @@ def _is_clear(line: Header) -> bool:
 
 
 def _is_row_of_a_signal(row: Sequence[str]) -> bool:
-    return not is_number(row[0]) and all(is_number(cell) for cell in row[1:])
+    return not _is_value(row[0]) and all(_is_value(cell) for cell in row[1:])
 
 
 def _above_numbers(found: Sequence[Header], texts: Sequence[str]) -> Header | None:
@@ -131,7 +132,7 @@ def _above_numbers(found: Sequence[Header], texts: Sequence[str]) -> Header | No
     for above, below in zip(found, texts[1:], strict=False):
         count = len(above.names)
         values = cells(below, above.delimiter)
-        numbers = sum(is_number(cell or "nan") for cell in values)
+        numbers = sum(_is_value(cell or "nan") for cell in values)
         if _is_text(above) and len(values) == count and 2 * numbers > count:
             alike = (one for one in found if one.delimiter == above.delimiter and len(one.names) == count)
             return next(filter(_is_text, alike))
@@ -139,7 +140,7 @@ def _above_numbers(found: Sequence[Header], texts: Sequence[str]) -> Header | No
 
 
 def _is_text(line: Header) -> bool:
-    return len(line.names) > 1 and not any(is_number(cell) for cell in line.names)
+    return len(line.names) > 1 and not any(_is_value(cell) for cell in line.names)
 
 
 def _delimiter(line: str) -> str | None:
@@ -156,8 +157,12 @@ def cells(line: str, delimiter: str | None) -> list[str]:
     return [cell.strip() for cell in split]
 
 
+def _is_value(cell: str) -> bool:
+    return is_number(cell) or DECIMAL_COMMA.fullmatch(cell) is not None
+
+
 def is_number(text: str) -> bool:
-    """Return whether a cell is a number."""
+    """Return whether a cell is a number with a decimal point."""
     try:
         float(text)
     except ValueError:
