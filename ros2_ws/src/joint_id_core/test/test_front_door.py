@@ -9,6 +9,7 @@ from importlib.metadata import version
 import pytest
 
 import joint_id_core as jid
+from joint_id_core.data.quantities import with_deviation
 
 MODEL = jid.build("rigid_joint")
 MOTION = jid.simulate_motion(MODEL, 3.0)
@@ -140,7 +141,8 @@ def test_an_estimate_is_a_frame_and_a_figure(estimate, monkeypatch):
     labels = [axis.get_ylabel() for axis in drawn.axes]
     assert labels == ["link position [rad]", "predicted -\nmeasured", "input\ntorque [Nm]", ""]
     cells = [cell.get_text().get_text() for cell in drawn.axes[-1].tables[0].get_celld().values()]
-    assert {"J", "c", "tau_f", "estimated", f"{found['J'].value:.5g}"} <= set(cells)
+    inertia = with_deviation(found["J"].value, found["J"].std_dev).split(" ± ")
+    assert {"J", "c", "tau_f", "estimated", inertia[0], f"± {inertia[1]}"} <= set(cells)
     assert "begin anew" in drawn.axes[1].get_title()
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(jid.JointIdError, match="pip install pandas"):

@@ -13,6 +13,7 @@ from __future__ import annotations
 import csv
 import logging
 import math
+import os
 import re
 import warnings
 from collections import deque
@@ -120,8 +121,12 @@ def _numbers(path: Path, header: Header) -> Array | None:
 
 
 def _ended(path: Path) -> bool:
-    """Return whether the last line has its end."""
-    return all(line.endswith("\n") for _, line in deque(lines(path), maxlen=1))
+    """Return whether the last line has its end; of a compressed file all lines are read for that."""
+    if path.suffix == ".gz":
+        return all(line.endswith("\n") for _, line in deque(lines(path), maxlen=1))
+    with path.open("rb") as file:
+        file.seek(-1, os.SEEK_END)
+        return file.read() in (b"\n", b"\r")
 
 
 def _table(path: Path, header: Header) -> tuple[list[list[str]], list[int]]:
