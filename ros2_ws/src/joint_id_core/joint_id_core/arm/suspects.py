@@ -24,7 +24,7 @@ from joint_id_core.data.recording import Array
 from joint_id_core.estimators.regression.covariance import newey_west
 
 LIKELY, SURE = 3.0, 5.0  # standard deviations of a fault from which it counts, and is told
-OWN_SHARE = 1e-3  # least share of the square of its torque that the parameters do not explain as well
+OWN_SHARE = 1e-4  # least share of the square of its torque that the parameters do not explain as well
 MOST = 3  # faults that are used together
 ACROSS = 0.1  # share of gravity that an axis is across at least
 GROSS = math.radians(30.0)  # an angle that no mounting is off by
