@@ -9,6 +9,7 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import Regression, fit
 from joint_id_core.estimators.shared.fit_data import prepare
 from joint_id_core.estimators.shared.standing import standing
+from joint_id_core.estimators.shared.stillness import held_still
 from joint_id_core.models import LAWS, build
 from joint_id_core.results.estimate import Verdict
 from joint_id_core.simulation.simulator import simulate
@@ -60,3 +61,9 @@ def test_friction_of_the_link_is_found_in_a_model(law):
     assert standing(prepare(build("harmonic_drive", friction=law), away)) == ()
     of_motor = recording.with_channels({"link_velocity": np.gradient(recording["link_position"], 0.004)})
     assert standing(prepare(build("motor_side"), of_motor)) == ()
+
+
+def test_a_joint_that_moves_is_not_taken_for_one_that_is_held_because_its_encoder_is_noisy():
+    moves = recorded(build("rigid_joint"), 1.0, {"J": 1.0, "c": 10.0, "tau_f": 0.3}, link_position=1e-3)
+    assert held_still(moves) and np.ptp(moves["link_position"]) > 0.02
+    assert standing(prepare(build("rigid_joint"), moves)) == ()

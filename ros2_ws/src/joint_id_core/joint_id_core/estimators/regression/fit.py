@@ -150,7 +150,8 @@ def _estimate(data: FitData, fitted: list[Fitted], band_hz: float, begun: float,
     found = {n: r for f in fitted for n, r in estimates(model, f, starts).items()}
     stuck = standing(data)
     for n in found.keys() & stuck:
-        found[n] = replace(found[n], verdict=Verdict.NOT_EXCITED, reason="the link does not slide")
+        verdict, why = Verdict.NOT_EXCITED, "the link does not slide"
+        found[n] = replace(found[n], value=starts[n], std_dev=np.nan, verdict=verdict, reason=why)
     known, held = tuple(n for n in data.free if n in found), tuple(n for n in data.free if n not in found)
     covariance = scipy.linalg.block_diag(*(np.nan_to_num(f.covariance, nan=0.0) for f in fitted))
     order = [[*found].index(n) for n in known]

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 from joint_id_core.data.signals import side_of
 from joint_id_core.estimators.shared.fit_data import FitData
 from joint_id_core.estimators.shared.sentences import listed
-from joint_id_core.estimators.shared.stillness import held_still
+from joint_id_core.estimators.shared.stillness import goes_nowhere
 from joint_id_core.models.operations import SmoothOps
 
 OTHER = 1.1  # factor of a parameter that is tried
@@ -21,7 +21,7 @@ SLOW = 1e-2  # rad/s, at which every part of a law of friction acts
 
 def standing(data: FitData) -> tuple[str, ...]:
     """Return the free parameters that are friction of the link, if it goes nowhere in the recording; else none."""
-    if not held_still(data.recording):
+    if not goes_nowhere(data.recording):
         return ()
     found = {name for velocity in data.model.smoothing if side_of(velocity) == "link" for name in _of(data, velocity)}
     return tuple(name for name in data.free if name in found)

@@ -132,13 +132,25 @@ def held_still(recording: Recording) -> bool:
 
     The twist of its gear is then all that the recording shows, and it shows that of a rest as well.
     """
-    sizes = []
+    found = _ranges_of_link(recording)
+    return bool(found) and all(size < HELD * (slack + creep) for size, slack, creep in found)
+
+
+def goes_nowhere(recording: Recording) -> bool:
+    """Return whether the link yields by 0.5 mrad at most, beside the noise of its sensor: too little to slide."""
+    found = _ranges_of_link(recording)
+    return bool(found) and all(size < slack + HELD * creep for size, slack, creep in found)
+
+
+def _ranges_of_link(recording: Recording) -> list[tuple[float, float, float]]:
+    """Return the range of each measured signal of the link, that of its noise, and of creep in a rest."""
+    found = []
     for name in ("link_position", "link_velocity"):
         if recording.measured(name):
             row = recording[name][np.isfinite(recording[name])]
             creep = SLOW * CHANNELS[name].scale * (STILL_S if name.endswith("_position") else 1.0)
-            sizes.append(float(np.ptp(row)) / (_slack(row) + creep))
-    return bool(sizes) and max(sizes) < HELD
+            found.append((float(np.ptp(row)), _slack(row), creep))
+    return found
 
 
 def wound_up(
