@@ -44,7 +44,8 @@ class Misfit:
         lasting: `excess` if a property of joint or drive is significant, which other motion may hide; else None.
         bias: of the coordinates by the shapes that were found, shape (k,), if one of them is such a property and beyond
             doubt; else None.
-        of_gain: bias of the coordinates by the gain of the recorded drive, shape (k,). Other estimators read it, too.
+        of_gain: bias of the coordinates by a gain of the recorded drive that differs by its sign, if it is significant,
+            shape (k,). Other estimators read this drive, too.
     """
 
     found: tuple[tuple[Shape, float, float], ...]
@@ -118,8 +119,8 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
         if taken[k] > SIGNIFICANT:
             candidates[k] = _rightly_named(recursion, coordinates, found, last, candidates[k])
     certain = [candidates[k].name for k in replaced if taken[k] > CERTAIN]
-    gains = [k for k in taken if candidates[k].general]
-    lasting = excess if any(taken[k] > _told_from(candidates[k]) for k in (*replaced, *gains)) else None
+    gains = [k for k in taken if candidates[k].by_sign and taken[k] > _told_from(candidates[k])]
+    lasting = excess if gains or any(taken[k] > SIGNIFICANT for k in replaced) else None
     doubt = _doubt(recursion, coordinates, found, certain, np.sqrt(np.diag(excess))) if certain else ""
     courses = test.courses(taken)
     sized = tuple((candidates[k], size, scale[k] * courses.get(k, 0.0)) for k, size in taken.items())

@@ -33,6 +33,8 @@ class Shape:
             is positive, too.
         measure: factor and unit of the size of the course, if that is of use; else None.
         general: True for one that many other causes look like in part. It is taken, and told of, if it says far more.
+        by_sign: True for a gain of the drive that differs by its sign, which no other cause looks like: colour of the
+            residual torque of real robots is taken for a gain that changes with its size.
     """
 
     name: str
@@ -42,6 +44,7 @@ class Shape:
     replaced: bool = False
     measure: tuple[float, str] | None = None
     general: bool = False
+    by_sign: bool = False
 
 
 def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
@@ -95,7 +98,7 @@ def _of_the_gain(u: Array, name: str, drive: int) -> list[Shape]:
     advice, text = "the joint has another torque than was recorded", f"a gain of the recorded {name}"
     return [
         Shape(f"{text} that changes with its size", advice, ((drive, away**3),), general=True),
-        Shape(f"{text} that differs by its sign", advice, ((drive, size - slope * away),), general=True),
+        Shape(f"{text} that differs by its sign", advice, ((drive, size - slope * away),), general=True, by_sign=True),
     ]
 
 
