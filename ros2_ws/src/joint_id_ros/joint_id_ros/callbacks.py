@@ -17,6 +17,7 @@ class Callbacks:
     estimated: Callable[[str, Estimate, int], None]  # joint, estimate, origin of its times in ns
     publish: Callable[[], None]  # publish what was estimated since the last call
     gone: Callable[[str], None]  # joint that is not in the samples any more
+    silent: Callable[[str], None]  # joint whose samples do not come, as no others do
     problem: Callable[[str, str], None]  # kind, text
     completed: Callable[[Mapping[str, Recording]], Mapping[str, Recording]] = dict  # new samples, by joint
-    now_s: Callable[[], float] = time.monotonic  # by it joints are gone when no samples come; if it stands, none is
+    now_s: Callable[[], float] = time.monotonic  # by it joints are silent; if it stands, none is

@@ -30,6 +30,7 @@ GATHER, GATHER_S = 0.2, 0.02
 # Quick updates are slower with several threads, which take the interpreter from each other.
 LONG_S = 0.05
 GONE_S = 2.0  # a joint that the samples have not named for so long is not identified any more
+PAUSE_S = 30.0  # without any samples, up to which the identifiers go on as after a gap
 STOP_S = 2.0  # longest wait for the thread; launch and systemd kill a process that needs 5 s or more to end
 
 
@@ -98,7 +99,7 @@ class Worker:
         self._known = tuple(known)
         self._longest_lag_s = 0.0
         self._wanted, self._expected, self._callbacks = tuple(joints), tuple(expected), callbacks
-        self._silence = Silence(callbacks.now_s)
+        self._silence, self._silent = Silence(callbacks.now_s), False
         self._identifiers = JointIdentifiers(make, callbacks.problem)
         self._origin_ns: int | None = None
         self._working = False
@@ -197,8 +198,8 @@ class Worker:
             try:
                 if batch:
                     self._update(batch)
-                if self._silence.look(bool(batch)) > GONE_S and not self._recorded:
-                    self._forget_the_silent()
+                if not self._recorded:
+                    self._look_for_silence(self._silence.look(bool(batch)))
             except JointIdError as error:
                 self._callbacks.problem("samples left out", str(error))
             except Exception as error:  # a bug must not end the thread silently
@@ -245,13 +246,16 @@ class Worker:
             self._callbacks.problem("joint gone", f"joint {joint} is not in joint_samples any more: it is left out")
         self._forget(gone)
 
-    def _forget_the_silent(self) -> None:
-        """End the identification of all joints, as no samples come."""
-        silent = list(self._named_ns)
-        if silent:
-            text = f"no joint_samples for {GONE_S:.0f} s: until they come again, no estimate of {', '.join(silent)}"
+    def _look_for_silence(self, silent_s: float) -> None:
+        """Tell that no samples come, once; after a longer pause end the identification of all joints."""
+        joints, before, self._silent = list(self._named_ns), self._silent, silent_s > GONE_S
+        if self._silent and not before and joints:
+            text = f"no joint_samples for {GONE_S:.0f} s: until they come again, no estimate of {', '.join(joints)}"
             self._callbacks.problem("no samples", text)
-        self._forget(silent)
+            for joint in joints:
+                self._callbacks.silent(joint)
+        if silent_s > PAUSE_S:
+            self._forget(joints)
 
     def _forget(self, joints: Sequence[str]) -> None:
         """End the identification of joints."""

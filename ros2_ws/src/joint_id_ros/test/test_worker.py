@@ -10,6 +10,7 @@ import pytest
 from joint_id_core.estimators.shared.fit_data import UnusableError, unusable
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Status
+from joint_id_ros import worker as worker_of_joints
 from joint_id_ros.callbacks import Callbacks
 from joint_id_ros.raw_messages import RawMessage, Table
 from joint_id_ros.sample_queue import KEEP_S, QUEUE_S
@@ -48,6 +49,7 @@ def working(request):
         lambda joint, estimate, origin_ns: told.append(("estimated", joint)),
         lambda: told.append(("published", "")),
         lambda joint: told.append(("gone", joint)),
+        lambda joint: told.append(("silent", joint)),
         lambda kind, text: told.append((kind, text)),
     )
     worker = Worker(make, (), (), callbacks, hop_s=0.5, recorded=getattr(request, "param", False))
@@ -195,14 +197,28 @@ def test_a_joint_that_is_not_named_any_more_is_given_back_once(working):
     assert made["b"] is not first
 
 
-def test_all_joints_are_given_back_when_no_samples_come_at_all(working):
+def test_all_joints_are_silent_when_no_samples_come_and_go_on_when_they_return(working):
+    worker, gate, told, made = working
+    gate.set()
+    add(worker, 0, 10, ("a", "b"))
+    until(lambda: worker.idle)
+    first = made["a"]
+    until(lambda: {("silent", "a"), ("silent", "b")} <= {*told})
+    assert ("no samples", f"no joint_samples for {GONE_S:.0f} s: until they come again, no estimate of a, b") in told
+    add(worker, 10, 20, ("a", "b"))
+    until(lambda: told.count(("estimated", "a")) > 1)
+    assert made["a"] is first and not [kind for kind, _ in told if kind == "gone"]
+    assert [kind for kind, _ in told].count("silent") == 2
+
+
+def test_after_a_long_pause_all_joints_begin_with_what_is_known(working, monkeypatch):
+    monkeypatch.setattr(worker_of_joints, "PAUSE_S", GONE_S + 0.2)
     worker, gate, told, made = working
     gate.set()
     add(worker, 0, 10, ("a", "b"))
     until(lambda: worker.idle)
     first = made["a"]
     until(lambda: {("gone", "a"), ("gone", "b")} <= {*told})
-    assert ("no samples", f"no joint_samples for {GONE_S:.0f} s: until they come again, no estimate of a, b") in told
     add(worker, 10, 20, ("a", "b"))
     until(lambda: made["a"] is not first)
     assert [kind for kind, _ in told].count("gone") == 2

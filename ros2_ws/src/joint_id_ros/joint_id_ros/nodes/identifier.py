@@ -117,7 +117,7 @@ class IdentifierNode(ManagedNode):
         self._knowledge.begin(options.joints, self._setup.possible)
         restored = {j: to_values(j, r.newest, r.estimate, r.origin_ns) for j, r in self._knowledge.restored.items()}
         self._latest.begin(restored)
-        told = self._on_estimate, self._latest.publish, self._on_gone, self._diagnostics.problem
+        told = self._on_estimate, self._latest.publish, self._on_gone, self._latest.drop, self._diagnostics.problem
         make, reading = partial(self._knowledge.continued, self._setup.begin), read(self, BagReadingOptions)
         now_s = (lambda: 0.0) if reading.end_with else self.now_s  # the last estimates stay
         callbacks, known = Callbacks(*told, self._load_errors.attached, now_s), tuple(restored)
