@@ -18,9 +18,8 @@ ACCELERATION = 5.0  # rad/s^2
 RISE_S = 0.1  # time in which an acceleration may go from nothing to its limit, which limits the jerk
 KINDS = ("velocity", "acceleration", "jerk", "torque")
 UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2", "jerk": "rad/s^3", "torque": "Nm"}
-OF_DEGREES = (
-    30.0  # rad, rad/s: what a limit of position or velocity exceeds in degrees, and of no joint of an arm in rad
-)
+# In rad or rad/s; limits of position and velocity are above it in degrees, and those of no joint of an arm are in rad.
+OF_DEGREES = 30.0
 PARTS = 8  # instants checked for each sample
 ROUNDING = 1e-9  # share of a limit that is no violation
 
