@@ -118,6 +118,12 @@ class Graph:
             if count % CHUNK == CHUNK - 1:
                 self.probe.spin(0.008)
 
+    def send_until(self, condition: Callable[[], object], also: Iterable[Callable[[], None]] = ()) -> None:
+        """Publish samples, of a minute at most, until the condition holds."""
+        end = self.k + 60 * RATE
+        while not condition() and self.k < end:
+            self.send(0.5, also=also)
+
     def publish(self, message: JointState) -> None:
         """Publish one message; the middleware waits for room."""
         self.publisher.publish(message)

@@ -223,12 +223,15 @@ def test_of_two_publishers_one_is_read(graph):
         message.header.stamp = stamp(graph.now_ns + PERIOD_NS // 3)
         second.publish(message)
 
-    graph.send(3.0, also=[disturb])
-    graph.told("filter", "/link_states has 2 publishers (probe, probe): one of them is read; end the others")
-    graph.send(1.0, also=[disturb])
-    newest = [instant(m.header.stamp) % PERIOD_NS for m in graph.samples[-200:]]
-    assert len(newest) == 200 and len(set(newest)) == 1  # the stamps of the two differ by a third of a period
-    graph.probe.destroy_publisher(second)
+    try:
+        text = "/link_states has 2 publishers (probe, probe): one of them is read; end the others"
+        graph.send_until(lambda: graph.probe.told("filter", text), also=[disturb])
+        graph.told("filter", text)
+        graph.send(1.0, also=[disturb])
+        newest = [instant(m.header.stamp) % PERIOD_NS for m in graph.samples[-200:]]
+        assert len(newest) == 200 and len(set(newest)) == 1  # the stamps of the two differ by a third of a period
+    finally:
+        graph.probe.destroy_publisher(second)
     graph.right_again()
 
 

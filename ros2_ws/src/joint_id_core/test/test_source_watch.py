@@ -182,6 +182,16 @@ def test_of_two_publishers_the_first_one_is_read(first, second, offset_ms):
     assert robot.told[0] == REPLACED
 
 
+def test_a_second_publisher_is_counted_when_its_first_message_comes():
+    robot, asked = Robot(), []
+    robot.watch = SourceWatch("link_states", lambda: robot.now_s, count=lambda: asked.append(True) or 2)
+    robot.sequence = 3000
+    assert robot.send(50) and not asked
+    assert not robot.watch.admit(robot.stamp_ns + MS, JOINTS_OF_ARM, 1)
+    assert robot.send(50) and len(asked) == 1
+    assert robot.watch.foreign == 1 and not robot.watch.lost and not robot.told
+
+
 EVENTS = st.tuples(
     st.integers(-(2**62), 2**62),
     st.lists(st.sampled_from(["", "a", "b"]), max_size=3),

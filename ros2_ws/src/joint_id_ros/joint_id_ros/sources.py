@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -11,6 +12,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from joint_id_core.alignment.source_watch import SILENT_S, SourceEvent, SourceWatch
 from joint_id_core.data.instants import NANO
@@ -42,7 +44,7 @@ class Sources:
         """Start to watch; `changed` gets the topic and what happened on it; `recorded` messages may wait."""
         self._node, self._reliability, self._diagnostics, self._changed = node, reliability, diagnostics, changed
         self._recorded = recorded
-        self._watches = {topic: SourceWatch(topic) for topic in topics}
+        self._watches = {topic: SourceWatch(topic, count=partial(self._count, topic)) for topic in topics}
         self._complaints: list[str] = []
         self._foreign: dict[str, int] = {}  # messages of other publishers until the last look, by topic
         self._beat_s = self._looked_s = time.monotonic()
@@ -148,8 +150,7 @@ class Sources:
     def _look(self, topic: str) -> list[str]:
         """Look at the publishers of a topic; return what is wrong with them."""
         found, name = [], self._node.resolve_topic_name(topic)
-        publishers = self._node.get_publishers_info_by_topic(name)
-        readable = [p for p in publishers if self._readable(p.qos_profile.reliability)]
+        readable, unreadable = self._publishers(topic)
         watch = self._watches[topic]
         disturbed = watch.foreign > self._foreign.get(topic, 0) or watch.uncounted
         self._foreign[topic] = watch.foreign
@@ -157,13 +158,21 @@ class Sources:
         if len(readable) > 1 and disturbed:  # one that was killed stays in the graph for a while, but is silent
             names = ", ".join(sorted(p.node_name for p in readable))
             found.append(f"{name} has {len(readable)} publishers ({names}): one of them is read; end the others")
-        if len(readable) < len(publishers):
-            names = ", ".join(sorted(p.node_name for p in publishers if p not in readable))
+        if unreadable:
+            names = ", ".join(sorted(p.node_name for p in unreadable))
             found.append(
                 f"{name}: publisher {names} offers best effort and is not read, because this node asks for reliable: "
                 "start this node with -p reliability:=best_effort"
             )
         return found
 
-    def _readable(self, offered: ReliabilityPolicy) -> bool:
-        return self._reliability != RELIABLE or offered == ReliabilityPolicy.RELIABLE
+    def _count(self, topic: str) -> int:
+        return len(self._publishers(topic)[0])
+
+    def _publishers(self, topic: str) -> tuple[list[TopicEndpointInfo], list[TopicEndpointInfo]]:
+        """The publishers of a topic that this node can read, and the ones that it cannot."""
+        readable, unreadable = list[TopicEndpointInfo](), list[TopicEndpointInfo]()
+        for publisher in self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic)):
+            reliable = publisher.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+            (readable if reliable or self._reliability != RELIABLE else unreadable).append(publisher)
+        return readable, unreadable

@@ -42,7 +42,8 @@ class SourceWatch:
     """Watches one topic.
 
     Attributes:
-        publishers: number of publishers of the topic; the owner keeps it up to date.
+        publishers: number of publishers of the topic; the owner keeps it up to date, and is asked for it where the
+            numbers of the messages are odd.
         lost: number of lost samples, by who lost them.
         foreign: number of messages of other publishers than the one that is followed.
         uncounted: whether the middleware does not number messages, so that publishers cannot be told apart.
@@ -50,9 +51,11 @@ class SourceWatch:
         events: what happened, oldest first; the owner takes them away.
     """
 
-    def __init__(self, topic: str, clock: Callable[[], float] = time.monotonic) -> None:
-        """Build a watch; `clock` returns the real time in s."""
-        self.publishers = 1
+    def __init__(
+        self, topic: str, clock: Callable[[], float] = time.monotonic, count: Callable[[], int] = lambda: 1
+    ) -> None:
+        """Build a watch; `clock` returns the real time in s, `count` the number of publishers now."""
+        self.publishers, self._count = 1, count
         self.lost: Counter[str] = Counter()
         self.foreign = 0
         self.uncounted = False
@@ -82,6 +85,8 @@ class SourceWatch:
         now = self._clock()
         known, elapsed_s = self._sequence is not None and sequence is not None, now - self._heard_s
         ahead = (sequence or 0) - (self._sequence or 0)  # 1 if no message is missing
+        if known and ahead != 1 and self.publishers == 1:
+            self.publishers = self._count()  # a second one may have come since the owner looked
         if known and ahead != 1 and self.publishers > 1 and not 0 < ahead < LEAP and elapsed_s < SILENT_S:
             self.foreign += 1
             return False
