@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from joint_id_core.online.memory import LEARNED, RARE, Memory
+from joint_id_core.online.memory import HISTORY, LEARNED, RARE, Memory
 from joint_id_core.online.piece import Piece, Samples, State
 
 K = 4
@@ -56,6 +56,22 @@ def test_forgetting_has_the_variance_of_a_weighted_mean():
         ends.append(memory.mean / np.sqrt(np.diag(memory.covariance)))
     rms = np.sqrt(np.mean(np.square(ends), axis=0))
     np.testing.assert_allclose(rms, 1.0, atol=0.2)
+
+
+@pytest.mark.parametrize("blocks", [40, HISTORY + 60])
+def test_its_blocks_and_what_was_known_before_them_give_its_estimate(blocks):
+    """As far as either is forgotten: else blocks that pass the filter again would settle at other values."""
+    rng, memory_s = np.random.default_rng(3), 20.0
+    memory = Memory(np.full(K, 0.5), np.diag(np.full(K, 0.05**2)), SPREAD)
+    for k in range(blocks):
+        memory.add(block(rng, np.zeros(K), k * BLOCK_S), memory_s)
+    mean, precision = memory.before(memory_s)
+    weighted = list(zip(memory.weights(memory_s), memory.blocks, strict=True))
+    H = precision + sum(w * piece.matrix for w, piece in weighted)
+    h = precision @ mean + sum(w * piece.vector for w, piece in weighted)
+    np.testing.assert_allclose(memory.matrix, H, rtol=1e-9, atol=1e-9)
+    away = np.linalg.solve(H, h) - memory.mean
+    assert np.all(np.abs(away) < 1e-3 * np.sqrt(np.diag(memory.covariance)))
 
 
 def test_false_alarms_are_as_rare_as_stated():

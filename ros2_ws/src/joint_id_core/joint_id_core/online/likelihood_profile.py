@@ -78,7 +78,7 @@ class _Valley:
     def __init__(self, tracker: Tracker, memory: Memory, memory_s: float) -> None:
         self._tracker, self._blocks = tracker, memory.blocks
         self._weights = memory.weights(memory_s)
-        self._mean, self._precision = memory.before()
+        self._mean, self._precision = memory.before(memory_s)
 
     def minimum(self, z: Array) -> _Point | None:
         """Return the minimum that is found from z (k,); None if the path diverges."""
@@ -121,7 +121,7 @@ def profiled(
     begun = valley.minimum(coordinates.clip(memory.mean))
     if begun is None:
         return None
-    there = [valley.minimum(coordinates.clip(z)) for z in (memory.before()[0], *others)]
+    there = [valley.minimum(coordinates.clip(z)) for z in (memory.before(memory_s)[0], *others)]
     found = [begun, *(one for one in there if one is not None)]
     for _ in range(1 + ANEW):
         best = min(found, key=lambda one: one.cost)

@@ -261,10 +261,13 @@ class Memory:
         durations = np.array([step.block.duration for step in self._blocks])
         return np.exp(-(durations.sum() - durations.cumsum()) / memory_s).tolist()
 
-    def before(self) -> tuple[Array, Array]:
-        """Return mean (k,) and precision (k, k) of what was known before these blocks."""
+    def before(self, memory_s: float) -> tuple[Array, Array]:
+        """Return mean (k,) and precision (k, k) of what was known before these blocks and is not forgotten yet."""
         first = self._blocks[0]
-        return solve(first.matrix, first.vector), first.precision
+        kept = float(np.exp(-sum(step.block.duration for step in self._blocks) / memory_s))
+        widened = (1.0 - kept) * self._least
+        matrix = kept * first.matrix + widened
+        return solve(matrix, kept * first.vector + widened @ self.mean), matrix
 
     def replace(self, blocks: Sequence[Piece], memory_s: float) -> None:
         """Take other results of the newest blocks, from another pass of the filter."""

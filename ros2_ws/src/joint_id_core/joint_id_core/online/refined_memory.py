@@ -82,7 +82,7 @@ class RefinedMemory:
         if change is None:
             return None
         z = tracker.z
-        learned = relearn(tracker, memory.blocks, *memory.before(), weights=memory.weights(self._memory_s))
+        learned = relearn(tracker, memory.blocks, *memory.before(self._memory_s), weights=memory.weights(self._memory_s))
         if learned is not None:
             other = memory.copy()
             other.replace(learned.pieces, self._memory_s)
@@ -184,7 +184,7 @@ class RefinedMemory:
     def _pass_again(self, tracker: Tracker) -> bool:
         """Fit the newest blocks again; return whether that was possible."""
         memory, memory_s = self.memory, self._memory_s
-        learned = relearn(tracker, memory.blocks, *memory.before(), weights=memory.weights(memory_s))
+        learned = relearn(tracker, memory.blocks, *memory.before(memory_s), weights=memory.weights(memory_s))
         if learned is None:
             return False
         memory.replace(learned.pieces, memory_s)
