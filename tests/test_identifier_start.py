@@ -14,6 +14,7 @@ from joint_id_msgs.msg import JointParams, JointSamples
 from joint_id_ros.qos import LATEST
 
 HOP_S = 0.5  # the default
+BEGIN_S = 100  # stamp of the first sample
 COMPILING = "compiling model rigid_joint (only the first start of a model does that; others load it)"
 OPTIONS = {"model": "rigid_joint", "actuation": "torque"}
 
@@ -49,13 +50,16 @@ def test_kernels_are_compiled_once_and_before_the_node_is_active(cold, start, pr
     def estimates():
         return [joint for m in found for joint in m.joints]  # none where a loaded computer left it without samples
 
+    def up_to(estimate):
+        return instant(estimate.window_end) / NANO - BEGIN_S
+
     def send(seconds):
         nonlocal k
         for _ in range(round(seconds * RATE)):
             q, tau = motion.at(k)
             message = JointSamples(name=["joint"], link_position=[q], torque=[tau])
             message.measured = JointSamples.LINK_POSITION | JointSamples.TORQUE
-            message.header.stamp = stamp(100 * NANO + k * NANO // RATE)
+            message.header.stamp = stamp(BEGIN_S * NANO + k * NANO // RATE)
             samples.publish(message)
             k += 1
         probe.spin(0.5)
@@ -63,13 +67,16 @@ def test_kernels_are_compiled_once_and_before_the_node_is_active(cold, start, pr
     send(WINDOW_S)
     while not estimates() and k < 3.0 * WINDOW_S * RATE:  # the first samples may be lost: the reader knows us later
         send(HOP_S)
-    for count in (2, 3, 4):
+    probe.until(lambda: estimates() and up_to(estimates()[-1]) > k / RATE - 1.2 * HOP_S, "that it has taken them all")
+    first = len(estimates())
+    for count in (1, 2, 3):
         send(HOP_S)
-        probe.until(lambda count=count: len(estimates()) >= count, f"estimate {count}")
-    spans = [[instant(at) / NANO for at in (e.window_start, e.window_end)] for e in estimates()]
+        probe.until(lambda count=count: len(estimates()) >= first + count, f"{count} more estimates")
+    found_in = estimates()
     # One window after the first sample, then every hop; a batch of samples may end a little later.
-    assert spans[0][1] - spans[0][0] == pytest.approx(WINDOW_S, abs=0.06)
-    assert np.diff(spans, axis=0)[:, 1] == pytest.approx(HOP_S, abs=0.06)
+    window_ns = instant(found_in[0].window_end) - instant(found_in[0].window_start)
+    assert window_ns / NANO == pytest.approx(WINDOW_S, abs=0.06)
+    assert np.diff([up_to(e) for e in found_in[first - 1 :]]) == pytest.approx(HOP_S, abs=0.06)
     assert kernels(cold) == compiled
     assert "compiling" not in process.text.split("identifying rigid_joint")[1]
     process.stop()

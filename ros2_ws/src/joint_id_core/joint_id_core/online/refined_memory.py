@@ -16,7 +16,7 @@ from joint_id_core.online.levels import Levels
 from joint_id_core.online.memory import Change, Memory
 from joint_id_core.online.piece import Piece
 from joint_id_core.online.profile_search import ProfileSearch
-from joint_id_core.online.relearn import relearn
+from joint_id_core.online.relearn import Learned, relearn
 from joint_id_core.online.tracker import Tracker
 
 LINEAR = 0.02  # change of a coordinate up to which the result of a block is kept,
@@ -82,7 +82,7 @@ class RefinedMemory:
         if change is None:
             return None
         z = tracker.z
-        learned = relearn(tracker, memory.blocks, *memory.before(self._memory_s), weights=memory.weights(self._memory_s))
+        learned = self._relearned(tracker)
         if learned is not None:
             other = memory.copy()
             other.replace(learned.pieces, self._memory_s)
@@ -183,10 +183,14 @@ class RefinedMemory:
 
     def _pass_again(self, tracker: Tracker) -> bool:
         """Fit the newest blocks again; return whether that was possible."""
-        memory, memory_s = self.memory, self._memory_s
-        learned = relearn(tracker, memory.blocks, *memory.before(memory_s), weights=memory.weights(memory_s))
+        learned = self._relearned(tracker)
         if learned is None:
             return False
-        memory.replace(learned.pieces, memory_s)
+        self.memory.replace(learned.pieces, self._memory_s)
         self._shifted = np.zeros_like(self._shifted)
         return True
+
+    def _relearned(self, tracker: Tracker) -> Learned | None:
+        """Return the values that suit the newest blocks and what was known before them; None if a path diverges."""
+        memory, memory_s = self.memory, self._memory_s
+        return relearn(tracker, memory.blocks, *memory.before(memory_s), weights=memory.weights(memory_s))
