@@ -10,6 +10,7 @@ import pytest
 
 from joint_id_core import formats
 from joint_id_core.errors import JointIdError
+from joint_id_core.formats import csv_file
 
 
 def written(folder: Path, text: str) -> Path:
@@ -66,6 +67,32 @@ def test_a_whole_last_line_is_read(tmp_path, caplog, end):
     packed.write_bytes(gzip.compress(path.read_bytes()))
     for one in (path, packed):
         assert formats.read(one)["torque"].tolist() == [0.25, -10.75, -11.25]
+    assert not caplog.text
+
+
+@pytest.mark.parametrize("line_end", ["\n", "\r\n"])
+@pytest.mark.parametrize("delimiter", [",", "\t", " ", "   ", ", "])
+@pytest.mark.parametrize(("lost", "whole"), [(0, True), (1, False), (7, False), (9, False)])
+@pytest.mark.parametrize("packed", [False, True])
+def test_a_table_without_a_last_line_end_is_read_by_numpy(
+    tmp_path, caplog, monkeypatch, line_end, delimiter, lost, whole, packed
+):
+    """Ten million rows took eight times as long."""
+    monkeypatch.setattr(csv_file, "_table", lambda *_: pytest.fail("the slow reader"))
+    path = written(tmp_path, "")
+    text = WHOLE[: len(WHOLE) - lost].replace("\n", line_end).replace(",", delimiter).encode()
+    if packed:
+        path = path.with_suffix(".csv.gz")
+    path.write_bytes(gzip.compress(text) if packed else text)
+    assert formats.read(path).time.tolist() == ([0.1, 0.2, 0.3] if whole else [0.1, 0.2])
+    assert ("line 4 is left out" in caplog.text) == (not whole)
+
+
+@pytest.mark.parametrize("position", ["1.0", ""])
+def test_a_shorter_number_with_all_decimals_is_whole(tmp_path, caplog, position):
+    """A minus sign in its column made a last number without one seem cut. NumPy reads no empty cells."""
+    text = f"time_s,link_position,torque\n0.1,{position},-10.75\n0.2,2.0,-11.25\n\n0.3,3.0,1.25"
+    assert formats.read(written(tmp_path, text))["torque"].tolist() == [-10.75, -11.25, 1.25]
     assert not caplog.text
 
 

@@ -13,10 +13,8 @@ from __future__ import annotations
 import csv
 import logging
 import math
-import os
 import re
 import warnings
-from collections import deque
 from collections.abc import Collection, Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -28,6 +26,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.formats import joint_columns
 from joint_id_core.formats.column_names import TIME
 from joint_id_core.formats.csv_header import COMMENTS, DECIMAL_COMMA, Header, cells, find_header, is_number, lines
+from joint_id_core.formats.last_line import is_cut, largest, seems_cut, size, unended
 from joint_id_core.formats.mapping import plan
 from joint_id_core.formats.mapping import taken as in_words
 from joint_id_core.formats.mapping import unread as left_alone
@@ -104,7 +103,14 @@ def write_csv(path: str | Path, recording: Recording) -> None:
 
 def _numbers(path: Path, header: Header) -> Array | None:
     """Return all cells as numbers (rows, columns), read by NumPy; None if a cell or a line is not as it expects."""
-    if not _ended(path):
+    try:
+        last = unended(path)
+    except (OSError, EOFError):  # a compressed file may be damaged: the other reader says how
+        return None
+    row = cells(last, header.delimiter)
+    short = last and len(row) < len(header.names)  # NumPy would refuse all
+    rows = _count(path) - 1 - header.line if short else None
+    if rows == 0:
         return None
     # NumPy reads a file that it opens itself in larger pieces; with comments it takes every line apart in Python.
     for comments in (None, COMMENTS):
@@ -112,21 +118,22 @@ def _numbers(path: Path, header: Header) -> Array | None:
             with warnings.catch_warnings(action="ignore"):  # no rows: said below
                 table = np.loadtxt(
                     path, delimiter=header.delimiter, skiprows=header.line, comments=comments, ndmin=2,
-                    encoding="utf-8-sig",
+                    encoding="utf-8-sig", max_rows=rows,
                 )  # fmt: skip
         except (ValueError, OSError, EOFError):
             continue
-        return table if len(table) and table.shape[1] == len(header.names) else None
+        if not len(table) or table.shape[1] != len(header.names) or (last and comments):
+            return None
+        if last and seems_cut(path, header, row):
+            _tell_cut(path, _count(path))
+            return table if short else table[:-1]
+        return table
     return None
 
 
-def _ended(path: Path) -> bool:
-    """Return whether the last line has its end; of a compressed file all lines are read for that."""
-    if path.suffix == ".gz":
-        return all(line.endswith("\n") for _, line in deque(lines(path), maxlen=1))
-    with path.open("rb") as file:
-        file.seek(-1, os.SEEK_END)
-        return file.read() in (b"\n", b"\r")
+def _count(path: Path) -> int:
+    """Return the number of lines."""
+    return sum(1 for _ in lines(path))
 
 
 def _table(path: Path, header: Header) -> tuple[list[list[str]], list[int]]:
@@ -143,7 +150,8 @@ def _table(path: Path, header: Header) -> tuple[list[list[str]], list[int]]:
             )
         rows.append(row)
         numbers.append(number)
-    if rows and numbers[-1] == number and not line.endswith("\n") and _is_cut(rows, len(header.names)):
+    open_end = rows and numbers[-1] == number and not line.endswith("\n")
+    if open_end and is_cut(rows[-1], len(header.names), largest(size(row[-1]) for row in rows[:-1])):
         _tell_cut(path, number)
         del rows[-1], numbers[-1]
     if not rows:
@@ -158,15 +166,6 @@ def _tell_cut(path: Path, number: int) -> None:
         "%s: line %d is left out, as the file seems to be cut short within it: if it is whole, end it with a line end"
     )
     log.warning(text, path, number)
-
-
-def _is_cut(rows: list[list[str]], count: int) -> bool:
-    """Return whether the last of the rows, whose line has no end, lacks some of `count` cells, or digits of the last.
-
-    What is as long as the longest number in its column lacks nothing that matters.
-    """
-    *others, last = rows
-    return len(last) < count or len(last[-1]) < max((len(row[-1]) for row in others), default=0)
 
 
 def _columns(path: Path, header: Header, used: Collection[str]) -> dict[str, Array]:
