@@ -14,6 +14,7 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.pages import series
 from joint_id_core.pages.contents import Contents
 from joint_id_core.pages.joints import report_of_joints
+from joint_id_core.pages.report import report
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status, Verdict
 
 from . import browser
@@ -101,6 +102,17 @@ def test_of_an_estimate_alone_there_is_a_table(tmp_path, run_here):
     assert code == 2 and "is not fitted again" in out
     for p in Estimate.load(tmp_path / "e.json").parameters:
         assert f"<td>{p.name}</td>" in text
+
+
+def test_a_page_names_the_files_and_not_their_places(estimate, tmp_path):
+    """A page that is passed on told where its writer keeps the recordings. Files of the same name keep their places."""
+    friday, monday = (str(tmp_path / day) for day in ("friday.csv", "monday.csv"))
+    found = replace(estimate, source=friday, message=f"{friday} is short.", notes=(f"{friday} is short.",))
+    contents = Contents(found, earlier=replace(estimate, source=monday), held_out=[("", f"of {friday} too little")])
+    text = report(contents)
+    assert str(tmp_path) not in text and text.count("friday.csv") >= 3 and "The earlier one: monday.csv" in text
+    other = replace(estimate, source=str(tmp_path / "other" / "friday.csv"))
+    assert other.source in report(replace(contents, earlier=other))
 
 
 def test_numbers_have_the_digits_of_their_intervals_and_ratios_no_unit(estimate):

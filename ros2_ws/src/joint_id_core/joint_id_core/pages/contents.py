@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import PurePath
 
 import numpy as np
 
@@ -46,6 +47,30 @@ class Contents:
     held_out: Sequence[tuple[str, str]] = ()
     earlier: Estimate | None = None
 
+    def by_name(self) -> Contents:
+        """Return the same with the names of the recordings in place of their paths, if those differ."""
+        earlier = "" if self.earlier is None else self.earlier.source
+        places = [place for source in (self.estimate.source, earlier) if source for place in source.split(", ")]
+        names = {place: PurePath(place).name for place in dict.fromkeys(places)}
+        if len(set(names.values())) < len(names):
+            return self
+
+        def named(text: str) -> str:
+            for place in sorted(names, key=len, reverse=True):
+                text = text.replace(place, names[place])
+            return text
+
+        def named_in(one: Estimate) -> Estimate:
+            return replace(
+                one, source=named(one.source), message=named(one.message), notes=tuple(map(named, one.notes))
+            )
+
+        return replace(
+            self, estimate=named_in(self.estimate), earlier=self.earlier and named_in(self.earlier),
+            doubts=[named(text) for text in self.doubts], why=[named(text) for text in self.why],
+            held_out=[(signal, named(text)) for signal, text in self.held_out],
+        )  # fmt: skip
+
 
 def windows(
     model: Model, recording: Recording, settings: ParameterSettings, solver: Estimator
@@ -83,7 +108,7 @@ def held_out(
     try:
         found = fit(model, recording.slice(0, first), settings, solver)
         if found.status.unusable:
-            return [("-", f"the first {FITTED:.0%} cannot be fitted: {found.message}")]
+            return [("-", f"the first {100.0 * FITTED:.0f} % cannot be fitted: {found.message}")]
         rest = recording.slice(first, len(recording))
         rows = [(n, f"nrmse {v:.3g}, 0.1 s ahead") for n, v in errors(model, rest, found).items()]
         drive = held_out_drive(model, rest, found)

@@ -38,6 +38,7 @@ def report(contents: Contents) -> str:
 
 def fill(page: Page, contents: Contents, anchor: str = "") -> None:
     """Add all that is known of one joint to a page; `anchor` is its name for links."""
+    contents = contents.by_name()
     estimate, recording = contents.estimate, contents.recording
     origin = float(recording.time[0]) if recording is not None and len(recording) else 0.0
     page.head(*_head(contents), anchor=anchor)
