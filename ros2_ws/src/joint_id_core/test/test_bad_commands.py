@@ -45,6 +45,8 @@ def log(tmp_path):
     [
         (("fit", "LOG", "--fix", "J", "--free", "J"), "--fix J and --free J exclude each other"),
         (("fit", "LOG", "--fix", "J=2", "--set", "J=3"), "--fix J and --set J both give a value"),
+        (("simulate", "--out", "x.csv"), "which model? joint-id simulate MODEL --out FILE; there are dc_motor, "),
+        (("simulate", "dc_motor", "--model", "rigid_joint", "--out", "x"), "two models: dc_motor and --model rigid_"),
         (("simulate", "rigid_joint", "--out", "x.mat"), "is written as .csv, or else as a bag"),
         (("simulate", "rigid_joint", "--out", "x.csv", "--duration", "1e9"), "5e+11 samples: at most"),
         (("fit", "LOG", "--model", "rigid_joint", "--set", "tauf=1"), "no parameter 'tauf' (did you mean tau_f?)"),

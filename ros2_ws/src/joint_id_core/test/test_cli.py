@@ -44,6 +44,13 @@ def test_simulate_writes_what_the_model_has(model, tmp_path, run):
     assert np.ptp(moved) > 0.0
 
 
+def test_simulate_takes_the_model_as_other_commands_do(run, tmp_path):
+    """It was the argument only, and `--model` no option."""
+    for k, words in enumerate((["rigid_joint"], ["--model", "rigid_joint"], ["rigid_joint", "--model", "rigid_joint"])):
+        code, out, err = run("simulate", *words, "-o", tmp_path / f"{k}.csv", "--duration", "0.3")
+        assert code == 0 and "tau_f" in out, err
+
+
 def test_simulate_is_repeatable_and_the_seed_changes_only_the_noise(tmp_path, run):
     made = {}
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):

@@ -21,9 +21,15 @@ OTHERS = (".mat", ".txt", ".tsv", ".gz", ".json", ".mcap", ".db3")  # files that
 
 @with_options("model_options", (ModelOptions,), only=("actuation", "friction", "gravity", "kinematic_error"))
 def simulate(
-    model: Annotated[str, typer.Argument(help=f"one of {', '.join(MODELS)}", autocompletion=completed(tuple(MODELS)))],
     model_options: dict[str, Any],
-    out: Annotated[Path, typer.Option(help="what to write: a .csv file, or else a bag directory")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="what to write: a .csv file, or else a bag directory")],
+    model: Annotated[
+        Optional[str], typer.Argument(help=f"one of {', '.join(MODELS)}", autocompletion=completed(tuple(MODELS)))
+    ] = None,
+    same_model: Annotated[
+        Optional[str],
+        typer.Option("--model", help="the model, if it is not the argument", autocompletion=completed(tuple(MODELS))),
+    ] = None,
     duration: Annotated[float, typer.Option(help="length in s")] = 6.0,
     rate: Annotated[float, typer.Option(help="samples a second")] = 500.0,
     seed: Annotated[int, typer.Option(help="of the noise")] = 0,
@@ -36,6 +42,7 @@ def simulate(
 
     Models with a voltage input get voltage steps; the others follow a multisine of the link position.
     """
+    model = _chosen(model, same_model)
     if out.exists():
         raise JointIdError(f"{out} exists already: remove it or choose another name")
     if out.suffix.lower() in OTHERS:
@@ -62,3 +69,13 @@ def simulate(
     print(f"{out}: {len(recording)} samples of {', '.join(recording.channels)}; the truth:")
     for p in built.parameters:
         print(f"  {p.name:<9}{truth[p.name]:>12.6g} {p.unit:<10}{p.meaning}")
+
+
+def _chosen(argument: str | None, option: str | None) -> str:
+    """Return the model that was given as the argument, or as --model, as other commands take it."""
+    if argument is not None and option is not None and argument != option:
+        raise JointIdError(f"two models: {argument} and --model {option}: give one")
+    model = argument or option
+    if not model:
+        raise JointIdError(f"which model? joint-id simulate MODEL --out FILE; there are {', '.join(MODELS)}")
+    return model
