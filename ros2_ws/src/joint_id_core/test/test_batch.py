@@ -202,6 +202,28 @@ def test_progress_tells_the_time_left(tmp_path):
     assert said[1].startswith("1 of 2 recordings, about ") and said[1].endswith(" s left")
 
 
+def test_what_is_finished_is_counted_and_told(tmp_path, run):
+    """A batch that went on counted from one again; before its table is written, `history` said that there is none."""
+    made, output, said = write_bags(tmp_path, 3), tmp_path / "out.parquet", list[str]()
+
+    def ended(text: str) -> None:
+        if text.startswith("2 of 3 recordings, about"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_here(made, output, progress=ended)
+    code, _, err = run("history", output)
+    assert code == 2 and f"1 finished recording is not in {output} yet: wait for its joint-id batch" in err
+    run_here(made, output, progress=said.append)
+    assert said[0] == "2 of 3 recordings to fit, the others are finished"
+    assert said[1].startswith("2 of 3 recordings, 1 of them earlier, about ")
+    made = write_bags(tmp_path / "more", 3)
+    with pytest.raises(KeyboardInterrupt):
+        run_here(made, output, progress=ended)
+    code, _, err = run("history", output)
+    assert code == 0 and "1 finished recording is not in" in err
+
+
 @pytest.mark.long
 def test_a_process_that_ends_costs_only_its_recording(tmp_path, monkeypatch):
     bags = write_bags(tmp_path, 6)

@@ -66,17 +66,16 @@ def run(
     with place.locked():
         known = finished(place, work.options)
         todo = [one for one in found if not known.has(one, again)]
-        progress(f"{len(todo)} of {len(found)} recordings to fit")
+        before = len(found) - len(todo)
+        progress(f"{len(todo)} of {len(found)} recordings to fit" + (", the others are finished" if before else ""))
         failures: list[str] = []
-        for one, rows in _timed(pool(work, todo), len(todo), progress):
+        for one, rows in _timed(pool(work, todo), len(todo), before, progress):
             known.parts[one.place] = write_part(place, rows, one)
             failures += [_failure(one, row) for row in rows if row["status"] in FAILED][:1]
         progress(f"writing {output}")
         counts = join(place, known.parts)
         place.clear()
-        return Summary(
-            len(todo), len(found) - len(todo), len(failures), tuple(failures), dict(counts), tuple(known.said)
-        )
+        return Summary(len(todo), before, len(failures), tuple(failures), dict(counts), tuple(known.said))
 
 
 def _failure(one: Found, row: Row) -> str:
@@ -85,14 +84,15 @@ def _failure(one: Found, row: Row) -> str:
     return message if message.startswith(one.place) else f"{one.place}: {message}"
 
 
-def _timed(results: Iterator[Done], count: int, progress: Progress) -> Iterator[Done]:
-    """Pass on results, and tell how many there are and how long the rest takes."""
+def _timed(results: Iterator[Done], count: int, before: int, progress: Progress) -> Iterator[Done]:
+    """Pass on results, and tell how many there are, with those of earlier runs, and how long the rest takes."""
     begun, failed = time.monotonic(), 0
     for k, (one, rows) in enumerate(results, 1):
         failed += any(row["status"] in FAILED for row in rows)
         left = (time.monotonic() - begun) / k * (count - k)
+        earlier = f", {before} of them earlier" if before else ""
         bad = f", {failed} failed" if failed else ""
-        progress(f"{k} of {count} recordings{bad}, about {_duration(left)} left")
+        progress(f"{before + k} of {before + count} recordings{earlier}{bad}, about {_duration(left)} left")
         yield one, rows
 
 

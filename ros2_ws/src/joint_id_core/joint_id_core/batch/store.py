@@ -104,6 +104,8 @@ class LocalStore:
 
     def parts(self) -> list[str]:
         with _said(self.name):
+            if not self._folder.exists():
+                return []
             return sorted(entry.name for entry in os.scandir(self._folder) if entry.name.endswith(ENDING))
 
     def get(self, part: str) -> bytes:

@@ -185,6 +185,15 @@ def _of_parts(store: Store, parts: dict[str, str]) -> Iterator[list[Row]]:
         yield json.loads(store.get(parts[place]))
 
 
+def waiting(output: str) -> str:
+    """Return in words that recordings are finished and not in the table yet; nothing if there are none."""
+    count = len(store(output).parts())
+    if not count:
+        return ""
+    which = f"{count} finished recording{' is' if count == 1 else 's are'}"
+    return f"{which} not in {output} yet: wait for its joint-id batch, or give that again if it was ended: it goes on"
+
+
 def known(output: str) -> tuple[list[Known], int, int]:
     """Return what the converged rows of a table know, how many rows there are, and how many of them are left out.
 
@@ -193,7 +202,7 @@ def known(output: str) -> tuple[list[Known], int, int]:
     """
     file = store(output).table()
     if file is None:
-        raise JointIdError(f"{output}: no such table: make one with joint-id batch")
+        raise JointIdError(waiting(output) or f"{output}: no such table: make one with joint-id batch")
     columns = ["robot", "joint", "status", "model", "end_s", "parameters"]
     found, rows, left = list[Known](), 0, 0
     with file:

@@ -87,12 +87,15 @@ def _in_order(path: Path) -> list[tuple[str, int]]:
 
 
 def _of_table(source: str) -> list[Known]:
-    from joint_id_core.batch.table import known
+    from joint_id_core.batch.table import known, waiting
     from joint_id_core.formats.remote import is_url
 
-    if not is_url(source) and not Path(source).exists():
+    more = waiting(source)
+    if not is_url(source) and not Path(source).exists() and not more:
         raise JointIdError(f"{source}: no such folder or table: give one with files of fit --save, or a table of batch")
     found, rows, left = known(source)
+    if more:
+        complain(more)
     if left:
         complain(f"left out: {left} of {rows} rows, which are no good estimates")
     return found
