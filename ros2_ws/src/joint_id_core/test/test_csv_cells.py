@@ -96,6 +96,40 @@ def test_a_shorter_number_with_all_decimals_is_whole(tmp_path, caplog, position)
     assert not caplog.text
 
 
+def test_a_shorter_number_with_a_decimal_comma_is_whole(tmp_path, caplog):
+    text = "time_s;link_position;torque\n0,1;1,0;-10,75\n0,2;2,0;-11,25\n0,3;3,0;1,25"
+    assert formats.read(written(tmp_path, text))["torque"].tolist() == [-10.75, -11.25, 1.25] and not caplog.text
+
+
+@pytest.mark.parametrize("word", ["NA", "n/a", "#N/A", "null", "None", "NaN"])
+def test_words_of_other_programs_for_no_value_are_missing_values(tmp_path, word):
+    """They were no numbers, and the table was refused."""
+    recording = formats.read(written(tmp_path, f"time_s,torque\n0,1\n1,{word}\n2,3\n"))
+    assert np.isnan(recording["torque"]).tolist() == [False, True, False]
+
+
+@pytest.mark.parametrize(
+    ("text", "position"),
+    [
+        ("time,position,torque\ns,rad,Nm\n0,180,1\n1,90,2\n", [180.0, 90.0]),
+        ("time;q;tau\n[ms];[deg];[Nm]\n0;180;1\n1000;90;2\n", np.deg2rad([180.0, 90.0])),
+        ("time_s,comment,position,torque\ns,-,mrad,Nm\n0,0,180,1\n1,0,90,2\n", [0.18, 0.09]),
+    ],
+)
+def test_a_line_of_units_below_the_names_is_understood(tmp_path, text, position):
+    """Such a table was refused, as `s` is not a number."""
+    recording = formats.read(written(tmp_path, text))
+    assert recording["link_position"] == pytest.approx(position) and recording["torque"].tolist() == [1.0, 2.0]
+    assert recording.time.tolist() == [0.0, 1.0]
+
+
+def test_units_of_another_kind_are_not_taken(tmp_path, caplog):
+    recording = formats.read(written(tmp_path, "time,position,torque\ns,rad,A\n0,180,1\n1,90,2\n"))
+    assert not recording.measured("torque") and "'torque [A]' is not read" in caplog.text
+    with pytest.raises(JointIdError, match="line 2, column time: 's' is not a number"):
+        formats.read(written(tmp_path, "time,position,torque\ns,rad,furlong\n0,180,1\n1,90,2\n"))
+
+
 @pytest.mark.parametrize("text", ["time_s,torque\n0,1\n1\n", "time_s,torque\n0,1\n1,2,3"])
 def test_other_lines_of_the_wrong_length_are_refused(tmp_path, text):
     with pytest.raises(JointIdError, match=r"line 3 has . cells, the header has 2"):

@@ -68,3 +68,14 @@ def factor_of(target: str, unit: str) -> float | None:
     if not kind:
         return None
     return UNITS.get(kind, {}).get(unit.lower()) if unit else 1.0
+
+
+def is_unit(text: str) -> bool:
+    """Return whether a text is a unit that is known."""
+    return any(text.lower() in known for known in UNITS.values())
+
+
+def is_si(column: str, unit: str) -> bool:
+    """Return whether a unit is the SI unit of what a column's name says."""
+    name, own = parts(column)
+    return not own and factor_of(TIME if name in TIMES else name, unit) == 1.0

@@ -1,11 +1,11 @@
 """CSV files: a header, then one line per sample.
 
 Columns are `time_s` and any of `joint_id_core.data.signals.CHANNELS`, in SI units, or written as people do (see
-`column_names`), or those of several joints (`joint_columns`). A signal without a column was not measured; an empty cell
-or `nan` is a missing value. Other columns are ignored unless a mapping names them. The delimiter (comma, semicolon,
-tab, bar or spaces) is found from the header. Where it is a semicolon or a tab, numbers may have decimal commas.
-Lines that begin with #, % or // are comments; which line is the header, see `csv_header`. A last line that was cut
-short, as where a program was killed, is left out.
+`column_names`), or those of several joints (`joint_columns`). A signal without a column was not measured; an empty
+cell, `nan`, `NA`, `N/A`, `null` and `none` are missing values. Other columns are ignored unless a mapping names them.
+The delimiter (comma, semicolon, tab, bar or spaces) is found from the header. Where it is a semicolon or a tab, numbers
+may have decimal commas. Lines that begin with #, % or // are comments; which line is the header, see `csv_header`. A
+last line that was cut short, as where a program was killed, is left out.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ log = logging.getLogger(__name__)
 SHOWN = 40  # characters of a cell that an error shows
 THOUSANDS = re.compile(r"[+-]?\d{1,3}([.,' ]\d{3})+([.,]\d*)?")
 COMMAS = (";", "\t")  # delimiters of tables whose numbers may have decimal commas, as Excel writes them in Europe
+MISSING = ("", "na", "n/a", "#n/a", "null", "none")  # cells without a value, as other programs write them
 CLOCK = re.compile(r"\d:\d\d|\d{4}-\d\d-\d\d|\d\d?[./]\d\d?[./]\d")  # in a date, or a time of the day
 
 
@@ -205,12 +206,17 @@ def unread(path: Path, mapping: Mapping[str, str]) -> list[str]:
     return left_alone(names, [plan(path, names, joint_columns.columns(path, names, one, mapping)) for one in found])
 
 
+def _missing_as_nan(cell: str) -> str:
+    return "nan" if cell.lower() in MISSING else cell
+
+
 def _column(path: Path, name: str, index: int, rows: list[list[str]], numbers: list[int]) -> Array:
-    """Return one column as numbers, NaN for empty cells."""
+    """Return one column as numbers, NaN for cells without a value."""
     try:
-        return np.array([float(row[index] or "nan") for row in rows])
+        return np.array([float(_missing_as_nan(row[index])) for row in rows])
     except ValueError:
-        row, number = next((r, n) for r, n in zip(rows, numbers, strict=True) if not is_number(r[index] or "nan"))
+        pairs = zip(rows, numbers, strict=True)
+        row, number = next((r, n) for r, n in pairs if not is_number(_missing_as_nan(r[index])))
         cell = row[index]
         shown = cell if len(cell) <= SHOWN else f"{cell[:SHOWN]}..."
         what = "is not a number: write one, or leave the cell empty"

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TextIO
 
 from joint_id_core.errors import JointIdError
-from joint_id_core.formats.column_names import TIME, understood
+from joint_id_core.formats.column_names import TIME, factor_of, is_si, is_unit, understood
 from joint_id_core.formats.mapping import TARGETS
 
 COMMENTS = ("#", "%", "//")
@@ -101,7 +101,8 @@ def find_header(path: Path) -> Header:
             f"{path}: each line holds a name and numbers, so the table is transposed: write a column for each signal, "
             "below a line of names"
         )
-    return next(filter(_is_clear, found), None) or _above_numbers(found, texts) or found[0]
+    header = next(filter(_is_clear, found), None) or _above_numbers(found, texts) or found[0]
+    return _with_units(header, texts[found.index(header) + 1 :])
 
 
 def _in_comment(path: Path, comment: tuple[int, str] | None, numbers: Header) -> Header:
@@ -115,6 +116,19 @@ def _in_comment(path: Path, comment: tuple[int, str] | None, numbers: Header) ->
         f"{path}: no header, line {numbers.line} holds numbers only: put column names above it, {', '.join(TARGETS)} "
         "(SI units) or your own with e.g. --map link_position=q"
     )
+
+
+def _with_units(header: Header, below: Sequence[str]) -> Header:
+    """Return the header with the units in the line below it, if there is one: they are added to names that are not in SI."""
+    if not below:
+        return header
+    units = [cell.strip("()[] ") for cell in cells(below[0], header.delimiter)]
+    times = any(factor_of(TIME, unit) for unit in units if unit)
+    if not times or len(units) != len(header.names) or not all(unit in ("", "-") or is_unit(unit) for unit in units):
+        return header
+    pairs = zip(header.names, units, strict=True)
+    names = [name if unit in ("", "-") or is_si(name, unit) else f"{name} [{unit}]" for name, unit in pairs]
+    return Header(names, header.line + 1, header.delimiter)
 
 
 def _is_clear(line: Header) -> bool:

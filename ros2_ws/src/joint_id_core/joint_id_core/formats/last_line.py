@@ -41,7 +41,7 @@ class Size(NamedTuple):
 
 def size(cell: str) -> Size:
     """Return the size of a cell."""
-    return Size(len(cell), len(cell.partition(".")[2]))
+    return Size(len(cell), len(cell.replace(",", ".").partition(".")[2]))
 
 
 def largest(sizes: Iterable[Size]) -> Size:
