@@ -73,10 +73,20 @@ def test_an_estimate_can_be_validated_after_it_was_saved(fitted, tmp_path):
     assert jid.held_out(model, other, jid.Estimate.load(tmp_path / "joint.json")) == jid.held_out(model, other, fitted)
 
 
+def test_a_recording_is_no_estimate(tmp_path):
+    """The message was "Expecting value: line 1 column 1 (char 0)"."""
+    path = tmp_path / "monday.csv"
+    path.write_text("time_s,torque\n0,1\n")
+    with pytest.raises(
+        jid.JointIdError, match=r"monday.csv: not an estimate, since not a JSON file: give a file that joint-id"
+    ):
+        jid.Estimate.load(path)
+
+
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        ("", "not a JSON file"),
+        ("", r"not a JSON file \(Expecting value"),
         ("[1, 2]", "not an estimate"),
         ('{"format": "another"}', "not an estimate"),
         ('{"format": "joint_id knowledge"}', "the state of an identifier: give a file that fit --save wrote"),

@@ -98,6 +98,13 @@ def test_uncertainty_at_the_link_is_that_of_draws_from_the_covariance(flexible):
     assert found["damping"].formula == "N^2 c_m + c_q, N = 101"
 
 
+def test_a_table_is_written_with_and_without_its_option(run, flexible):
+    """Who looked for it typed `--csv`, which was refused."""
+    flexible.save("good.json")
+    plain = run("good.json", "--joint", "elbow")
+    assert plain[0] == 0 and "elbow,damping" in plain[1] and run("good.json", "--joint", "elbow", "--csv") == plain
+
+
 def test_parts_of_the_motor_are_brought_to_the_link_where_there_is_a_gear():
     for name, formulas in (
         (
@@ -209,6 +216,7 @@ def test_csv_and_what_is_not_known(flexible, run, tmp_path):
         ),
         (["good.json", "--urdf", "arm.urdf", "-o", "x", "--joint", "flange"], "joint flange is fixed"),
         (["good.json", "--urdf", "arm.urdf", "--mjcf", "arm.urdf", "-o", "x"], "exclude each other"),
+        (["good.json", "--csv", "--ros-params"], "exclude each other"),
         (["good.json", "good.json"], "two estimates are of joint elbow"),
         (["good.json", "--joint", "a", "--joint", "b"], "2 names and 1 estimates"),
         (["poor.json"], "poor_fit, not a good estimate"),

@@ -30,6 +30,7 @@ def export(
     urdf: Annotated[Optional[Path], typer.Option(help="robot description to take over, with these joints")] = None,
     mjcf: Annotated[Optional[Path], typer.Option(help="the same for MuJoCo")] = None,
     ros_params: Annotated[bool, typer.Option("--ros-params", help=PARAMS_HELP)] = False,
+    as_csv: Annotated[bool, typer.Option("--csv", help="a table, which is the default")] = False,
     out: Annotated[Optional[Path], typer.Option("--out", "-o", help="file to write (default: CSV on stdout)")] = None,
     joint: Annotated[Optional[list[str]], typer.Option(help=JOINT_HELP)] = None,
     all_: Annotated[bool, typer.Option("--all", help=ALL_HELP)] = False,
@@ -45,8 +46,8 @@ def export(
     from joint_id_core.results.robot_files import with_joints
     from joint_id_core.results.ros_params import parameter_file
 
-    if (urdf is not None) + (mjcf is not None) + ros_params > 1:
-        raise JointIdError("--urdf, --mjcf and --ros-params exclude each other: run the command once for each")
+    if (urdf is not None) + (mjcf is not None) + ros_params + as_csv > 1:
+        raise JointIdError("--urdf, --mjcf, --ros-params and --csv exclude each other: run the command once for each")
     template, kind = (urdf, "urdf") if urdf is not None else (mjcf, "mjcf")
     if template is not None and out is None:
         raise JointIdError(f"--{kind} needs a file to write: give --out FILE")

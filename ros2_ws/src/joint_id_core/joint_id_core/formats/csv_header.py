@@ -119,7 +119,7 @@ def _in_comment(path: Path, comment: tuple[int, str] | None, numbers: Header) ->
 
 
 def _with_units(header: Header, below: Sequence[str]) -> Header:
-    """Return the header with the units in the line below it, if there is one: they are added to names that are not in SI."""
+    """Return the header with the units in the line below it, if there is one: added to names that are not in SI."""
     if not below:
         return header
     units = [cell.strip("()[] ") for cell in cells(below[0], header.delimiter)]

@@ -175,7 +175,10 @@ def load(path: Path) -> Estimate:
     except OSError as error:
         raise JointIdError(f"{path}: the file cannot be read: {error.strerror}") from None
     except ValueError as error:  # not JSON, or not even text
-        raise JointIdError(f"{path}: not a JSON file: {error}") from None
+        why = "" if path.suffix.lower() != ".json" else f" ({error})"
+        raise JointIdError(
+            f"{path}: not an estimate, since not a JSON file{why}: give a file that joint-id fit --save wrote"
+        ) from None
     except RecursionError:
         raise JointIdError(f"{path}: not a JSON file of an estimate: its brackets are nested too deeply") from None
     try:
