@@ -54,8 +54,8 @@ def test_a_joint_is_identified_by_a_motion_made_for_it_and_another_goal_is_rejec
     for p in shown:
         assert abs(p.value - bench.known[p.name]) < 4.5 * p.std_dev, f"{p.name} {p.value} +- {p.std_dev}"
     assert travel(result.bag) > 0.05
-    # The part that was fitted is the trajectory.
-    assert seconds(joint.window_end) - seconds(joint.window_start) == pytest.approx(SECONDS, abs=0.05)
+    # The part that was fitted is the trajectory; at its ends the robot of a loaded computer may not have sent samples.
+    assert SECONDS - 0.5 < seconds(joint.window_end) - seconds(joint.window_start) < SECONDS + 0.05
     page = Path(result.page).read_text()
     assert "harmonic_drive" in page and "joint-id report" in page
     phases = [f.phase for f in bench.feedback]
