@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 
+from joint_id_core.data.recording import Recording
 from joint_id_core.results.status import Status
 
 from . import moving_arm
@@ -18,6 +19,7 @@ pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
 from joint_id_core.arm.arm_estimate import ArmEstimate
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.fit import fit_arm
+from joint_id_core.arm.regressor import Regressor
 
 ARM = Description(URDF, "arm.urdf")
 GAINS = {name: {"torque": 1.0} for name in JOINTS}
@@ -38,6 +40,13 @@ def amount(found: ArmEstimate, pattern: str) -> float:
     told = [m for m in (re.search(pattern, doubt) for doubt in found.doubts) if m]
     assert len(told) == 1, found.doubts
     return float(told[0].group(1))
+
+
+def with_zero_off(joint: str, angle: float, seconds: float = 40.0) -> dict[str, Recording]:
+    """Return a recording whose encoder of a joint shows too much by an angle in rad."""
+    record = moving_arm.rigid(seconds, 4)
+    shown = {"link_position": record[joint]["link_position"] + angle}
+    return {**record, joint: record[joint].with_channels(shown)}
 
 
 def test_nothing_is_told_of_recordings_without_a_fault():
@@ -69,6 +78,35 @@ def test_a_spring_at_a_joint_is_named(name, stiffness, seconds):
     found = fit_arm(ARM, [pulled], GAINS)
     assert amount(found, rf"pulls at {name} as a spring of (-?[\d.]+) Nm/rad") == pytest.approx(stiffness, rel=0.4)
     holds(found)
+
+
+def test_what_pushes_from_the_middle_is_no_spring():
+    """Intervals contain it, whatever it is."""
+    record = moving_arm.rigid(SECONDS, 2)
+    own = record["bend"]
+    pushed = {**record, "bend": own.with_channels({"torque": own["torque"] - 3.0 * own["link_position"]})}
+    found = fit_arm(ARM, [pushed], GAINS)
+    assert not any("spring" in doubt for doubt in found.doubts), found.doubts
+    holds(found)
+
+
+@pytest.mark.parametrize("joint", ["lift", "bend", "roll"])
+def test_a_wrong_zero_is_that_of_its_joint(joint):
+    """It changes inertias, too, and not gravity alone: for that it was taken for a zero elsewhere, or a spring."""
+    found = fit_arm(ARM, [with_zero_off(joint, 0.05)], GAINS)
+    assert amount(found, rf"zero of {joint} seems to be off by ([\d.]+) degrees") == pytest.approx(2.86, rel=0.1)
+    holds(found)
+
+
+def test_a_zero_that_is_off_as_those_of_robots_are_is_in_the_intervals():
+    """What links seem to be goes with it, though nothing shows it: 1 mrad was 5 to 10 standard deviations."""
+    regressor, record = Regressor(ARM), with_zero_off("bend", 1e-3)
+    found = fit_arm(ARM, [record], GAINS)
+    assert not found.doubts
+    true = regressor.reference + regressor.composition[:, : len(JOINTS)] @ ROTOR
+    for parameter, value in zip(found.parameters, true, strict=True):
+        if parameter.verdict.value == "estimated":
+            assert abs(parameter.value - value) < 4.0 * parameter.std_dev, parameter
 
 
 def test_a_load_that_nobody_told_of_is_named():

@@ -196,6 +196,22 @@ class Description:
             torque[k] = pinocchio.rnea(model, data, at, speed, rate) - inertia[k] * rate
         return Load(torque[:, own], inertia[:, own])
 
+    def by_position(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Return how the torques of all `joints` change with their positions, shape (T, joints, joints).
+
+        Arguments are as for `loads`, of a robot in which no joint follows another one.
+        """
+        import pinocchio
+
+        own = [self._column[name] for name in self.joints]
+        motion = np.full((3, len(q), self._model.nv), np.nan)
+        motion[:, :, own] = q, dq, ddq
+        found = np.full((len(q), len(own), len(own)), np.nan)
+        for k in np.flatnonzero(np.isfinite(motion).all(axis=(0, 2))).tolist():
+            slope = pinocchio.computeRNEADerivatives(self._model, self._data, *motion[:, k])[0]
+            found[k] = slope[np.ix_(own, own)]
+        return found
+
     def _check_bodies(self) -> None:
         """Check masses and lengths of what moves."""
         model, child = self._model, self._links

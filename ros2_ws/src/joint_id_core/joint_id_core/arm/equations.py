@@ -99,6 +99,12 @@ class Equations:
         return replace(self, y=self.y * gains, rate=self.rate * gains)
 
     @property
+    def ddq(self) -> Array:
+        """Accelerations in rad/s^2 below the band, (R, n): torques of unit rotors, which are the first parameters."""
+        own = np.arange(self.q.shape[1])
+        return np.asarray(self.columns[:, own, own])
+
+    @property
     def steady(self) -> Equations:
         """The equations of joints that do not reverse nearby, where friction turns in a way of its own."""
         count = self.used.shape[1]

@@ -133,7 +133,7 @@ class _Fitted:
         self._uneven = np.outer(uneven, uneven)
         self.covariance += self._uneven
         found = suspects(description, self._parts, table, self.values, self._whole(self.values), self._lag)
-        self.covariance += found.excess
+        self.covariance += found.excess + found.usual
         self._suspects = found
         if gains:
             moved = table.by_gain(table.scatter(left)) * np.array(gains)

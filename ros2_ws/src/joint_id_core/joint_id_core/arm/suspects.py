@@ -28,7 +28,9 @@ OWN_SHARE = 1e-4  # least share of the square of its torque that the parameters 
 MOST = 3  # faults that are used together
 ACROSS = 0.1  # share of gravity that an axis is across at least
 GROSS = math.radians(30.0)  # an angle that no mounting is off by
-STEP = 1e-4  # rad or m, of the difference that tells what a wrong zero of a joint does
+ZERO = 2e-3  # rad, standard deviation of the zeros of joints of any robot
+TOLD_ZERO = math.radians(1.0)  # most standard deviation of a zero with which it is told from what else a law lacks
+DUST = 1e-9  # size of the torque of a fault over that of the largest one which is rounding
 
 
 @dataclass(frozen=True)
@@ -36,14 +38,18 @@ class Suspect:
     """A fault.
 
     Attributes:
-        text: what it is, by its amount.
+        text: what it is, by its amount; empty for an amount that no fault of the kind has.
         torque: of all joints by unit fault, of each recording, (R, n).
         most: amount beyond which it stands for something else.
+        usual: standard deviation of the amount that robots have anyway.
+        clear: most standard deviation of the amount with which it is asked for, unless it is beyond `most`.
     """
 
     text: Callable[[float], str]
     torque: Sequence[Array]
     most: float = math.inf
+    usual: float = 0.0
+    clear: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -55,16 +61,18 @@ class Suspects:
         shift: what all may do to the values, (P,).
         torque: mean torque in Nm that they add to each joint, (n,).
         gross: one of the texts if it is of a fault too large to be what it is called; else empty.
+        usual: covariance of what the others do to the values in any robot, as far as nothing shows it, (P, P).
     """
 
     texts: tuple[str, ...]
     shift: Array
     torque: Array
     gross: str
+    usual: Array
 
     @property
     def excess(self) -> Array:
-        """Covariance of what all may do, (P, P)."""
+        """Covariance of what those that were found may do, (P, P)."""
         return np.outer(self.shift, self.shift)
 
 
@@ -84,26 +92,31 @@ def suspects(
     columns = table.columns * weights[:, None]
     some = list(_candidates(description, parts, whole))
     faults = np.array([_stacked(parts, fault.torque) for fault in some]).T * weights[:, None]
-    own = faults - columns @ solved(columns, faults, table.precision)
-    test = _Test(own, left * weights, np.sum(faults**2, axis=0), table, lag)
+    squares = np.sum(faults**2, axis=0)
+    faults[:, squares < DUST**2 * squares.max()] = 0.0
+    shifts = solved(columns, faults, table.precision)
+    test = _Test(some, faults - columns @ shifts, left * weights, np.sum(faults**2, axis=0), table, lag)
     taken = test.selected()
     amounts, sizes = test.amounts(taken)
-    shift = solved(columns, faults[:, taken], table.precision) @ amounts
+    shift = shifts[:, taken] @ amounts
+    others = [k for k, fault in enumerate(some) if fault.usual and k not in taken]
+    moved = shifts[:, others] * [test.spread(taken, k) for k in others]
     told = {
-        k: f"{some[k].text(float(amount))} ({abs(size):.2g} sigma)"
+        k: f"{text} ({abs(size):.2g} sigma)"
         for _, k, amount, size in sorted(zip(-np.abs(sizes), taken, amounts, sizes, strict=True))
-        if abs(size) > SURE
+        if abs(size) > SURE and (text := some[k].text(float(amount)))
     }
     amount = dict(zip(taken, amounts, strict=True))
     gross = next((text for k, text in told.items() if abs(amount[k]) > some[k].most), "")
     mean = sum((a * _mean(parts, some[k].torque) for k, a in amount.items()), np.zeros(table.count))
-    return Suspects(tuple(told.values()), shift, mean, gross)
+    return Suspects(tuple(told.values()), shift, mean, gross, moved @ moved.T)
 
 
 @dataclass(frozen=True)
 class _Test:
     """Torques of faults without what parameters explain of them, (T, D), and what is left, (T,), both weighed."""
 
+    faults: Sequence[Suspect]
     own: Array
     left: Array
     whole: Array
@@ -114,10 +127,7 @@ class _Test:
         """Return the faults that are taken, the most significant one first."""
         taken: list[int] = []
         while len(taken) < MOST:
-            sizes = [
-                abs(self.amounts([*taken, k])[1][-1]) if k not in taken and self._apart(taken, k) else 0.0
-                for k in range(self.own.shape[1])
-            ]
+            sizes = [self._size(taken, k) for k in range(len(self.faults))]
             best = int(np.argmax(sizes))
             if not sizes[best] > LIKELY:
                 break
@@ -134,6 +144,22 @@ class _Test:
         sigma = np.sqrt(np.max([np.diag(v) for v in variances], axis=0))
         return found, found / np.where(sigma > 0.0, sigma, np.inf)
 
+    def spread(self, taken: list[int], k: int) -> float:
+        """Return the standard deviation of the amount of a fault that has a usual one, by what is left, too."""
+        usual = self.faults[k].usual
+        if not self._apart(taken, k):
+            return usual
+        found, sizes = self.amounts([*taken, k])
+        return float(usual / np.hypot(1.0, usual * sizes[-1] / found[-1]))
+
+    def _size(self, taken: list[int], k: int) -> float:
+        """Return the size of a fault in standard deviations; 0 if it is taken, or not told from other things."""
+        if k in taken or not self._apart(taken, k):
+            return 0.0
+        found, sizes = self.amounts([*taken, k])
+        amount, size = abs(float(found[-1])), abs(float(sizes[-1]))
+        return size if amount <= size * self.faults[k].clear or amount > self.faults[k].most else 0.0
+
     def _apart(self, taken: list[int], k: int) -> bool:
         """Return whether a fault is told from the parameters and those that are taken."""
         own = self.own[:, k]
@@ -148,19 +174,19 @@ def _candidates(description: Description, parts: Sequence[Equations], whole: Arr
     down, first, own = description.gravity, parts[0].base, np.eye(len(joints))
     yield Suspect(lambda s: f"the torques seem to be {1e3 * s:.2g} ms late", [-part.rate for part in parts])
     if down.any():
-        empty = pull_of(description)
         mass, moments = float(whole[first]), whole[first + 1 : first + 4]
-        known = any(part.loaded for part in parts) and mass > 0.0
-        carried = pull_of(description, (mass, moments / mass)) if known else empty
-        pulls = [(carried if part.loaded else empty) for part in parts]
-        at = [pull(part.q) for pull, part in zip(pulls, parts, strict=True)]
+        payload = (mass, moments / mass) if any(part.loaded for part in parts) and mass > 0.0 else None
+        carrying = Description(description.text, description.source, down.tolist(), payload)
+        empty, carried = pull_of(description), pull_of(description, payload)
+        at = [(carried if part.loaded else empty)(part.q) for part in parts]
         for axis, name in zip(np.eye(3), "xyz", strict=True):
             if np.linalg.norm(across := np.cross(axis, down)) > ACROSS * np.linalg.norm(down):
                 yield Suspect(partial(_turned, name), [some @ across for some in at], GROSS)
+        arms = [carrying if part.loaded else description for part in parts]
+        slopes = [arm.by_position(part.q, part.dq, part.ddq) for arm, part in zip(arms, parts, strict=True)]
         for j, (name, turns) in enumerate(joints):
-            moved = [pull(part.q + STEP * own[j]) for pull, part in zip(pulls, parts, strict=True)]
-            steps = [(there - here) @ down / STEP for here, there in zip(at, moved, strict=True)]
-            yield Suspect(partial(_off_zero, name, turns), steps, GROSS if turns else math.inf)
+            moved = [slope[:, :, j] for slope in slopes]
+            yield Suspect(partial(_off_zero, name, turns), moved, *((GROSS, ZERO, TOLD_ZERO) if turns else ()))
     for j, (name, turns) in enumerate(joints):
         yield Suspect(partial(_pulled, name, turns), [part.q * own[j] for part in parts])
     for loaded in (False, True):
@@ -185,6 +211,8 @@ def _off_zero(joint: str, turns: bool, amount: float) -> str:
 
 
 def _pulled(joint: str, turns: bool, amount: float) -> str:
+    if amount < 0.0:
+        return ""  # no spring pushes away from where it rests
     return f"something pulls at {joint} as a spring of {amount:.2g} {'Nm/rad' if turns else 'N/m'}"
 
 
