@@ -17,6 +17,7 @@ from joint_id_core.arm.friction import shows_bend
 from joint_id_core.arm.judged import rotor
 from joint_id_core.arm.links import consistent_links
 from joint_id_core.arm.regressor import Regressor
+from joint_id_core.arm.signs import other_sign
 from joint_id_core.arm.stacked import Stacked
 from joint_id_core.arm.suspects import suspects
 from joint_id_core.data.recording import Array
@@ -78,7 +79,8 @@ def learned(
         at_all = np.insert(values, whole.base, np.zeros(PAYLOAD))
         found = suspects(description, [whole], table, values, at_all, lag)
         faults.shift[place], faults.shift[end] = found.shift, found.torque - means @ found.shift
-        faults = replace(faults, texts=found.texts, gross=found.gross)
+        gross = other_sign(table, description.joints) or found.gross
+        faults = replace(faults, texts=found.texts, gross=gross)
     belief = Belief(
         all_values, all_covariance, whole.base, sigma, colour, mean, torque, False, seen,
         sum(p.duration for p in parts), Scores.none(count, KINDS + GRAVITY),
