@@ -77,3 +77,16 @@ def test_exchanged_columns_of_motor_and_link_are_refused():
     (found,) = (f for f in findings(Recording(time, {motor: turned, link: 101.0 * turned})) if "exchange" in f.text)
     assert "motor_position turns 0.0099 times as far as link_position" in found.text and found.fatal
     assert "exchange the columns of motor and link (--map), or mend their units" in found.text
+
+
+@pytest.mark.parametrize("beside", [[], ["link_position"]])
+def test_exchanged_velocities_of_motor_and_link_are_refused(beside):
+    """A motor as slow as a link seemed to stand, and a gear that twists hid that the link is as fast as a motor."""
+    motion = simulate_motion(build("electromechanical"), duration=4.0)
+    motor, link = "motor_velocity", np.gradient(motion["link_position"], motion.time)
+    link = np.convolve(link, np.full(5, 0.2), "same")
+    shown = {name: motion[name] for name in ("voltage", *beside)}
+    right = Recording(motion.time, {**shown, motor: motion[motor], "link_velocity": link})
+    assert not [f for f in findings(right) if f.fatal]
+    (found,) = (f for f in findings(Recording(right.time, {**shown, motor: link, "link_velocity": motion[motor]})))
+    assert "motor_velocity turns 0.0099 times as far as link_velocity" in found.text and found.fatal
