@@ -1,5 +1,6 @@
 """What fits of windows that the model does not describe may cost."""
 
+import itertools
 from types import SimpleNamespace
 
 import numpy as np
@@ -56,6 +57,8 @@ def test_a_sensor_is_blamed_as_long_as_its_delay_explains_the_newest_window_of_a
 def test_a_joint_that_its_model_never_describes_still_has_an_estimate_at_every_hop(monkeypatch):
     """Its torque is another one's: a joint at 1 kHz took 1.5 of a core for that."""
     monkeypatch.setattr(trial, "SHARE", 1e-6)
+    clock = itertools.count(0.0, 0.25)
+    monkeypatch.setattr("time.thread_time", lambda: next(clock))
     ended, fit = [], Task.fit
 
     def counted(task, recording, previous):
