@@ -170,12 +170,12 @@ def saved(estimate, path):
 
 
 def test_an_estimate_of_a_record_without_motion_is_read(tmp_path):
-    """Nothing was fitted: no covariance, no standard deviation; the torque constant, without default, is unknown."""
+    """Nothing was fitted: no covariance, no standard deviation."""
     model = jid.build("rigid_joint", actuation="current")
     time = np.arange(200) / 500.0
     rest = jid.Recording(time, {"link_position": 0.0 * time, "current": 0.0 * time})
     found = jid.fit(model, rest, jid.ParameterSettings({"k_t": 0.1}))
-    assert found.status.unusable and np.isnan(found["k_t"].value)
+    assert found.status.unusable and np.isnan(found["J"].std_dev)
     assert saved(found, tmp_path / "x.json") == found
 
 

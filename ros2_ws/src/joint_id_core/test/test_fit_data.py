@@ -7,7 +7,7 @@ import pytest
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators import ParameterSettings
+from joint_id_core.estimators import Innovations, ParameterSettings, Regression, fit
 from joint_id_core.estimators.shared.fit_data import UnusableError, prepare, unusable
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Status, Verdict
@@ -104,6 +104,19 @@ def test_unusable_data_say_why(change, status):
     assert [p.name for p in estimate.parameters] == list(RIGID.parameter_names)
     assert all(np.isnan(p.std_dev) for p in estimate.parameters)
     assert estimate["N"].verdict is Verdict.FIXED
+
+
+@pytest.mark.parametrize("estimator", [Innovations(), Regression()])
+def test_unusable_data_keep_what_was_given(estimator):
+    """A joint that rests had the values of the table: a torque constant of "nan Nm/A", held."""
+    rest = record(link_position=np.full(200, 1.0), torque=np.zeros(200))
+    current = Recording(rest.time, {"link_position": rest["link_position"], "current": rest["torque"]})
+    settings = ParameterSettings({"k_t": 0.05, "N": 50.0, "c": 3.0}, fixed=("c",), freed=("N",))
+    estimate = fit(build("rigid_joint", actuation="current"), current, settings, estimator)
+    assert estimate.status is Status.NO_MOTION
+    assert (estimate["k_t"].value, estimate["N"].value, estimate["c"].value) == (0.05, 50.0, 3.0)
+    assert estimate["c"].verdict is estimate["k_t"].verdict is Verdict.FIXED
+    assert estimate["N"].verdict is Verdict.NOT_EXCITED
 
 
 def test_too_few_labels_are_told_apart_from_too_few_inputs():

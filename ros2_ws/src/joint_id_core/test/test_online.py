@@ -55,7 +55,7 @@ def test_a_joint_that_rests_from_the_start_says_so_at_every_hop_and_is_fitted_on
     rest["link_position"] = rest["link_position"] + 1e-5 * np.random.default_rng(1).standard_normal(still)
     time = np.arange(still + len(moves)) / RATE
     whole = Recording(time, {n: np.concatenate([rest[n], v]) for n, v in moves.channels.items()}, source="robot")
-    identifier = OnlineIdentifier(MODEL, options=OnlineOptions(window_s=2.0, hop_s=0.1))
+    identifier = OnlineIdentifier(MODEL, ParameterSettings({"N": 50.0}), OnlineOptions(window_s=2.0, hop_s=0.1))
     joined = []
     real = SlidingWindow.recording
     monkeypatch.setattr(SlidingWindow, "recording", lambda *a: joined.append(1) or real(*a))
@@ -65,6 +65,7 @@ def test_a_joint_that_rests_from_the_start_says_so_at_every_hop_and_is_fitted_on
     for e in resting:
         assert e.end - e.start == pytest.approx(2.0, abs=2.5 / RATE) and e.samples == pytest.approx(2.0 * RATE, abs=2)
         assert e.source == "robot" and "robot: The joint rests" in e.message
+        assert e["N"].value == 50.0
     after = run(whole.slice(still, len(whole)), identifier, size=10)
     assert after[-1].status is Status.CONVERGED
     first = next(e for e in after if e.converged)

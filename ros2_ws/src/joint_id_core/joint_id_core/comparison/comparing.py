@@ -201,14 +201,14 @@ def _fit(c: Candidate, recording: Recording, settings: ParameterSettings, tell: 
 
 def _fit_once(c: Candidate, recording: Recording, settings: ParameterSettings, tell: Progress) -> Estimate:
     """Fit a candidate once; a fit that diverges returns a failed estimate."""
-    bad = refused(c.model, "innovations", concerning(c.model, recording), recording)
+    bad = refused(c.model, "innovations", concerning(c.model, recording), recording, settings)
     if bad is not None:
         return bad
     try:
         return fit_innovations(c.model, recording, settings, progress=tell)
     except (ArithmeticError, np.linalg.LinAlgError) as error:  # one candidate that diverges must not end the others
         diverged = UnusableError(Status.DIVERGED, f"{recording.source}: {Status.DIVERGED.advice} ({error})")
-        return unusable(c.model, "innovations", diverged, recording)
+        return unusable(c.model, "innovations", diverged, recording, settings)
 
 
 def _validated(c: Candidate, estimate: Estimate, recording: Recording) -> Trial:

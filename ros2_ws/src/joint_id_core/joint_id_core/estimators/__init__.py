@@ -111,7 +111,7 @@ def _fit(
     from joint_id_core.estimators.shared.long_record import fitted_part, with_part
 
     found = concerning(model, recording)
-    bad = refused(model, estimator.name, found, recording)
+    bad = refused(model, estimator.name, found, recording, settings)
     whole, recording, given = recording, fitted_part(model, recording), settings
     if bad is None and isinstance(estimator, Innovations):
         bad = hides_compliance(model, estimator.name, recording, settings)

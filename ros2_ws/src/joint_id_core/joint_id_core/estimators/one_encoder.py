@@ -49,7 +49,7 @@ def hides_compliance(
         f"flexible: inverse dynamics of a rigid joint predict new samples as well. Record {' or '.join(other)}, "
         f"use model rigid_joint, or hold {model.stiffness} (--fix)"
     )
-    return unusable(model, estimator, UnusableError(Status.MISSING_SIGNAL, text), recording)
+    return unusable(model, estimator, UnusableError(Status.MISSING_SIGNAL, text), recording, settings)
 
 
 def _only_side(model: Model, recording: Recording) -> str | None:

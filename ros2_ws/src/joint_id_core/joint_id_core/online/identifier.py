@@ -241,7 +241,7 @@ class OnlineIdentifier:
         """Return the estimate at a hop while the joint rests."""
         known = self._known
         if known is None:
-            return at_rest(self.model, self._watch.recent)
+            return at_rest(self.model, self._watch.recent, self.settings)
         notes = (MOVING,) if known.follower.found is Found.AGREES else (DISAGREE, MOVING)
         return known.unchanged(self._window, self._watch.recent, Status.NO_MOTION, notes)
 
@@ -279,7 +279,8 @@ class OnlineIdentifier:
         elif not self._window_full:
             if trial.shown is not None:
                 return with_note(trial.shown, window)
-            return too_short(self.model, window if len(window) else self._watch.recent, self.options.window_s)
+            recent = window if len(window) else self._watch.recent
+            return too_short(self.model, recent, self.options.window_s, self.settings)
         elif trial.shown is not None and trial.waits(self._watch.recent.end):
             return trial.shown.updated(end=window.end)
         recording, known, begun = window.recording(), self._known, time.thread_time()

@@ -16,6 +16,7 @@ from joint_id_core.estimators.load_size import SIZE_ERROR, with_size_doubt
 from joint_id_core.estimators.shared.computed_load import LOAD, with_doubt
 from joint_id_core.estimators.shared.fit_data import UnusableError, unusable
 from joint_id_core.estimators.shared.sentences import sentence
+from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.online.agreement import Agreement
 from joint_id_core.online.window import SlidingWindow
@@ -124,20 +125,20 @@ def with_computed_load(estimate: Estimate, recent: SlidingWindow, model: Model) 
     return with_doubt(with_size_doubt(model, estimate, SIZE_ERROR), model)
 
 
-def too_short(model: Model, window: SlidingWindow, needed_s: float) -> Estimate:
+def too_short(model: Model, window: SlidingWindow, needed_s: float, settings: ParameterSettings) -> Estimate:
     """Return what is said before the first window in motion is complete."""
     recording = window.recording()
     text = (
         f"{recording.source}: the joint has moved for {window.duration:.2g} s, "
         f"a first estimate needs {needed_s:g} s of motion: move the joint"
     )
-    return unusable(model, "innovations", UnusableError(Status.TOO_SHORT, text), recording)
+    return unusable(model, "innovations", UnusableError(Status.TOO_SHORT, text), recording, settings)
 
 
-def at_rest(model: Model, window: SlidingWindow) -> Estimate:
+def at_rest(model: Model, window: SlidingWindow, settings: ParameterSettings) -> Estimate:
     """Return what is said of a joint that rests before its first estimate."""
     newest = window.newest  # to join the samples of the window for every estimate would take long
     assert newest is not None
     text = f"{newest.source}: {sentence('the joint rests in this window: move the joint')}"
-    found = unusable(model, "innovations", UnusableError(Status.NO_MOTION, text), newest)
+    found = unusable(model, "innovations", UnusableError(Status.NO_MOTION, text), newest, settings)
     return found.updated(start=window.start, end=window.end, samples=len(window))

@@ -62,9 +62,8 @@ class Task:
         if isinstance(self.estimator, Innovations):
             lacking = absent(self.model, recording)
             if lacking:
-                return unusable(
-                    self.model, self.estimator.name, _not_derived(lacking, self.model, recording), recording
-                )
+                error = _not_derived(lacking, self.model, recording)
+                return unusable(self.model, self.estimator.name, error, recording, self.settings)
             hidden = None
             if previous is None:
                 hidden = hides_compliance(self.model, self.estimator.name, recording, self.settings)

@@ -84,7 +84,7 @@ def fit_hpinn(
     try:
         data = prepare(model, recording, settings)
     except UnusableError as error:
-        return unusable(model, "hpinn", error, recording)
+        return unusable(model, "hpinn", error, recording, settings)
     if data.dropped:
         raise JointIdError(
             f"{recording.source}: {data.dropped} samples have no {' or no '.join(model.input_names)}, and the hpinn "
@@ -106,7 +106,7 @@ def fit_hpinn(
     history, finite = train(net, data, labels, x0, options.epochs, rates, tell)
     if not history:
         text = f"{recording.source}: the simulation from the start values is not finite: {Status.DIVERGED.advice}"
-        return unusable(model, "hpinn", UnusableError(Status.DIVERGED, text), recording)
+        return unusable(model, "hpinn", UnusableError(Status.DIVERGED, text), recording, settings)
     return _estimate(net, data, labels, x0, start, history, finite, clock.perf_counter() - begun)
 
 

@@ -56,14 +56,14 @@ def fit_innovations(
     try:
         data = prepare(model, recording, settings, leave_out_rests=True)
     except UnusableError as error:
-        return unusable(model, "innovations", error, recording)
+        return unusable(model, "innovations", error, recording, settings)
     tell(preparing(model, "tanh", data.freed, options.cell))
     search = Search(data, compile_model(model, "tanh", data.freed, options.cell), options, belief, tell)
     outcome = search.warm(previous) if previous is not None and previous.converged else None
     outcome = outcome or search.cold()
     if outcome is None or not outcome.minimum.definite:
         diverged = UnusableError(Status.DIVERGED, f"{recording.source}: {Status.DIVERGED.advice}")
-        return unusable(model, "innovations", diverged, recording)
+        return unusable(model, "innovations", diverged, recording, settings)
     return estimate_of(outcome, begun)
 
 

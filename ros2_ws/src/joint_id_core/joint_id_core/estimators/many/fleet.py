@@ -71,7 +71,7 @@ def fit_fleet(
         try:
             data = prepare(model, recording, started(model, recording, settings), leave_out_rests=True)
         except UnusableError as error:
-            estimates[i] = unusable(model, estimator.name, error, recording)
+            estimates[i] = unusable(model, estimator.name, error, recording, settings)
             continue
         search = Search(data, compile_model(model, "tanh", data.freed, estimator.cell), estimator, None, tell)
         stages = search.stages
@@ -80,7 +80,7 @@ def fit_fleet(
         points += drawn(stages, starts - 1, seed)
         first = next((s for z, levels in points if (s := stages.started(z, levels, stages.rough_states))), None)
         if first is None:
-            estimates[i] = _diverged(model, recording, estimator)
+            estimates[i] = _diverged(model, recording, estimator, settings)
             continue
         group = groups.setdefault(data.labels, [])
         jobs = [Start(len(group), stages.cost, stages.scoring, z, levels) for z, levels in points]
@@ -96,7 +96,7 @@ def fit_fleet(
             own = [end for end in ends[n * starts : (n + 1) * starts] if end is not None]
             outcome = search.concluded([end for e in own if (end := _whole(search, e)) is not None], len(jobs))
             if outcome is None or not outcome.minimum.definite:
-                estimates[i] = _diverged(model, recordings[i], estimator)
+                estimates[i] = _diverged(model, recordings[i], estimator, settings)
             else:
                 estimates[i] = estimate_of(outcome, begun)
     return [estimates[i] for i in range(len(recordings))]
@@ -110,6 +110,8 @@ def _whole(search: Search, end: Minimum) -> Minimum | None:
     return replace(found, settled=end.settled, iterations=end.iterations, left=end.left)
 
 
-def _diverged(model: Model, recording: Recording, estimator: Innovations) -> Estimate:
+def _diverged(
+    model: Model, recording: Recording, estimator: Innovations, settings: ParameterSettings | None
+) -> Estimate:
     error = UnusableError(Status.DIVERGED, f"{recording.source}: {Status.DIVERGED.advice}")
-    return unusable(model, estimator.name, error, recording)
+    return unusable(model, estimator.name, error, recording, settings)

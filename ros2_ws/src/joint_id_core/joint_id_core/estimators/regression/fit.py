@@ -50,7 +50,7 @@ def fit_regression(
     try:
         data, band_hz, fitted, share = with_share(model, recording, settings, options)
     except UnusableError as error:
-        return unusable(model, Regression.name, error, recording)
+        return unusable(model, Regression.name, error, recording, settings)
     return _estimate(data, fitted, band_hz, begun, [changes(model, share)] if share > 0.0 else [])
 
 

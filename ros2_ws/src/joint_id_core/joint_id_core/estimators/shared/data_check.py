@@ -13,6 +13,7 @@ from joint_id_core.estimators.shared.fit_data import UnusableError, unusable
 from joint_id_core.estimators.shared.motor_constants import unequal_constants
 from joint_id_core.estimators.shared.oscillation import slow_samples
 from joint_id_core.estimators.shared.sentences import sentence
+from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, Status
 
@@ -25,12 +26,19 @@ def concerning(model: Model, recording: Recording) -> tuple[Finding, ...]:
     return tuple(f for f in findings(recording) if f.concerns(used) and not (has_offset and f.about == "twist"))
 
 
-def refused(model: Model, estimator: str, found: Sequence[Finding], recording: Recording) -> Estimate | None:
+def refused(
+    model: Model,
+    estimator: str,
+    found: Sequence[Finding],
+    recording: Recording,
+    settings: ParameterSettings | None = None,
+) -> Estimate | None:
     """Return the estimate for a recording with fatal findings; None if there are none."""
     fatal = [f.text for f in found if f.fatal]
     if not fatal:
         return None
-    return unusable(model, estimator, UnusableError(Status.BAD_DATA, f"{recording.source}: {fatal[0]}"), recording)
+    error = UnusableError(Status.BAD_DATA, f"{recording.source}: {fatal[0]}")
+    return unusable(model, estimator, error, recording, settings)
 
 
 def noted(estimate: Estimate, found: Sequence[Finding], model: Model, recording: Recording) -> Estimate:

@@ -264,12 +264,19 @@ def origin_of(recording: Recording) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def unusable(model: Model, estimator: str, error: UnusableError, recording: Recording) -> Estimate:
-    """Return the estimate for data that cannot be fitted: nominal values, NaN deviations, the reason in `message`."""
+def unusable(
+    model: Model, estimator: str, error: UnusableError, recording: Recording, settings: ParameterSettings | None = None
+) -> Estimate:
+    """Return the estimate for data that cannot be fitted: start values, NaN deviations, the reason in `message`."""
+    given = settings or ParameterSettings()
+    held = {q.name for q in model.parameters if q.fixed and q.name not in given.freed} | {*given.fixed}
     rows = tuple(
-        ParameterEstimate(q.name, q.unit, q.nominal, float("nan"), Verdict.FIXED if q.fixed else Verdict.NOT_EXCITED)
+        ParameterEstimate(
+            q.name, q.unit, given.values.get(q.name, q.nominal), float("nan"),
+            Verdict.FIXED if q.name in held else Verdict.NOT_EXCITED,
+        )
         for q in model.parameters
-    )
+    )  # fmt: skip
     span = (float(recording.time[0]), float(recording.time[-1])) if len(recording) else (float("nan"), float("nan"))
     text = str(error).rstrip(".") + "."  # a sentence, as every message
     return Estimate(
