@@ -15,7 +15,7 @@ from joint_id_core.estimators import fit
 from joint_id_core.pages.live import LiveView, Seen, live_page
 from joint_id_core.pages.report import prediction_plots
 from joint_id_core.pages.server import Feed, PageServer
-from joint_id_core.results.estimate import Estimate
+from joint_id_core.results.estimate import Estimate, Status
 
 from . import browser
 from .online_motion import MODEL, motion
@@ -101,6 +101,18 @@ def shown(folder: Path, width: int, state: dict[str, object], found: dict[str, o
 
 NOTHING: dict[str, object] = {"trends": [], "fit": [], "told": ""}
 GREY = "rgb(107, 118, 130)"
+
+
+@needs_browser
+def test_a_joint_that_only_waits_for_motion_is_grey_as_on_the_page_of_a_fleet(estimate, tmp_path):
+    view = LiveView()
+    looks = {Status.CONVERGED: "rgb(44, 122, 75)", Status.DISAGREE: "rgb(138, 97, 0)", Status.NO_MOTION: GREY,
+             Status.TOO_SHORT: GREY, Status.POOR_FIT: "rgb(163, 59, 42)"}  # fmt: skip
+    view.take({str(k): Seen(replace(estimate, status=s, temperature=28.0)) for k, s in enumerate(looks)})
+    with shown(tmp_path, 1100, {"joints": view.joints(), "nodes": [], "silent": []}, NOTHING) as tab:
+        marks = "[...document.querySelectorAll('#joints .status')].map((m) => getComputedStyle(m).backgroundColor)"
+        assert tab.value(marks) == list(looks.values())
+        assert tab.value("document.querySelector('#joints tbody tr').cells[3].innerText") == "28.0"
 
 
 @needs_browser

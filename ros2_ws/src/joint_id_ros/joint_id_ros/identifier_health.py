@@ -53,7 +53,7 @@ class IdentifierHealth:
                 values[f"{name}: age of the parameters [s]"] = f"{joint['age']:.3f}"
             values[f"{name}: estimated"] = f"{found} of {len(joint['free'])} parameters"
             if joint["status"] != JointEstimate.CONVERGED:
-                bad.append(f"{name}: {joint['message']}")
+                bad.append(f"{name}: {joint['message'].rstrip('.')}")
             if joint["drifts"]:
                 bad.append(f"{name}: {'; '.join(drift[DRIFT_TEXT] for drift in joint['drifts'])}")
         if bad:

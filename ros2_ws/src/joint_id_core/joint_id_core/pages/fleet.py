@@ -9,14 +9,8 @@ from typing import Any
 
 from joint_id_core.errors import JointIdError
 from joint_id_core.pages.document import Page
-from joint_id_core.pages.live import Seen, parameter_rows
-from joint_id_core.results.status import Status
+from joint_id_core.pages.live import LOOKS, Seen, parameter_rows
 
-# Looks of a mark: what is right, what may be, what only waits for motion; all else is wrong.
-LOOKS = {
-    Status.CONVERGED: "good", Status.DISAGREE: "fair", Status.NO_MOTION: "idle", Status.TOO_SHORT: "idle",
-    Status.UNINFORMATIVE: "idle",
-}  # fmt: skip
 GONE = "gone"
 
 

@@ -15,9 +15,14 @@ from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError
 from joint_id_core.pages.document import Page
 from joint_id_core.pages.report import interval, prediction_plots, trend_plots, value_text
-from joint_id_core.results.estimate import Estimate, Predictions
+from joint_id_core.results.estimate import Estimate, Predictions, Status
 
 MOST = 600  # points of a course; when there are more, every second one is left out
+# Looks of a mark: what is right, what may be, what only waits for motion; all else is wrong.
+LOOKS = {
+    Status.CONVERGED: "good", Status.DISAGREE: "fair", Status.NO_MOTION: "idle", Status.TOO_SHORT: "idle",
+    Status.UNINFORMATIVE: "idle",
+}  # fmt: skip
 ACTIONS = {"save": "Save what is known", "set_baseline": "Set as baseline", "reset": "Reset"}
 
 
@@ -133,8 +138,10 @@ class LiveView:
         estimate = seen.estimate
         return {
             "joint": name, "model": estimate.model, "estimator": estimate.estimator, "status": estimate.status.value,
-            "good": estimate.converged, "message": estimate.message, "age": round(seen.age_s + waited_s, 1),
-            "temperature": _number(estimate.temperature), "alarms": [*seen.changes, *seen.drifts],
+            "good": estimate.converged, "look": LOOKS.get(estimate.status, ""), "message": estimate.message,
+            "age": round(seen.age_s + waited_s, 1),
+            "temperature": f"{estimate.temperature:.1f}" if math.isfinite(estimate.temperature) else None,
+            "alarms": [*seen.changes, *seen.drifts],
             "nrmse": {n: _number(v) for n, v in estimate.nrmse.items()},
             "parameters": parameter_rows(estimate),
         }  # fmt: skip

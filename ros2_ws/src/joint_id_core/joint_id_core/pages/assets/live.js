@@ -32,7 +32,7 @@
       state.nodes.filter((n) => n.level > 0).map((n) => [n.name, alone(n.message, joints)])
         .filter(([, message]) => message).map((told) => told.join(": "))), "None.");
     table($("joints"), ["joint", "status", "age [s]", "temp. [°C]", "model", "nrmse"], joints.map((j) => [[
-      j.joint, badge(j.status, j.good ? "good" : j.status === "disagree" ? "fair" : ""), j.age, j.temperature, j.model,
+      j.joint, badge(j.status, j.look), j.age, j.temperature, j.model,
       Object.entries(j.nrmse).map(([n, v]) => `${n} ${v == null ? "-" : v}`).join(", "),
     ], j.joint]), ["word", "text"], chosen, select);
     const joint = joints.find((j) => j.joint === chosen);
