@@ -26,6 +26,7 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.formats import joint_columns
 from joint_id_core.formats.column_names import TIME
 from joint_id_core.formats.csv_header import COMMENTS, DECIMAL_COMMA, Header, cells, find_header, is_number, lines
+from joint_id_core.formats.damaged import tells_damage
 from joint_id_core.formats.last_line import is_cut, largest, seems_cut, size, unended
 from joint_id_core.formats.mapping import plan
 from joint_id_core.formats.mapping import taken as in_words
@@ -40,6 +41,7 @@ MISSING = ("", "na", "n/a", "#n/a", "null", "none")  # cells without a value, as
 CLOCK = re.compile(r"\d:\d\d|\d{4}-\d\d-\d\d|\d\d?[./]\d\d?[./]\d")  # in a date, or a time of the day
 
 
+@tells_damage
 def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:
     """Read a CSV file; `mapping` as in `joint_id_core.formats.read`.
 
@@ -65,6 +67,7 @@ def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:
     return recording
 
 
+@tells_damage
 def columns(path: Path) -> tuple[str, ...]:
     """Return the column names in the header.
 
@@ -186,11 +189,13 @@ def _has_points(rows: list[list[str]], places: Collection[int]) -> bool:
     return any("." in row[k] and is_number(row[k]) for row in rows for k in places)
 
 
+@tells_damage
 def joints(path: Path, mapping: Mapping[str, str]) -> tuple[str, ...]:
     """Return the names of the joints of a table of several; () for a file of one unnamed joint."""
     return joint_columns.joints(path, find_header(path).names, mapping)
 
 
+@tells_damage
 def taken(path: Path, joint: str, mapping: Mapping[str, str]) -> list[str]:
     """Return in words which columns with other names are read as which channels."""
     names = find_header(path).names
@@ -199,6 +204,7 @@ def taken(path: Path, joint: str, mapping: Mapping[str, str]) -> list[str]:
     return in_words(plan(path, names, joint_columns.columns(path, names, joint, mapping)))
 
 
+@tells_damage
 def unread(path: Path, mapping: Mapping[str, str]) -> list[str]:
     """Return the columns that no joint reads."""
     names = find_header(path).names
