@@ -44,6 +44,23 @@ def test_signals_in_structures_and_matrices_have_names(mat):
         formats.read(path)
 
 
+def test_the_vectors_of_one_structure_have_the_names_of_its_fields(mat):
+    """It was refused for its time `log.t`, and `rec.q` for its position."""
+    for name in ("log", "rec"):
+        path = mat(**{name: {"t": TIME, "q": TIME**2, "tau": 3.0 * TIME, "x": TIME}, "Fs": 10.0})
+        assert formats.contents(path) == ("t", "q", "tau", "x", "Fs") and formats.joints(path) == ()
+        assert formats.taken(path) == ["time_s = t", "link_position = q", "torque = tau"]
+        np.testing.assert_array_equal(formats.read(path)["torque"], 3.0 * TIME)
+        mapped = formats.read(path, mapping={"link_position": f"Fs * {name}.x", "torque": "tau"})
+        np.testing.assert_array_equal(mapped["link_position"], 10.0 * TIME)
+    path = mat(log={"t": TIME, "q": np.array([TIME, 2.0 * TIME]), "tau": np.array([TIME, TIME])})
+    assert formats.joints(path) == ("joint_1", "joint_2")
+    assert formats.joints(path, {"link_position": "log.q.#"}) == ("joint_1", "joint_2")
+    assert formats.contents(mat(log={"t": TIME}, t=2.0)) == ("log.t", "t")  # else both would be t
+    with pytest.raises(JointIdError, match=r"'foo.x' is neither a column nor a number: the columns are t, q, x"):
+        formats.read(mat(log={"t": TIME, "q": TIME, "x": TIME}), mapping={"torque": "foo.x"})
+
+
 def test_a_constant_is_not_proposed_as_a_signal(mat):
     with pytest.raises(JointIdError, match=r"columns t, phi, n_axis, gtau: .*--map time_s=t --map link_position=phi "):
         formats.read(mat(n_axis=6, gtau=35.0, t=TIME, phi=TIME))
@@ -71,6 +88,13 @@ def test_what_is_no_real_number_is_named(mat, caplog, torque, what):
         formats.read(path, mapping={"current": "2*torque"})
     with pytest.raises(JointIdError, match=rf"no known channel among the columns time_s: 'torque' .* holds {what}$"):
         formats.read(mat(time_s=TIME, torque=torque))
+
+
+def test_a_complex_vector_with_another_name_of_a_channel_is_named(mat, caplog):
+    assert "torque" not in formats.read(mat(time_s=TIME, q=TIME, tau=TIME + 1j))
+    assert "'tau' is not read as torque: it holds complex numbers: save its real part" in caplog.text
+    path = mat(log={"t": TIME, "q1": TIME, "q2": TIME, "tau1": TIME, "tau2": TIME + 1j})
+    assert "torque" not in formats.read(path, "joint_2") and "'tau2' is not read as torque" in caplog.text
 
 
 @pytest.mark.parametrize(

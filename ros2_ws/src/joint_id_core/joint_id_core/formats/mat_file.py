@@ -1,6 +1,7 @@
 """MATLAB files up to version 7. Vectors are columns; scalars can be factors in a mapping.
 
-A vector in a structure has the name `structure.field`, and the first signal of a matrix `name.1`, as MATLAB counts.
+A vector in a structure has the name `structure.field`, and the first signal of a matrix `name.1`, as MATLAB counts. If
+one structure holds all vectors, they have the names of its fields; a mapping may have the structure's before them.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:
     Raises:
         JointIdError: not a MAT file, version 7.3, no time or channel, vectors of different lengths.
     """
-    found, unusable = _load(path)
+    found, unusable, mapping = _load(path, mapping)
     for target, expression in mapping.items():
         for name in (part.strip() for part in expression.split("*")):
             if name in unusable:
@@ -65,12 +66,13 @@ def read(path: Path, joint: str, mapping: Mapping[str, str]) -> Recording:
 
 def joints(path: Path, mapping: Mapping[str, str]) -> tuple[str, ...]:
     """Return the names of the joints of matrices of several; () for a file of one unnamed joint."""
-    return joint_columns.joints(path, _load(path)[0], mapping)
+    found, _, mapping = _load(path, mapping)
+    return joint_columns.joints(path, found, mapping)
 
 
 def taken(path: Path, joint: str, mapping: Mapping[str, str]) -> list[str]:
     """Return in words which vectors with other names are read as which channels."""
-    found, unusable = _load(path)
+    found, unusable, mapping = _load(path, mapping)
     if not joint and (of_all := joint_columns.in_words(path, found, mapping)):
         return of_all
     return in_words(plan(path, found, joint_columns.columns(path, found, joint, mapping), unusable))
@@ -78,7 +80,7 @@ def taken(path: Path, joint: str, mapping: Mapping[str, str]) -> list[str]:
 
 def unread(path: Path, mapping: Mapping[str, str]) -> list[str]:
     """Return the vectors that no joint reads."""
-    found, unusable = _load(path)
+    found, unusable, mapping = _load(path, mapping)
     joints_ = joint_columns.joints(path, found, mapping) or ("",)
     plans = [plan(path, found, joint_columns.columns(path, found, one, mapping), unusable) for one in joints_]
     return left_alone(found, plans)
@@ -90,13 +92,13 @@ def variables(path: Path) -> tuple[str, ...]:
     Raises:
         JointIdError: not a MAT file, or version 7.3.
     """
-    return tuple(_load(path)[0])
+    return tuple(_load(path, {})[0])
 
 
-def _load(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
-    """Return the vectors and scalars of the file by name, each of shape (n,), and of others what they hold.
+def _load(path: Path, mapping: Mapping[str, str]) -> tuple[dict[str, Array], dict[str, str], dict[str, str]]:
+    """Return the vectors and scalars of the file by name, each of shape (n,), of others what they hold, and a mapping.
 
-    The longest come first.
+    The longest come first. The mapping is the user's, with the names of here.
     """
     try:
         data = scipy.io.loadmat(path)
@@ -116,8 +118,15 @@ def _load(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
                     found[name] = signal
     if not found:
         raise JointIdError(f"{path}: no real vector in this MAT file: save the signals as vectors or in structures")
+    holders = {name.partition(".")[0] for name, signal in found.items() if signal.size > 1}
+    prefix = f"{holders.pop()}." if len(holders) == 1 else ""
+    short = {name.removeprefix(prefix): signal for name, signal in found.items()}
+    if prefix and data[prefix[:-1]].dtype.names and len(short) == len(found):
+        found, unusable = short, {name.removeprefix(prefix): what for name, what in unusable.items()}
+        own = {t: [part.strip().removeprefix(prefix) for part in e.split("*")] for t, e in mapping.items()}
+        mapping = {target: "*".join(parts) for target, parts in own.items()}
     # Signals before the constants beside them: an error lists the columns, and proposes to map the first ones.
-    return dict(sorted(found.items(), key=lambda item: -item[1].size)), unusable
+    return dict(sorted(found.items(), key=lambda item: -item[1].size)), unusable, dict(mapping)
 
 
 def _signals(name: str, value: NDArray[Any]) -> Iterator[tuple[str, Array | str]]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from joint_id_core.data.recording import Recording
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.formats.column_names import TIME, TIMES, factor_of, parts, unit_of
-from joint_id_core.formats.joint_columns import is_of_a_joint
+from joint_id_core.formats.joint_columns import is_of_a_joint, understood
 
 log = logging.getLogger(__name__)
 CLOSE = 0.8  # of a name that is a typing error; `torque_cmd` is none
@@ -47,7 +47,8 @@ def overlooked(
         unusable: by name of another variable, what it holds instead of real numbers and what to do.
     """
     for column, what in unusable.items():
-        target = _target(parts(column)[0])
+        known = understood(column)
+        target = _target(parts(column)[0]) or (known[1] if known is not None else "")
         if target and target not in targets:
             yield target, f"{column!r} is not read as {target}: it holds {what}"
     for column in found:
