@@ -20,6 +20,7 @@ from joint_id_core.arm.links import Body, Link, Links
 from joint_id_core.arm.pseudo_inertia import nearest_body
 from joint_id_core.arm.urdf import TURNING, end_of
 from joint_id_core.data.recording import Array
+from joint_id_core.results.robot_files import as_text
 
 DIGITS = ".12g"
 INERTIA = ("ixx", "ixy", "iyy", "ixz", "iyz", "izz")
@@ -38,7 +39,7 @@ def with_bodies(text: str, links: Links, source: str) -> str:
         ring = _ring(root, link)
         if link.found != link.described or ring.any():
             _change(root, link, ring, source)
-    return f'<?xml version="1.0"?>\n{ET.tostring(root, encoding="unicode")}\n'
+    return as_text(root, text)
 
 
 def _ring(root: ET.Element, link: Link) -> Array:

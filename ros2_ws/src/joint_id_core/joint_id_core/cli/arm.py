@@ -67,6 +67,7 @@ def fit(
     from joint_id_core.arm.exported import OF_MUJOCO, exported
     from joint_id_core.arm.fit import fit_arm
     from joint_id_core.arm.written import explained_by
+    from joint_id_core.results.robot_files import TOLD
 
     loaded, outs = payload or [], out or []
     require_different([*files, *loaded])
@@ -101,7 +102,7 @@ def fit(
             print(f"  all values scale with the torque constants, which are known to {spread}")
     if save is not None:
         write_text(save, json_text.dumps(found.to_dict(), indent=1), "the result")
-    source = f"joint_id, arm fit of {', '.join(file.name for file in files)}"
+    source = f"{TOLD}arm fit of {', '.join(file.name for file in files)}"
     for path in outs:
         write_text(path, exported(found, description, path, source), "the description")
         if not json:

@@ -43,7 +43,7 @@ def export(
     from joint_id_core.cli.group import complain
     from joint_id_core.results.at_link import at_link
     from joint_id_core.results.estimate import Estimate
-    from joint_id_core.results.robot_files import with_joints
+    from joint_id_core.results.robot_files import TOLD, with_joints
     from joint_id_core.results.ros_params import parameter_file
 
     if (urdf is not None) + (mjcf is not None) + ros_params + as_csv > 1:
@@ -74,7 +74,7 @@ def export(
         if _law(estimate) == BENT:
             every = [q for q in every if q.name not in FRICTION]
         found[name] = [q for q in every if q.known or (all_ and math.isfinite(q.value) and math.isfinite(q.std_dev))]
-        source[name] = f"joint_id, {path.name}, {estimate.model} by {estimate.estimator}"
+        source[name] = f"{TOLD}{path.name}, {estimate.model} by {estimate.estimator}"
         if ros_params:
             continue
         left_out = (f"left out, not known: {q.text}" for q in every if q not in found[name])

@@ -87,12 +87,16 @@ def _in_order(path: Path) -> list[tuple[str, int]]:
 
 
 def _of_table(source: str) -> list[Known]:
-    from joint_id_core.batch.table import known, waiting
+    from joint_id_core.batch.table import PARQUET, known, waiting
     from joint_id_core.formats.remote import is_url
 
     more = waiting(source)
     if not is_url(source) and not Path(source).exists() and not more:
         raise JointIdError(f"{source}: no such folder or table: give one with files of fit --save, or a table of batch")
+    if Path(source).is_file() and not source.endswith(".parquet"):
+        with Path(source).open("rb") as file:
+            if file.read(len(PARQUET)) != PARQUET:
+                raise JointIdError(f"{source}: no table of batch: give one, or files of fit --save (.json)")
     found, rows, left = known(source)
     if more:
         complain(more)

@@ -6,7 +6,9 @@ import re
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from joint_id_core.errors import JointIdError, close_to
 from joint_id_core.results.at_link import AtLink
@@ -14,6 +16,8 @@ from joint_id_core.results.at_link import AtLink
 # Attribute of each quantity. A URDF has no place for the inertia of a rotor.
 URDF = {"damping": "damping", "friction": "friction"}
 MJCF = {"damping": "damping", "friction": "frictionloss", "armature": "armature"}
+LINEAR = {"Nm s/rad": "N s/m", "Nm": "N", "kg m^2": "kg"}  # units of a joint that slides
+TOLD = "joint_id, "  # begins what comments of ours say
 MOVING = {"urdf": ("revolute", "continuous", "prismatic"), "mjcf": ("hinge", "slide")}  # joints of one coordinate
 
 
@@ -61,14 +65,33 @@ def text_with_joints(
         written = [q for q in quantities if q.name in attributes]
         for quantity in written:
             place.set(attributes[quantity.name], f"{quantity.value:.9g}")
-        said = [
-            *(q.text for q in written),
-            *(f"no place for: {q.text}" for q in quantities if q.name not in attributes),
-        ]
+        if element.get("type") in ("prismatic", "slide"):
+            quantities = [replace(q, unit=LINEAR.get(q.unit, q.unit)) for q in quantities]
+        said = [f"{'' if q.name in attributes else 'no place for: '}{q.text}" for q in quantities]
+        said.sort(key=lambda text: text.startswith("no place"))
+        _remove_told(element)
         told = re.sub("-(?=-)", "- ", f" {source[name]}: {'; '.join(said)} ")  # "--" ends a comment
         element.insert(0, ET.Comment(told))
         element[0].tail = element.text if element.text and element.text.strip() == "" else "\n"
-    return f'<?xml version="1.0"?>\n{ET.tostring(root, encoding="unicode")}\n'
+    return as_text(root, text)
+
+
+def as_text(root: ET.Element, before: str | bytes) -> str:
+    """Return a changed description as text, below the comments that stand above it in the text of `before`."""
+    parser: Any = ET.XMLPullParser(("start", "comment"))
+    parser.feed(before)
+    comments: list[str] = []
+    for event, element in parser.read_events():
+        if event == "start":
+            break
+        comments.append(f"<!--{element.text}-->\n")
+    return f'<?xml version="1.0"?>\n{"".join(comments)}{ET.tostring(root, encoding="unicode")}\n'
+
+
+def _remove_told(joint: ET.Element) -> None:
+    """Remove the comments of an earlier export, whose values are replaced."""
+    for child in [c for c in joint if (c.text or "").strip().startswith(TOLD)]:
+        joint.remove(child)
 
 
 def _joints(path: Path, root: ET.Element, kind: str) -> dict[str, ET.Element]:
@@ -83,6 +106,9 @@ def _joints(path: Path, root: ET.Element, kind: str) -> dict[str, ET.Element]:
         inside = (e for world in root.iter("worldbody") for e in world.iter())
         own = [e for e in inside if e.tag in ("joint", "freejoint")]
     names = Counter(name for e in own if (name := e.get("name")))
+    parts = [e.get("file", "") for e in root.iter("include")] if kind == "mjcf" else []
+    if not names and any(parts):
+        raise JointIdError(f"{path} has no joint, it includes {', '.join(parts)}: give the file that has the joints")
     if not names:
         raise JointIdError(
             f"{path} has no joint with a name: if it is a xacro, expand it first (xacro {path.name} > robot.{kind})"
