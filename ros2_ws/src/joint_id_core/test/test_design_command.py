@@ -88,7 +88,7 @@ def test_a_fit_proposes_a_design_that_can_be_pasted(tmp_path, run_here, few):
     (tmp_path / "joint_limits.yaml").write_text(LIMITS)
     code, out = run_here(*words, *QUICK)
     assert code == 0, out
-    assert (tmp_path / "motion.csv").is_file() and "motion of axis: 4 s" in out
+    assert (tmp_path / "designed.csv").is_file() and "motion of axis: 4 s" in out
 
 
 def test_a_fit_that_shows_everything_proposes_nothing(tmp_path, run_here):
@@ -106,6 +106,15 @@ def test_a_motion_of_ones_own_is_held_against_the_limits(tmp_path, run_here, few
     (tmp_path / "limits.yaml").write_text(LIMITS.replace("max_velocity: 2.0", "max_velocity: 0.1"))
     code, out = run_here(*words, "--motion", "motion.csv")
     assert code == 0 and "It breaks a limit: axis: velocity" in out and "limit 0.1 rad/s." in out
+
+
+def test_a_recording_is_never_replaced_by_a_motion(tmp_path, run_here):
+    run_here("simulate", "rigid_joint", "--out", "motion.csv", "--duration", "1")
+    before = (tmp_path / "motion.csv").read_bytes()
+    words = ("--joint", "elbow", "--robot", "ur3e", "--model", "rigid_joint", "--out", "motion.csv")
+    code, out = run_here("design", *words)
+    assert code == 2 and out == "joint-id: motion.csv exists already: remove it or choose another name\n"
+    assert (tmp_path / "motion.csv").read_bytes() == before
 
 
 @pytest.mark.parametrize(
@@ -131,18 +140,7 @@ def test_a_motion_of_ones_own_is_held_against_the_limits(tmp_path, run_here, few
             "none/motion.csv: the trajectory cannot be written",
         ),
         (
-            (
-                "--joint",
-                "axis",
-                "--limits",
-                "limits.yaml",
-                "--model",
-                "rigid_joint",
-                "--out",
-                "a.csv",
-                "--out",
-                "b.script",
-            ),
+            ("--joint", "axis", "--limits", "limits.yaml", "--model", "rigid_joint", "-o", "a.csv", "-o", "b.script"),
             "axis is no joint of a UR robot",
         ),
         (

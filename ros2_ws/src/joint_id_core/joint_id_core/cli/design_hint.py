@@ -44,7 +44,7 @@ def design_hint(estimate: Estimate, job: FitJob) -> str:
     words += [word for name in job.settings.fixed for word in ("--fix", name)]
     words += [word for name in job.settings.freed for word in ("--free", name)]
     words += [word for name, sd in job.settings.priors.items() for word in ("--prior", f"{name}={sd:g}")]
-    return shlex.join([*words, "--for", ",".join(unseen), "--out", "motion.csv"])
+    return shlex.join([*words, "--for", ",".join(unseen), "--out", "designed.csv"])
 
 
 def _robot(robot: str | None) -> list[str]:

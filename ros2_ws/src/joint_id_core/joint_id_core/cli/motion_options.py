@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 import typer
 
 from joint_id_core.cli.outputs import require_apart
+from joint_id_core.errors import JointIdError
 
 if TYPE_CHECKING:
     from joint_id_core.design.design import Design
@@ -46,7 +47,8 @@ class MotionOptions:
         """Check, before a long search, what will be written.
 
         Raises:
-            JointIdError: an unknown kind of file, a file that is read too, a file or picture that cannot be written.
+            JointIdError: an unknown kind of file, a file that is read too, a file that exists, a file or
+                picture that cannot be written.
         """
         from joint_id_core.design.files import kind_of
         from joint_id_core.text_file import require_writable as require_text
@@ -56,6 +58,8 @@ class MotionOptions:
         outputs = {**{f"--out {path}": path for path in self.out or ()}, "--plot": self.plot}
         require_apart(outputs, [self.limits, self.motion, *inputs])
         for path in self.out or ():
+            if path.is_file():  # it may be a recording: both are often called motion.csv
+                raise JointIdError(f"{path} exists already: remove it or choose another name")
             require_text(path, "the trajectory")
         if self.plot is not None:
             from joint_id_core.results.plot import require_writable
