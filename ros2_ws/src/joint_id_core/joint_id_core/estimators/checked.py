@@ -15,6 +15,7 @@ from joint_id_core.estimators.instead import changes_between, regressed_instead
 from joint_id_core.estimators.late_signal import with_late_signal
 from joint_id_core.estimators.narrowed import narrowed
 from joint_id_core.estimators.opinion import second_opinion
+from joint_id_core.estimators.seen_ratio import with_seen_ratio
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.estimators.signal_faults import with_signal_faults
 from joint_id_core.models import Model
@@ -53,6 +54,7 @@ def checked(
     late = with_late_signal(estimate, model, recording, again)
     in_time = late is estimate
     estimate = with_signal_faults(estimate, model, recording, settings) if in_time else late
+    estimate = with_seen_ratio(estimate, model, recording, settings or ParameterSettings())
     estimate = with_constancy(estimate, model, recording, settings)
     estimate = narrowed(estimate, model, opinion) if opinion is not None and in_time else estimate
     return with_correction(estimate, model, settings), recording

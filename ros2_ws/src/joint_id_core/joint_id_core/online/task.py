@@ -18,6 +18,7 @@ from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.innovations.fit import fit_innovations
 from joint_id_core.estimators.one_encoder import hides_compliance
 from joint_id_core.estimators.regression_starts import started
+from joint_id_core.estimators.seen_ratio import with_seen_ratio
 from joint_id_core.estimators.shared.derived_inputs import absent
 from joint_id_core.estimators.shared.fit_data import FitData, UnusableError, prepare, unusable
 from joint_id_core.estimators.shared.settings import ParameterSettings
@@ -83,7 +84,8 @@ class Task:
         """
         if not isinstance(self.estimator, Innovations):
             return fit
-        return cross_checked(fit, self.model, recording, given)
+        checked = cross_checked(fit, self.model, recording, given)
+        return with_seen_ratio(checked, self.model, recording, given)
 
     def prepared(self, recording: Recording) -> FitData | None:
         """Return the signals of a recording without its rests; None if it cannot be used."""

@@ -1,0 +1,60 @@
+"""A wrong gear ratio is named where only the motor's velocity is measured, as of a UR robot; offline and online."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from joint_id_core.data.recording import Recording
+from joint_id_core.estimators import ParameterSettings, fit
+from joint_id_core.estimators.seen_ratio import seen_ratio, with_seen_ratio
+from joint_id_core.models import build
+from joint_id_core.online import OnlineIdentifier, OnlineOptions
+from joint_id_core.results.estimate import Estimate, Status
+from joint_id_core.simulation import simulate_motion
+
+MODEL = build("motor_side")
+SHOWN = r"Motor_velocity is about 101 times that of the link, and the gear ratio N is 60: correct N (--set N=101)"
+
+
+@pytest.fixture(scope="module")
+def moved() -> Recording:
+    recording = simulate_motion(MODEL, 4.0)
+    return Recording(recording.time, {n: recording[n] for n in ("motor_velocity", "link_position", "torque")})
+
+
+def bad(status: Status = Status.POOR_FIT) -> Estimate:
+    return Estimate("motor_side", "innovations", status, "Bad.", (), notes=("Bad.",))
+
+
+def told(recording: Recording, ratio: float = 101.0, status: Status = Status.POOR_FIT) -> str:
+    return with_seen_ratio(bad(status), MODEL, recording, ParameterSettings({"N": ratio})).message
+
+
+def test_a_fit_says_which_ratio_it_is(moved):
+    found = fit(MODEL, moved.slice(0, 750), ParameterSettings({"N": 60.0}))
+    assert found.status is Status.POOR_FIT and found.message.startswith(SHOWN)
+
+
+def test_an_online_fit_says_it_too(moved):
+    identifier = OnlineIdentifier(MODEL, ParameterSettings({"N": 60.0}), OnlineOptions(window_s=2.0, hop_s=0.5))
+    given = moved.with_channels({"link_velocity": np.gradient(moved["link_position"], moved.time)}, derived=True)
+    found = next(e for k in range(0, 1500, 50) if (e := identifier.update(given.slice(k, k + 50))) and e.status in
+                 (Status.POOR_FIT, Status.DIVERGED))  # fmt: skip
+    assert found.message.startswith(SHOWN)
+
+
+def test_a_velocity_at_the_link_and_one_in_rpm_have_their_factors(moved):
+    for factor, shown in ((1.0 / 101.0, "=101*COLUMN"), (30.0 / np.pi, "=0.105*COLUMN")):
+        assert f"--map motor_velocity{shown}" in told(
+            moved.with_channels({"motor_velocity": factor * moved["motor_velocity"]})
+        )
+
+
+def test_nothing_is_said_of_the_right_ratio_a_good_fit_or_a_joint_that_is_held(moved):
+    assert told(moved) == told(moved, 98.0) == told(moved, 60.0, Status.CONVERGED) == "Bad."
+    offset = moved.with_channels({"motor_velocity": moved["motor_velocity"] + 3.0})
+    assert seen_ratio(offset, "motor_velocity") == pytest.approx(101.0, rel=5e-3)
+    held = 1e-4 * np.random.default_rng(0).standard_normal(len(moved))
+    assert told(moved.with_channels({"link_position": held}), 60.0) == "Bad."
+    assert told(moved.with_channels({"link_position": np.full(len(moved), np.nan)}), 60.0) == "Bad."
