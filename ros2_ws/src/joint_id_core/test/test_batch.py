@@ -85,6 +85,7 @@ def test_what_is_wrong_with_a_recording_is_a_row_and_is_done_again_on_demand(tmp
     code, out, err = run("batch", tmp_path, "-o", output, *COMMAND, "--retry")
     assert (code, out.count("1 recording fitted")) == (1, 1) and good.exists()
     assert "joint-id: 1 recording could not be read or fitted" in err
+    assert "1 row (1 error); 1 rec" in run("batch", tmp_path / "other.csv", "-o", tmp_path / "one.parquet", *COMMAND)[1]
 
 
 def test_csv_files_have_the_names_of_the_pattern(tmp_path):

@@ -91,15 +91,15 @@ def batch(
     else:
         counts = ", ".join(f"{count} {status}" for status, count in sorted(done.rows.items()))
         print(
-            f"{output}: {sum(done.rows.values())} rows ({counts}); {_recordings(done.fitted)} fitted, {done.before} "
-            "were finished before"
+            f"{output}: {_many(sum(done.rows.values()), 'row')} ({counts}); {_many(done.fitted, 'recording')} fitted, "
+            f"{done.before} were finished before"
         )
     if done.failed:
         for text in done.failures[:TOLD]:
             complain(text)
-        complain(f"{_recordings(done.failed)} could not be read or fitted: see the column message of their rows")
+        complain(f"{_many(done.failed, 'recording')} could not be read or fitted: see the column message of their rows")
         raise typer.Exit(1)
 
 
-def _recordings(count: int) -> str:
-    return f"{count} recording{'' if count == 1 else 's'}"
+def _many(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
