@@ -179,6 +179,7 @@ def numbered(path, record):
     path.write_text("\n".join([",".join(["t", *columns]), *(",".join(map(repr, row)) for row in rows)]) + "\n")
 
 
+@pytest.mark.long
 def test_numbered_joints_are_those_of_the_description_in_its_order(here):
     numbered(Path("table.csv"), moving_arm.rigid(SECONDS, 0))
     values = {}

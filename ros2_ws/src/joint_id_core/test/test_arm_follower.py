@@ -13,6 +13,7 @@ from joint_id_core.errors import JointIdError
 
 from . import moving_arm
 from .moving_arm import CARRYING, CENTRE, COULOMB, JOINTS, MASS, RATE, ROTOR, URDF, VISCOUS
+from .quick import first_quick
 
 pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
 pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
@@ -180,6 +181,7 @@ def test_another_friction_is_told():
     assert follower.changes["bend"].since > LEARN + AFTER - 30.0
 
 
+@pytest.mark.long
 def test_friction_of_all_joints_that_rises_together_is_followed_and_told():
     """As of an arm that warms up: it was learnt anew."""
     arm = moving_arm.rigid(2 * LEARN, 2)
@@ -282,7 +284,7 @@ def test_positions_that_jump_by_a_turn_are_the_same_motion():
         np.testing.assert_allclose(a.columns[a.used], b.columns[b.used], atol=1e-6)
 
 
-@pytest.mark.parametrize("noise", [1e-5, 1e-4])
+@pytest.mark.parametrize("noise", first_quick([1e-5, 1e-4]))
 def test_what_a_standing_joint_left_open_is_not_known_when_it_moves(noise):
     """It stood while the arm was learnt, and its neighbours' torques went together."""
     first = moving_arm.rigid(LEARN, 1, standing=("bend",), noise=noise)

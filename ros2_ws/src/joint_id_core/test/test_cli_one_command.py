@@ -176,6 +176,7 @@ def test_a_joint_that_a_log_does_not_have_is_named_and_what_all_joints_lack_is_s
     assert code == 2 and out.count("needs k_t") == 1 and "(--robot ur3e, ur5e, ur10e)" in out
 
 
+@pytest.mark.long
 def test_a_table_of_several_joints_is_fitted_joint_by_joint(tmp_path, run_here, in_this_process):
     records = {1: motion(6.0), 2: motion(6.0, seed=1)}
     columns = {"t": records[1].time}

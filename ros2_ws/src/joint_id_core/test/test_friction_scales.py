@@ -52,6 +52,7 @@ def arm(tmp_path_factory) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_the_scales_are_those_of_the_model_in_the_target_current(arm):
     gains = {name: {"current": GAIN} for name in JOINTS}
     found = friction_scales(Description.read(arm), [record(10.0)], gains)

@@ -42,7 +42,9 @@ def away(estimate: Estimate, factor: float) -> float:
     return abs(row.value - factor * plant().values[INERTIA]) / row.std_dev
 
 
-@pytest.mark.parametrize("loads", [pytest.param(SAME, id="same load"), pytest.param(OTHERS, id="other loads")])
+@pytest.mark.parametrize(
+    "loads", [pytest.param(SAME, id="same load", marks=pytest.mark.long), pytest.param(OTHERS, id="other loads")]
+)
 def test_every_load_is_followed_within_a_window(loads):
     later = [(e, age, factor) for e, age, factor in watched(loads) if e.end > BEGIN_S and age > WINDOW_S]
     assert len(later) > 4 * len(loads)

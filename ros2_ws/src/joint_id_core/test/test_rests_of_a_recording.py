@@ -57,7 +57,7 @@ def test_friction_and_inertia_of_a_joint_that_rests_half_the_time_are_right(name
     assert not any("try --" in text for text in found.checks.texts), found.checks.texts
 
 
-@pytest.mark.parametrize("name", list(KNOWN))
+@pytest.mark.parametrize("name", first_quick(list(KNOWN)))
 def test_a_joint_that_rests_nine_tenths_of_the_time_gives_right_values(name):
     """Its rests were taken for motion that noise hides: `converged` with a stiffness wrong by 142 deviations."""
     recording = working(name, (0.0, 0.8, -0.3, 0.4), 32.0, seed=1, rest_s=7.2)

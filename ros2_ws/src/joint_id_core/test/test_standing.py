@@ -14,6 +14,8 @@ from joint_id_core.models import LAWS, build
 from joint_id_core.results.estimate import Verdict
 from joint_id_core.simulation.simulator import simulate
 
+from .quick import first_quick
+
 HELD = 2e4  # Nm s/rad: the link yields by 0.1 mrad to the torque of the gear
 SENSORS = {"link_position": 2e-5, "motor_velocity": 1e-2}
 
@@ -52,7 +54,7 @@ def test_nor_is_it_by_a_regression():
     assert verdicts["c"] == verdicts["tau_f"] == Verdict.NOT_EXCITED
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", first_quick(LAWS))
 def test_friction_of_the_link_is_found_in_a_model(law):
     recording = held()
     of_law = {"coulomb_viscous": [], "stribeck": ["dtau_sq", "w_bq"], "eyring": ["w_eq"]}[law]
