@@ -44,6 +44,24 @@ def test_an_online_fit_says_it_too(moved):
     assert found.message.startswith(SHOWN)
 
 
+@pytest.mark.parametrize("ratio", [40.0, 1.0, 250.0])
+def test_one_that_is_far_off_is_told_without_a_fit(moved, monkeypatch, ratio):
+    """For N 40 one fit took the processor for 15 s, and the other joints of an identifier waited."""
+    monkeypatch.setattr("joint_id_core.estimators.innovations.fit.fit_innovations", pytest.fail)
+    monkeypatch.setattr("joint_id_core.online.task.fit_innovations", pytest.fail)
+    settings = ParameterSettings({"N": ratio})
+    found = fit(MODEL, moved.slice(0, 750), settings)
+    identifier = OnlineIdentifier(MODEL, settings, OnlineOptions(window_s=2.0, hop_s=0.5))
+    given = moved.with_channels({"link_velocity": np.gradient(moved["link_position"], moved.time)}, derived=True)
+    parts = (given.slice(k, k + 50) for k in range(0, 1500, 50))
+    live = [e for e in map(identifier.update, parts) if e is not None and e.status is not Status.TOO_SHORT]
+    for estimate in (found, *live):
+        assert estimate.status is Status.BAD_DATA, estimate.message
+        assert f"the gear ratio N is {ratio:.4g}: correct N (--set N=101)" in estimate.message
+        assert estimate["N"].value == ratio
+    assert live
+
+
 def test_a_velocity_at_the_link_and_one_in_rpm_have_their_factors(moved):
     for factor, shown in ((1.0 / 101.0, "=101*COLUMN"), (30.0 / np.pi, "=0.105*COLUMN")):
         assert f"--map motor_velocity{shown}" in told(

@@ -15,6 +15,7 @@ from joint_id_core.comparison.trial import BLOCKS, Trial
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.innovations.fit import fit_innovations
+from joint_id_core.estimators.seen_ratio import wrong_ratio
 from joint_id_core.estimators.shared.data_check import concerning, refused
 from joint_id_core.estimators.shared.fit_data import MIN_SAMPLES, UnusableError, options_of, unusable
 from joint_id_core.estimators.shared.settings import ParameterSettings
@@ -202,6 +203,7 @@ def _fit(c: Candidate, recording: Recording, settings: ParameterSettings, tell: 
 def _fit_once(c: Candidate, recording: Recording, settings: ParameterSettings, tell: Progress) -> Estimate:
     """Fit a candidate once; a fit that diverges returns a failed estimate."""
     bad = refused(c.model, "innovations", concerning(c.model, recording), recording, settings)
+    bad = bad or wrong_ratio(c.model, "innovations", recording, settings)
     if bad is not None:
         return bad
     try:

@@ -1,4 +1,8 @@
-"""The gear ratio that the motion of both sides shows, where that of the model is another one and the fit is bad."""
+"""The gear ratio that the motion of both sides shows, where that of the model is another one.
+
+A fit with a ratio that is far off takes long, a hundred times as long as a good one, and tells nothing: it is not made.
+One that is less far off is made, since a link that is excited near its resonance moves further than its motor.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,7 @@ import numpy as np
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
+from joint_id_core.estimators.shared.fit_data import UnusableError, unusable
 from joint_id_core.estimators.shared.sentences import sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
@@ -16,6 +21,7 @@ MOTOR, LINK = ("motor_position", "motor_velocity"), "link_position"
 LEAST = 100  # samples
 TOGETHER = 0.99  # squared correlation of both sides; what the gear twists is no ratio
 SCALE = 0.05  # least relative error that is told: a gear that twists under gravity looks like less
+FAR = 2.0  # factor from which no fit is made
 
 
 def with_seen_ratio(estimate: Estimate, model: Model, recording: Recording, settings: ParameterSettings) -> Estimate:
@@ -23,23 +29,42 @@ def with_seen_ratio(estimate: Estimate, model: Model, recording: Recording, sett
 
     It takes the motor's velocity where its position is not measured, as of a UR robot.
     """
+    if estimate.status not in BAD or any("gear ratio N is" in note for note in estimate.notes):
+        return estimate
+    found = _other_ratio(model, recording, settings)
+    return estimate if found is None else estimate.noted((sentence(found[0]), *estimate.notes), status=estimate.status)
+
+
+def wrong_ratio(
+    model: Model, estimator: str, recording: Recording, settings: ParameterSettings | None
+) -> Estimate | None:
+    """Return the estimate where the gear ratio is so far off that a fit would tell nothing; None if it is not."""
+    found = _other_ratio(model, recording, settings or ParameterSettings())
+    if found is None or 1.0 / FAR < found[1] < FAR or found[1] < 0.0:
+        return None
+    error = UnusableError(Status.BAD_DATA, f"{recording.source}: {found[0]}")
+    return unusable(model, estimator, error, recording, settings)
+
+
+def _other_ratio(model: Model, recording: Recording, settings: ParameterSettings) -> tuple[str, float] | None:
+    """Return in words that the motion shows another ratio, and how many times as large; None if it does not."""
     known = (*model.state_names, *model.input_names)
     side = next((n for n in MOTOR if n in known and recording.measured(n)), None)
-    told = any("gear ratio N is" in note for note in estimate.notes)
-    if estimate.status not in BAD or told or side is None or LINK not in known or not recording.measured(LINK):
-        return estimate
+    if side is None or LINK not in known or not recording.measured(LINK):
+        return None
     try:
-        values = dict(zip(model.parameter_names, settings.applied_to(model)[0].tolist(), strict=True))
+        start, free = settings.applied_to(model)
     except JointIdError:
-        return estimate
+        return None
+    values = dict(zip(model.parameter_names, start.tolist(), strict=True))
     ratio, shown = model.gear_ratio(values), seen_ratio(recording, side)
-    if shown is None or "N" not in values or "N" in estimate.free or abs(shown / ratio - 1.0) < SCALE:
-        return estimate
+    if shown is None or "N" not in values or "N" in free or abs(shown / ratio - 1.0) < SCALE:
+        return None
     text = (
         f"{side} is about {shown:.3g} times that of the link, and the gear ratio N is {ratio:.4g}: correct N "
         f"(--set N={shown:.3g}), or the factor of the column (--map {side}={ratio / shown:.3g}*COLUMN)"
     )
-    return estimate.noted((sentence(text), *estimate.notes), status=estimate.status)
+    return text, shown / ratio
 
 
 def seen_ratio(recording: Recording, side: str) -> float | None:

@@ -18,7 +18,7 @@ from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.innovations.fit import fit_innovations
 from joint_id_core.estimators.one_encoder import hides_compliance
 from joint_id_core.estimators.regression_starts import started
-from joint_id_core.estimators.seen_ratio import with_seen_ratio
+from joint_id_core.estimators.seen_ratio import with_seen_ratio, wrong_ratio
 from joint_id_core.estimators.shared.derived_inputs import absent
 from joint_id_core.estimators.shared.fit_data import FitData, UnusableError, prepare, unusable
 from joint_id_core.estimators.shared.settings import ParameterSettings
@@ -65,11 +65,12 @@ class Task:
             if lacking:
                 error = _not_derived(lacking, self.model, recording)
                 return unusable(self.model, self.estimator.name, error, recording, self.settings)
-            hidden = None
+            bad = None
             if previous is None:
-                hidden = hides_compliance(self.model, self.estimator.name, recording, self.settings)
-            if hidden is not None:
-                return hidden
+                bad = wrong_ratio(self.model, self.estimator.name, recording, self.settings)
+                bad = bad or hides_compliance(self.model, self.estimator.name, recording, self.settings)
+            if bad is not None:
+                return bad
             found = fit_innovations(self.model, recording, self.settings, self.estimator, previous=previous)
             if takes_mean(self.model):  # the filter takes the drive for held; the second opinion does not
                 return found
