@@ -197,12 +197,17 @@ def test_a_joint_that_is_not_named_any_more_is_given_back_once(working):
     assert made["b"] is not first
 
 
-def test_all_joints_are_silent_when_no_samples_come_and_go_on_when_they_return(working):
+def identified(working):
+    """The worker once it has taken samples of two joints, what it told, and the first identifier of one of them."""
     worker, gate, told, made = working
     gate.set()
     add(worker, 0, 10, ("a", "b"))
     until(lambda: worker.idle)
-    first = made["a"]
+    return worker, told, made, made["a"]
+
+
+def test_all_joints_are_silent_when_no_samples_come_and_go_on_when_they_return(working):
+    worker, told, made, first = identified(working)
     until(lambda: {("silent", "a"), ("silent", "b")} <= {*told})
     assert ("no samples", f"no joint_samples for {GONE_S:.0f} s: until they come again, no estimate of a, b") in told
     add(worker, 10, 20, ("a", "b"))
@@ -213,11 +218,7 @@ def test_all_joints_are_silent_when_no_samples_come_and_go_on_when_they_return(w
 
 def test_after_a_long_pause_all_joints_begin_with_what_is_known(working, monkeypatch):
     monkeypatch.setattr(worker_of_joints, "PAUSE_S", GONE_S + 0.2)
-    worker, gate, told, made = working
-    gate.set()
-    add(worker, 0, 10, ("a", "b"))
-    until(lambda: worker.idle)
-    first = made["a"]
+    worker, told, made, first = identified(working)
     until(lambda: {("gone", "a"), ("gone", "b")} <= {*told})
     add(worker, 10, 20, ("a", "b"))
     until(lambda: made["a"] is not first)
