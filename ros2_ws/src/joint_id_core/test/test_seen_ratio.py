@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from joint_id_core.data.recording import Recording
-from joint_id_core.estimators import ParameterSettings, fit
+from joint_id_core.estimators import Innovations, ParameterSettings, fit
 from joint_id_core.estimators.seen_ratio import seen_ratio, with_seen_ratio
 from joint_id_core.models import build
 from joint_id_core.online import OnlineIdentifier, OnlineOptions
@@ -47,7 +47,7 @@ def test_an_online_fit_says_it_too(moved):
 @pytest.mark.parametrize("ratio", [40.0, 1.0, 250.0])
 def test_one_that_is_far_off_is_told_without_a_fit(moved, monkeypatch, ratio):
     """For N 40 one fit took the processor for 15 s, and the other joints of an identifier waited."""
-    monkeypatch.setattr("joint_id_core.estimators.innovations.fit.fit_innovations", pytest.fail)
+    monkeypatch.setattr(Innovations, "fit", pytest.fail)
     monkeypatch.setattr("joint_id_core.online.task.fit_innovations", pytest.fail)
     settings = ParameterSettings({"N": ratio})
     found = fit(MODEL, moved.slice(0, 750), settings)

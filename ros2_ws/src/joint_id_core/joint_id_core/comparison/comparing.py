@@ -203,7 +203,7 @@ def _fit(c: Candidate, recording: Recording, settings: ParameterSettings, tell: 
 def _fit_once(c: Candidate, recording: Recording, settings: ParameterSettings, tell: Progress) -> Estimate:
     """Fit a candidate once; a fit that diverges returns a failed estimate."""
     bad = refused(c.model, "innovations", concerning(c.model, recording), recording, settings)
-    bad = bad or wrong_ratio(c.model, "innovations", recording, settings)
+    bad = bad if bad is not None else wrong_ratio(c.model, "innovations", recording, settings)
     if bad is not None:
         return bad
     try:

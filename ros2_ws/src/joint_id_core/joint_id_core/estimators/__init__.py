@@ -104,9 +104,8 @@ def _fit(
 ) -> Estimate:
     """Return the estimate of one recording, as if its load were measured."""
     from joint_id_core.estimators.checked import checked  # loads NumPy, as the next
-    from joint_id_core.estimators.one_encoder import hides_compliance
+    from joint_id_core.estimators.no_fit import no_fit
     from joint_id_core.estimators.regression_starts import started
-    from joint_id_core.estimators.seen_ratio import wrong_ratio
     from joint_id_core.estimators.shared.data_check import concerning, noted, refused
     from joint_id_core.estimators.shared.held_values import with_held_values
     from joint_id_core.estimators.shared.long_record import fitted_part, with_part
@@ -115,8 +114,7 @@ def _fit(
     bad = refused(model, estimator.name, found, recording, settings)
     whole, recording, given = recording, fitted_part(model, recording), settings
     if bad is None and isinstance(estimator, Innovations):
-        bad = wrong_ratio(model, estimator.name, recording, settings)
-        bad = bad or hides_compliance(model, estimator.name, recording, settings)
+        bad = no_fit(model, estimator.name, recording, settings)
     if bad is not None:
         return bad
     if isinstance(estimator, Innovations):

@@ -16,9 +16,9 @@ from joint_id_core.estimators.cross_check import cross_checked
 from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.estimator import Innovations
 from joint_id_core.estimators.innovations.fit import fit_innovations
-from joint_id_core.estimators.one_encoder import hides_compliance
+from joint_id_core.estimators.no_fit import no_fit
 from joint_id_core.estimators.regression_starts import started
-from joint_id_core.estimators.seen_ratio import with_seen_ratio, wrong_ratio
+from joint_id_core.estimators.seen_ratio import with_seen_ratio
 from joint_id_core.estimators.shared.derived_inputs import absent
 from joint_id_core.estimators.shared.fit_data import FitData, UnusableError, prepare, unusable
 from joint_id_core.estimators.shared.settings import ParameterSettings
@@ -67,8 +67,7 @@ class Task:
                 return unusable(self.model, self.estimator.name, error, recording, self.settings)
             bad = None
             if previous is None:
-                bad = wrong_ratio(self.model, self.estimator.name, recording, self.settings)
-                bad = bad or hides_compliance(self.model, self.estimator.name, recording, self.settings)
+                bad = no_fit(self.model, self.estimator.name, recording, self.settings)
             if bad is not None:
                 return bad
             found = fit_innovations(self.model, recording, self.settings, self.estimator, previous=previous)
