@@ -39,7 +39,7 @@ class IdentifierHealth:
         """
         values: dict[str, object] = {f"fits: {status}": n for status, n in sorted(fits.items())}
         late, level = self._lateness(worker, sources, values)
-        bad = [*sources.complaints, *late, *knowledge.refused]
+        bad, resting = [*sources.complaints, *late, *knowledge.refused], list[str]()
         values |= knowledge.store.values()
         values["joints with a baseline"] = ", ".join(baselines.joints)
         if knowledge.store.problem:
@@ -52,13 +52,18 @@ class IdentifierHealth:
             if joint["age"] > 0.0:
                 values[f"{name}: age of the parameters [s]"] = f"{joint['age']:.3f}"
             values[f"{name}: estimated"] = f"{found} of {len(joint['free'])} parameters"
-            if joint["status"] != JointEstimate.CONVERGED:
+            if joint["status"] == JointEstimate.NO_MOTION:
+                resting.append(name)  # nothing is wrong: a warning would last all night
+            elif joint["status"] != JointEstimate.CONVERGED:
                 bad.append(f"{name}: {joint['message'].rstrip('.')}")
             if joint["drifts"]:
                 bad.append(f"{name}: {'; '.join(drift[DRIFT_TEXT] for drift in joint['drifts'])}")
         if bad:
             level = max(level, DiagnosticStatus.WARN)
-        return Health(level, "; ".join(bad) or f"identified {len(latest)} joints", values)
+        moving = len(latest) - len(resting)
+        told = bad or ([] if resting and not moving else [f"identified {moving} joints"])
+        told += [f"at rest: {', '.join(resting)}"] if resting else []
+        return Health(level, "; ".join(told), values)
 
     def _lateness(self, worker: Worker, sources: Sources, values: dict[str, object]) -> tuple[list[str], bytes]:
         """Return what is late in words, and its level; add the figures to `values`."""
