@@ -151,10 +151,8 @@ class RefinedMemory:
         smoothest = max((block.smoothing for block in blocks), default=0.0)
         away = np.abs(np.array([block.z for block in blocks]).reshape(-1, len(mean)) - mean)
         far = np.any(away > least) or np.any(np.abs(self._shifted) > least)
-        if (smoothest > SHARPER * tracker.smoothing or far) and self._pass_again(tracker):
-            return True
-        tracker.move(mean)
-        return False
+        tracker.move(mean)  # where most often one pass is enough
+        return bool(smoothest > SHARPER * tracker.smoothing or far) and self._pass_again(tracker)
 
     def _learn_noise(self, tracker: Tracker, new: Sequence[Piece], anew: bool) -> None:
         """Learn the noise levels, and what noise of inputs and friction do, from new blocks that the memory describes.

@@ -14,6 +14,7 @@ from joint_id_core.online.tracker import Tracker
 
 ITERATIONS = 20
 SETTLED = 0.5  # squared length of the last step in standard deviations
+NEAR = 0.05  # as SETTLED, of a step that is not made: what the stretches say is as good where they passed
 RISE = 1.0  # of the cost in that step: its gradient lacks the slope of the variances of the innovations
 LONGEST = 1.0  # longest step of a coordinate: a factor e in a positive parameter
 
@@ -77,6 +78,8 @@ def relearn(
         matrix = precision + information
         gradient = share @ np.array([piece.vector for piece in pieces]) - information @ z - precision @ (z - mean)
         step = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), gradient)
+        if damping < 1.0 and step @ matrix @ step < NEAR:
+            break
         longest = float(np.max(np.abs(step) / coordinates.unit))
         if longest > LONGEST:
             step *= LONGEST / longest
