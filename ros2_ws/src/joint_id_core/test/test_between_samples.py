@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from joint_id_core.data.recording import Recording
 from joint_id_core.design.plant import controller_of
 from joint_id_core.estimators import Innovations, ParameterSettings, Regression, fit
+from joint_id_core.estimators.between_samples import fitted_between
 from joint_id_core.estimators.cross_check import cross_checked
 from joint_id_core.estimators.innovations.fit import fit_innovations
 from joint_id_core.estimators.regression.share import Share
@@ -113,6 +114,22 @@ def test_some_of_the_samples_of_a_controller_give_the_same_friction(estimator, n
     assert found.converged and any(SAYS in note for note in found.notes)
     assert found["c"].value == pytest.approx(LOAD["c"], rel=0.03)
     assert max(errors(found, LOAD).values()) < 4.0
+
+
+def test_what_a_drive_does_within_a_sample_is_not_asked_of_a_model_that_is_wrong_otherwise():
+    """Its noise is far above the changes of a sample; four more fits of it took 20 s where a good one takes 0.2 s."""
+    recording = every(4)
+    held, asked = fit_innovations(RIGID, recording, ParameterSettings(GEAR)), list[Recording]()
+
+    def noted(recording: Recording, previous: Estimate) -> Estimate:
+        asked.append(recording)
+        return previous
+
+    change = float(np.std(np.diff(recording["current"])))
+    for noise, made in ((change, True), (10.0 * change, False)):
+        fitted_between(held.updated(noise={**held.noise, "input current": noise}), RIGID, recording, noted)
+        assert bool(asked) is made
+        asked.clear()
 
 
 @pytest.mark.parametrize("estimator", [Innovations(), Regression()], ids=lambda e: e.name)

@@ -62,6 +62,16 @@ def test_one_that_is_far_off_is_told_without_a_fit(moved, monkeypatch, ratio):
     assert live
 
 
+def test_one_with_the_other_sign_is_told_without_a_fit(moved, monkeypatch):
+    """It took 30 s where a good fit takes 0.2 s."""
+    monkeypatch.setattr(Innovations, "fit", pytest.fail)
+    turned = moved.with_channels({"link_position": -moved["link_position"]})
+    found = fit(MODEL, turned.slice(0, 750))
+    assert found.status is Status.BAD_DATA
+    shown = "about -101 times that of the link, and the gear ratio N is 101: correct the factor of the column"
+    assert f"{shown} (--map motor_velocity=-1*COLUMN)" in found.message
+
+
 def test_a_velocity_at_the_link_and_one_in_rpm_have_their_factors(moved):
     for factor, shown in ((1.0 / 101.0, "=101*COLUMN"), (30.0 / np.pi, "=0.105*COLUMN")):
         assert f"--map motor_velocity{shown}" in told(

@@ -22,7 +22,7 @@ from joint_id_core.checking.standing import slower_source, standing
 from joint_id_core.checking.swapped import swapped
 from joint_id_core.checking.twist import twist_offset
 from joint_id_core.checking.units import drive_units, position_units, time_units, too_large
-from joint_id_core.checking.velocity import velocities
+from joint_id_core.checking.velocity import UNLIKE, velocities
 from joint_id_core.data.recording import Recording
 
 LEAST = 50  # samples; fewer show nothing
@@ -45,6 +45,9 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
     found += [finding for check in CHECKS for finding in check(recording)]
     faulty = {name for f in found if f.about in (SAMPLES, COARSE) for name in f.channels}
     stamped = any(f.about == STAMPS for f in found)  # then no rate is known
+    unlike = [f for f in found if f.about == UNLIKE]
+    explained = {name for f in found if f not in unlike for name in f.channels}  # such as a sensor that froze
+    found = [f for f in found if f not in unlike or not f.concerns(explained)]
     told = [f for f in found if not _follows(f, faulty) and not (stamped and f.about == "rate")]
     return tuple(sorted(told, key=lambda f: not f.fatal))
 

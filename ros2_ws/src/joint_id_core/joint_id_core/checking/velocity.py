@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -17,6 +18,9 @@ GAP = 3.0  # periods between two known samples, from which the interval is left 
 SMOOTH = 0.1  # of the period of the fastest motion, over which both are averaged
 LONGEST_S = 0.1  # lag that is looked for
 SAME = 0.9  # share of the variance that position and velocity have in common, to be of one motion
+UNSURE = 0.1  # noise of a derivative over its rms, from which the noise may hide that they are
+CONTRADICTS = "contradicts"  # what a finding is about: a velocity with a factor or a lag against its position,
+UNLIKE = "unlike"  # or of another motion
 ROWS = 2000  # instants that are compared at most
 EQUAL = 0.2  # difference of a factor from 1 that is no calibration
 # Least difference of a factor from 1 that counts; and where noise is less than that. Those of real robots are within
@@ -50,7 +54,7 @@ def velocities(recording: Recording) -> Iterator[Finding]:
 def compared(recording: Recording, position: str, velocity: str) -> Shift | None:
     """Return how late a velocity is in s and its factor against the derivative of a position.
 
-    None if they have too little in common, or rest.
+    None if they rest, or if noise of the position may hide what they have in common.
     """
     known = np.flatnonzero(np.isfinite(recording[position]) & np.isfinite(recording[velocity]))
     if len(known) < 100 or not joint_moves(recording) or not moves(recording[velocity]):
@@ -67,6 +71,7 @@ def compared(recording: Recording, position: str, velocity: str) -> Shift | None
     rows = rows[:: max(1, len(rows) // ROWS)]
     if len(rows) < 100:
         return None
+    third = np.diff(q, 3)  # which multiplies the variance of white noise by 20
     path = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * (time[1:] - time[:-1]))])
     q, path = interpolate(even, time, q), interpolate(even, time, path)
     width = 2.0 * half * period
@@ -85,9 +90,11 @@ def compared(recording: Recording, position: str, velocity: str) -> Shift | None
 
     moved = (q[rows + half] - q[rows - half]) / width
     found = best_shift(mean_velocity, np.column_stack([moved, np.ones(len(rows))]), most)
-    if found is None or found.explained < SAME:
+    if found is None:
         return None
-    return found.scaled(period)
+    noise = float(np.std(third)) / math.sqrt(10.0) / width  # of `moved`, or more
+    hidden = found.explained < SAME and noise > UNSURE * float(np.std(moved))
+    return None if hidden else found.scaled(period)
 
 
 def _whole_windows(even: Array, time: Array, reach: int, period: float) -> NDArray[np.intp]:
@@ -105,6 +112,14 @@ def _whole_windows(even: Array, time: Array, reach: int, period: float) -> NDArr
 
 def _judged(recording: Recording, position: str, velocity: str, shift: Shift) -> Iterator[Finding]:
     factor, channels = float(shift.factors[0]), (position, velocity)
+    if shift.explained < SAME:
+        yield Finding(
+            f"Channel {velocity} is not the derivative of {position}, which explains {100 * shift.explained:.0f} % of "
+            f"it: check the columns of both, or leave out {velocity}",
+            channels,
+            about=UNLIKE,
+        )
+        return
     if abs(factor - 1.0) > EQUAL:
         yield Finding(
             f"Position and velocity contradict each other: {velocity} is {factor:.4g} times the derivative of "
@@ -117,6 +132,7 @@ def _judged(recording: Recording, position: str, velocity: str, shift: Shift) ->
             f"Channel {velocity} is {factor:.4g} times the derivative of {position}: check the factors of both, or "
             f"leave out {velocity}",
             channels,
+            about=CONTRADICTS,
         )
     if shift.sure and abs(shift.late) > max(LATE * recording.period, LATE_S):
         word = "late" if shift.late > 0.0 else "early"
@@ -125,6 +141,7 @@ def _judged(recording: Recording, position: str, velocity: str, shift: Shift) ->
             f"Channel {velocity} is {word} by {size} against {position}: leave out the one that is filtered or sent "
             "with a delay, or correct its times",
             channels,
+            about=CONTRADICTS,
         )
 
 

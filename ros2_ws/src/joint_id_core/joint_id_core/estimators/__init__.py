@@ -107,11 +107,13 @@ def _fit(
     from joint_id_core.estimators.no_fit import no_fit
     from joint_id_core.estimators.regression_starts import started
     from joint_id_core.estimators.shared.data_check import concerning, noted, refused
+    from joint_id_core.estimators.shared.derived_inputs import without_bad_velocities
     from joint_id_core.estimators.shared.held_values import with_held_values
     from joint_id_core.estimators.shared.long_record import fitted_part, with_part
 
     found = concerning(model, recording)
     bad = refused(model, estimator.name, found, recording, settings)
+    recording, found = without_bad_velocities(model, recording, found)
     whole, recording, given = recording, fitted_part(model, recording), settings
     if bad is None and isinstance(estimator, Innovations):
         bad = no_fit(model, estimator.name, recording, settings)

@@ -17,6 +17,7 @@ from joint_id_core.results.estimate import Estimate, Status
 
 # Difference of -2 log likelihood from which one of two descriptions with the same parameters is taken: e^10 to 1.
 SURE = 20.0
+MUCH = 3.0  # rms changes of the drive in a sample, from which its noise has other causes than what it did within
 FITS = 3  # most of them until the share is known
 OTHERS = (0.25, 0.375, 0.5)  # of every second sample, of every fourth, and of a drive that changes all the time
 
@@ -51,7 +52,7 @@ def fitted_between(estimate: Estimate, model: Model, recording: Recording, fit: 
     late = lateness(estimate, model, recording)
     if late is None:
         return estimate, 0.0
-    if late.likely == 0.0:
+    if late.likely == 0.0 or not _small(estimate, model.drive, recording):
         return late.contained(estimate, model), 0.0
     tried = [(estimate, 0.0)]
     for share in (late.likely, *OTHERS):
@@ -111,6 +112,15 @@ def _with_exact_share(
         estimate = left.share_contained(estimate, model)
     notes = (*estimate.notes[:1], sentence(changes(model, share)), *estimate.notes[1:])
     return estimate.noted(notes), share
+
+
+def _small(estimate: Estimate, drive: str, recording: Recording) -> bool:
+    """Return whether the noise that the drive needs is one that its changes between samples can make.
+
+    A model that is wrong otherwise needs more, and each of its fits takes long.
+    """
+    noise = estimate.noise.get(f"input {drive}", 0.0)
+    return noise**2 < MUCH**2 * float(np.nanmean(slope(recording, recording.time, recording[drive]) ** 2))
 
 
 def _misfit(estimate: Estimate) -> float:

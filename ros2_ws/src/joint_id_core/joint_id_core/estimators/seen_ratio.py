@@ -40,7 +40,7 @@ def wrong_ratio(
 ) -> Estimate | None:
     """Return the estimate where the gear ratio is so far off that a fit would tell nothing; None if it is not."""
     found = _other_ratio(model, recording, settings or ParameterSettings())
-    if found is None or 1.0 / FAR < found[1] < FAR or found[1] < 0.0:
+    if found is None or 1.0 / FAR < found[1] < FAR:
         return None
     error = UnusableError(Status.BAD_DATA, f"{recording.source}: {found[0]}")
     return unusable(model, estimator, error, recording, settings)
@@ -60,10 +60,9 @@ def _other_ratio(model: Model, recording: Recording, settings: ParameterSettings
     ratio, shown = model.gear_ratio(values), seen_ratio(recording, side)
     if shown is None or "N" not in values or "N" in free or abs(shown / ratio - 1.0) < SCALE:
         return None
-    text = (
-        f"{side} is about {shown:.3g} times that of the link, and the gear ratio N is {ratio:.4g}: correct N "
-        f"(--set N={shown:.3g}), or the factor of the column (--map {side}={ratio / shown:.3g}*COLUMN)"
-    )
+    column = f"the factor of the column (--map {side}={ratio / shown:.3g}*COLUMN)"
+    correct = column if shown < 0.0 else f"N (--set N={shown:.3g}), or {column}"  # N is positive
+    text = f"{side} is about {shown:.3g} times that of the link, and the gear ratio N is {ratio:.4g}: correct {correct}"
     return text, shown / ratio
 
 

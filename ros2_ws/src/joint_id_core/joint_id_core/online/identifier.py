@@ -284,9 +284,10 @@ class OnlineIdentifier:
         elif trial.shown is not None and trial.waits(self._watch.recent.end):
             return trial.shown.updated(end=window.end)
         recording, known, begun = window.recording(), self._known, time.thread_time()
-        if known is None:
-            self._task = self._task.started(recording, self.settings)
-        found = self._task.fit(recording, known.last if known else None)
+        found = self._task.refused(recording) if known is None else None
+        if found is None:
+            self._task = self._task if known else self._task.started(recording, self.settings)
+            found = self._task.fit(recording, known.last if known else None)
         fit = self._task.cross_checked(found, recording, self.settings)
         if not fit.converged:
             trial.failed(fit, self._watch.recent.end, time.thread_time() - begun)

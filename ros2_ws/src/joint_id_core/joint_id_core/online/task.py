@@ -19,7 +19,8 @@ from joint_id_core.estimators.innovations.fit import fit_innovations
 from joint_id_core.estimators.no_fit import no_fit
 from joint_id_core.estimators.regression_starts import started
 from joint_id_core.estimators.seen_ratio import with_seen_ratio
-from joint_id_core.estimators.shared.derived_inputs import absent
+from joint_id_core.estimators.shared.data_check import concerning, refused
+from joint_id_core.estimators.shared.derived_inputs import absent, contradicts_inputs
 from joint_id_core.estimators.shared.fit_data import FitData, UnusableError, prepare, unusable
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
@@ -65,17 +66,21 @@ class Task:
             if lacking:
                 error = _not_derived(lacking, self.model, recording)
                 return unusable(self.model, self.estimator.name, error, recording, self.settings)
-            bad = None
-            if previous is None:
-                bad = no_fit(self.model, self.estimator.name, recording, self.settings)
-            if bad is not None:
-                return bad
             found = fit_innovations(self.model, recording, self.settings, self.estimator, previous=previous)
             if takes_mean(self.model):  # the filter takes the drive for held; the second opinion does not
                 return found
             again = partial(fit_innovations, self.model, settings=self.settings, options=self.estimator, previous=found)
             return fitted_between(found, self.model, recording, again)[0]
         return self.estimator.fit(self.model, recording, self.settings)
+
+    def refused(self, recording: Recording) -> Estimate | None:
+        """Return the estimate of a first window that contradicts itself or its model; None if it does not."""
+        if not isinstance(self.estimator, Innovations):
+            return None
+        found = concerning(self.model, recording)
+        told = [replace(f, fatal=True) if contradicts_inputs(f, self.model) else f for f in found]
+        bad = refused(self.model, self.estimator.name, told, recording, self.settings)
+        return no_fit(self.model, self.estimator.name, recording, self.settings) if bad is None else bad
 
     def cross_checked(self, fit: Estimate, recording: Recording, given: ParameterSettings) -> Estimate:
         """Return the fit of a window with what a second estimator says of it, if it was made by innovations.
