@@ -1,7 +1,9 @@
 """The gear ratio that the motion of both sides shows, where that of the model is another one.
 
-A fit with a ratio that is far off takes long, a hundred times as long as a good one, and tells nothing: it is not made.
-One that is less far off is made, since a link that is excited near its resonance moves further than its motor.
+A fit with a ratio that is off takes long, a hundred times as long as a good one, and tells nothing: it is not made.
+With 100 in place of 101, which is soon mistaken of a strain wave gear, it told play and hysteresis of the gear. Where a
+short recording does not tell the ratio exactly, one that is less than a factor of two off is made, since a link that is
+excited near its resonance moves further than its motor.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ import numpy as np
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
+from joint_id_core.estimators.exact_ratio import exact_ratio
 from joint_id_core.estimators.shared.fit_data import UnusableError, unusable
 from joint_id_core.estimators.shared.sentences import sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
@@ -17,11 +20,13 @@ from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, Status
 
 BAD = (Status.POOR_FIT, Status.MAX_ITERATIONS, Status.DIVERGED, Status.UNINFORMATIVE)
+DRIVES = ("torque", "current")
 MOTOR, LINK = ("motor_position", "motor_velocity"), "link_position"
 LEAST = 100  # samples
 TOGETHER = 0.99  # squared correlation of both sides; what the gear twists is no ratio
 SCALE = 0.05  # least relative error that is told: a gear that twists under gravity looks like less
 FAR = 2.0  # factor from which no fit is made
+OFF, SURE = 0.004, 10.0  # the same by `exact_ratio`: relative error, and that in standard deviations
 
 
 def with_seen_ratio(estimate: Estimate, model: Model, recording: Recording, settings: ParameterSettings) -> Estimate:
@@ -40,14 +45,17 @@ def wrong_ratio(
 ) -> Estimate | None:
     """Return the estimate where the gear ratio is so far off that a fit would tell nothing; None if it is not."""
     found = _other_ratio(model, recording, settings or ParameterSettings())
-    if found is None or 1.0 / FAR < found[1] < FAR:
+    if found is None or (1.0 / FAR < found[1] < FAR and not found[2]):
         return None
     error = UnusableError(Status.BAD_DATA, f"{recording.source}: {found[0]}")
     return unusable(model, estimator, error, recording, settings)
 
 
-def _other_ratio(model: Model, recording: Recording, settings: ParameterSettings) -> tuple[str, float] | None:
-    """Return in words that the motion shows another ratio, and how many times as large; None if it does not."""
+def _other_ratio(model: Model, recording: Recording, settings: ParameterSettings) -> tuple[str, float, bool] | None:
+    """Return in words that the motion shows another ratio, how many times as large, and whether that is exact.
+
+    None if it does not.
+    """
     known = (*model.state_names, *model.input_names)
     side = next((n for n in MOTOR if n in known and recording.measured(n)), None)
     if side is None or LINK not in known or not recording.measured(LINK):
@@ -58,12 +66,21 @@ def _other_ratio(model: Model, recording: Recording, settings: ParameterSettings
         return None
     values = dict(zip(model.parameter_names, start.tolist(), strict=True))
     ratio, shown = model.gear_ratio(values), seen_ratio(recording, side)
-    if shown is None or "N" not in values or "N" in free or abs(shown / ratio - 1.0) < SCALE:
+    if shown is None or "N" not in values or "N" in free:
         return None
-    column = f"the factor of the column (--map {side}={ratio / shown:.3g}*COLUMN)"
-    correct = column if shown < 0.0 else f"N (--set N={shown:.3g}), or {column}"  # N is positive
-    text = f"{side} is about {shown:.3g} times that of the link, and the gear ratio N is {ratio:.4g}: correct {correct}"
-    return text, shown / ratio
+    drive = next((n for n in DRIVES if recording.measured(n)), None)
+    exact = exact_ratio(recording, side, drive) if drive is not None else None
+    if exact is not None:
+        shown = exact[0]
+    off = abs(shown / ratio - 1.0)
+    if off < SCALE if exact is None else off < max(OFF, SURE * exact[1] / abs(ratio)):
+        return None
+    digits = 3 if exact is None else 4
+    column = f"the factor of the column (--map {side}={ratio / shown:.{digits}g}*COLUMN)"
+    correct = column if shown < 0.0 else f"N (--set N={shown:.{digits}g}), or {column}"  # N is positive
+    about = "about " if exact is None else ""
+    text = f"{side} is {about}{shown:.{digits}g} times that of the link, and the gear ratio N is {ratio:.4g}"
+    return f"{text}: correct {correct}", shown / ratio, exact is not None
 
 
 def seen_ratio(recording: Recording, side: str) -> float | None:
