@@ -21,6 +21,8 @@ BLOCKS, LEAST = 16, 50  # stretches whose scatter tells the uncertainty, and sam
 RANGE = 0.1  # rad that the link moves at least
 ALIKE = 30.0  # by which the other columns inflate the variance of the ratio at most
 SLOW = 0.02  # rad/s over which friction turns
+TWIST = 5  # columns of the angle and of the twist: what follows is the motor's zero
+CURVED = 0.03  # part of the twist by which a spring that is not straight may look like another ratio
 GAP = 4.0  # periods without a sample, over which a velocity is not integrated
 
 
@@ -65,7 +67,8 @@ def _first_of(columns: Array, y: Array) -> tuple[float, float] | None:
     begins = np.linspace(0, len(y), BLOCKS, endpoint=False).astype(int)
     scores = np.add.reduceat(columns * (y - columns @ factors)[:, None], begins)
     variance = float(inverse[0] @ (scores.T @ scores) @ inverse[0]) * BLOCKS / (BLOCKS - 1)
-    return float(factors[0] / scale[0]), float(np.sqrt(variance) / scale[0])
+    twist = float(np.std(columns[:, 1:TWIST] @ factors[1:TWIST]) / np.std(columns[:, 0]))
+    return float(factors[0] / scale[0]), float(np.hypot(np.sqrt(variance), CURVED * twist) / scale[0])
 
 
 def _integrated(time: Array, velocity: Array) -> Array:
