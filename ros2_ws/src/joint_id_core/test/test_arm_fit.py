@@ -73,7 +73,7 @@ def test_a_drive_with_the_other_sign_is_named(name):
     motion = dict(moving_arm.rigid(SECONDS, 1))
     motion[name] = motion[name].with_channels({"torque": -motion[name]["torque"]})
     found = fit_arm(ARM, [motion], GAINS)
-    assert not found.converged and f"Friction of {name} is pulled below zero, as of a drive" in found.message
+    assert not found.converged and f"the torque of {name} seems to have the other sign" in found.message
 
 
 def test_friction_and_rotors_are_found_with_honest_intervals():

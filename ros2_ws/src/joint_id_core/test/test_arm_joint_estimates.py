@@ -14,7 +14,7 @@ from joint_id_core.results.status import Status
 from joint_id_core.results.verdict import Verdict
 
 from . import moving_arm
-from .moving_arm import COULOMB, DOWN, JOINTS, ROTOR, URDF, VISCOUS
+from .moving_arm import CARRYING, COULOMB, DOWN, JOINTS, ROTOR, URDF, VISCOUS
 
 pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
 pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
@@ -96,10 +96,18 @@ def test_a_torque_with_the_other_sign_makes_the_fit_of_no_joint_good(seed):
         assert found[name].status is Status.POOR_FIT and "torque of bend seems" in found[name].message, found[name]
 
 
-def test_torques_that_no_bodies_have_are_no_good_fit_of_any_joint():
-    """As of an elbow whose axis points the other way."""
-    arm = moving_arm.rigid(2.0 * LEARN, 2)
+def test_an_axis_that_points_the_other_way_is_named_and_makes_the_fit_of_no_joint_good():
+    arm = moving_arm.rigid(LEARN, 2)
     turned = {channel: -arm["bend"][channel] for channel in ("link_position", "torque")}
     found = told({**arm, "bend": arm["bend"].with_channels(turned)})
+    for one in found.values():
+        assert one.status is Status.POOR_FIT and "axis of bend seems to point the other way" in one.message, one
+
+
+def test_torques_that_no_bodies_have_are_no_good_fit_of_any_joint():
+    """As of a load that pushes upwards."""
+    arm, carrying = moving_arm.rigid(LEARN, 2), moving_arm.rigid(LEARN, 2, CARRYING)
+    lighter = {n: r.with_channels({"torque": 3.0 * r["torque"] - 2.0 * carrying[n]["torque"]}) for n, r in arm.items()}
+    found = told(lighter)
     assert all(one.status is Status.POOR_FIT for one in found.values())
     assert "such as no bodies have" in found["roll"].message

@@ -144,6 +144,7 @@ class ArmEstimate:
         recordings: that were fitted.
         missed: names of joints whose torque in the held-out recording is not predicted.
         contradiction: what the torques say that cannot be, in words; empty if nothing is.
+        mistaken: how the arm seems to have been recorded, in words, if not as it moves: see `recorded_otherwise`.
     """
 
     source: str
@@ -160,6 +161,7 @@ class ArmEstimate:
     recordings: tuple[str, ...] = ()
     missed: tuple[str, ...] = ()
     contradiction: str = ""
+    mistaken: str = ""
 
     @property
     def converged(self) -> bool:
@@ -177,6 +179,8 @@ class ArmEstimate:
             said = f"{', '.join(still)} did not move: nothing is known of {'it' if len(still) == 1 else 'them'}. {said}"
         if self.converged:
             return f"Converged. {said}"
+        if self.mistaken:
+            return f"The torques of all joints are explained far better otherwise: {self.mistaken}. {said}"
         if not self.poor and not self.missed:
             return f"The torques contradict the description: {self.contradiction}. {said}"
         if not self.poor:

@@ -26,6 +26,7 @@ from joint_id_core.arm.links import consistent_links
 from joint_id_core.arm.motion import require_still
 from joint_id_core.arm.noise import noise_of
 from joint_id_core.arm.payload import Factor, Payload, gains_from_mass, payload_of
+from joint_id_core.arm.recorded_otherwise import recorded_otherwise
 from joint_id_core.arm.regressor import Regressor
 from joint_id_core.arm.rests import Band, HeldOut, Left, explained
 from joint_id_core.arm.stacked import Stacked, free
@@ -135,6 +136,8 @@ class _Fitted:
         found = suspects(description, self._parts, table, self.values, self._whole(self.values), self._lag)
         self.covariance += found.excess + found.usual
         self._suspects = found
+        empty = [part for part in self._parts if not part.loaded]
+        self._mistaken = recorded_otherwise(description, regressor, empty, self._beforehand)
         if gains:
             moved = table.by_gain(table.scatter(left)) * np.array(gains)
             self.covariance += moved @ moved.T
@@ -224,7 +227,8 @@ class _Fitted:
             j.name for j, w in zip(joints, other.worse, strict=True) if j.held_out <= LEAST_R_SQUARED and w > WORSE
         ]
         contradiction = self._suspects.gross or links.contradiction
-        status = Status.POOR_FIT if poor or missed or contradiction else Status.CONVERGED
+        wrong = poor or missed or contradiction or self._mistaken
+        status = Status.POOR_FIT if wrong else Status.CONVERGED
         duration = sum(p.duration for p in self._parts)
         doubts = (*(text for part in self._parts for text in part.doubts), *self._suspects.texts)
         if self._slow:
@@ -246,6 +250,7 @@ class _Fitted:
             doubts,
             missed=tuple(missed),
             contradiction=contradiction,
+            mistaken=self._mistaken,
         )
 
     def _growth(self) -> Value:

@@ -14,6 +14,7 @@ import numpy as np
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.equations import PAYLOAD, Equations
 from joint_id_core.arm.gravity_direction import BETTER, INSTANTS, TURNED, G, listed, pull_of
+from joint_id_core.arm.recorded_otherwise import recorded_otherwise
 from joint_id_core.arm.regressor import Regressor
 from joint_id_core.arm.stacked import Stacked, centred, solved
 from joint_id_core.data.recording import Array
@@ -43,10 +44,11 @@ def check_gravity(description: Description, regressor: Regressor, parts: Sequenc
     cosine = float(felt @ taken) / (size * max(float(np.linalg.norm(taken)), 1e-9))
     if left_along > BETTER * left and cosine < np.cos(np.radians(TURNED)):
         found, given = listed(G / size * felt), listed(taken)
+        otherwise = recorded_otherwise(description, regressor, parts) or "correct the signs of the torques"
         raise JointIdError(
             f"the torques say that gravity acts along {found} m/s^2 in the frame of the base of {description.source}, "
-            f"not along {given}: give the gravity of your base (--base-gravity, base_gravity), or correct the signs "
-            "of the torques"
+            f"not along {given}: give the gravity of your base (--base-gravity, base_gravity), or "
+            f"{otherwise}"
         )
 
 

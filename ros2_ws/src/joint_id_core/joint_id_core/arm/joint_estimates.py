@@ -96,12 +96,12 @@ def _of_joint(follower: ArmFollower, belief: Belief, regressor: Regressor, j: in
         notes.append("The arm rests: what is known of it stays.")
     elif status is Status.NO_MOTION:
         notes.append(f"{name} has not moved since the arm is followed: move it to know its rotor and its friction.")
+    elif belief.faults.gross:
+        notes.append(f"The torques contradict the description: {belief.faults.gross}.")
     elif name in follower.unexplained:
         notes.append(_unexplained(follower))
     elif pulled:
         notes.append("Friction or inertia is pulled below zero, as of a drive that is recorded with the other sign.")
-    elif belief.faults.gross:
-        notes.append(f"The torques contradict the description: {belief.faults.gross}.")
     elif status is Status.POOR_FIT:
         notes.append(
             f"Only {100.0 * r_squared:.0f} % of the torque are explained: another load acts on the joint, or the "

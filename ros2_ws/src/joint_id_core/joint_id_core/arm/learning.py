@@ -16,8 +16,8 @@ from joint_id_core.arm.faults import Faults
 from joint_id_core.arm.friction import shows_bend
 from joint_id_core.arm.judged import rotor
 from joint_id_core.arm.links import consistent_links
+from joint_id_core.arm.recorded_otherwise import recorded_otherwise
 from joint_id_core.arm.regressor import Regressor
-from joint_id_core.arm.signs import other_sign
 from joint_id_core.arm.stacked import Stacked
 from joint_id_core.arm.suspects import suspects
 from joint_id_core.data.recording import Array
@@ -74,21 +74,22 @@ def learned(
     all_covariance[end, end] = means @ spread @ means.T + np.diag(noise)
     all_covariance[end, place] = -means @ spread
     all_covariance[place, end] = -spread @ means.T
-    faults = Faults((), np.zeros(size))
+    faults, regressor = Faults((), np.zeros(size)), None
     if description is not None:
+        regressor = Regressor(description)
         at_all = np.insert(values, whole.base, np.zeros(PAYLOAD))
         found = suspects(description, [whole], table, values, at_all, lag)
         faults.shift[place], faults.shift[end] = found.shift, found.torque - means @ found.shift
-        gross = other_sign(table, description.joints) or found.gross
+        gross = recorded_otherwise(description, regressor, [whole], beforehand) or found.gross
         faults = replace(faults, texts=found.texts, gross=gross)
     belief = Belief(
         all_values, all_covariance, whole.base, sigma, colour, mean, torque, False, seen,
         sum(p.duration for p in parts), Scores.none(count, KINDS + GRAVITY),
         drift(table, left, friction, values[friction], lag), faults,
     )  # fmt: skip
-    if description is None or faults.gross:
+    if regressor is None or faults.gross:
         return belief
-    return replace(belief, faults=replace(faults, gross=_contradiction(Regressor(description), belief)))
+    return replace(belief, faults=replace(faults, gross=_contradiction(regressor, belief)))
 
 
 def _contradiction(regressor: Regressor, belief: Belief) -> str:

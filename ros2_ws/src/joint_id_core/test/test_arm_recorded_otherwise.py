@@ -1,0 +1,140 @@
+"""An arm that was recorded otherwise than it moves: the fault is found in the torques of all joints."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from joint_id_core.data.recording import Recording
+
+from . import moving_arm
+from .moving_arm import JOINTS, URDF
+
+pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
+pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
+
+from joint_id_core.arm.beforehand import Beforehand
+from joint_id_core.arm.description import Description
+from joint_id_core.arm.equations import unchecked
+from joint_id_core.arm.fit import fit_arm
+from joint_id_core.arm.recorded_otherwise import recorded_otherwise
+from joint_id_core.arm.regressor import Regressor
+from joint_id_core.results.status import Status
+
+ARM = Description(URDF, "arm.urdf")
+REGRESSOR = Regressor(ARM)
+KNOWN = Beforehand.of(REGRESSOR)
+GAINS = {name: {"torque": 1.0} for name in JOINTS}
+SECONDS = 12.0
+POSITION, TORQUE = "link_position", "torque"
+Arm = Mapping[str, Recording]
+
+
+@pytest.fixture(scope="module")
+def arm() -> dict[str, Recording]:
+    return moving_arm.rigid(SECONDS, 2)
+
+
+def exchanged(arm: Arm, one: str, other: str, *channels: str) -> dict[str, Recording]:
+    """Return a recording with channels of two joints in the columns of each other."""
+    pair = {one: arm[other], other: arm[one]}
+    return {**arm, **{n: arm[n].with_channels({c: r[c] for c in channels}) for n, r in pair.items()}}
+
+
+def changed(arm: Arm, joint: str, channel: str, factor: float = 1.0, more: float = 0.0) -> dict[str, Recording]:
+    """Return a recording with a channel of a joint that is larger by a factor, and by an amount."""
+    return {**arm, joint: arm[joint].with_channels({channel: factor * arm[joint][channel] + more})}
+
+
+def told(arm: Arm) -> str:
+    return recorded_otherwise(ARM, REGRESSOR, [unchecked(REGRESSOR, arm, GAINS, "arm.urdf")], KNOWN)
+
+
+@pytest.mark.parametrize(
+    "seed", [1, 2, pytest.param(3, marks=pytest.mark.long), pytest.param(4, marks=pytest.mark.long)]
+)
+def test_nothing_is_told_of_an_arm_that_was_recorded_as_it_moves(seed):
+    assert not told(moving_arm.rigid(SECONDS, seed))
+
+
+def test_masses_that_a_description_has_wrong_are_no_fault_of_the_recording(arm):
+    """A mass of it may be off by a factor of five."""
+    wrong = URDF.replace('mass value="6.0"', 'mass value="1.2"').replace('mass value="1.0"', 'mass value="4.0"')
+    assert wrong != URDF
+    description = Description(wrong, "wrong.urdf")
+    regressor = Regressor(description)
+    assert not recorded_otherwise(description, regressor, [unchecked(regressor, arm, GAINS, "wrong.urdf")])
+
+
+@pytest.mark.parametrize(
+    ("channels", "text"),
+    [
+        ((TORQUE,), "the torques of {} and {} seem to be exchanged"),
+        ((POSITION,), "the positions of {} and {} seem to be exchanged"),
+        ((POSITION, TORQUE), "{} and {} seem to be exchanged, with positions and torques"),
+    ],
+    ids=["torques", "positions", "both"],
+)
+@pytest.mark.parametrize(
+    "pair", [("turn", "lift"), pytest.param(("bend", "roll"), marks=pytest.mark.long), ("tilt", "spin")]
+)
+def test_joints_that_are_exchanged_are_named(arm, pair, channels, text):
+    assert told(exchanged(arm, *pair, *channels)) == text.format(*pair)
+
+
+@pytest.mark.parametrize(("joint", "factor"), [("turn", 2.0), ("lift", 0.5), ("bend", 1000.0), ("tilt", 10.0)])
+def test_a_torque_in_another_unit_is_named_with_its_factor(arm, joint, factor):
+    found = told(changed(arm, joint, TORQUE, factor))
+    size = re.match(rf"the torque of {joint} seems to be ([\d.e+]+) times too (large|small) \(unit", found)
+    assert size is not None and size[2] == ("large" if factor > 1.0 else "small"), found
+    assert float(size[1]) == pytest.approx(max(factor, 1.0 / factor), rel=0.1)
+
+
+@pytest.mark.parametrize("joint", ["turn", "bend"])
+@pytest.mark.parametrize(
+    ("channels", "text"),
+    [
+        ((TORQUE,), "the torque of {} seems to have the other sign"),
+        ((POSITION,), "the position of {} seems to have the other sign"),
+        ((POSITION, TORQUE), "the axis of {} seems to point the other way"),
+    ],
+    ids=["torque", "position", "both"],
+)
+def test_a_sign_is_that_of_the_torque_of_the_position_or_of_both(arm, joint, channels, text):
+    for channel in channels:
+        arm = changed(arm, joint, channel, -1.0)
+    assert told(arm) == text.format(joint)
+
+
+@pytest.mark.parametrize("joint", ["lift", "spin"])
+def test_a_position_in_degrees_is_named(arm, joint):
+    assert told(changed(arm, joint, POSITION, 180.0 / np.pi)) == f"the position of {joint} seems to be in degrees"
+
+
+@pytest.mark.parametrize(("joint", "degrees"), [("lift", 30.0), ("bend", 90.0), ("roll", -60.0)])
+def test_a_zero_that_is_far_off_is_named_with_its_angle(arm, joint, degrees):
+    found = told(changed(arm, joint, POSITION, more=np.radians(degrees)))
+    size = re.fullmatch(rf"the zero of {joint} seems to be off by (-?\d+) degrees", found)
+    assert size is not None and float(size[1]) == pytest.approx(degrees, abs=3.0), found
+
+
+def test_a_zero_that_is_near_is_left_to_suspects(arm):
+    assert not told(changed(arm, "bend", POSITION, more=np.radians(5.0)))
+
+
+def test_the_zero_of_an_axis_along_gravity_is_nowhere(arm):
+    assert not told(changed(arm, "turn", POSITION, more=1.0))
+
+
+def test_two_faults_are_both_named(arm):
+    found = told(changed(exchanged(arm, "lift", "bend", TORQUE), "turn", TORQUE, -1.0))
+    assert "lift and bend seem to be exchanged" in found and "torque of turn seems to have the other sign" in found
+
+
+def test_the_fit_of_a_whole_arm_is_none_of_any_joint_then(arm):
+    """Rotors and masses are those of all: with a lift in another unit, three joints were converged and wrong."""
+    found = fit_arm(ARM, [changed(arm, "lift", TORQUE, 0.5)], GAINS)
+    assert found.status is Status.POOR_FIT and "torque of lift seems to be 2 times too small" in found.message
