@@ -79,13 +79,25 @@ def test_masses_that_a_description_has_wrong_are_no_fault_of_the_recording(arm):
     ids=["torques", "positions", "both"],
 )
 @pytest.mark.parametrize(
-    "pair", [("turn", "lift"), pytest.param(("bend", "roll"), marks=pytest.mark.long), ("tilt", "spin")]
+    "pair",
+    [
+        ("turn", "lift"),
+        pytest.param(("bend", "roll"), marks=pytest.mark.long),
+        pytest.param(("tilt", "spin"), marks=pytest.mark.long),
+    ],
 )
 def test_joints_that_are_exchanged_are_named(arm, pair, channels, text):
     assert told(exchanged(arm, *pair, *channels)) == text.format(*pair)
 
 
-@pytest.mark.parametrize(("joint", "factor"), [("turn", 2.0), ("lift", 0.5), ("bend", 1000.0), ("tilt", 10.0)])
+@pytest.mark.parametrize(
+    ("joint", "factor"),
+    [
+        ("lift", 0.5),
+        ("bend", 1000.0),
+        *(pytest.param(*one, marks=pytest.mark.long) for one in (("turn", 2.0), ("tilt", 10.0))),
+    ],
+)
 def test_a_torque_in_another_unit_is_named_with_its_factor(arm, joint, factor):
     found = told(changed(arm, joint, TORQUE, factor))
     size = re.match(rf"the torque of {joint} seems to be ([\d.e+]+) times too (large|small) \(unit", found)
@@ -93,7 +105,7 @@ def test_a_torque_in_another_unit_is_named_with_its_factor(arm, joint, factor):
     assert float(size[1]) == pytest.approx(max(factor, 1.0 / factor), rel=0.1)
 
 
-@pytest.mark.parametrize("joint", ["turn", "bend"])
+@pytest.mark.parametrize("joint", [pytest.param("turn", marks=pytest.mark.long), "bend"])
 @pytest.mark.parametrize(
     ("channels", "text"),
     [
@@ -109,12 +121,14 @@ def test_a_sign_is_that_of_the_torque_of_the_position_or_of_both(arm, joint, cha
     assert told(arm) == text.format(joint)
 
 
-@pytest.mark.parametrize("joint", ["lift", "spin"])
+@pytest.mark.parametrize("joint", ["lift", pytest.param("spin", marks=pytest.mark.long)])
 def test_a_position_in_degrees_is_named(arm, joint):
     assert told(changed(arm, joint, POSITION, 180.0 / np.pi)) == f"the position of {joint} seems to be in degrees"
 
 
-@pytest.mark.parametrize(("joint", "degrees"), [("lift", 30.0), ("bend", 90.0), ("roll", -60.0)])
+@pytest.mark.parametrize(
+    ("joint", "degrees"), [("lift", 30.0), pytest.param("bend", 90.0, marks=pytest.mark.long), ("roll", -60.0)]
+)
 def test_a_zero_that_is_far_off_is_named_with_its_angle(arm, joint, degrees):
     found = told(changed(arm, joint, POSITION, more=np.radians(degrees)))
     size = re.fullmatch(rf"the zero of {joint} seems to be off by (-?\d+) degrees", found)

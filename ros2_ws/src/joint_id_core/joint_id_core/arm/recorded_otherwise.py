@@ -25,8 +25,8 @@ LEAST_R_SQUARED = 0.9  # of the torque of a joint
 # what is left falls by 2 % in the mean. Of a UR10e a factor on its last joint, which nothing shows, makes up to 0.4 %.
 CLEAR, FALLS = 40.0, 0.02
 FAR = math.log(1.4)  # factor of a torque that no uncertainty of a torque constant makes
-STEP, MOST = 0.7, 10.0  # of the logarithms of factors that are tried one after the other, and the largest one
-PATIENCE = 2.5  # steps that are tried beyond the best one
+STEP, MOST = 0.35, 10.0  # of the logarithms of factors that are tried one after the other, and the largest one
+PATIENCE = 4.5  # steps that are tried beyond the best one
 FAULTS = 3  # that are sought one after the other
 DEGREES, MILLIMETRES = math.pi / 180.0, 1e-3
 OFF = math.radians(15.0)  # a zero that is off by less is told by `suspects`, and in the intervals
@@ -157,7 +157,7 @@ def _size(sums: TorqueSums, guess: Guess, joint: int) -> float:
     """Return the logarithm of the factor on the torque of a joint that leaves least, from 1 on."""
 
     def left(log: float) -> float:
-        return sums.explained(guess.scaled(joint, math.exp(log))).left
+        return sums.explained(guess.scaled(joint, math.exp(log)), joint).left
 
     at = {log: left(log) for log in (-STEP, 0.0, STEP)}
     best = min(at, key=at.__getitem__)

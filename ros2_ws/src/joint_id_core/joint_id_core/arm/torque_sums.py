@@ -21,6 +21,7 @@ from joint_id_core.data.recording import Array
 WEIGHINGS, SAME = 20, 0.02  # passes that weigh the joints at most, and change of a logarithm that ends them
 ROUNDED = 1e-12  # of scaled normal equations
 INSTANTS = 400  # of all recordings
+DOUBTED = 1e6  # times the variance with which a torque that is doubted begins
 LEAST = 1e-12  # of the squares of a torque, what rounding leaves
 
 
@@ -166,14 +167,18 @@ class TorqueSums:
         known = beforehand.precision(size), beforehand.of_all(size)
         return cls(np.array(matrix), np.array(vector), np.array(squares), np.array(counts), *known)
 
-    def explained(self, guess: Guess) -> Explained:
-        """Return what is left if the torques act as guessed."""
+    def explained(self, guess: Guess, doubted: int = -1) -> Explained:
+        """Return what is left if the torques act as guessed; the torque of a joint that is doubted counts little first.
+
+        Its neighbours then tell what links they share: else it may keep those away from what explains all.
+        """
         own = np.arange(len(self.counts))
         whole = guess.factor**2 * self.squares[own, guess.column, guess.column]
         products = guess.factor[:, None] * self.vector[own, :, guess.column]
         counts = np.maximum(self.counts, 1)
         variance = np.where(whole > 0.0, whole / counts, 1.0)
         least = LEAST * variance
+        variance = np.where(own == doubted, DOUBTED * variance, variance)
         for _ in range(WEIGHINGS):
             values = self._solved(products, variance)
             left = whole - 2.0 * products @ values + np.einsum("p,jpq,q->j", values, self.matrix, values)
