@@ -105,6 +105,16 @@ def test_a_torque_in_another_unit_is_named_with_its_factor(arm, joint, factor):
     assert float(size[1]) == pytest.approx(max(factor, 1.0 / factor), rel=0.1)
 
 
+def test_torques_of_all_joints_in_another_unit_are_named(arm):
+    """The masses of the description tell their size, roughly."""
+    milli = dict(arm)
+    for name in JOINTS:
+        milli = changed(milli, name, TORQUE, 1000.0)
+    assert told(milli).startswith(
+        "the torques of all joints seem to be far too large for the masses of the description"
+    )
+
+
 @pytest.mark.parametrize("joint", [pytest.param("turn", marks=pytest.mark.long), "bend"])
 @pytest.mark.parametrize(
     ("channels", "text"),

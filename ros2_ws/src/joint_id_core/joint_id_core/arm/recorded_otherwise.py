@@ -18,12 +18,15 @@ from joint_id_core.arm.beforehand import Beforehand
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.equations import Equations
 from joint_id_core.arm.regressor import Regressor
-from joint_id_core.arm.torque_sums import Explained, Guess, Moved, TorqueSums
+from joint_id_core.arm.torque_sums import ALL, Explained, Guess, Moved, TorqueSums
 
 LEAST_R_SQUARED = 0.9  # of the torque of a joint
 # By how much the logarithm of the likelihood rises: a Bayes factor of a million with a memory of four equations, and
 # what is left falls by 2 % in the mean. Of a UR10e a factor on its last joint, which nothing shows, makes up to 0.4 %.
 CLEAR, FALLS = 40.0, 0.02
+# A factor on all torques is one on all masses: those of a description are far off where they hold the place of unknown
+# ones, and then not even the fifth part.
+FAR_OF_ALL = math.log(30.0)
 FAR = math.log(1.4)  # factor of a torque that no uncertainty of a torque constant makes
 STEP, MOST = 0.35, 10.0  # of the logarithms of factors that are tried one after the other, and the largest one
 PATIENCE = 4.5  # steps that are tried beyond the best one
@@ -91,6 +94,9 @@ class _Search:
     def others(self, now: _Tried) -> Iterator[_Tried]:
         """Give guesses."""
         moves = np.flatnonzero(now.sums.counts).tolist()
+        if abs(log := _size(now.sums, now.guess, ALL)) > FAR_OF_ALL:
+            text = f"the torques of all joints seem to be far too {_than(log)} for the masses of the description (unit)"
+            yield _with(now, now.guess.scaled(ALL, math.exp(log)), text)
         for j in moves:
             yield from self._of_torque(now, j)
             yield from self._of_position(now, j)
@@ -106,8 +112,8 @@ class _Search:
         torque = f"the torque of {self.regressor.joints[j]} seems to"
         yield _with(now, now.guess.scaled(j, -1.0), f"{torque} have the other sign")
         if abs(log := _size(now.sums, now.guess, j)) > FAR:
-            times = f"{math.exp(abs(log)):.2g} times too {'large' if log < 0.0 else 'small'}"
-            yield _with(now, now.guess.scaled(j, math.exp(log)), f"{torque} be {times} {UNIT}")
+            text = f"{torque} be {math.exp(abs(log)):.2g} times too {_than(log)} {UNIT}"
+            yield _with(now, now.guess.scaled(j, math.exp(log)), text)
 
     def _of_position(self, now: _Tried, j: int) -> Iterator[_Tried]:
         """Give guesses about the position of a joint."""
@@ -151,6 +157,11 @@ class _Search:
 def _with(tried: _Tried, guess: Guess, text: str) -> _Tried:
     """Return the same motion with another guess about the torques."""
     return replace(tried, found=tried.sums.explained(guess), guess=guess, text=text)
+
+
+def _than(log: float) -> str:
+    """Return what a torque is that is right once it is multiplied by a factor with this logarithm."""
+    return "large" if log < 0.0 else "small"
 
 
 def _size(sums: TorqueSums, guess: Guess, joint: int) -> float:

@@ -20,6 +20,7 @@ from joint_id_core.data.recording import Array
 
 WEIGHINGS, SAME = 20, 0.02  # passes that weigh the joints at most, and change of a logarithm that ends them
 ROUNDED = 1e-12  # of scaled normal equations
+ALL = -1  # joints
 INSTANTS = 400  # of all recordings
 DOUBTED = 1e6  # times the variance with which a torque that is doubted begins
 LEAST = 1e-12  # of the squares of a torque, what rounding leaves
@@ -43,9 +44,9 @@ class Guess:
         return cls(np.arange(count), np.ones(count))
 
     def scaled(self, joint: int, factor: float) -> Guess:
-        """Return that that of a joint is so many times as large."""
+        """Return that that of a joint, or of all of them (`ALL`), is so many times as large."""
         changed = self.factor.copy()
-        changed[joint] *= factor
+        changed[slice(None) if joint == ALL else joint] *= factor
         return replace(self, factor=changed)
 
     def exchanged(self, one: int, other: int) -> Guess:
@@ -167,8 +168,8 @@ class TorqueSums:
         known = beforehand.precision(size), beforehand.of_all(size)
         return cls(np.array(matrix), np.array(vector), np.array(squares), np.array(counts), *known)
 
-    def explained(self, guess: Guess, doubted: int = -1) -> Explained:
-        """Return what is left if the torques act as guessed; the torque of a joint that is doubted counts little first.
+    def explained(self, guess: Guess, doubted: int = ALL) -> Explained:
+        """Return what is left if the torques act as guessed; that of a joint that alone is doubted counts little first.
 
         Its neighbours then tell what links they share: else it may keep those away from what explains all.
         """
