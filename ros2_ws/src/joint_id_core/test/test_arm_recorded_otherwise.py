@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from joint_id_core.data.recording import Recording
+from joint_id_core.errors import JointIdError
 
 from . import moving_arm
 from .moving_arm import JOINTS, URDF
@@ -162,3 +163,12 @@ def test_the_fit_of_a_whole_arm_is_none_of_any_joint_then(arm):
     """Rotors and masses are those of all: with a lift in another unit, three joints were converged and wrong."""
     found = fit_arm(ARM, [changed(arm, "lift", TORQUE, 0.5)], GAINS)
     assert found.status is Status.POOR_FIT and "torque of lift seems to be 2 times too small" in found.message
+
+
+def test_a_fault_that_looks_like_another_gravity_is_told_beside_it():
+    """The fit is refused before it is made, and so is the motion from which an arm would be learnt."""
+    arm = changed(moving_arm.rigid(SECONDS, 3), "lift", POSITION, more=np.pi)
+    with pytest.raises(
+        JointIdError, match=r"gravity acts along .*, or the zero of lift seems to be off by 17\d degrees"
+    ):
+        fit_arm(ARM, [arm], GAINS)
