@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -21,13 +23,15 @@ INFORMATION = 100.0
 class Line:
     """Passes whose estimating equation is solved at `solution`, and whose cost is least at `lowest`.
 
-    By the logarithm of its one noise level it is least at `quiet`. Beyond `cliff` the path blows up.
+    By the logarithm of its one noise level it is least at `quiet`. Beyond `cliff` the path blows up. With `rough` the
+    cost has waves of this height, far shorter than a difference.
     """
 
     kernel = compile_model(MODEL)  # for the algebra of the iteration
 
     def __init__(self, solution: float, lowest: float, quiet: float = 0.0, cliff: float = np.inf) -> None:
         self.solution, self.lowest, self.quiet, self.cliff = solution, lowest, quiet, cliff
+        self.rough = 0.0
         self.passes = 0
 
     def renewed(self, last):
@@ -41,6 +45,7 @@ class Line:
         z = float(free[0])
         error = np.full((1, 1), z)
         cost = INFORMATION * ((z - self.lowest) ** 2 + float(np.log(levels[0]) - self.quiet) ** 2)
+        cost += self.rough * np.sin(1e9 * z)
         cost = np.inf if z > self.cliff else cost
         hessian, gradient = np.full((1, 1), INFORMATION), np.array([INFORMATION * (self.solution - z)])
         return Pass(cost, error, np.ones((1, 1)), hessian, gradient, np.zeros((1, 1)), free, levels, steps)
@@ -122,6 +127,38 @@ def test_a_path_that_blows_up_on_the_way_is_not_taken():
     found = likeliest(line)
     assert np.isfinite(found.cost) and found.cost <= solved(line).cost
     assert found.z[0] <= 0.3
+
+
+def searched(rough: float):
+    """Where the iteration stalls on a smooth cost, that point on one with waves, and what the search finds there."""
+    line = Line(0.9, -0.5)
+    cost, stalled = Cost(line, COORDINATES, BELIEF), solved(line)
+    line.rough = rough
+    start = replace(cost.at(stalled.z, stalled.levels, stalled.last.steps, 1), left=stalled.left)
+    line.passes = 0
+    return line, start, most_likely(cost, NoiseLevels(None, np.full(1, 1e-6), np.full(1, 1e6)), start, 100)
+
+
+def test_a_cost_without_slopes_is_not_searched():
+    """A filter that leaves its labels and comes back answers to the last digits of its parameters."""
+    line, start, found = searched(rough=50.0)
+    assert line.passes <= 5
+    assert found.cost <= start.cost and found.z[0] == pytest.approx(start.z[0], abs=2e-4)
+    assert found.left[0] == pytest.approx(0.9 - found.z[0])
+    assert found.iterations - start.iterations == 100 and not found.settled
+
+
+def test_waves_that_hide_no_slope_do_no_harm():
+    _, _, found = searched(rough=1e-5)
+    assert found.z[0] == pytest.approx(-0.5, abs=0.01)  # a tenth of a standard deviation
+    assert found.settled
+
+
+def test_a_steep_cost_is_searched():
+    """The largest likelihood is 10,000 standard deviations away, so that it changes by 10 over a difference."""
+    far = -1e4 / INFORMATION**0.5
+    found = likeliest(Line(0.9, far))
+    assert found.z[0] == pytest.approx(max(far, solved(Line(0.9, far)).z[0] - REACH * COORDINATES.unit[0]), abs=0.01)
 
 
 def test_the_search_takes_no_more_iterations_than_it_is_given():

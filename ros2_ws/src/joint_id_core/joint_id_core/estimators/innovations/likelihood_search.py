@@ -22,6 +22,11 @@ MOST_ITERATIONS = 40
 REACH = 4.0  # largest change: a factor 55 in a positive parameter or a variance; a longer step would be wrong
 LEAST_INFORMATION = 0.1  # assumed on the logarithm of a noise level, so that a level without information moves little
 BLOWN_UP = 1e4  # added to half the cost of the start where the path diverges
+ROUGH = 1.0  # bend of half the cost over two differences beyond which they are no slopes: a smooth one has 1e-6
+
+
+class _Rough(Exception):
+    """The cost jumps, so that differences are no slopes."""
 
 
 def passes_each(found: Minimum) -> int:
@@ -33,7 +38,8 @@ def most_likely(cost: Cost, bounds: NoiseLevels, found: Minimum, iterations: int
     """Minimise the cost near `found`, over coordinates and noise levels within their bounds.
 
     Method: sequential least squares programming (Kraft, DFVLR-FB 88-28, 1988). The integrator steps are those of
-    `found`. After at most `iterations` iterations it returns the best point that it has seen.
+    `found`. After at most `iterations` iterations it returns the best point that it has seen, and at once where the
+    cost is not smooth: all `iterations` then count as taken.
     """
     if iterations < 1:
         return found
@@ -46,9 +52,9 @@ def most_likely(cost: Cost, bounds: NoiseLevels, found: Minimum, iterations: int
     start = np.clip(np.concatenate([found.z, np.log(found.levels)]), lowest, highest)
     reach = REACH * np.concatenate([coordinates.unit, np.ones_like(found.levels)])
     lower, upper = np.maximum(start - reach, lowest), np.minimum(start + reach, highest)
-    best = found
+    best, middle, value = found, np.full_like(start, np.inf), np.inf
 
-    def half_cost(x: Array) -> float:
+    def passed(x: Array) -> float:
         nonlocal best
         y = np.clip(start + unit * x, lower, upper)
         here = cost.at(y[:count], np.exp(y[count:]), found.last.steps, found.substeps)
@@ -58,12 +64,25 @@ def most_likely(cost: Cost, bounds: NoiseLevels, found: Minimum, iterations: int
             best = here
         return 0.5 * here.cost
 
-    ended = scipy.optimize.minimize(
-        half_cost, np.zeros_like(start), method="SLSQP",
-        bounds=scipy.optimize.Bounds((lower - start) / unit, (upper - start) / unit),
-        options={"eps": DIFFERENCE, "ftol": ENOUGH, "maxiter": min(iterations, MOST_ITERATIONS)},
-    )  # fmt: skip
+    def half_cost(x: Array) -> float:
+        nonlocal middle, value
+        half = passed(x)
+        if np.max(np.abs(x - middle)) > 1.5 * DIFFERENCE:  # no difference, but a step
+            middle, value = x.copy(), half
+        elif abs(half - value) > ROUGH and abs(half + passed(2.0 * middle - x) - 2.0 * value) > ROUGH:
+            raise _Rough
+        return half
+
+    try:
+        ended = scipy.optimize.minimize(
+            half_cost, np.zeros_like(start), method="SLSQP",
+            bounds=scipy.optimize.Bounds((lower - start) / unit, (upper - start) / unit),
+            options={"eps": DIFFERENCE, "ftol": ENOUGH, "maxiter": min(iterations, MOST_ITERATIONS)},
+        )  # fmt: skip
+    except _Rough:
+        taken, settled = iterations, False
+    else:
+        taken, settled = int(ended.nit), bool(ended.success)
     return replace(
-        best, settled=found.settled or bool(ended.success), iterations=found.iterations + int(ended.nit),
-        left=way_left(best, coordinates),
-    )  # fmt: skip
+        best, settled=found.settled or settled, iterations=found.iterations + taken, left=way_left(best, coordinates)
+    )
