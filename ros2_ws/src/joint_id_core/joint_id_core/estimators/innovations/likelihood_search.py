@@ -22,7 +22,7 @@ MOST_ITERATIONS = 40
 REACH = 4.0  # largest change: a factor 55 in a positive parameter or a variance; a longer step would be wrong
 LEAST_INFORMATION = 0.1  # assumed on the logarithm of a noise level, so that a level without information moves little
 BLOWN_UP = 1e4  # added to half the cost of the start where the path diverges
-ROUGH = 1.0  # bend of half the cost over two differences beyond which they are no slopes: a smooth one has 1e-6
+ROUGH = 1.0  # bend of half the cost over a difference beyond which differences are no slopes: a smooth one has 1e-6
 
 
 class _Rough(Exception):
@@ -69,7 +69,7 @@ def most_likely(cost: Cost, bounds: NoiseLevels, found: Minimum, iterations: int
         half = passed(x)
         if np.max(np.abs(x - middle)) > 1.5 * DIFFERENCE:  # no difference, but a step
             middle, value = x.copy(), half
-        elif abs(half - value) > ROUGH and abs(half + passed(2.0 * middle - x) - 2.0 * value) > ROUGH:
+        elif abs(half - value) > ROUGH and abs(half + value - 2.0 * passed(0.5 * (x + middle))) > ROUGH:
             raise _Rough
         return half
 
