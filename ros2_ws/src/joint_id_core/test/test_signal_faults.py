@@ -96,8 +96,8 @@ def test_two_encoders_that_both_move_are_needed(good):
     assert side_fault(still, "torque", N) == side_fault(one, "torque", N) == ""
 
 
-@pytest.mark.parametrize("ratio", [60.0, pytest.param(100.0, marks=pytest.mark.long)])
-def test_a_fit_with_a_wrong_gear_ratio_says_which_one_it_is(good, ratio):
-    found = fit(MODEL, good, ParameterSettings({"N": ratio}))
+@pytest.mark.parametrize("ratio", [60.0, 100.0])
+def test_a_short_recording_with_a_wrong_gear_ratio_says_which_one_it_is(good, ratio):
+    found = fit(MODEL, good.slice(0, 750), ParameterSettings({"N": ratio}))  # too few to tell it before a fit
     assert found.status in (Status.POOR_FIT, Status.DIVERGED)
     assert found.message.startswith("Motor_position goes 101 times as far as link_position")

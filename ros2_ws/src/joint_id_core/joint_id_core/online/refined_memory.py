@@ -21,6 +21,7 @@ from joint_id_core.online.tracker import Tracker
 
 LINEAR = 0.02  # change of a coordinate up to which the result of a block is kept,
 LINEAR_SIGMA = 0.3  # or in standard deviations
+NEAR = 0.05  # squared standard deviations between these and the estimate, up to which blocks need no further pass
 SHARPER = 1.5  # smoothing of friction of a block over that of today up to which its result is kept
 
 
@@ -191,4 +192,5 @@ class RefinedMemory:
     def _relearned(self, tracker: Tracker) -> Learned | None:
         """Return the values that suit the newest blocks and what was known before them; None if a path diverges."""
         memory, memory_s = self.memory, self._memory_s
-        return relearn(tracker, memory.blocks, *memory.before(memory_s), weights=memory.weights(memory_s))
+        weights = memory.weights(memory_s)
+        return relearn(tracker, memory.blocks, *memory.before(memory_s), weights=weights, near=NEAR)

@@ -14,7 +14,6 @@ from joint_id_core.online.tracker import Tracker
 
 ITERATIONS = 20
 SETTLED = 0.5  # squared length of the last step in standard deviations
-NEAR = 0.05  # as SETTLED, of a step that is not made: what the stretches say is as good where they passed
 RISE = 1.0  # of the cost in that step: its gradient lacks the slope of the variances of the innovations
 LONGEST = 1.0  # longest step of a coordinate: a factor e in a positive parameter
 
@@ -50,6 +49,7 @@ def relearn(
     precision: Array,
     weights: Sequence[float] | None = None,
     from_mean: bool = False,
+    near: float = 0.0,
 ) -> Learned | None:
     """Fit the parameters to stretches of samples, with the noise levels of the tracker.
 
@@ -62,6 +62,7 @@ def relearn(
             coordinates.
         weights: of the stretches; 1 if not given.
         from_mean: whether the iteration starts at the mean, not at the values of the tracker.
+        near: squared length in standard deviations of a step that is not made: what the stretches say is as good there.
 
     Returns:
         The minimum; None if the path diverges at the start.
@@ -78,7 +79,7 @@ def relearn(
         matrix = precision + information
         gradient = share @ np.array([piece.vector for piece in pieces]) - information @ z - precision @ (z - mean)
         step = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), gradient)
-        if damping < 1.0 and step @ matrix @ step < NEAR:
+        if damping < 1.0 and step @ matrix @ step < near:
             break
         longest = float(np.max(np.abs(step) / coordinates.unit))
         if longest > LONGEST:
