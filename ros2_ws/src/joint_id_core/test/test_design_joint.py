@@ -185,6 +185,20 @@ def test_the_design_beats_a_multisine_of_the_same_limits_and_is_the_same_again(d
     assert np.array_equal(again.trajectory.position, design.trajectory.position) and str(again) == str(design)
 
 
+def test_a_search_takes_no_tone_that_the_limit_of_jerk_makes_small_and_asks_no_joint_in_vain(monkeypatch):
+    calm = replace(
+        LIMITS, lower=np.array([-1.0]), upper=np.array([1.0]), acceleration=np.array([5.0]), jerk=np.array([50.0])
+    )
+    foresight = Foresight(MODEL, ParameterSettings(), RATE)
+    search, asked, see = Search(foresight, calm, 0.0, SECONDS, ("J", "c", "tau_f")), [], foresight.see
+    monkeypatch.setattr(foresight, "see", lambda joint, *motion: asked.append(joint) or see(joint, *motion))
+    best = search.run()
+    assert best.shape.frequencies.max() <= 2.0 * 50.0 / 5.0 / (2.0 * np.pi)
+    of_each = [sum(joint is one for joint in asked) for one in search.joints]
+    assert of_each[0] > 2 * of_each[1] >= 2 * of_each[2] > 0
+    assert len(best.worths) == len(search.joints) and best.worth == pytest.approx(np.mean(best.worths))
+
+
 def test_a_limit_that_was_assumed_is_not_told_as_given():
     limits = replace(LIMITS, velocity=np.array([50.0]), acceleration=np.array([np.inf]), jerk=np.array([np.inf]))
     said = " ".join(design_joint(MODEL, limits, time=4.0, rate=RATE).notes)

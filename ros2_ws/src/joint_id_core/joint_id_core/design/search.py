@@ -7,8 +7,9 @@ Parametric Models, 1997, ch. 6; `sigma` is the geometric mean of the standard de
 small ellipsoid and large standard deviations, where one bias is in all estimates.
 
 Random shapes come first. The best one then changes in small random steps, as in a (1+1) evolution strategy with a step
-that grows after a success (Rechenberg, Evolutionsstrategie, 1973). The worth has many local minima, and is too rough
-for gradients: where a joint sticks at a reversal, a little more motion changes much.
+that grows after a success (Rechenberg, Evolutionsstrategie, 1973). Most steps are worse for the first joint already,
+and the others are not asked, which leaves time for more steps. The worth has many local minima, and is too rough for
+gradients: where a joint sticks at a reversal, a little more motion changes much.
 """
 
 from __future__ import annotations
@@ -30,13 +31,13 @@ from joint_id_core.options import Progress
 
 TONES = 6
 LOWEST_PERIODS, HIGHEST_HZ = 2.0, 6.0  # tones: from so many periods in the motion up to this frequency
+ABOVE = 2.0  # nor above so many times that of the sine that reaches the limits of acceleration and jerk at once
 STEEPEST = 3.0  # amplitudes of random shapes fall with up to this power of the frequency
-SHAPES, STEPS = 20, 32  # random shapes, and steps from the best one
+SHAPES, STEPS = 20, 56  # random shapes, and steps from the best one
 PAIRS = 1  # pairs of other joints over which the worth is averaged
 FIRST_STEP, LEAST_STEP, MORE, LESS = 0.4, 0.05, 1.5, 0.9  # of the changes, relative to the amplitudes
 MARGIN = 0.995  # of the limits that is used: between samples a motion may go a little further
 RAMP_S, RAMP_SHARE = 1.0, 0.25  # soft start and end: so long, and at most this share of the motion
-WORSE = 0.1  # logarithm of a standard deviation by which one joint may know less, if others know more
 TORQUE_TRIES = 3  # times that a motion is made smaller because of its torque
 
 
@@ -50,15 +51,20 @@ class Shape:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A motion within the limits, and its worth: less is better.
+    """A motion within the limits, and its worth for each joint that was asked: less is better.
 
     `held` says which limit holds it, as a word of `limits.UNITS`.
     """
 
     shape: Shape
     scale: float
-    worth: float
+    worths: tuple[float, ...]
     held: str
+
+    @property
+    def worth(self) -> float:
+        """Mean over the joints."""
+        return float(np.mean(self.worths))
 
 
 class Search:
@@ -97,6 +103,7 @@ class Search:
             )
         self.criterion, self.joints = criterion, foresight.joints(PAIRS)
         self._columns: NDArray[np.int64] = np.array([foresight.free.index(name) for name in names], dtype=np.int64)
+        self.highest = min(HIGHEST_HZ, ABOVE * float(limits.jerk[0] / limits.acceleration[0]) / (2.0 * math.pi))
         self.ramp = min(RAMP_S, RAMP_SHARE * duration)
         self.time = np.arange(round(duration * foresight.rate) + 1) / foresight.rate
 
@@ -148,20 +155,19 @@ class Search:
             return best
         allowed = float(self.limits.torque[0]) * MARGIN
         for _ in range(TORQUE_TRIES):
-            seen = [self._worth(self.joints[0], scale * moved)]
-            if best is not None and seen[0][0] > best.worth + WORSE * len(self._columns):
-                return best  # the other joints are not asked
-            seen += [self._worth(joint, scale * moved) for joint in self.joints[1:joints]]
+            seen = list[tuple[float, float]]()
+            for joint in self.joints[:joints]:
+                seen.append(self._worth(joint, scale * moved))
+                worths = tuple(one[0] for one in seen)
+                if best is not None and np.mean(worths) >= np.mean(best.worths[: len(worths)]):
+                    return best  # the other joints are not asked
             torque = max(one[1] for one in seen)
             if torque <= allowed:
                 break
             scale, held = 0.95 * scale * allowed / torque, "torque"
         else:
             return best
-        worth = float(np.mean([one[0] for one in seen]))
-        if not math.isfinite(worth) or (best is not None and worth >= best.worth):
-            return best
-        return Candidate(shape, scale, worth, held)
+        return Candidate(shape, scale, worths, held) if all(map(math.isfinite, worths)) else best
 
     def _scaled(self, moved: Array) -> tuple[float, str]:
         """Return the largest scale within the limits but the torque's, and which one holds it; infinite without one."""
@@ -184,8 +190,8 @@ class Search:
         return worth(seen.covariance, self._columns, self.foresight.coordinates.unit, self.criterion), seen.torque
 
     def _random(self, rng: np.random.Generator) -> Shape:
-        low = min(LOWEST_PERIODS / self.duration, 0.5 * HIGHEST_HZ)
-        frequencies = np.exp(rng.uniform(math.log(low), math.log(HIGHEST_HZ), TONES))
+        low = min(LOWEST_PERIODS / self.duration, 0.5 * self.highest)
+        frequencies = np.exp(rng.uniform(math.log(low), math.log(self.highest), TONES))
         return Shape(frequencies, rng.standard_normal((2, TONES)) * frequencies ** -rng.uniform(0.0, STEEPEST))
 
     def _changed(self, shape: Shape, size: float, rng: np.random.Generator) -> Shape:
@@ -193,7 +199,7 @@ class Search:
         low = 1.0 / self.duration
         some = rng.random((3, TONES)) < 0.5
         frequencies = shape.frequencies * np.exp(0.5 * size * some[0] * rng.standard_normal(TONES))
-        frequencies = np.clip(frequencies, low, HIGHEST_HZ)
+        frequencies = np.clip(frequencies, low, self.highest)
         strength = np.hypot(*shape.waves)
         least = 0.1 * np.max(strength * shape.frequencies**2) / shape.frequencies**2
         waves = shape.waves + size * some[1:] * rng.standard_normal((2, TONES)) * np.maximum(strength, least)
