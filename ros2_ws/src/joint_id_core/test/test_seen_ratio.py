@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import re
 
 import numpy as np
 import pytest
 
+from joint_id_core import formats
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import Innovations, ParameterSettings, fit
 from joint_id_core.estimators.exact_ratio import exact_ratio
@@ -70,7 +72,7 @@ def test_a_ratio_of_100_is_told_from_one_of_101_without_a_fit(sides, source, mon
     """The fit told play and hysteresis. Torque, gravity and resonance twist the gear meanwhile."""
     shown = simulate_motion(build("harmonic_drive", gravity=True), 4.0, values={"a_g": 20.0, "b_g": 5.0})
     recording = Recording(shown.time, {n: shown[n] for n in (*sides, "link_position", "torque")})
-    ratio, sigma = exact_ratio(recording, sides[0], "torque")
+    ratio, sigma = exact_ratio(recording)
     assert abs(ratio - 101.0) < 0.1 and sigma < 0.05
     model = build("harmonic_drive", gravity=True)
     assert wrong_ratio(model, "innovations", recording, None) is None
@@ -105,3 +107,15 @@ def test_nothing_is_said_of_the_right_ratio_a_good_fit_or_a_joint_that_is_held(m
     held = 1e-4 * np.random.default_rng(0).standard_normal(len(moved))
     assert told(moved.with_channels({"link_position": held}), 60.0) == "Bad."
     assert told(moved.with_channels({"link_position": np.full(len(moved), np.nan)}), 60.0) == "Bad."
+
+
+def test_info_tells_the_ratio_that_nobody_gave(moved, tmp_path, run):
+    path = tmp_path / "both.csv"
+    formats.write(path, moved)
+    said = re.search(r"the motor goes (\S+) ± (\S+) times as far as the link", run("info", path)[1])
+    assert said is not None and abs(float(said[1]) - 101.0) < 0.1 and float(said[2]) < 0.1
+    row = json.loads(run("info", path, "--json")[1])["joints"][0]["gear_ratio"]
+    assert row["value"] == pytest.approx(float(said[1]), abs=0.1)
+    link = Recording(moved.time, {n: moved[n] for n in ("link_position", "torque")})
+    formats.write(path, link)
+    assert json.loads(run("info", path, "--json")[1])["joints"][0]["gear_ratio"] is None

@@ -49,7 +49,9 @@ def _describe(recording: Recording) -> dict[str, Any]:
     import numpy as np
 
     from joint_id_core.data.signals import CHANNELS
+    from joint_id_core.estimators.exact_ratio import exact_ratio
 
+    ratio = exact_ratio(recording) if len(recording) > 1 else None
     channels = []
     for name, values in recording.channels.items():
         finite = values[np.isfinite(values)]
@@ -70,6 +72,7 @@ def _describe(recording: Recording) -> dict[str, Any]:
         "duration_s": recording.duration,
         "rate_hz": 1.0 / recording.period if len(recording) > 1 else None,
         "gaps": recording.gaps,
+        "gear_ratio": dict(zip(("value", "std_dev"), ratio, strict=True)) if ratio else None,
         "channels": channels,
     }
 
@@ -88,6 +91,8 @@ def doubts(recording: Recording, all_joints: Sequence[Recording]) -> list[dict[s
 
 
 def _show(row: dict[str, Any]) -> None:
+    from joint_id_core.data.quantities import with_deviation
+
     rate = f", {row['rate_hz']:.6g} Hz" if row["rate_hz"] else ""
     name = f"joint {row['joint']}: " if row["joint"] else ""
     print(f"\n{name}{row['samples']} samples, {row['duration_s']:.6g} s{rate}, {row['gaps']} gaps")
@@ -96,5 +101,7 @@ def _show(row: dict[str, Any]) -> None:
         low, high = (f"{v:.5g}" if v is not None else "-" for v in (c["minimum"], c["maximum"]))
         mark = "  derived" if c["derived"] else ""
         print(f"  {c['name']:<20}{low:>13}{high:>13}  {c['unit']:<9}{c['missing']:>8}{mark}")
+    if ratio := row["gear_ratio"]:
+        print(f"  the motor goes {with_deviation(ratio['value'], ratio['std_dev'])} times as far as the link")
     for finding in row["findings"]:
         print(f"  {'wrong' if finding['fatal'] else 'doubtful'}: {finding['text']}")

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.filtering.offline import complete
 
-LINK = "link_position"
+LINK, MOTOR, DRIVES = "link_position", ("motor_position", "motor_velocity"), ("torque", "current")
 BLOCKS, LEAST = 16, 50  # stretches whose scatter tells the uncertainty, and samples in each
 RANGE = 0.1  # rad that the link moves at least
 ALIKE = 30.0  # by which the other columns inflate the variance of the ratio at most
@@ -26,14 +26,14 @@ CURVED = 0.03  # part of the twist by which a spring that is not straight may lo
 GAP = 4.0  # periods without a sample, over which a velocity is not integrated
 
 
-def exact_ratio(recording: Recording, side: str, drive: str) -> tuple[float, float] | None:
+def exact_ratio(recording: Recording) -> tuple[float, float] | None:
     """Return how many times as far as the link the motor goes, with its standard deviation; None if that is not clear.
 
-    Args:
-        recording: with the position of the link.
-        side: "motor_position", or "motor_velocity", which is integrated.
-        drive: torque or current.
+    It takes the motor's velocity, integrated, where its position is not measured.
     """
+    side, drive = (next(filter(recording.measured, names), "") for names in (MOTOR, DRIVES))
+    if not (side and drive and recording.measured(LINK)):
+        return None
     part = _without_gaps(recording)
     if len(part) < BLOCKS * LEAST:
         return None

@@ -12,7 +12,7 @@ import numpy as np
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators.exact_ratio import exact_ratio
+from joint_id_core.estimators.exact_ratio import LINK, MOTOR, exact_ratio
 from joint_id_core.estimators.shared.fit_data import UnusableError, unusable
 from joint_id_core.estimators.shared.sentences import sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
@@ -20,8 +20,6 @@ from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate, Status
 
 BAD = (Status.POOR_FIT, Status.MAX_ITERATIONS, Status.DIVERGED, Status.UNINFORMATIVE)
-DRIVES = ("torque", "current")
-MOTOR, LINK = ("motor_position", "motor_velocity"), "link_position"
 LEAST = 100  # samples
 TOGETHER = 0.99  # squared correlation of both sides; what the gear twists is no ratio
 SCALE = 0.05  # least relative error that is told: a gear that twists under gravity looks like less
@@ -68,8 +66,7 @@ def _other_ratio(model: Model, recording: Recording, settings: ParameterSettings
     ratio, shown = model.gear_ratio(values), seen_ratio(recording, side)
     if shown is None or "N" not in values or "N" in free:
         return None
-    drive = next((n for n in DRIVES if recording.measured(n)), None)
-    exact = exact_ratio(recording, side, drive) if drive is not None else None
+    exact = exact_ratio(recording)
     if exact is not None:
         shown = exact[0]
     off = abs(shown / ratio - 1.0)
