@@ -117,5 +117,6 @@ def test_info_tells_the_ratio_that_nobody_gave(moved, tmp_path, run):
     row = json.loads(run("info", path, "--json")[1])["joints"][0]["gear_ratio"]
     assert row["value"] == pytest.approx(float(said[1]), abs=0.1)
     link = Recording(moved.time, {n: moved[n] for n in ("link_position", "torque")})
-    formats.write(path, link)
-    assert json.loads(run("info", path, "--json")[1])["joints"][0]["gear_ratio"] is None
+    alone = tmp_path / "link.csv"
+    formats.write(alone, link)
+    assert json.loads(run("info", alone, "--json")[1])["joints"][0]["gear_ratio"] is None
