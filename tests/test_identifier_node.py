@@ -169,9 +169,9 @@ def test_what_drives_the_joint_follows_from_what_is_measured(identifying, probe,
 
 
 def test_each_joint_has_its_own_torque_constant(identifying, probe, sample):
-    constants = {"elbow": 0.08, "wrist": 0.05}
+    constants = {"elbow": 8.0, "wrist": 5.0}  # at N 1, so that the current is one of a robot
     joints = tuple(constants)
-    texts = ["k_t=0.08", "N=1", "wrist.k_t=0.05"]
+    texts = ["k_t=8", "N=1", "wrist.k_t=5"]
     found, samples = identifying(actuation="current", set=texts, joints=joints)
     messages = [sample(k, joints) for k in range(4 * RATE)]
     for message in messages:
