@@ -109,7 +109,7 @@ def test_a_fit_whose_predictions_run_away_says_so_in_words(monkeypatch):
     In which minimum such a fit ends may hang on the last bits, so one of two recordings is enough. It is made here,
     though the ratio is known to be wrong before.
     """
-    monkeypatch.setattr("joint_id_core.estimators.seen_ratio.FAR", np.inf)
+    monkeypatch.setattr("joint_id_core.estimators.seen_ratio.OFF", np.inf)
     model, time = build("harmonic_drive"), np.arange(1000) / 500
     noise = {"motor_position": 1e-3, "link_position": 1e-5, "motor_velocity": 0.1, "link_velocity": 1e-3}
     found = []
