@@ -28,7 +28,7 @@ from joint_id_core.arm.noise import noise_of
 from joint_id_core.arm.payload import Factor, Payload, gains_from_mass, payload_of
 from joint_id_core.arm.recorded_otherwise import recorded_otherwise
 from joint_id_core.arm.regressor import Regressor
-from joint_id_core.arm.rests import Band, HeldOut, Left, explained
+from joint_id_core.arm.rests import LEAST_R_SQUARED, Band, HeldOut, Left, explained
 from joint_id_core.arm.stacked import Stacked, free
 from joint_id_core.arm.suspects import suspects
 from joint_id_core.data.recording import Array, Recording
@@ -36,7 +36,6 @@ from joint_id_core.errors import JointIdError
 from joint_id_core.results.status import Status
 from joint_id_core.results.verdict import Verdict
 
-LEAST_R_SQUARED = 0.9  # of the torque of a joint
 WORSE = 2.0  # what is left of a held-out recording over what is left of those that were fitted
 ROUNDS = 2  # of torque constants: the first has the load of the gears with wrong ones
 BENT = 0.1  # least bend of friction, as a share of Coulomb friction: a smaller one is that of the filters at reversals

@@ -16,8 +16,9 @@ from dataclasses import dataclass, replace
 from joint_id_core.arm.arm_estimate import JointValues, Value
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.equations import DRIVES
-from joint_id_core.arm.fit import LEAST_R_SQUARED, fit_arm
+from joint_id_core.arm.fit import fit_arm
 from joint_id_core.arm.gains import Gains
+from joint_id_core.arm.rests import LEAST_R_SQUARED
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.results.verdict import Verdict

@@ -8,12 +8,12 @@ import numpy as np
 
 from joint_id_core.arm.belief import Belief
 from joint_id_core.arm.changes import PAYLOAD
-from joint_id_core.arm.fit import LEAST_R_SQUARED
 from joint_id_core.arm.follower import ArmFollower
 from joint_id_core.arm.judged import friction, rotor
 from joint_id_core.arm.links import IMPOSSIBLE
 from joint_id_core.arm.payload import Payload, payload_of
 from joint_id_core.arm.regressor import Regressor
+from joint_id_core.arm.rests import LEAST_R_SQUARED
 from joint_id_core.arm.straight import straightened
 from joint_id_core.results.estimate import Estimate, ParameterChange, ParameterEstimate, Status, message
 from joint_id_core.results.verdict import MAGNITUDE, Verdict

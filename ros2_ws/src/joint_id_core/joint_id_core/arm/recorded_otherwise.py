@@ -18,9 +18,9 @@ from joint_id_core.arm.beforehand import Beforehand
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.equations import Equations
 from joint_id_core.arm.regressor import Regressor
+from joint_id_core.arm.rests import LEAST_R_SQUARED
 from joint_id_core.arm.torque_sums import ALL, Explained, Guess, Moved, TorqueSums
 
-LEAST_R_SQUARED = 0.9  # of the torque of a joint
 # By how much the logarithm of the likelihood rises: a Bayes factor of a million with a memory of four equations, and
 # what is left falls by 2 % in the mean. Of a UR10e a factor on its last joint, which nothing shows, makes up to 0.4 %.
 CLEAR, FALLS = 40.0, 0.02

@@ -22,6 +22,7 @@ from joint_id_core.data.recording import Array
 MOVES = 0.02  # rad/s: above it friction has turned after a reversal, and gears do not yield any more
 SHARE = 0.95  # of rests that a band holds
 NOISE = 2.0  # standard deviations of what is left in motion, by which a band is wider: it is there at rest, too
+LEAST_R_SQUARED = 0.9  # of the torque of a joint
 LEAST_S = 2.0  # of rest: less tells nothing of what a joint holds
 
 

@@ -8,6 +8,8 @@ excited near its resonance moves further than its motor.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from joint_id_core.data.recording import Recording
@@ -35,7 +37,9 @@ def with_seen_ratio(estimate: Estimate, model: Model, recording: Recording, sett
     if estimate.status not in BAD or any("gear ratio N is" in note for note in estimate.notes):
         return estimate
     found = _other_ratio(model, recording, settings)
-    return estimate if found is None else estimate.noted((sentence(found[0]), *estimate.notes), status=estimate.status)
+    if found is None:
+        return estimate
+    return estimate.noted((sentence(found.text), *estimate.notes), status=estimate.status)
 
 
 def wrong_ratio(
@@ -43,17 +47,22 @@ def wrong_ratio(
 ) -> Estimate | None:
     """Return the estimate where the gear ratio is so far off that a fit would tell nothing; None if it is not."""
     found = _other_ratio(model, recording, settings or ParameterSettings())
-    if found is None or (1.0 / FAR < found[1] < FAR and not found[2]):
+    if found is None or not (found.exact or found.far):
         return None
-    error = UnusableError(Status.BAD_DATA, f"{recording.source}: {found[0]}")
+    error = UnusableError(Status.BAD_DATA, f"{recording.source}: {found.text}")
     return unusable(model, estimator, error, recording, settings)
 
 
-def _other_ratio(model: Model, recording: Recording, settings: ParameterSettings) -> tuple[str, float, bool] | None:
-    """Return in words that the motion shows another ratio, how many times as large, and whether that is exact.
+class _Other(NamedTuple):
+    """That the motion shows another ratio than the model's, in words, and how that is known."""
 
-    None if it does not.
-    """
+    text: str
+    exact: bool
+    far: bool
+
+
+def _other_ratio(model: Model, recording: Recording, settings: ParameterSettings) -> _Other | None:
+    """Return that the motion shows another ratio than that of the model; None if it does not."""
     known = (*model.state_names, *model.input_names)
     side = next((n for n in MOTOR if n in known and recording.measured(n)), None)
     if side is None or LINK not in known or not recording.measured(LINK):
@@ -77,7 +86,7 @@ def _other_ratio(model: Model, recording: Recording, settings: ParameterSettings
     correct = column if shown < 0.0 else f"N (--set N={shown:.{digits}g}), or {column}"  # N is positive
     about = "about " if exact is None else ""
     text = f"{side} is {about}{shown:.{digits}g} times that of the link, and the gear ratio N is {ratio:.4g}"
-    return f"{text}: correct {correct}", shown / ratio, exact is not None
+    return _Other(f"{text}: correct {correct}", exact is not None, not 1.0 / FAR < shown / ratio < FAR)
 
 
 def seen_ratio(recording: Recording, side: str) -> float | None:
