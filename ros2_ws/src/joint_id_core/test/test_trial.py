@@ -8,7 +8,7 @@ import numpy as np
 from joint_id_core.online import OnlineIdentifier, OnlineOptions, trial
 from joint_id_core.online.follower import Found
 from joint_id_core.online.task import Task
-from joint_id_core.online.trial import PATIENCE, SHARE, Trial
+from joint_id_core.online.trial import LONG_S, PATIENCE, SHARE, Trial
 from joint_id_core.results.estimate import Estimate
 from joint_id_core.results.status import Status
 
@@ -26,6 +26,14 @@ def test_fits_that_fail_again_and_again_wait_for_what_they_cost():
     now.failed(POOR, late, TOOK_S)
     assert now.waits(late + 0.99 * TOOK_S / SHARE) and not now.waits(late + 1.01 * TOOK_S / SHARE)
     assert not now.due(late + 1.0) and now.due(late + 1.01 * TOOK_S / SHARE)
+
+
+def test_a_long_fit_that_fails_is_followed_by_as_much_motion_without_one():
+    now = Trial(WINDOW_S)
+    now.failed(POOR, 1.0, 0.9 * LONG_S)
+    assert not now.waits(1.1)
+    now.failed(POOR, 1.1, 7.0)
+    assert now.waits(8.0) and not now.waits(8.2)
 
 
 def test_a_fit_that_describes_the_motion_ends_the_patience_anew():

@@ -13,9 +13,9 @@ from joint_id_ros.arm_payload import to_payload
 from joint_id_ros.estimate_bytes import to_values
 from joint_id_ros.latest_estimates import LatestEstimates
 from joint_id_ros.lifecycle import ManagedNode
+from joint_id_ros.presence import GONE_S
 from joint_id_ros.qos import LATEST
 from joint_id_ros.silence import Silence
-from joint_id_ros.worker import GONE_S
 
 GONE = f"no samples of all joints for {GONE_S:.0f} s: what is known of the arm waits until they return"
 

@@ -12,6 +12,15 @@ LONGEST_STEP_NS = NANO  # a longer one between two samples is a pause or a clock
 QUEUE_S = 10.0  # of samples at most wait for a running fit ...
 KEEP_S = 5.0  # ... and if they are more, the newest of them are kept
 RECORDED_S = 2.0  # of recorded samples wait, and the others stay where they come from
+LOST_HERE = "lost by this computer"  # kind of the problem that samples are left out
+
+
+def left_out(count: int) -> str:
+    """Return the words for samples that waited too long."""
+    return (
+        f"{count} samples left out: they waited for fits, which are slower than the samples come. Identify fewer "
+        "joints, or take a longer hop_s"
+    )
 
 
 class SampleQueue:

@@ -13,9 +13,10 @@ from joint_id_core.online.late_sensor import Late
 from joint_id_core.results.estimate import Estimate
 
 AGAIN_S = 1.0  # time between two fits of windows that the memory does not describe
-# Fits of windows that the model does not describe take the longest: once they failed for so many window lengths, they
-# may take this share of a processor.
-PATIENCE, SHARE = 2.0, 0.1
+# Fits of windows that the model does not describe take the longest. One that takes longer than this processor time in s
+# is followed by as much motion without one; once they failed for so many window lengths, they may take this share of a
+# processor.
+LONG_S, PATIENCE, SHARE = 1.0, 2.0, 0.1
 # Window lengths of motion that must agree with a new fit where no change of the joint explained the samples: then the
 # model may not describe them, as with a sensor that is late, and a window can be fitted well by parameters far off.
 TRIAL = 4.0
@@ -73,6 +74,8 @@ class Trial:
         self._fails_since = min(self._fails_since, end)
         if end > self._fails_since + PATIENCE * self._window_s:
             self._fit_next = max(self._fit_next, end + took_s / SHARE)
+        elif took_s > LONG_S:
+            self._fit_next = max(self._fit_next, end + took_s)
 
     def succeeded(self) -> None:
         """Take that a fit described the newest window."""
