@@ -33,7 +33,7 @@ GATHER, GATHER_S = 0.2, 0.02
 # A thread that takes longer is in a fit of a whole window: another one goes on, and each estimate is published at once.
 # Quick updates are slower with several threads, which take the interpreter from each other.
 LONG_S = 0.05
-MOST_THREADS = max(2, os.cpu_count() or 1)
+MOST_THREADS = (os.cpu_count() or 1) + 2  # so that joints that their models do not describe leave one to the others
 STOP_S = 2.0  # longest wait for the thread; launch and systemd kill a process that needs 5 s or more to end
 
 
@@ -69,7 +69,7 @@ class Worker:
 
     Samples of a joint that arrived during a fit of it go into one update. So if fits take longer than a hop, windows
     are skipped and the results stay current; the other joints go on meanwhile. No more samples wait than `SampleQueue`
-    holds; beyond that the oldest are left out. There are as many threads as cores at most, but two on one core.
+    holds; beyond that the oldest are left out. There are two threads more than cores at most.
     Recorded samples have time: no window is skipped, and none is left out if nothing is added while the worker is full.
 
     Attributes:
