@@ -40,6 +40,21 @@ def test_of_many_the_two_are_told_that_are_pulled_most():
     assert text.endswith("; others fight their priors less")
 
 
+@pytest.mark.parametrize(("sigma", "told"), [(0.3, True), (0.8, False)])
+def test_data_that_tell_an_upper_limit_only_want_no_value_below_it(sigma, told):
+    """Friction that a motion does not show was wanted "near 1e-16 Nm", with a prior of 36 as the advice."""
+    names = ("J", "c", "tau_f", "tau_0")
+    coordinates = Coordinates(MODEL, names)
+    belief = Belief(names, coordinates.z(np.array([1.0, 1.0, 5.0, 0.0])), np.diag([1.0, 1.0, 1.0, 0.01]))
+    below = belief.mean + np.array([0.0, 0.0, -2.2, 0.0])
+    text = prior_pull(MODEL, names, coordinates, belief, below, np.diag([0.01, 0.01, sigma**2, 1.0]), names)
+    assert ("want tau_f" in text) is told
+    above = belief.mean - (below - belief.mean)
+    assert "want tau_f" in prior_pull(
+        MODEL, names, coordinates, belief, above, np.diag([0.01, 0.01, sigma**2, 1.0]), names
+    )
+
+
 def test_a_poor_fit_wants_nothing_of_priors_that_nobody_gave():
     """Its model may ask for any value: once for a friction of 18,500 Nm."""
     record = motion(6.0)

@@ -13,6 +13,9 @@ FAR = 2.0  # standard deviations of the prior between its mean and what the data
 MATTERS = 0.5  # standard deviations of the estimate by which the prior pulls it, from which the user is told
 MOST = 2  # parameters that are told: a message is to be read
 UNKNOWN = 0.95  # standard deviation of the estimate over that of the prior from which the data say nothing
+# Standard deviation of a logarithm from which data that want less tell an upper limit only: their likelihood is flat
+# down to zero, and where it falls away is no value.
+LIMIT = 0.5
 
 
 def prior_pull(
@@ -42,6 +45,8 @@ def prior_pull(
         if name not in names or share >= UNKNOWN:
             continue
         away = float(z[k] - belief.mean[k])
+        if coordinates.positive[k] and away < 0.0 and share * prior > LIMIT:
+            continue
         wanted = away / (1.0 - share**2)
         if abs(wanted) > FAR * prior and abs(wanted - away) > MATTERS * share * prior:
             moved = z.copy()
