@@ -284,11 +284,7 @@ class OnlineIdentifier:
         elif trial.shown is not None and trial.waits(self._watch.recent.end):
             return trial.shown.updated(end=window.end)
         recording, known, begun = window.recording(), self._known, time.thread_time()
-        found = self._task.refused(recording) if known is None else None
-        if found is None:
-            self._task = self._task if known else self._task.started(recording, self.settings)
-            found = self._task.fit(recording, known.last if known else None)
-        fit = self._task.cross_checked(found, recording, self.settings)
+        self._task, fit = self._task.fitted(recording, self.settings, known.last if known else None)
         if not fit.converged:
             trial.failed(fit, self._watch.recent.end, time.thread_time() - begun)
             # Beside a memory that does not describe the window, two estimators that disagree on it tell nothing more.

@@ -46,7 +46,7 @@ class Task:
     coordinates: Coordinates
     background: Background = at_once
 
-    def started(self, recording: Recording, settings: ParameterSettings) -> Task:
+    def _started(self, recording: Recording, settings: ParameterSettings) -> Task:
         """Return the task with these settings, starts and priors of a window: see `estimators.regression_starts`."""
         if not isinstance(self.estimator, Innovations):
             return self
@@ -58,6 +58,22 @@ class Task:
         """Return the task with the start values with which an earlier estimate began, where the settings have none."""
         begun = {p.name: p.initial for p in estimate.parameters if p.name in estimate.free}
         return replace(self, settings=self.settings.with_values(begun | dict(self.settings.values)))
+
+    def fitted(
+        self, recording: Recording, given: ParameterSettings, previous: Estimate | None
+    ) -> tuple[Task, Estimate]:
+        """Return the task with starts and priors for a window, and its fit with what a second estimator says.
+
+        `previous` and `given` are as in `fit` and `cross_checked`. A first window, without a previous one, is refused
+        if it contradicts itself or its model; if not, the search begins with what it shows.
+        """
+        task, found = self, None
+        if previous is None:
+            found = self._refused(recording)
+            task = self._started(recording, given) if found is None else self
+        if found is None:
+            found = task.fit(recording, previous)
+        return task, task.cross_checked(found, recording, given)
 
     def fit(self, recording: Recording, previous: Estimate | None) -> Estimate:
         """Fit a window by itself; innovations begin their search at the fit of a `previous` window."""
@@ -73,7 +89,7 @@ class Task:
             return fitted_between(found, self.model, recording, again)[0]
         return self.estimator.fit(self.model, recording, self.settings)
 
-    def refused(self, recording: Recording) -> Estimate | None:
+    def _refused(self, recording: Recording) -> Estimate | None:
         """Return the estimate of a first window that contradicts itself or its model; None if it does not."""
         if not isinstance(self.estimator, Innovations):
             return None
