@@ -150,6 +150,12 @@ def test_a_zero_that_is_near_is_left_to_suspects(arm):
     assert not told(changed(arm, "bend", POSITION, more=np.radians(5.0)))
 
 
+def test_a_base_that_leans_is_left_to_suspects():
+    """It makes the zero of the lift look wrong; `suspects` name the lean."""
+    angle = np.radians(28.0)
+    assert not told(moving_arm.rigid(SECONDS, 2, growth=0.1, gravity=(9.81 * np.sin(angle), 0, -9.81 * np.cos(angle))))
+
+
 def test_the_zero_of_an_axis_along_gravity_is_nowhere(arm):
     assert not told(changed(arm, "turn", POSITION, more=1.0))
 

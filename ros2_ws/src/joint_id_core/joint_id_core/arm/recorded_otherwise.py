@@ -1,7 +1,8 @@
 """Whether an arm was recorded otherwise than it moves: joints exchanged, turned, in another unit, or with another zero.
 
 All joints bear the same links. So one wrong column pulls masses and rotors of all away, while each joint may seem to be
-explained. A guess that is right leaves much less of all torques.
+explained. A guess that is right leaves much less of all torques, and less than a base that leans, which `suspects`
+tell: with that, a vertical axis bears gravity, which a larger torque of it would explain in part.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
+from scipy.spatial.transform import Rotation
 
 from joint_id_core.arm.beforehand import Beforehand
 from joint_id_core.arm.description import Description
@@ -20,6 +22,7 @@ from joint_id_core.arm.equations import Equations
 from joint_id_core.arm.regressor import Regressor
 from joint_id_core.arm.rests import LEAST_R_SQUARED
 from joint_id_core.arm.torque_sums import ALL, Explained, Guess, Moved, TorqueSums
+from joint_id_core.data.recording import Array
 
 # By how much the logarithm of the likelihood rises: a Bayes factor of a million with a memory of four equations, and
 # what is left falls by 2 % in the mean. Of a UR10e a factor on its last joint, which nothing shows, makes up to 0.4 %.
@@ -32,6 +35,8 @@ STEP, MOST = 0.35, 10.0  # of the logarithms of factors that are tried one after
 PATIENCE = 4.5  # steps that are tried beyond the best one
 FAULTS = 3  # that are sought one after the other
 DEGREES, MILLIMETRES = math.pi / 180.0, 1e-3
+LEANS = math.radians(30.0)  # the most that a base leans by; beyond, gravity acts elsewhere
+LEANING = math.radians(3.0)  # from which its angle is sought
 OFF = math.radians(15.0)  # a zero that is off by less is told by `suspects`, and in the intervals
 TURNS, THINNED = 8, 4  # zeros that are tried, and share of the instants at which they are
 UNIT = "(unit, torque constant or gear ratio)"
@@ -73,7 +78,10 @@ def recorded_otherwise(
         better = [one for one in search.others(best) if best.found.left - one.found.left > least]
         if not better:
             break
-        best = min(better, key=lambda one: one.found.left)
+        found = min(better, key=lambda one: one.found.left)
+        if search.leaning(best) - found.found.left < CLEAR:
+            break
+        best = found
         alike = [one for one in better if one.found.left - best.found.left < CLEAR and one is not best]
         texts.append(", or ".join(one.text for one in (best, *alike)))
     return "; ".join(texts) if best.explained else ""
@@ -102,6 +110,27 @@ class _Search:
             yield from self._of_position(now, j)
         for i, j in combinations(moves, 2):
             yield from self._exchanged(now, i, j)
+
+    def leaning(self, now: _Tried) -> float:
+        """Return what is left if the base leans, about the axis and by the angle that leave least."""
+        down, thinned = self.description.gravity, now.moved.thinned(THINNED)
+        if not down.any():
+            return math.inf
+        across = np.linalg.svd(down[None])[2][1:]
+
+        def left(angles: Array, moved: Moved) -> float:
+            turned = Rotation.from_rotvec(angles @ across).apply(down)
+            description = Description(self.description.text, self.description.source, turned.tolist())
+            regressor = Regressor(description)
+            search = _Search(description, regressor, Beforehand.of(regressor))
+            return search._of(moved, now.guess, "").found.left
+
+        corners = LEANING * np.array([[1.0, 0.0], [-0.5, 0.8], [-0.5, -0.8]])
+        found = minimize(  # type: ignore[call-overload]  # its stub knows no simplex
+            lambda angles: left(np.clip(angles, -LEANS, LEANS), thinned), corners[0], method="Nelder-Mead",
+            options={"xatol": 0.003, "fatol": 1.0, "initial_simplex": corners},
+        )  # fmt: skip
+        return left(np.clip(found.x, -LEANS, LEANS), now.moved)
 
     def _of(self, moved: Moved, guess: Guess, text: str) -> _Tried:
         sums = TorqueSums.of(self.regressor, moved, self.beforehand)
