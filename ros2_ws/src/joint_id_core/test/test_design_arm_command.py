@@ -10,7 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from joint_id_core.cli import app
-from joint_id_core.design.files import read_trajectory
+from joint_id_core.design.files import read_trajectory, write
+from joint_id_core.design.fourier import FourierMotion
 from joint_id_core.design.limit_files import read_limits
 from joint_id_core.design.limits import violations
 
@@ -87,3 +88,11 @@ def test_bad_input(files: tuple[Path, Path], changes: dict[str, str | None], tex
     asked = {"--arm": str(files[0]), "--limits": str(files[1]), "--time": "6", "--rate": "50", **changes}
     code, told = run(*(part for option, value in asked.items() if value is not None for part in (option, value)))
     assert code == 2 and text in " ".join(told.split())
+
+
+def test_a_motion_of_one_joint_is_none_of_the_arm(files: tuple[Path, Path], tmp_path: Path) -> None:
+    """It says nothing of where the others are; it ended in a traceback."""
+    urdf, limits = files
+    write(FourierMotion(("lift",), [0.0], [[0.1]], [[0.2]], [0.5], 8.0, 1.0).sampled(125.0), tmp_path / "lift.csv")
+    code, text = run("--arm", urdf, "--limits", limits, "--motion", tmp_path / "lift.csv")
+    assert code == 2 and "moves lift and does not tell where turn, bend, roll, tilt, spin" in " ".join(text.split())

@@ -241,6 +241,14 @@ def test_where_a_limit_prevents_a_parameter_it_says_so():
         ),
         ({"limits": published("ur3e")}, "give those of one joint"),
         ({"limits": replace(LIMITS, jerk=np.array([1e-3]))}, "no motion of 8 s within the limits moves the joint"),
+        (
+            {"limits": replace(LIMITS, torque=np.array([2.0]))},
+            r"larger ones take [\d.]+ Nm or more at the link, and the limit of torque is 2 Nm",
+        ),
+        (
+            {"limits": replace(LIMITS, torque=np.array([0.5])), "model": build("harmonic_drive")},
+            r"larger ones take [\d.]+ Nm or more at the link, and the limit of torque is 0\.5 Nm",
+        ),
         ({"model": build("electromechanical")}, "driven by a voltage"),
         ({"settings": ParameterSettings({"J": -1.0})}, "outside its bounds"),
         ({"settings": ParameterSettings({"K": 1.0})}, "no parameter 'K'"),

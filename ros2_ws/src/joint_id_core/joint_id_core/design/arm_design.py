@@ -156,8 +156,13 @@ def foreseen(regressor: Regressor, motion: Trajectory, prior: ArmPrior, notes: S
     """Return a motion of an arm with what a fit of it will tell, e.g. of a motion of your own.
 
     Raises:
-        JointIdError: the motion is too short for the number of parameters.
+        JointIdError: the motion does not tell where all joints are, or is too short for the number of parameters.
     """
+    if missing := [name for name in regressor.joints if name not in motion.names]:
+        raise JointIdError(
+            f"this motion moves {', '.join(motion.names)} and does not tell where {', '.join(missing)} "
+            f"{'is' if len(missing) == 1 else 'are'}: give one with all joints of the arm, also those that stand"
+        )
     found = promise(regressor, motion, prior)
     count, base = len(regressor.joints), len(regressor.reference)
     seen, rows = np.isfinite(found.std_dev), []

@@ -105,6 +105,7 @@ class Search:
         self._columns: NDArray[np.int64] = np.array([foresight.free.index(name) for name in names], dtype=np.int64)
         self.highest = min(HIGHEST_HZ, ABOVE * float(limits.jerk[0] / limits.acceleration[0]) / (2.0 * math.pi))
         self.ramp = min(RAMP_S, RAMP_SHARE * duration)
+        self._strained = math.inf  # least torque in Nm of motions that break its limit
         self.time = np.arange(round(duration * foresight.rate) + 1) / foresight.rate
 
     def run(self, progress: Progress = lambda _: None) -> Candidate:
@@ -118,10 +119,7 @@ class Search:
             progress(f"motion {k + 1} of {SHAPES + STEPS}")
             best = self._better(self._random(rng), best, 1)
         if best is None:
-            raise JointIdError(
-                f"no motion of {self.duration:g} s within the limits moves the joint enough for a fit: give more time "
-                f"or wider limits ({self.limits.source})"
-            )
+            raise JointIdError(self._none())
         best = self._better(best.shape, None, len(self.joints)) or best
         size = FIRST_STEP
         for k in range(STEPS):
@@ -147,6 +145,17 @@ class Search:
         """Return position, velocity, acceleration and jerk of a shape, (4, T)."""
         return np.asarray(basis(self.time, shape.frequencies, self.duration, self.ramp) @ shape.waves.ravel())
 
+    def _none(self) -> str:
+        """Return why no motion was found."""
+        what = f"no motion of {self.duration:g} s within the limits moves the joint enough for a fit: "
+        if math.isfinite(self._strained):
+            return (
+                f"{what}larger ones take {self._strained:.3g} Nm or more at the link, and the limit of "
+                f"torque is {self.limits.torque[0]:g} Nm ({self.limits.source}): give a higher one, or what the joint "
+                "has of friction and inertia (--set)"
+            )
+        return f"{what}give more time or wider limits ({self.limits.source})"
+
     def _better(self, shape: Shape, best: Candidate | None, joints: int) -> Candidate | None:
         """Return the shape as a candidate if it is better than the best one, by so many joints, else the best one."""
         moved = self.moved(shape)
@@ -164,6 +173,7 @@ class Search:
             torque = max(one[1] for one in seen)
             if torque <= allowed:
                 break
+            self._strained = min(self._strained, torque)
             scale, held = 0.95 * scale * allowed / torque, "torque"
         else:
             return best
