@@ -7,11 +7,14 @@ import argparse
 import arm_stats
 import bootstrap
 import design
+import design_bound
 import numpy as np
 import pytest
 from measured_blocks import add_options, rows_of
 
 from joint_id_core.arm.arm_estimate import Value
+from joint_id_core.data.recording import Array
+from joint_id_core.design.foresight import Foresight
 from joint_id_core.results.verdict import Verdict
 
 
@@ -83,3 +86,21 @@ def test_a_fit_of_a_simulated_arm_has_every_group_near_its_truth():
         ratio = np.sqrt(np.mean((np.array(errors) / row.sigmas[group]) ** 2))
         assert ratio < 2.5, group
     assert row.all == {**row.all, arm_stats.BASE: 40, "payload, mass": 1, "payload, centre": 3, "gains": 6}
+
+
+def test_the_best_mixture_is_found_and_a_better_motion_outside_of_it_is_told():
+    """Each of two motions is blind to what the other shows: half of the time for either is best."""
+    case = design.CASES[5]
+    free = Foresight(case.model, case.settings).free
+    assert set(case.names) == {"J", "c", "tau_f"}
+
+    def blind_to(name: str) -> Array:
+        return np.diag([1e-2 if one == name else 1e-4 for one in free])
+
+    plain, better = 1e-2 * np.eye(len(free)), 1e-5 * np.eye(len(free))
+    known = [plain, blind_to("J"), blind_to("c")]
+    found = design_bound.row(case, known, [plain, *known[1:]])
+    half = 2.0 / (1e4 + 1e2)
+    assert found.mixture == pytest.approx((half * half * 1e-4) ** (1.0 / 6.0), rel=1e-3)
+    assert found.mixture < found.single < found.multisine and found.sensitivity <= 1.0 + design_bound.NEAR
+    assert design_bound.row(case, known, [better]).sensitivity > 5.0
