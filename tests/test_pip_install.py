@@ -49,6 +49,13 @@ def test_the_command_simulates_and_fits(bare):
     assert "rigid_joint by innovations: converged" in fitted.stdout
 
 
+def test_a_robot_is_known_by_its_name(bare):
+    designed = run(
+        bare, "joint-id", "design", "--robot", "ur3e", "--joint", "elbow", "--model", "rigid_joint", "--time", "5"
+    )
+    assert designed.returncode == 0, designed.stderr
+
+
 def test_python_reads_and_fits_a_bag_without_ros_and_torch(bare):
     code = (
         "import sys\nimport joint_id_core as jid\n"

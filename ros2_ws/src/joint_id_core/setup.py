@@ -4,7 +4,7 @@ setup(
     name="joint_id_core",
     version="0.1.0",
     packages=find_packages(exclude=["test"]),
-    package_data={"joint_id_core": ["py.typed", "pages/assets/*"]},
+    package_data={"joint_id_core": ["py.typed", "pages/assets/*", "robots/*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/joint_id_core"]),
         ("share/joint_id_core", ["package.xml"]),

@@ -249,3 +249,11 @@ def test_a_link_that_leads_to_itself_is_said(tmp_path, here):
     (tmp_path / "loop.csv").symlink_to("loop.csv")
     code, _, err = here("fit", "loop.csv", "--model", "rigid_joint")
     assert code == BAD_INPUT and err.count("\n") == 1 and "loop.csv" in err
+
+
+@pytest.mark.parametrize("command", [("watch",), ("record", "run1"), ("fleet", "robots.yaml")])
+def test_a_command_of_the_nodes_says_where_it_comes_from(here, command):
+    """The library alone said "No such command 'watch'. Did you mean 'batch'?"."""
+    code, _, err = here(*command)
+    assert code == BAD_INPUT and err.count("\n") == 1
+    assert f"joint-id: {command[0]} comes with the nodes" in err and "colcon build" in err

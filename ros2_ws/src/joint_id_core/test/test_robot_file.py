@@ -9,7 +9,7 @@ import pytest
 
 from joint_id_core import formats
 from joint_id_core.errors import JointIdError
-from joint_id_core.jobs.robot_file import robot_settings
+from joint_id_core.jobs.robot_file import joints_of_robot, robot_settings
 from joint_id_core.models import build
 
 from .online_motion import motion
@@ -82,13 +82,38 @@ def test_the_command_takes_it_and_its_own_settings_have_precedence(file, run):
     current = record.with_channels({"current": record["torque"] / 0.5})
     channels = {n: v for n, v in current.channels.items() if n != "torque"}
     formats.write_bag(bag, {"elbow": type(record)(record.time, channels)})
-    code, out, _ = run("fit", bag, "--model", "rigid_joint", "--joint", "all", "--robot", "arm", "--json")
+    _, out, _ = run("fit", bag, "--model", "rigid_joint", "--joint", "all", "--robot", "arm", "--json")
     values = {p["name"]: p["value"] for p in json.loads(out)[0]["parameters"]}
     assert (values["N"], values["k_t"], values["tau_0"]) == (2.0, 0.25, 0.0)
-    code, out, _ = run(
+    _, out, _ = run(
         "fit", bag, "--model", "rigid_joint", "--robot", "arm", "--set", "k_t=0.3", "--free", "tau_0", "--json"
     )
     values = {p["name"]: p["value"] for p in json.loads(out)["parameters"]}
     assert values["k_t"] == 0.3 and values["N"] == 2.0 and values["tau_0"] != 0.0
-    code, _, err = run("fit", bag, "--model", "rigid_joint", "--robot", "ur99e")
-    assert code == 2 and "no such file" in err
+
+
+def test_robots_are_known_by_name_in_any_folder_and_without_the_nodes(tmp_path, monkeypatch, run):
+    """`--robot ur3e` ended in "no such file" where only the library was installed."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
+    elbow = robot_settings("ur3e", "elbow_joint", build("rigid_joint", actuation="current").parameter_names)
+    assert elbow.values["N"] == 101.0 and elbow.values["k_t"] == pytest.approx(0.0802) and elbow.deviations["k_t"] > 0.0
+    assert all(len(joints_of_robot(name)) == 6 for name in ("ur3e", "ur5e", "ur10e"))
+    words = ("--robot", "ur3e", "--joint", "elbow", "--model", "rigid_joint", "--motion", "still.csv")
+    (tmp_path / "still.csv").write_text("time_s,elbow_joint\n0,0\n0.1,0\n0.2,0\n")
+    assert "--robot" not in run("design", *words)[2]
+
+
+@pytest.mark.parametrize("text", [None, "a: 1"])
+def test_a_file_of_no_use_is_said_once_before_any_fit(tmp_path, monkeypatch, run, text):
+    """It was said of each of six joints, in a table, after all of the file had been read."""
+    monkeypatch.chdir(tmp_path)
+    record = motion()
+    rows = np.column_stack([record.time, *(record[name] for name in ("link_position", "torque") for _ in range(2))])
+    np.savetxt("moves.csv", rows, delimiter=",", header="time,q1,q2,tau_1,tau_2", comments="")
+    if text is not None:
+        (tmp_path / "ur99e").write_text(text)
+    for command in (("fit", "moves.csv"), ("report", "moves.csv", "-o", "page.html")):
+        code, out, err = run(*command, "--robot", "ur99e")
+        assert code == 2 and not out and err.count("\n") == 1
+        assert ("known by name: ur10e, ur3e, ur5e" if text is None else "no parameters of the node") in err

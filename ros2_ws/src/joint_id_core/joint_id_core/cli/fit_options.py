@@ -14,6 +14,7 @@ from joint_id_core.assignments import measured_by_name, numbers_by_name, texts_b
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import Estimator, ParameterSettings
 from joint_id_core.jobs.fit_job import FitJob
+from joint_id_core.jobs.robot_file import joints_of_robot
 
 Texts = Optional[list[str]]
 MAP_HELP = "channel=column, or a product: torque=gtau*vir; torque=tau_#: of every joint; of a bag channel=topic.field"
@@ -121,7 +122,13 @@ class FitOptions(CompareOptions):
     def job(
         self, files: Sequence[Path], joint: str | None, model_options: Mapping[str, Any], estimator: Estimator
     ) -> FitJob:
-        """Return the fit of files."""
+        """Return the fit of files.
+
+        Raises:
+            JointIdError: the file of the robot is of no use, for any joint.
+        """
+        if self.robot is not None:
+            joints_of_robot(self.robot)
         return FitJob(
             files, joint, self.mapping, self.start, self.end, model_options, self.settings, estimator, self.robot,
             self.urdf, self.base_gravity, self.still or (),

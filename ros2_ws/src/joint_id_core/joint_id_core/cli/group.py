@@ -18,10 +18,20 @@ from joint_id_core.errors import JointIdError
 UsageError: type[Exception] = typer.BadParameter.__mro__[1]
 
 BAD_INPUT = 2
+OF_NODES = ("fleet", "record", "watch")  # commands of joint_id_ros
 
 
 class OneLineErrors(TyperGroup):
     """A group of commands that reports misuse and unusable data in one line."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the command that is named; one that only comes with the nodes is no typing error."""
+        if args and args[0] in OF_NODES and self.get_command(ctx, args[0]) is None:
+            raise JointIdError(
+                f"{args[0]} comes with the nodes (joint_id_ros), which are not installed here: make setup, or colcon "
+                "build in ros2_ws, and source its setup.bash; joint-id doctor tells what is missing"
+            )
+        return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
         """Run the chosen command."""

@@ -12,13 +12,14 @@ from joint_id_core.estimators import ParameterSettings
 from joint_id_core.models.per_joint import Entry, parse
 
 NODE = "identifier"
+ROBOTS = Path(__file__).parents[1] / "robots"  # files that are part of this package
 
 
 def robot_settings(robot: str, joint: str | None, names: Collection[str]) -> ParameterSettings:
     """Return the settings `set`, `fix` and `free` of a file for a joint, of the parameters with these names.
 
     Args:
-        robot: path of the file, or the name of a robot: NAME.yaml in the folder config, or installed with joint_id_ros.
+        robot: path of the file, or the name of a robot: NAME.yaml in the folder config, or in this package.
         joint: name of the joint, as in the file; None takes what holds for all joints.
         names: of the parameters of a model.
 
@@ -58,12 +59,14 @@ def path_of(robot: str) -> Path:
     if (path := Path(robot)).is_file():
         return path
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    folders = [Path("config"), *(Path(prefix) / "share/joint_id_ros/config" for prefix in prefixes if prefix)]
+    folders = [Path("config"), ROBOTS, *(Path(p) / "share/joint_id_ros/config" for p in prefixes if p)]
     found = next((file for folder in folders if (file := folder / f"{robot}.yaml").is_file()), None)
     if found is None:
         known = sorted({file.stem for folder in folders if folder.is_dir() for file in folder.glob("ur*e.yaml")})
-        text = f"; known by name: {', '.join(known)}{close_to(robot, known)}" if known else ""
-        raise JointIdError(f"--robot {robot}: no such file: give the path of a parameter file of the identifier{text}")
+        raise JointIdError(
+            f"--robot {robot}: no such file: give the path of a parameter file of the identifier; known by name: "
+            f"{', '.join(known)}{close_to(robot, known)}"
+        )
     return found
 
 
