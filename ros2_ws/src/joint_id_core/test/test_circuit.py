@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.integrate import cumulative_trapezoid
 from scipy.signal import cont2discrete, dlsim
 
 from joint_id_core.checking.circuit import circuit
@@ -77,6 +78,17 @@ def test_a_velocity_in_revolutions_a_minute_is_named(good):
     assert "in SI units" not in fit(MODEL, good).message
     of_another = fit(build("dc_motor"), changed(good, {"motor_velocity": 4.0 * good["motor_velocity"]})).message
     assert "in SI units they are one number for any motor: a channel is not in SI units" in of_another
+
+
+def test_an_encoder_that_the_model_does_not_read_is_told_where_it_would_help():
+    """Voltage and current alone leave k_b and k_t open; the derivative of the angle tells them apart."""
+    rest = simulate_motion(MODEL)
+    angle = cumulative_trapezoid(rest["motor_velocity"], rest.time, initial=0.0)
+    both = changed(rest, {"motor_position": angle})
+    alone = Recording(both.time, {n: v for n, v in both.channels.items() if n != "motor_velocity"})
+    told = "motor_position is not used, as dc_motor has no angle: give its derivative as motor_velocity"
+    assert told.capitalize() in " ".join(fit(MODEL, alone).notes)
+    assert "is not used" not in " ".join(fit(MODEL, both).notes)
 
 
 def test_samples_that_stand_or_are_missing_tell_nothing(good):

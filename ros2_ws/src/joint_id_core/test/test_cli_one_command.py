@@ -15,6 +15,7 @@ from joint_id_core.cli.fit import _again
 from joint_id_core.data.recording import Recording
 from joint_id_core.models import build
 from joint_id_core.results.status import Status
+from joint_id_core.simulation import simulate_motion
 from joint_id_core.simulation.excitation import multisine
 from joint_id_core.simulation.sensors import Sensors
 from joint_id_core.simulation.simulator import simulate
@@ -127,6 +128,16 @@ def test_what_cannot_be_guessed_is_asked_for(tmp_path, run_here):
     (tmp_path / "still.csv").write_text("time_s,temperature\n0,20\n1,20\n")
     code, out = run_here("fit", "still.csv")
     assert code == 2 and "no model follows from that" in out
+
+
+def test_a_table_of_a_motor_bench_needs_no_mapping(tmp_path, run_here):
+    """`Motor Voltage (V)` was left alone, and no model followed."""
+    record = simulate_motion(build("dc_motor"), 4.0)
+    rows = [1e3 * record.time, record["voltage"], record["current"], record["motor_velocity"] * 30.0 / np.pi]
+    names = "Time (ms);Motor Voltage (V);Motor Current (A);Motor Speed (rpm)"
+    np.savetxt(tmp_path / "my motor.csv", np.column_stack(rows), delimiter=";", header=names, comments="")
+    code, out = run_here("fit", "my motor.csv")
+    assert code == 0 and "voltage = Motor Voltage (V)" in out and "model dc_motor: the motor is measured" in out
 
 
 @pytest.fixture

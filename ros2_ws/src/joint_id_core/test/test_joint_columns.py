@@ -41,6 +41,9 @@ TIME = np.arange(5) * 0.01
         ("DQ4", "joint_4", "link_velocity"),
         ("elbowTorque", "elbow", "torque"),
         ("Velocity", "", "link_velocity"),
+        ("Motor Voltage (V)", "", "voltage"),
+        ("motor_speed_2", "joint_2", "motor_velocity"),
+        ("Motor angle", "", "motor_position"),
     ],
 )
 def test_names_that_people_write(column, joint, channel):

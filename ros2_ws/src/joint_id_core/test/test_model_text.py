@@ -78,5 +78,5 @@ def test_without_a_text_gravity_is_among_them_where_the_motion_shows_it(load, op
 
 
 def test_a_recording_that_suits_no_model_asks_for_names():
-    with pytest.raises(JointIdError, match=r"log.csv holds motor_velocity: no model follows .* name the candidates"):
+    with pytest.raises(JointIdError, match=r"log.csv holds motor_velocity: no model follows .*joint-id info .*--map"):
         parse([], recording("motor_velocity"))

@@ -81,8 +81,9 @@ def every_model(recording: Recording) -> tuple[str, ...]:
         names += ["electromechanical"] * (link and motor) + ["dc_motor"] * (motor and not link)
     if not names:
         raise JointIdError(
-            f"{recording.source} holds {', '.join(recording.channels) or 'nothing'}: no model follows from that; name "
-            f"the candidates, {GRAMMAR}"
+            f"{recording.source} holds {', '.join(recording.channels) or 'nothing'}: no model follows from that. "
+            "Needed are torque or current and the motion of the link (rigid_joint), or voltage and the motion of the "
+            "motor (dc_motor): name columns that were not understood (joint-id info shows them; --map), or the model"
         )
     return tuple(names)
 

@@ -22,13 +22,15 @@ WORDS = {
     "link_velocity": ("dq", "qd", "qdot", "q dot", "dot q", "d q", "vel", "velocity", "velocities", "speed"),
     "torque": ("tau", "trq", "torque", "torques", "motor torque", "effort", "efforts"),
     "current": ("cur", "curr", "current", "currents", "motor current"),
-    **{name: () for name in CHANNELS if name not in ("link_position", "link_velocity", "torque", "current")},
+    "voltage": ("motor voltage",),
+    "motor_position": ("motor angle", "motor pos"),
+    "motor_velocity": ("motor speed", "motor vel"),
 }
 # By tokens of a name, the longest first. A channel has its own name, too.
 CHANNEL = {
     tuple(word.replace("_", " ").split()): channel
-    for channel, words in WORDS.items()
-    for word in (channel, *words)
+    for channel in CHANNELS
+    for word in (channel, *WORDS.get(channel, ()))
 }  # fmt: skip
 LONGEST = max(map(len, CHANNEL))
 TOKEN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[^\W\d_]+|\d+")  # also of `jointPosition1`

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from joint_id_core.checking.finding import Finding
@@ -19,11 +19,26 @@ from joint_id_core.results.estimate import Estimate, Status
 
 
 def concerning(model: Model, recording: Recording) -> tuple[Finding, ...]:
-    """Return what is doubtful about the channels that a fit of this model uses, fatal findings first."""
+    """Return what is doubtful about the channels that a fit of this model uses, or should, fatal findings first."""
     used = {*model.state_names, *model.input_names}
     used |= {integral_of(n) or n for n in used if not recording.measured(n)}  # it is derived from there
     has_offset = "dtheta_0" in model.parameter_names
-    return tuple(f for f in findings(recording) if f.concerns(used) and not (has_offset and f.about == "twist"))
+    found = (f for f in findings(recording) if f.concerns(used) and not (has_offset and f.about == "twist"))
+    return (*found, *_unused_angle(model, recording))
+
+
+def _unused_angle(model: Model, recording: Recording) -> Iterator[Finding]:
+    """Find an encoder that a model without angles does not read, although it lacks the velocity that it shows."""
+    for velocity in model.state_names:
+        angle = integral_of(velocity)
+        if angle is None or angle in model.state_names or recording.measured(velocity):
+            continue
+        if recording.measured(angle):
+            yield Finding(
+                f"{angle} is not used, as {model.name} has no angle: give its derivative as {velocity}, which shows "
+                "more of the motor",
+                (velocity,),
+            )
 
 
 def refused(
