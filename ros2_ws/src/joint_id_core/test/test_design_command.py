@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import shlex
 
@@ -81,6 +82,8 @@ def test_a_fit_proposes_a_design_that_can_be_pasted(tmp_path, run_here, few):
     formats.write(tmp_path / "slow.csv", seen)
     code, out = run_here("fit", "slow.csv", "--model", "motor_side", "--set", "k_t=0.1", "--joint", "axis")
     line = next(line for line in out.splitlines() if line.startswith("a motion that shows more"))
+    run_here("report", "slow.csv", "--model", "motor_side", "--set", "k_t=0.1", "--joint", "axis", "-o", "slow.html")
+    assert f"<pre>{html.escape(line.partition(': ')[2])}</pre>" in (tmp_path / "slow.html").read_text()
     words = shlex.split(line.partition("joint-id ")[2])
     asked = words[words.index("--for") + 1].split(",")
     table = {line.split()[0]: line for line in out.splitlines() if " not_excited " in line}
@@ -155,3 +158,13 @@ def test_bad_input_is_one_line_and_nothing_is_written(tmp_path, run_here, words,
     code, out = run_here("design", *words)
     assert code == 2 and said in out and len(out.splitlines()) == 1, out
     assert sorted(p.name for p in tmp_path.iterdir()) == ["bad.yaml", "limits.yaml"]
+
+
+def test_a_file_of_limits_that_is_not_there_is_one_to_write(tmp_path, run_here, few):
+    """The command that a fit proposes names joint_limits.yaml; the message shows what stands in it."""
+    words = ("design", "--joint", "axis", "--model", "rigid_joint", "--limits", "joint_limits.yaml", "--time", "5")
+    code, out = run_here(*words)
+    assert code == 2 and "joint_limits.yaml: cannot be read" in out
+    (tmp_path / "joint_limits.yaml").write_text(out.partition("write such a file: ")[2])
+    code, out = run_here(*words)
+    assert code == 0, out

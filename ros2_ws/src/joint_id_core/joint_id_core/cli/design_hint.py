@@ -47,6 +47,14 @@ def design_hint(estimate: Estimate, job: FitJob) -> str:
     return shlex.join([*words, "--for", ",".join(unseen), "--out", "designed.csv"])
 
 
+def motion_hint(estimate: Estimate, job: FitJob) -> str:
+    """Return the same where another motion helps; empty where the recording itself cannot be used."""
+    from joint_id_core.results.status import Status  # loads NumPy
+
+    no_fault_of_it = (Status.BAD_DATA, Status.TOO_SHORT, Status.MISSING_SIGNAL)
+    return "" if estimate.status in no_fault_of_it else design_hint(estimate, job)
+
+
 def _robot(robot: str | None) -> list[str]:
     """Return the options that say where the limits are: those of a robot that is known, else the user's file."""
     from joint_id_core.design.limit_files import published

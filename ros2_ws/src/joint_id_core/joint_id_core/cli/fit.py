@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
-from joint_id_core.cli.design_hint import design_hint
+from joint_id_core.cli.design_hint import design_hint, motion_hint
 from joint_id_core.cli.fit_options import CompareOptions, FilesArgument, FitOptions, JsonOption
 from joint_id_core.cli.group import BAD_INPUT, complain
 from joint_id_core.cli.joints import at_once, joints_json, joints_table
@@ -66,7 +66,6 @@ def fit(
     Exit code 0: converged; 1: no convergence or a poor fit; 2: bad input.
     """
     from joint_id_core import estimators, formats
-    from joint_id_core.results.status import Status
 
     solver = estimators.build(estimator, **estimator_options)
     ModelOptions(**model_options)  # wrong values are said first
@@ -116,8 +115,8 @@ def fit(
         text += f"\nheld out, {validate}: {said}"
     if command := design_hint(estimate, found.job):
         result["design"] = command
-        if estimate.status not in (Status.BAD_DATA, Status.TOO_SHORT, Status.MISSING_SIGNAL):  # no fault of the motion
-            text += f"\na motion that shows more: {command}"
+    if command := motion_hint(estimate, found.job):
+        text += f"\na motion that shows more: {command}"
     if json:
         print_json(result)
     else:

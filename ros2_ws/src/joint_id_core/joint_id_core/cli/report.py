@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
+from joint_id_core.cli.design_hint import motion_hint
 from joint_id_core.cli.fit_options import FitOptions, JointOption
 from joint_id_core.cli.group import BAD_INPUT, complain
 from joint_id_core.cli.info import doubts
@@ -98,8 +99,9 @@ def fitted(job: FitJob, progress: Callable[[str], None]) -> Contents:
     rows = doubts(recordings[0], recordings)
     suspects = [(name, k) for row in rows for name in row["channels"][:1] for k in row["samples"]]
     return Contents(
-        found.estimate, recordings[0], "", found.why, [row["text"] for row in rows], suspects, followed, predicted
-    )
+        found.estimate, recordings[0], "", found.why, [row["text"] for row in rows], suspects, followed, predicted,
+        motion=motion_hint(found.estimate, found.job),
+    )  # fmt: skip
 
 
 def _of_all(job: FitJob, out: Path) -> None:

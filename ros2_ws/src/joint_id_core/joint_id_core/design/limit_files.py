@@ -72,7 +72,11 @@ def read_limits(path: str | Path, names: Sequence[str], known: JointLimits | Non
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not a text file"
-        raise JointIdError(f"{path}: cannot be read ({reason}): give a file of limits") from None
+        example = "max_position: 1.5, min_position: -1.5, max_velocity: 2.0, max_effort: 50.0"
+        raise JointIdError(
+            f"{path}: cannot be read ({reason}): give a URDF, or write such a file: joint_limits: {{{names[0]}: "
+            f"{{{example}}}}}"
+        ) from None
     found = _of_yaml(text, path) if path.suffix.lower() in (".yaml", ".yml") else _of_urdf(text, path)
     base = JointLimits.none(names) if known is None else known.of(names)
     if not any(name in found for name in names):

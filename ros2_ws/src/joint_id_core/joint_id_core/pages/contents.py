@@ -35,6 +35,7 @@ class Contents:
         windows: estimates while the motion goes on, see `windows`.
         held_out: what the first part of the motion predicts of the rest: rows of signal and figure in words.
         earlier: estimate to compare with.
+        motion: command that designs a motion which shows what this one does not.
     """
 
     estimate: Estimate
@@ -46,6 +47,7 @@ class Contents:
     windows: Sequence[Estimate] = ()
     held_out: Sequence[tuple[str, str]] = ()
     earlier: Estimate | None = None
+    motion: str = ""
 
     def by_name(self) -> Contents:
         """Return the same with the names of the recordings in place of their paths, if those differ."""

@@ -43,7 +43,7 @@ def fill(page: Page, contents: Contents, anchor: str = "") -> None:
     origin = float(recording.time[0]) if recording is not None and len(recording) else 0.0
     page.head(*_head(contents), anchor=anchor)
     page.section("Parameters", _parameters(estimate))
-    page.section("What this motion does not show", *_unknown(estimate))
+    page.section("What this motion does not show", *_unknown(contents))
     if estimate.predictions is not None:
         page.section("Measured and predicted", *_predictions(page, estimate, estimate.predictions, origin))
     if recording is not None:
@@ -93,10 +93,14 @@ def interval(p: ParameterEstimate) -> str:
     return f"± {two_digits(WIDE * p.std_dev)}" if math.isfinite(p.std_dev) else ""
 
 
-def _unknown(estimate: Estimate) -> Iterator[str]:
+def _unknown(contents: Contents) -> Iterator[str]:
+    estimate = contents.estimate
     unknown = [p for p in estimate.parameters if p.name in estimate.free and p.verdict is not Verdict.ESTIMATED]
     if unknown:
         yield listed(f"{p.name} ({p.verdict.value}): {p.reason}" for p in unknown)
+    if contents.motion:
+        yield paragraph("A motion that shows more, within the limits of your joint:")
+        yield f"<pre>{escape(contents.motion)}</pre>"
 
 
 def _predictions(page: Page, estimate: Estimate, shown: Predictions, origin: float) -> Iterator[str]:
