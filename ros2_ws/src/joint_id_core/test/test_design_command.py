@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from joint_id_core import formats
-from joint_id_core.design import search
+from joint_id_core.design import plot, search
 from joint_id_core.design.files import read_trajectory
 from joint_id_core.models import build
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
@@ -168,3 +168,17 @@ def test_a_file_of_limits_that_is_not_there_is_one_to_write(tmp_path, run_here, 
     (tmp_path / "joint_limits.yaml").write_text(out.partition("write such a file: ")[2])
     code, out = run_here(*words)
     assert code == 0, out
+
+
+def test_the_legend_of_the_picture_hides_no_curve(tmp_path, monkeypatch):
+    """It lay over the first curves of six joints."""
+    names = [f"joint_{k}" for k in range(6)]
+    rows = np.column_stack([0.1 * np.arange(20), *(np.linspace(0.0, 1.0, 20) for _ in names)])
+    np.savetxt(tmp_path / "m.csv", rows, delimiter=",", header=",".join(["time_s", *names]), comments="")
+    drawn = []
+    monkeypatch.setattr(plot, "written", lambda _, figure: drawn.append(figure))
+    plot.save(tmp_path / "m.png", read_trajectory(tmp_path / "m.csv"))
+    (figure,) = drawn
+    figure.canvas.draw()
+    first = figure.axes[0]
+    assert first.get_legend().get_window_extent().y0 >= first.get_window_extent().y1 - 1.0

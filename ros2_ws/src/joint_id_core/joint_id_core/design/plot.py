@@ -27,6 +27,8 @@ def save(path: Path, trajectory: Trajectory) -> None:
         axis.plot(time, values, linewidth=1.0, label=trajectory.names)
         axis.set_ylabel(f"{kind} [{UNITS[kind]}]", fontsize=9)
         axis.tick_params(labelsize=8)
-    axes[0].legend(fontsize=8, loc="upper right")
+    axes[0].legend(  # above the curves, which it would hide
+        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=min(6, len(trajectory.names)), fontsize=8, frameon=False
+    )
     axes[-1].set_xlabel("time [s]", fontsize=9)
     written(path, figure)
