@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from joint_id_core.cli import app
 
 DATA = Path(__file__).resolve().parents[2] / "shared/data"
 EMPS = DATA / "emps"
+README = (Path(__file__).resolve().parents[1] / "README.md").read_text()
 UR3E = DATA / "ur3e/wave_currentData_100v_40a.csv"
 HALF_S = 27.9  # of the 55.8 s of the UR3e log
 
@@ -91,6 +93,10 @@ def test_ur3e_elbow_stiffness_of_two_halves_agrees():
     # the noise alone gives 60 Nm/rad; the rest is friction and a spring that are not quite as the model has them
     assert max(a["std_dev"], b["std_dev"]) < 0.25 * a["value"]
     assert any("The residuals show" in note for half in halves for note in half["notes"])
+    row = next(line for line in README.splitlines() if line.startswith("| elbow (held still)"))
+    told = re.findall(r"(\d+) ± (\d+) Nm/rad", row)
+    for half, numbers in zip((a, b), told, strict=True):
+        assert [half["value"], half["std_dev"]] == pytest.approx([float(n) for n in numbers], rel=0.02)
 
 
 def test_ur3e_shoulder_predicts_the_current_of_the_held_out_half(tmp_path):
@@ -109,6 +115,11 @@ def test_ur3e_shoulder_predicts_the_current_of_the_held_out_half(tmp_path):
     found = by_name(result)
     gravity = (found["a_g"]["value"] ** 2 + found["b_g"]["value"] ** 2) ** 0.5
     assert gravity == pytest.approx(16.0, rel=0.15), "Nm, as known from a rough fit of this log"
+    alone = ur3e(1, *model, "--end", HALF_S, "--validate", second, expect=(0, 1))  # the command of the tutorial
+    told = re.search(r"current of the second half with R² ([\d.]+)", README)
+    explained = next(v["r_squared"] for v in alone["validation"] if v["signal"] == "current")
+    assert told is not None and explained == pytest.approx(float(told[1]), abs=1e-3)
+    assert alone["status"] == "disagree"  # as README says, of the inertia
 
 
 @pytest.mark.long

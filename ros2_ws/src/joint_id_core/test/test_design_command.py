@@ -12,6 +12,7 @@ import pytest
 from joint_id_core import formats
 from joint_id_core.design import plot, search
 from joint_id_core.design.files import read_trajectory
+from joint_id_core.design.trajectory import Trajectory
 from joint_id_core.models import build
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
 from joint_id_core.simulation.sensors import ur_robot_sensors
@@ -172,12 +173,11 @@ def test_a_file_of_limits_that_is_not_there_is_one_to_write(tmp_path, run_here, 
 
 def test_the_legend_of_the_picture_hides_no_curve(tmp_path, monkeypatch):
     """It lay over the first curves of six joints."""
-    names = [f"joint_{k}" for k in range(6)]
-    rows = np.column_stack([0.1 * np.arange(20), *(np.linspace(0.0, 1.0, 20) for _ in names)])
-    np.savetxt(tmp_path / "m.csv", rows, delimiter=",", header=",".join(["time_s", *names]), comments="")
+    names = tuple(f"joint_{k}" for k in range(6))
+    still = np.zeros((20, 6))
     drawn = []
     monkeypatch.setattr(plot, "written", lambda _, figure: drawn.append(figure))
-    plot.save(tmp_path / "m.png", read_trajectory(tmp_path / "m.csv"))
+    plot.save(tmp_path / "m.png", Trajectory(names, 0.1 * np.arange(20), still, still, still))
     (figure,) = drawn
     figure.canvas.draw()
     first = figure.axes[0]

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from joint_id_core import formats
+from joint_id_core.design.files import write
+from joint_id_core.design.trajectory import Trajectory
 from joint_id_core.errors import JointIdError
 from joint_id_core.jobs.robot_file import joints_of_robot, robot_settings
 from joint_id_core.models import build
@@ -99,9 +101,14 @@ def test_robots_are_known_by_name_in_any_folder_and_without_the_nodes(tmp_path, 
     elbow = robot_settings("ur3e", "elbow_joint", build("rigid_joint", actuation="current").parameter_names)
     assert elbow.values["N"] == 101.0 and elbow.values["k_t"] == pytest.approx(0.0802) and elbow.deviations["k_t"] > 0.0
     assert all(len(joints_of_robot(name)) == 6 for name in ("ur3e", "ur5e", "ur10e"))
-    words = ("--robot", "ur3e", "--joint", "elbow", "--model", "rigid_joint", "--motion", "still.csv")
-    (tmp_path / "still.csv").write_text("time_s,elbow_joint\n0,0\n0.1,0\n0.2,0\n")
-    assert "--robot" not in run("design", *words)[2]
+    time = 0.02 * np.arange(101)[:, None]  # 2 s from rest to rest
+    position, velocity = time - np.sin(np.pi * time) / np.pi, 1.0 - np.cos(np.pi * time)
+    acceleration = np.pi * np.sin(np.pi * time)
+    write(Trajectory(("elbow_joint",), time[:, 0], position, velocity, acceleration), tmp_path / "mine.csv")
+    words = ("--robot", "ur3e", "--joint", "elbow", "--model", "rigid_joint", "--motion", "mine.csv")
+    code, out, err = run("design", *words)
+    assert code == 0, err
+    assert "0.0802" in out
 
 
 @pytest.mark.parametrize("text", [None, "a: 1"])
