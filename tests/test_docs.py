@@ -16,6 +16,10 @@ from unittest.mock import MagicMock
 import pytest
 import yaml
 from page_blocks import FENCE, PAGES, ROOT, RST, bodies, command_lines, named
+from typer.testing import CliRunner
+
+from joint_id_core.cli import app
+from joint_id_core.results.estimate import Estimate
 
 NODES = ROOT / "ros2_ws/src/joint_id_ros"
 TOPICS = {"joint_params", "diagnostics", "joint_states"}  # that pages read with the tools of ROS
@@ -243,3 +247,22 @@ def test_the_tutorial_model_identifies_its_truth(tmp_path: Path, monkeypatch: py
     assert module.estimate.converged
     for name in ("J", "c_2"):
         assert module.estimate[name].value == pytest.approx(module.truth[name], rel=0.01)
+
+
+def test_readme_tells_what_its_first_commands_print(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    readme = (ROOT / "README.md").read_text()
+    for words in (
+        "simulate harmonic_drive --set k_1=8000 --set J_q=1.2 --out motion.csv",
+        "fit motion.csv --model harmonic_drive --save motion.json",
+    ):
+        assert f"joint-id {words.removesuffix(' --save motion.json')}" in readme
+        assert CliRunner().invoke(app, words.split()).exit_code == 0
+    start = re.search(r"starts at `k_1` (\S+) and `J_q` (\S+)\.\s", readme)
+    said = re.search(r"It ends at (\S+) ± (\S+) Nm/rad and (\S+) ± (\S+) kg", readme)
+    assert start is not None and said is not None
+    found = Estimate.load("motion.json")
+    k_1, j_q = found["k_1"], found["J_q"]
+    assert [k_1.initial, j_q.initial] == pytest.approx([float(start[1]), float(start[2])], rel=1e-3)
+    assert [k_1.value, k_1.std_dev] == pytest.approx([float(said[1]), float(said[2])], abs=0.55)
+    assert [j_q.value, j_q.std_dev] == pytest.approx([float(said[3]), float(said[4])], abs=6e-4)
