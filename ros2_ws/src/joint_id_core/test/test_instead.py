@@ -34,6 +34,17 @@ def test_it_holds_the_truth_and_says_why_it_is_there(loaded):
     assert any("try --gravity" in note for note in found.notes[:3])  # a better model is better than another estimator
 
 
+def test_a_drive_that_is_early_is_told_before_what_the_residuals_show():
+    """The hint of a friction law stood in the message, and the lag, which is the cause, far below."""
+    record = motion()
+    ahead = round(0.02 / record.period)
+    early = np.append(record["torque"][ahead:], np.full(ahead, np.nan))
+    found = fit(MODEL, Recording(record.time, {"link_position": record["link_position"], "torque": early}))
+    assert found.estimator == Regression.name
+    assert found.notes[1].startswith("The drive seems to be 20 ms early against the motion")
+    assert found.notes[1].rstrip(".") in found.message
+
+
 def test_what_the_user_believes_is_not_dropped_for_it(loaded):
     """A regression takes no priors, so it does not take the place of a fit that has them."""
     found = fit(MODEL, loaded, ParameterSettings(priors={"J": 0.2}))

@@ -11,6 +11,7 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.opinion import suits
 from joint_id_core.estimators.regression.estimator import Regression
+from joint_id_core.estimators.regression.fitted import SHIFTED
 from joint_id_core.estimators.shared.mean_drive import CHANGES
 from joint_id_core.estimators.shared.sentences import sentence
 from joint_id_core.estimators.shared.settings import ParameterSettings
@@ -37,10 +38,14 @@ def regressed_instead(
         return None
     if found.status.unusable:
         return None
-    why, *others = estimate.notes
+    why, *lacking = estimate.notes
     # What the model lacks, and what to try: a better model is better than another estimator.
-    shown = [sentence(note.partition("; the standard deviations")[0].rstrip(".")) for note in others if SHOWN in note]
-    notes = (*found.notes[:1], sentence(WHOSE), *shown, *found.notes[1:], f"Of innovations: {why[:1].lower()}{why[1:]}")
+    shown = [sentence(note.partition("; the standard deviations")[0].rstrip(".")) for note in lacking if SHOWN in note]
+    # A drive that is late explains most of what the residuals show.
+    first, rest = found.notes[:1], found.notes[1:]
+    late = [note for note in rest if SHIFTED in note]
+    others = [note for note in rest if note not in late]
+    notes = (*first, *late, sentence(WHOSE), *shown, *others, f"Of innovations: {why[:1].lower()}{why[1:]}")
     return found.noted(notes, elapsed_s=estimate.elapsed_s + found.elapsed_s)
 
 

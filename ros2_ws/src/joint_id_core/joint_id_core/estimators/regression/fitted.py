@@ -38,6 +38,7 @@ LATE = 0.75  # samples
 LEFT = 0.2  # share of what is left unexplained, which is left with the best shift
 DOUBTED = 0.5  # the same from which intervals contain the values of this shift
 SURELY = 4.0  # standard deviations below zero, from which the sign of the drive is wrong
+SHIFTED = "against the motion: shifted by this"  # of a note about a drive that is late or early
 TOLD = 0.05  # half of the difference between the halves of a recording, over the value, from which the user is told
 TINY = 1e-300
 LITTLE = 0.005  # share of the torque that may be left unexplained, whatever would explain it
@@ -142,7 +143,7 @@ class Fitted:
         if late.explained < LEAST_R_SQUARED or self._left > LEFT:
             return ""
         shares = f"{percent(late.explained)} of the torque are explained, as recorded {percent(late.before)}"
-        return f"the drive seems to be {when(late)} against the motion: shifted by this, {shares}; correct its times"
+        return f"the drive seems to be {when(late)} {SHIFTED}, {shares}; correct its times"
 
     @property
     def reasons(self) -> tuple[str, ...]:
