@@ -14,6 +14,7 @@ from joint_id_core.design.elementary import cannot_show
 from joint_id_core.design.foresight import GUESS, Foresight
 from joint_id_core.design.limits import JointLimits, violations
 from joint_id_core.design.search import Candidate, Search
+from joint_id_core.design.strokes import PART, SMALL, small_strokes
 from joint_id_core.design.trajectory import Trajectory
 from joint_id_core.design.trial import Promise, promise
 from joint_id_core.errors import JointIdError
@@ -124,7 +125,7 @@ def foretell(foresight: Foresight, trajectory: Trajectory, larger: Array | None 
         )
         for p in foresight.model.parameters
     )  # fmt: skip
-    return Design(trajectory, expected, _assumed(foresight, told))
+    return Design(trajectory, expected, (*_unforeseen(position, velocity), *_assumed(foresight, told)))
 
 
 def _within(limits: JointLimits, home: float | None, reach: float) -> tuple[JointLimits, tuple[str, ...]]:
@@ -170,6 +171,18 @@ def _held(limits: JointLimits, own: JointLimits, best: Candidate) -> str:
     elif best.held in ("acceleration", "jerk") and not np.isfinite(getattr(limits, best.held)[0]):
         source = "assumed, as none is given"
     return sentence(f"the limit of {best.held} holds this motion ({source})")
+
+
+def _unforeseen(position: Array, velocity: Array) -> tuple[str, ...]:
+    """Say where a motion (T,) is one of which no promise can be kept."""
+    part = small_strokes(position, velocity)
+    if part < PART:
+        return ()
+    told = (
+        f"{part:.0%} of the motion goes there and back within {SMALL:g} rad: what a fit makes of friction there is not "
+        "foreseen, and errors were up to 7 times as large as promised; take larger or slower strokes"
+    )
+    return (sentence(told),)
 
 
 def _assumed(foresight: Foresight, told: Promise) -> tuple[str, ...]:
