@@ -139,11 +139,14 @@ class JointIdentifiers:
             raise
 
     def _next(self, lane: Lane) -> tuple[Recording, int] | None:
-        """Return the samples that wait, and the age of the newest one; without any, no thread works for the joint."""
+        """Return the samples that wait, and the age of the newest one; without any, no thread works for the joint.
+
+        None for a joint that was forgotten.
+        """
         with self._lock:
             waiting, count = lane.waiting, lane.came
-            lane.at_work = count > 0
-            if not count:
+            lane.at_work = count > 0 and self._lanes.get(lane.joint) is lane
+            if not lane.at_work:
                 return None
             lane.waiting, lane.came = SlidingWindow(QUEUE_S), 0
             newest_ns = lane.newest_ns

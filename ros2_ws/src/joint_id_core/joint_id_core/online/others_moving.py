@@ -61,7 +61,8 @@ class OthersMoving:
         """
         if model.load is None or LOAD in samples or "drifting_load" in model.state_names or estimate.status.unusable:
             return estimate
-        others = tuple(name for name, moved in self._moved.items() if name != joint and moved > estimate.start)
+        moved = self._moved.copy()  # samples of a joint that begins to move may come meanwhile, in another thread
+        others = tuple(name for name, at in moved.items() if name != joint and at > estimate.start)
         if not others:
             return estimate
         basis = (estimate.notes, others)
