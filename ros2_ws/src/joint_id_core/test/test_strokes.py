@@ -14,7 +14,7 @@ from joint_id_core.design.trajectory import Trajectory
 from joint_id_core.estimators import ParameterSettings
 from joint_id_core.models import build
 
-RATE = 500.0
+RATE = 250.0
 SAYS = "goes there and back within 0.01 rad"
 
 
@@ -33,7 +33,7 @@ def test_a_motion_in_one_direction_and_a_joint_that_stands_have_none():
 
 
 def tone(amplitude: float, frequency: float) -> Trajectory:
-    return FourierMotion(("elbow_joint",), [0.0], [[amplitude]], [[0.0]], [frequency], 6.0, 1.0).sampled(RATE)
+    return FourierMotion(("elbow_joint",), [0.0], [[amplitude]], [[0.0]], [frequency], 4.0, 1.0).sampled(RATE)
 
 
 @pytest.mark.parametrize(("second", "told"), [(tone(0.1, 2.0), False), (tone(0.003, 4.0), True)])
