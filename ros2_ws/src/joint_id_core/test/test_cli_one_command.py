@@ -13,6 +13,10 @@ import pytest
 from joint_id_core import formats
 from joint_id_core.cli.fit import _again
 from joint_id_core.data.recording import Recording
+from joint_id_core.estimators import Innovations, ParameterSettings, fit_several
+from joint_id_core.jobs import fit_job
+from joint_id_core.jobs.fit_job import FitJob
+from joint_id_core.jobs.given import Given
 from joint_id_core.models import build
 from joint_id_core.results.status import Status
 from joint_id_core.simulation import simulate_motion
@@ -69,13 +73,18 @@ def test_gravity_is_taken_where_the_motion_shows_it(tmp_path, run_here):
     assert run_here(*pasted(out))[0] == 0
 
 
-def of_two_encoders(path):
-    """Write a log of a rigid joint with the encoders of both sides of a gear, which allows a flexible joint."""
-    rigid = motion(6.0)
+def with_two_encoders(seconds):
+    """A rigid joint with the encoders of both sides of a gear, which allows a flexible joint."""
+    rigid = motion(seconds)
     noise = 0.3 * np.random.default_rng(0).standard_normal(len(rigid))
     velocity = 101.0 * np.gradient(rigid["link_position"], rigid.time) + noise
     channels = {"link_position": rigid["link_position"], "motor_velocity": velocity, "torque": rigid["torque"]}
-    formats.write(path, Recording(rigid.time, channels))
+    return Recording(rigid.time, channels)
+
+
+def of_two_encoders(path):
+    """Write its log."""
+    formats.write(path, with_two_encoders(6.0))
 
 
 def test_a_model_that_does_not_describe_the_motion_is_left_out_and_said(tmp_path, run_here):
@@ -83,6 +92,24 @@ def test_a_model_that_does_not_describe_the_motion_is_left_out_and_said(tmp_path
     code, out = run_here("fit", "log.csv")
     assert code == 0 and "model rigid_joint" in out
     assert "harmonic_drive was tried and left out: " in out
+
+
+@pytest.mark.parametrize(("flexible", "fitted"), [(False, [1000]), (True, [1000, 4000])])
+def test_a_flexible_joint_is_tried_on_a_part_of_a_long_recording_first(monkeypatch, flexible, fitted):
+    """All of a UR3e's or UR10e's log took it 6 to 24 s a joint, and told the same."""
+    recording = simulate_motion(build("harmonic_drive"), 8.0) if flexible else with_two_encoders(16.0)
+    tried = []
+
+    def noted(model, recordings, *others):
+        if model.name == "harmonic_drive":
+            tried.append(sum(map(len, recordings)))
+        return fit_several(model, recordings, *others)
+
+    monkeypatch.setattr(fit_job, "fit_several", noted)
+    job = FitJob((), None, {}, None, None, {}, ParameterSettings(), Innovations())
+    found = job.run(Given([recording]))
+    assert tried == pytest.approx(fitted, abs=1)
+    assert found.job.model_options["model"] == ("harmonic_drive" if flexible else "rigid_joint")
 
 
 def test_where_a_flexible_joint_failed_the_gear_by_itself_is_proposed():

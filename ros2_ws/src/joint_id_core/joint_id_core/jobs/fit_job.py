@@ -108,6 +108,9 @@ class FitJob:
         for proposal, model in zip(found, models, strict=True):
             options = {n: getattr(proposal.options, n) for n in ("model", "gravity", *self.model_options)}
             job = replace(self, model_options=options, settings=self.settings.of(model))
+            if model is not models[-1] and (doubt := job._fails_soon(model, given, progress)):
+                left_out.append(f"{model.name} was tried and left out: {doubt}")
+                continue
             together = job._fitted(given, progress)
             result = Result(job, together, (f"model {proposal}", *left_out))
             doubt = _doubt(model, together.estimate, 1.0 / first.period)
@@ -128,6 +131,22 @@ class FitJob:
         from joint_id_core.estimators.regression.fit import suits  # loads SciPy
 
         return suits(model)
+
+    def _fails_soon(self, model: Model, given: Given, progress: Progress | None) -> str:
+        """Return why a model with a gear, whose fits take long, does not describe the part with the most motion.
+
+        Empty if it may describe the motion.
+        """
+        if model.stiffness is None:
+            return ""
+        from joint_id_core.jobs.excerpt import excerpt  # loads NumPy
+        from joint_id_core.results.status import Status
+
+        part = excerpt(model, given.recordings[0], self.settings_for(model))
+        if part is None:
+            return ""
+        found = self._fitted(replace(given, recordings=[part]), progress).estimate
+        return found.message if found.status in (Status.POOR_FIT, Status.DIVERGED) else ""
 
     def _fitted(self, given: Given, progress: Progress | None) -> Together:
         model = self.built(given.recordings[0])
