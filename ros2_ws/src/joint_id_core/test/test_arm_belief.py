@@ -18,11 +18,12 @@ pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
 pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
 
 from joint_id_core.arm import belief_file
-from joint_id_core.arm.belief import Belief, sum_of
+from joint_id_core.arm.belief import Belief
 from joint_id_core.arm.description import Description
 from joint_id_core.arm.equations import PAYLOAD, Equations, equations, joined
 from joint_id_core.arm.faults import Faults
 from joint_id_core.arm.friction import Friction
+from joint_id_core.arm.information import sum_of
 from joint_id_core.arm.learning import learned
 from joint_id_core.arm.regressor import Regressor
 from joint_id_core.arm.stream import MARGIN_S
@@ -155,11 +156,27 @@ def test_residuals_with_a_memory_are_seen(known):
     assert abs(found.colour[0] - known.colour[0]) < 0.1 * known.colour[0] + 0.1
 
 
+def test_faults_move_it_as_they_move_its_values(known, more):
+    """Also those of a payload that is picked up. Values are linear in torques, so that is exact."""
+    fault, part = 0.1 * np.sin(more[0].y), more[0]
+    faulty = replace(part, y=part.y + fault)
+    carrying = known.with_payload(np.full(PAYLOAD, 2.0))
+    for belief in (known, carrying):
+        right, wrong = belief.after(part), belief.after(faulty)
+        found = wrong.with_faults(belief, faulty, fault)
+        assert np.abs(found.faults.shift[found.offsets]).min() > 0.0
+        assert bool(found.faults.shift[found.payload].any()) is belief.carries
+        sigma = np.sqrt(np.diag(found.covariance) + 1e-12)
+        np.testing.assert_allclose(found.faults.shift / sigma, (wrong.values - right.values) / sigma, atol=1e-6)
+    put_down = found.with_payload(None)
+    assert not put_down.faults.shift[put_down.payload].any()
+
+
 # --- the file
 
 
 def test_it_is_kept_in_a_file(known, tmp_path):
-    faults = Faults(("the torques seem to be late",), 0.1 * known.values, "gross")
+    faults = Faults(("the torques seem to be late",), 0.1 * known.values, "gross", {"late": 0.005})
     carrying = replace(known.with_payload(np.full(10, 2.0)), faults=faults)
     path = tmp_path / "arm.json"
     belief_file.write(path, carrying, REGRESSOR, GAINS)
@@ -169,7 +186,7 @@ def test_it_is_kept_in_a_file(known, tmp_path):
     assert again.carries and again.duration == carrying.duration and again.base == carrying.base
     np.testing.assert_array_equal(again.scores.products, carrying.scores.products)
     np.testing.assert_array_equal(again.faults.shift, faults.shift)
-    assert (again.faults.texts, again.faults.gross) == (faults.texts, faults.gross)
+    assert replace(again.faults, shift=faults.shift) == faults
 
 
 def test_a_file_that_does_not_fit_is_refused(known, tmp_path):
@@ -190,6 +207,7 @@ def test_a_file_that_does_not_fit_is_refused(known, tmp_path):
         {"sigma": [0.0, *content["sigma"][1:]]},
         {"scores": {}},
         {"faults": content["faults"] | {"shift": [0.0]}},
+        {"faults": content["faults"] | {"amounts": {"late": float("nan")}}},
         {"duration": float("nan")},
     ):
         path.write_text(json.dumps(content | damage))

@@ -19,6 +19,7 @@ from joint_id_core.arm.equations import PAYLOAD, Equations
 from joint_id_core.arm.faults import Faults
 from joint_id_core.arm.friction import shows_bend
 from joint_id_core.arm.gear import with_yielding
+from joint_id_core.arm.information import Information
 from joint_id_core.data.recording import Array
 
 WANDER, WANDER_S = 0.05, 600.0  # of the friction of a joint, its standard deviation after a time of motion in s
@@ -28,34 +29,6 @@ GRAVITY = 4  # parameters of a payload that gravity shows: its mass and first mo
 KINDS = 3  # of friction by joint: viscous, Coulomb, its bend
 UNKNOWN = 1e3  # standard deviation, in SI units, of what no motion has shown
 ROUNDED = 1e-9  # share of the variance of a parameter that rounding may take from it
-
-
-@dataclass(frozen=True)
-class Information:
-    """What equations say of the parameters beside some values (P,).
-
-    Attributes:
-        matrix, vector, energy: of the quadratic form of what is left of the torques, shapes (P, P), (P,) and ().
-    """
-
-    values: Array
-    matrix: Array
-    vector: Array
-    energy: float
-
-    def beside(self, values: Array) -> Information:
-        """Return the same beside other values (P,)."""
-        step = self.values - values
-        vector = self.vector + self.matrix @ step
-        return Information(values, self.matrix, vector, self.energy + float(step @ (self.vector + vector)))
-
-
-def sum_of(parts: Sequence[Information]) -> Information | None:
-    """Return what equations say together, beside the same values; None if there are none."""
-    if not parts:
-        return None
-    matrix, vector = (sum((getattr(p, n) for p in parts[1:]), getattr(parts[0], n)) for n in ("matrix", "vector"))
-    return Information(parts[0].values, matrix, vector, sum(p.energy for p in parts))
 
 
 @dataclass(frozen=True)
@@ -144,7 +117,7 @@ class Belief:
     def told_covariance(self) -> Array:
         """The covariance (P, P) with what gears may do otherwise than straight springs, and what faults may do.
 
-        More motion does not tell these better: it has them, too.
+        More motion does not tell these better: it has them, too (`with_faults`).
         """
         return with_yielding(self.values, self.covariance, self.gears) + np.outer(self.faults.shift, self.faults.shift)
 
@@ -223,6 +196,16 @@ class Belief:
         found = replace(found, sigma=sigma, mean=mean, torque=torque, seen=seen, duration=duration, scores=scores)
         return found._with_colour()
 
+    def with_faults(self, before: Belief, part: Equations, torque: Array) -> Belief:
+        """Return this belief, which is that `before` after a stretch, with what faults did in it to the values.
+
+        Values are linear in torques. So what faults add to these, (R, n), moves them by the same recursion: faults are
+        considered, and not estimated (Schmidt, Advances in Control Systems 3, 1966).
+        """
+        moved = replace(before, values=before.faults.shift).information([replace(part, y=torque)])
+        shift = before.faults.shift + self.covariance @ moved.vector
+        return replace(self, faults=replace(before.faults, shift=shift))
+
     def _with_colour(self) -> Belief:
         """Return the belief with the colour of the newest motion, if there is enough of it."""
         if self.scores.duration < STRETCH_S:
@@ -255,11 +238,13 @@ class Belief:
 
     def with_payload(self, sigma: Array | None) -> Belief:
         """Return the belief with a payload of which only a standard deviation (10,) is known; None: it carries none."""
-        values, covariance, place = self.values.copy(), self.covariance.copy(), self.payload
-        values[place], covariance[place], covariance[:, place] = 0.0, 0.0, 0.0
+        values, covariance, shift = self.values.copy(), self.covariance.copy(), self.faults.shift.copy()
+        place = self.payload
+        values[place], shift[place], covariance[place], covariance[:, place] = 0.0, 0.0, 0.0, 0.0
         if sigma is not None:
             covariance[place, place] = np.diag(sigma**2)
-        return replace(self, values=values, covariance=covariance, carries=sigma is not None)
+        faults, carries = replace(self.faults, shift=shift), sigma is not None
+        return replace(self, values=values, covariance=covariance, faults=faults, carries=carries)
 
     def _of_joint(self, part: Equations, j: int) -> tuple[Array, Array]:
         """Return the columns (R, P) of the equations of a joint, and what is left of its torque (R,)."""

@@ -18,7 +18,7 @@ from joint_id_core.arm.regressor import Regressor
 from joint_id_core.errors import JointIdError
 from joint_id_core.text_file import write_text
 
-FORMAT, VERSION = "joint_id arm knowledge", 3
+FORMAT, VERSION = "joint_id arm knowledge", 4
 ARRAYS = ("values", "covariance", "sigma", "colour", "mean", "torque", "drift")
 
 
@@ -35,6 +35,7 @@ def write(path: Path, belief: Belief, regressor: Regressor, gains: Gains) -> Non
     content["scores"]["duration"] = belief.scores.duration
     faults = belief.faults
     content["faults"] = {"texts": list(faults.texts), "shift": faults.shift.tolist(), "gross": faults.gross}
+    content["faults"]["amounts"] = dict(faults.amounts)
     write_text(path, json.dumps(content), "what is known of the arm")
 
 
@@ -53,7 +54,8 @@ def read(path: Path, regressor: Regressor, gains: Gains) -> Belief:
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise JointIdError(f"{path}: no file of joint_id with what is known of an arm: give another state_file")
     if content.get("version") != VERSION:
-        raise JointIdError(f"{path}: of version {content.get('version')}, this is {VERSION}: give another state_file")
+        version = f"of version {content.get('version')}, this is {VERSION}"
+        raise JointIdError(f"{path}: {version}: give another state_file, or delete it")
     for name, now in (("arm", _arm(regressor)), ("gains", _plain(gains))):
         if content.get(name) != now:
             what = "another description" if name == "arm" else "other torque constants or gear ratios"
@@ -74,13 +76,15 @@ def _belief(content: Mapping[str, Any], regressor: Regressor) -> Belief:
         np.array(sums["products"], dtype=float), np.array(sums["squares"], dtype=float), float(sums["duration"])
     )
     told = content["faults"]
-    faults = Faults(tuple(map(str, told["texts"])), np.array(told["shift"], dtype=float), str(told["gross"]))
+    amounts = {str(name): float(amount) for name, amount in told["amounts"].items()}
+    faults = Faults(tuple(map(str, told["texts"])), np.array(told["shift"], dtype=float), str(told["gross"]), amounts)
     shapes = {"values": (size,), "covariance": (size, size)} | dict.fromkeys(ARRAYS[2:], (count,)) | {"drift": (2,)}
     if any(arrays[name].shape != shape for name, shape in shapes.items()) or any(
         a.shape != (size,) for a in (seen, faults.shift)
     ):
         raise ValueError
-    if not all(np.isfinite(a).all() for a in (*arrays.values(), scores.products, scores.squares, faults.shift)):
+    numbers = (*arrays.values(), scores.products, scores.squares, faults.shift, np.array(list(amounts.values())))
+    if not all(np.isfinite(a).all() for a in numbers):
         raise ValueError
     variance = np.diag(arrays["covariance"])
     if (variance < 0.0).any() or (arrays["sigma"] <= 0.0).any() or not math.isfinite(content["duration"]):

@@ -13,8 +13,9 @@ from functools import partial
 
 import numpy as np
 
-from joint_id_core.arm.belief import Belief, sum_of
+from joint_id_core.arm.belief import Belief
 from joint_id_core.arm.equations import Equations
+from joint_id_core.arm.information import sum_of
 from joint_id_core.data.recording import Array
 
 SURE = 2.0 * np.log(1e6)  # twice the logarithm of a Bayes factor from which a change is told

@@ -206,21 +206,29 @@ class ArmFollower:
             if self._young.motion > YOUNG_S:
                 self._young = None
         if self._learning:
-            self.belief = self.belief.after(part)
+            self.belief = self._after(self.belief, part)
             self._first.append(part)
             self._learn()
             return
         if self._rival is None or self.belief.duration - self._rival.since > RIVAL_S:
             other = with_other_friction(self.belief, range(len(self._joints)))
             self._rival = Rival(other, self.belief, float(part.time[0]))
-        self._rival = self._rival.after(part, self.belief)
-        self.belief = self.belief.after(part)
+        self._rival = self._rival.after(part, self.belief, self._after)
+        self.belief = self._after(self.belief, part)
         if self._rival.lead > SURE:
             self._open_friction(self._rival.before, self._rival.time, self.belief.duration)
             self.belief, self._rival = self._rival.belief, None
         if self._opened is not None and self.belief.duration > self._opened[2] + SETTLED_S:
             (before, time, _), self._opened = self._opened, None
             self._tell_friction(before, time)
+
+    def _after(self, belief: Belief, part: Equations) -> Belief:
+        """Return a belief after a stretch of motion, which has the faults that were found before, too."""
+        found = belief.after(part)
+        if self._description is None or not found.faults.amounts:
+            return found
+        torque = belief.faults.torque(self._description, part, found.values, found.carries)
+        return found.with_faults(belief, part, torque)
 
     def _open_friction(self, before: Belief, time: float, motion: float) -> None:
         """Note a belief before friction that may have changed at an instant in s, and the motion in s by now.
@@ -234,6 +242,7 @@ class ArmFollower:
         """Note of which joints the friction is clearly another one than before an instant in s."""
         assert self.belief is not None
         variance = np.diag(self.belief.covariance) + np.diag(before.covariance)
+        variance += (self.belief.faults.shift - before.faults.shift) ** 2
         for j, name in enumerate(self._joints):
             places = before.friction_of(j)[:2]
             old, new = before.values[places], self.belief.values[places]

@@ -81,7 +81,7 @@ def learned(
         found = suspects(description, [whole], table, values, at_all, lag)
         faults.shift[place], faults.shift[end] = found.shift, found.torque - means @ found.shift
         gross = recorded_otherwise(description, regressor, [whole], beforehand) or found.gross
-        faults = replace(faults, texts=found.texts, gross=gross)
+        faults = replace(faults, texts=found.texts, gross=gross, amounts=found.amounts)
     belief = Belief(
         all_values, all_covariance, whole.base, sigma, colour, mean, torque, False, seen,
         sum(p.duration for p in parts), Scores.none(count, KINDS + GRAVITY),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from joint_id_core.arm.belief import Belief
@@ -28,11 +29,11 @@ class Rival:
         """Motion in s before it began."""
         return self.before.duration
 
-    def after(self, part: Equations, present: Belief) -> Rival:
-        """Return it after a stretch of motion, for which the present belief was as given."""
+    def after(self, part: Equations, present: Belief, after: Callable[[Belief, Equations], Belief]) -> Rival:
+        """Return it after a stretch of motion, for which the present belief was as given; `after` is that of both."""
         told = present.information([part])
         lead = self.lead + self.belief.evidence(told) - present.evidence(told)
-        return replace(self, belief=self.belief.after(part), lead=lead)
+        return replace(self, belief=after(self.belief, part), lead=lead)
 
 
 @dataclass(frozen=True)

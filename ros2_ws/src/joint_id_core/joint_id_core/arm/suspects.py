@@ -7,49 +7,23 @@ values; the square of that is added to their covariance.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from joint_id_core.arm.autoregressive import autoregressive
 from joint_id_core.arm.description import Description
-from joint_id_core.arm.equations import PAYLOAD, Equations
-from joint_id_core.arm.gravity_direction import pull_of
+from joint_id_core.arm.equations import Equations
 from joint_id_core.arm.stacked import Stacked, centred, solved
+from joint_id_core.arm.tested_faults import Suspect, tested_faults
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.regression.covariance import newey_west
 
 LIKELY, SURE = 3.0, 5.0  # standard deviations of a fault from which it counts, and is told
 OWN_SHARE = 1e-4  # least share of the square of its torque that the parameters do not explain as well
 MOST = 3  # faults that are used together
-ACROSS = 0.1  # share of gravity that an axis is across at least
-GROSS = math.radians(30.0)  # an angle that no mounting is off by
-ZERO = 2e-3  # rad, standard deviation of the zeros of joints of any robot
-TOLD_ZERO = math.radians(1.0)  # most standard deviation of a zero with which it is told from what else a law lacks
 DUST = 1e-9  # size of the torque of a fault over that of the largest one which is rounding
-
-
-@dataclass(frozen=True)
-class Suspect:
-    """A fault.
-
-    Attributes:
-        text: what it is, by its amount; empty for an amount that no fault of the kind has.
-        torque: of all joints by unit fault, of each recording, (R, n).
-        most: amount beyond which it stands for something else.
-        usual: standard deviation of the amount that robots have anyway.
-        clear: most standard deviation of the amount with which it is asked for, unless it is beyond `most`.
-    """
-
-    text: Callable[[float], str]
-    torque: Sequence[Array]
-    most: float = math.inf
-    usual: float = 0.0
-    clear: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -58,6 +32,7 @@ class Suspects:
 
     Attributes:
         texts: those that are sure, in words.
+        amounts: of all, by name.
         shift: what all may do to the values, (P,).
         torque: mean torque in Nm that they add to each joint, (n,).
         gross: one of the texts if it is of a fault too large to be what it is called; else empty.
@@ -65,6 +40,7 @@ class Suspects:
     """
 
     texts: tuple[str, ...]
+    amounts: dict[str, float]
     shift: Array
     torque: Array
     gross: str
@@ -90,7 +66,7 @@ def suspects(
     left = table.y - table.columns @ values
     weights = 1.0 / table.scatter(left)[table.joint]
     columns = table.columns * weights[:, None]
-    some = list(_candidates(description, parts, whole))
+    some = list(tested_faults(description, parts, whole))
     faults = np.array([_stacked(parts, fault.torque) for fault in some]).T * weights[:, None]
     squares = np.sum(faults**2, axis=0)
     faults[:, squares < DUST**2 * squares.max()] = 0.0
@@ -109,7 +85,8 @@ def suspects(
     amount = dict(zip(taken, amounts, strict=True))
     gross = next((text for k, text in told.items() if abs(amount[k]) > some[k].most), "")
     mean = sum((a * _mean(parts, some[k].torque) for k, a in amount.items()), np.zeros(table.count))
-    return Suspects(tuple(told.values()), shift, mean, gross, moved @ moved.T)
+    named = {some[k].name: float(a) for k, a in amount.items()}
+    return Suspects(tuple(told.values()), named, shift, mean, gross, moved @ moved.T)
 
 
 @dataclass(frozen=True)
@@ -166,69 +143,6 @@ class _Test:
         if taken:
             own = own - self.own[:, taken] @ solved(self.own[:, taken], own)
         return bool(own @ own > OWN_SHARE * self.whole[k] > 0.0)
-
-
-def _candidates(description: Description, parts: Sequence[Equations], whole: Array) -> Iterator[Suspect]:
-    """Yield the faults that are tested; `whole` are the values of all parameters, those of a payload included."""
-    joints = list(zip(description.joints, description.turning.tolist(), strict=True))
-    down, first, own = description.gravity, parts[0].base, np.eye(len(joints))
-    yield Suspect(lambda s: f"the torques seem to be {1e3 * s:.2g} ms late", [-part.rate for part in parts])
-    if down.any():
-        mass, moments = float(whole[first]), whole[first + 1 : first + 4]
-        payload = (mass, moments / mass) if any(part.loaded for part in parts) and mass > 0.0 else None
-        carrying = Description(description.text, description.source, down.tolist(), payload)
-        empty, carried = pull_of(description), pull_of(description, payload)
-        at = [(carried if part.loaded else empty)(part.q) for part in parts]
-        for axis, name in zip(np.eye(3), "xyz", strict=True):
-            if np.linalg.norm(across := np.cross(axis, down)) > ACROSS * np.linalg.norm(down):
-                yield Suspect(partial(_turned, name), [some @ across for some in at], GROSS)
-        arms = [carrying if part.loaded else description for part in parts]
-        slopes = [arm.by_position(part.q, part.dq, part.ddq) for arm, part in zip(arms, parts, strict=True)]
-        for j, (name, turns) in enumerate(joints):
-            moved = [slope[:, :, j] for slope in slopes]
-            yield Suspect(partial(_off_zero, name, turns), moved, *((GROSS, ZERO, TOLD_ZERO) if turns else ()))
-    for j, (name, turns) in enumerate(joints):
-        yield Suspect(partial(_pulled, name, turns), [part.q * own[j] for part in parts])
-    for loaded in (False, True):
-        for k in [k for k, part in enumerate(parts) if part.loaded == loaded][1:]:
-            more = [part.columns[:, :, first] * (i == k) for i, part in enumerate(parts)]
-            yield Suspect(partial(_carries, k + 1, "payload" if loaded else "last link"), more)
-    for k, part in enumerate(parts):
-        later = np.where(part.time > part.time.mean(), 1.0, 0.0)
-        more = [p.columns[:, :, first] * later[:, None] if i == k else 0.0 * p.y for i, p in enumerate(parts)]
-        yield Suspect(partial(_changes, f"in recording {k + 1}" if len(parts) > 1 else "meanwhile"), more)
-
-
-def _turned(axis: str, amount: float) -> str:
-    return f"gravity seems to be turned by {math.degrees(amount):.2g} degrees about {axis} of the base (base_gravity)"
-
-
-def _off_zero(joint: str, turns: bool, amount: float) -> str:
-    if not turns:
-        return f"the zero of {joint} seems to be off by {-1e3 * amount:.2g} mm"
-    other = "" if abs(amount) < GROSS else ", or its axis to point the other way, or joints to be exchanged"
-    return f"the zero of {joint} seems to be off by {-math.degrees(amount):.2g} degrees{other}"
-
-
-def _pulled(joint: str, turns: bool, amount: float) -> str:
-    if amount < 0.0:
-        return ""  # no spring pushes away from where it rests
-    return f"something pulls at {joint} as a spring of {amount:.2g} {'Nm/rad' if turns else 'N/m'}"
-
-
-def _carries(recording: int, what: str, amount: float) -> str:
-    more = "more" if amount > 0.0 else "less"
-    return f"the {what} seems to have about {abs(amount):.2g} kg {more} in recording {recording} than in the others"
-
-
-def _changes(when: str, amount: float) -> str:
-    return f"the load of the last link seems to change {when}, by about {amount:.2g} kg"
-
-
-def _of_payload(part: Equations) -> NDArray[np.bool_]:
-    """Return which parameters are those of a payload, (P,)."""
-    place = np.arange(part.columns.shape[2])
-    return (place >= part.base) & (place < part.base + PAYLOAD)
 
 
 def _mean(parts: Sequence[Equations], torque: Sequence[Array]) -> Array:
