@@ -93,6 +93,16 @@ def test_a_spring_is_in_the_intervals_at_any_time():
             holds(follower, 3.0)
 
 
+@pytest.mark.parametrize(("factor", "text"), [(1.2, "large"), (0.8, "small")])
+def test_a_torque_constant_that_is_off_is_named_and_in_the_intervals(factor, text):
+    """All joints bear the same links: the offset of the bend was 26 standard deviations off, without a word."""
+    arm = moving_arm.rigid(2.0 * LEARN, 2)
+    *_, follower = followed({**arm, "bend": arm["bend"].with_channels({"torque": factor * arm["bend"]["torque"]})})
+    for one in joint_estimates(follower, REGRESSOR, "arm.urdf").values():
+        assert one.converged and f"torque of bend seems to be 1.2 times too {text}" in one.message, one.message
+    holds(follower)
+
+
 def test_a_payload_beside_a_base_that_leans_is_in_its_intervals():
     """It was 2.45 +- 0.013 kg where 2.5 is right, and offsets were 6 standard deviations off: the arm leant with it."""
     seconds, since = 2.0 * LEARN, 1.2 * LEARN

@@ -21,6 +21,7 @@ from joint_id_core.arm.description import Description
 from joint_id_core.arm.equations import Equations
 from joint_id_core.arm.regressor import Regressor
 from joint_id_core.arm.rests import LEAST_R_SQUARED
+from joint_id_core.arm.tested_faults import UNIT
 from joint_id_core.arm.torque_sums import ALL, Explained, Guess, Moved, TorqueSums
 from joint_id_core.data.recording import Array
 
@@ -39,7 +40,6 @@ LEANS = math.radians(30.0)  # the most that a base leans by; beyond, gravity act
 LEANING = math.radians(3.0)  # from which its angle is sought
 OFF = math.radians(15.0)  # a zero that is off by less is told by `suspects`, and in the intervals
 TURNS, THINNED = 8, 4  # zeros that are tried, and share of the instants at which they are
-UNIT = "(unit, torque constant or gear ratio)"
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from joint_id_core.arm.description import Description
-from joint_id_core.arm.equations import Equations
+from joint_id_core.arm.equations import PAYLOAD, Equations
 from joint_id_core.arm.gravity_direction import pull_of
 from joint_id_core.data.recording import Array
 
@@ -18,6 +18,8 @@ LATE, MEANWHILE = "late", "meanwhile"
 ACROSS = 0.1  # share of gravity that an axis is across at least
 GROSS = math.radians(30.0)  # an angle that no mounting is off by
 ZERO = 2e-3  # rad, standard deviation of the zeros of joints of any robot
+TOLD_SHARE = 0.05  # the same of a share of a torque: torque constants are known to 7 to 20 %
+UNIT = "(unit, torque constant or gear ratio)"
 TOLD_ZERO = math.radians(1.0)  # most standard deviation of a zero with which it is told from what else a law lacks
 
 
@@ -64,6 +66,10 @@ def tested_faults(description: Description, parts: Sequence[Equations], whole: A
             yield Suspect(f"zero {name}", partial(_off_zero, name, turns), moved, *limits)
     for j, (name, turns) in enumerate(joints):
         yield Suspect(f"spring {name}", partial(_pulled, name, turns), [part.q * own[j] for part in parts])
+    modelled = [_modelled(part, whole) for part in parts]  # recorded ones hold what is left of them, too
+    for j, (name, _) in enumerate(joints):
+        scaled = [torque * own[j] for torque in modelled]
+        yield Suspect(f"torque {name}", partial(_too_large, name), scaled, clear=TOLD_SHARE)
     for loaded in (False, True):
         for k in [k for k, part in enumerate(parts) if part.loaded == loaded][1:]:
             more = [part.columns[:, :, first] * (i == k) for i, part in enumerate(parts)]
@@ -74,6 +80,13 @@ def tested_faults(description: Description, parts: Sequence[Equations], whole: A
         more = [p.columns[:, :, first] * later[:, None] if i == k else 0.0 * p.y for i, p in enumerate(parts)]
         when = f"in recording {k + 1}" if len(parts) > 1 else MEANWHILE
         yield Suspect(f"load {when}", partial(_changes, when), more)
+
+
+def _modelled(part: Equations, whole: Array) -> Array:
+    """Return the torques in Nm that values of all parameters make, (R, n)."""
+    values = whole[: part.columns.shape[2]].copy()
+    values[part.base : part.base + PAYLOAD] *= part.loaded
+    return np.asarray(part.columns @ values)
 
 
 def _turned(axis: str, amount: float) -> str:
@@ -91,6 +104,11 @@ def _pulled(joint: str, turns: bool, amount: float) -> str:
     if amount < 0.0:
         return ""  # no spring pushes away from where it rests
     return f"something pulls at {joint} as a spring of {amount:.2g} {'Nm/rad' if turns else 'N/m'}"
+
+
+def _too_large(joint: str, amount: float) -> str:
+    than = "large" if amount > 0.0 else "small"
+    return f"the torque of {joint} seems to be {math.exp(abs(amount)):.2g} times too {than} {UNIT}"
 
 
 def _carries(recording: int, what: str, amount: float) -> str:
