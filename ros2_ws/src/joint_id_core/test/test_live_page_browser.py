@@ -83,6 +83,32 @@ def test_ticks_are_short_and_nothing_is_left_of_joints_that_are_gone(estimate, t
         server.close()
 
 
+@needs_browser
+def test_after_a_reset_no_plot_stays_and_the_chosen_joint_is_shown_again(estimate, tmp_path):
+    view, feed = LiveView(), Feed()
+    view.take({name: Seen(estimate) for name in ("elbow", "wrist")})
+    rows = view.joints()
+    plots = {"trends": [], "fit": list(prediction_plots(window(0.0), 4.0)), "told": "of this moment"}
+    server = PageServer(0, {"/": lambda _: live_page("robot")}, {"/joint": lambda _: plots}, {}, feed)
+    try:
+        with browser.Tab(tmp_path) as tab:
+            tab.open(server.address)
+            feed.publish({"joints": rows, "nodes": [], "silent": []})
+            tab.until("document.querySelectorAll('#joints tbody tr').length === 2")
+            tab.value("document.querySelectorAll('#joints tbody tr')[1].click()")
+            tab.until("document.querySelectorAll('#fit canvas').length === 3")
+            feed.publish({"joints": [], "nodes": [], "silent": []})
+            tab.until("!document.querySelector('canvas') && !document.querySelector('#window').innerText")
+            says = "document.querySelector('#says').innerText"
+            for there in (rows[:1], rows):  # one after the other
+                feed.publish({"joints": there, "nodes": [], "silent": []})
+                tab.until(f"{says}.startsWith('{there[-1]['joint']}: ')")
+            assert tab.value("document.querySelector('#report').href").endswith("report?joint=wrist")
+            assert not tab.console
+    finally:
+        server.close()
+
+
 @contextmanager
 def shown(folder: Path, width: int, state: dict[str, object], found: dict[str, object]) -> Iterator[browser.Tab]:
     """A browser with a page of this state, whose joints have these plots."""

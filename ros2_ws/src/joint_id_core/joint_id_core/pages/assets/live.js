@@ -3,13 +3,14 @@
 (() => {
   const $ = (id) => document.getElementById(id);
   let chosen = decodeURIComponent(location.hash.slice(1));
+  let shown = ""; // the chosen joint, or the first one while there is none of that name
   let busy = false;
   let drawn = "";
 
   const { text, table, list, badge, link, lost, follow, parameters } = jointId;
 
   function select(joint) {
-    chosen = joint;
+    chosen = shown = joint;
     history.replaceState(null, "", `#${encodeURIComponent(joint)}`);
     refresh();
   }
@@ -21,7 +22,7 @@
   function show(state) {
     if (!state.joints) return;
     const joints = state.joints;
-    if (!joints.some((j) => j.joint === chosen)) chosen = joints.length ? joints[0].joint : "";
+    shown = (joints.find((j) => j.joint === chosen) || joints[0] || { joint: "" }).joint;
     link(state.silent.length ? "silent" : "live");
     $("told").textContent = state.silent.length
       ? `${state.silent.join("; ")}${joints.length ? ": what stands here is from before" : ""}.`
@@ -34,9 +35,9 @@
     table($("joints"), ["joint", "status", "age [s]", "temp. [°C]", "model", "nrmse"], joints.map((j) => [[
       j.joint, badge(j.status, j.look), j.age, j.temperature, j.model,
       Object.entries(j.nrmse).map(([n, v]) => `${n} ${v == null ? "-" : v}`).join(", "),
-    ], j.joint]), ["word", "text"], chosen, select);
-    const joint = joints.find((j) => j.joint === chosen);
-    $("report").href = `report?joint=${encodeURIComponent(chosen)}`;
+    ], j.joint]), ["word", "text"], shown, select);
+    const joint = joints.find((j) => j.joint === shown);
+    $("report").href = `report?joint=${encodeURIComponent(shown)}`;
     $("choice").hidden = !joint;
     $("choose").hidden = joints.length < 2;
     $("says").textContent = joint ? `${joint.joint}: ${joint.message}` : "";
@@ -65,22 +66,32 @@
     });
   }
 
+  // Removes all plots; those to come are of this kind.
+  function forget(kind) {
+    jointId.clear();
+    $("trends").replaceChildren();
+    $("fit").replaceChildren();
+    $("window").textContent = "";
+    drawn = kind;
+  }
+
   async function refresh() {
-    if (busy || !chosen) return;
+    if (busy) return;
+    if (!shown) {
+      forget("");
+      return;
+    }
     busy = true;
-    const wanted = chosen;
+    const wanted = shown;
     try {
       const answer = await fetch(`joint?name=${encodeURIComponent(wanted)}`);
-      if (!answer.ok) { $("window").textContent = await answer.text(); return; }
-      const found = await answer.json();
+      const told = await answer.text();
+      if (wanted !== shown) return;
+      if (!answer.ok) { $("window").textContent = told; return; }
+      const found = JSON.parse(told);
       // Another joint, or other curves: a plot is made for its curves.
       const kind = JSON.stringify([wanted, ...found.trends.concat(found.fit).map((p) => [p.title, p.series, p.bands])]);
-      if (kind !== drawn) {
-        jointId.clear();
-        $("trends").replaceChildren();
-        $("fit").replaceChildren();
-        drawn = kind;
-      }
+      if (kind !== drawn) forget(kind);
       place($("trends"), found.trends);
       place($("fit"), found.fit);
       $("window").textContent = found.told;
