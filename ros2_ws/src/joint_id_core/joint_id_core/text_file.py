@@ -1,4 +1,4 @@
-"""Write a text file whole, or not at all, and check before long work that it can be."""
+"""Write a file whole, or not at all, and check before long work that it can be."""
 
 from __future__ import annotations
 
@@ -8,10 +8,18 @@ from joint_id_core.errors import JointIdError
 
 
 def write_text(path: Path, text: str, what: str) -> None:
-    """Write a text in UTF-8. A file that is there is replaced only after the new one is complete; a link stays one.
+    """Write a text in UTF-8, as `write_bytes`. Parts of a file name that are no characters become question marks.
 
-    `what` says in the error what could not be written, e.g. "the estimate". Parts of a file name that are no characters
-    become question marks.
+    Raises:
+        JointIdError: as `write_bytes`.
+    """
+    write_bytes(path, text.encode(errors="replace"), what)
+
+
+def write_bytes(path: Path, content: bytes, what: str) -> None:
+    """Write a file. One that is there is replaced only after the new one is complete; a link stays one.
+
+    `what` says in the error what could not be written, e.g. "the estimate".
 
     Raises:
         JointIdError: the file cannot be written; nothing is left of it.
@@ -19,11 +27,11 @@ def write_text(path: Path, text: str, what: str) -> None:
     try:
         path = path.resolve() if path.is_symlink() else path
         if path.exists() and not path.is_file():  # a device or a pipe, or a folder, which is an error
-            path.write_text(text, encoding="utf-8", errors="replace")
+            path.write_bytes(content)
             return
         draft = path.with_name(path.name + ".part")
         try:
-            draft.write_text(text, encoding="utf-8", errors="replace")
+            draft.write_bytes(content)
             draft.replace(path)
         except OSError:
             draft.unlink(missing_ok=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -269,3 +270,18 @@ def test_a_picture_of_the_fit_is_saved(fitted, tmp_path):
     loaded = jid.Estimate.from_dict(fitted.to_dict())
     with pytest.raises(jid.JointIdError, match="holds no predictions"):
         loaded.plot(tmp_path / "again.png")
+
+
+def test_a_picture_is_written_whole_or_not_at_all(fitted, tmp_path):
+    path = tmp_path / "fit.png"
+    path.write_bytes(b"old")
+    (tmp_path / "fit.png.part").mkdir()  # where the new one would be made
+    with pytest.raises(jid.JointIdError, match=r"fit\.png: the picture cannot be written: "):
+        fitted.plot(path)
+    assert path.read_bytes() == b"old"
+    full = Path("/dev/full")
+    if not full.is_char_device():
+        pytest.skip("this computer has no /dev/full")
+    (tmp_path / "full.svg").symlink_to(full)
+    with pytest.raises(jid.JointIdError, match="the picture cannot be written: No space left on device: check folder"):
+        fitted.plot(tmp_path / "full.svg")

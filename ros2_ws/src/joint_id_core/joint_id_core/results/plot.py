@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ from joint_id_core.data.recording import Array
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError
 from joint_id_core.results.estimate import Estimate, Predictions
+from joint_id_core.text_file import write_bytes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -140,15 +142,14 @@ def _named(name: str) -> str:
 
 
 def written(path: Path, figure: Figure) -> None:
-    """Write a picture.
+    """Write a picture, whole or not at all; the extension of its name sets the format.
 
     Raises:
         JointIdError: it cannot be written.
     """
-    try:
-        figure.savefig(path, dpi=120)
-    except OSError as error:
-        raise JointIdError(f"{path}: the picture cannot be written: {error}") from None
+    content = BytesIO()
+    figure.savefig(content, dpi=120, format=path.suffix.lstrip(".").lower())
+    write_bytes(path, content.getvalue(), "the picture")
 
 
 def broken(time: Array, *rows: Array) -> tuple[Array, ...]:
