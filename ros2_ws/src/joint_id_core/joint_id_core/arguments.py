@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from os import PathLike
+from pathlib import Path
+
 from joint_id_core.errors import JointIdError
 
 
@@ -13,3 +16,13 @@ def require_type(what: str, value: object, kinds: type | tuple[type, ...], advic
     """
     if not isinstance(value, kinds):
         raise JointIdError(f"{what} is {value!r:.60}, of type {type(value).__name__}: {advice}")
+
+
+def file_path(path: object) -> Path:
+    """Return the path of a file.
+
+    Raises:
+        JointIdError: it is neither a text nor a path.
+    """
+    require_type("path", path, (str, PathLike), "give the name of a file")
+    return Path(path)  # type: ignore[arg-type]  # checked above

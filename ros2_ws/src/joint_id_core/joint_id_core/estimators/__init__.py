@@ -164,6 +164,8 @@ def fit_several(
     Returns:
         The estimate of all recordings, that of each by itself, and how far each is from all.
     """
+    require_type("recordings", recordings, (list, tuple), 'give a list, such as [read("motion.csv")]')
+    require_types(model, recordings, settings, estimator)
     from joint_id_core.estimators.loaded_fit import fitted_with_load  # loads NumPy, as the next
     from joint_id_core.estimators.shared.computed_load import computed
     from joint_id_core.estimators.together.fit import together

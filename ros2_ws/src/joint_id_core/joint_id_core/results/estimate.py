@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from joint_id_core.arguments import file_path
 from joint_id_core.data.recording import Array
 from joint_id_core.errors import JointIdError, close_to
 from joint_id_core.results.level_effect import LevelEffect
@@ -253,7 +254,7 @@ class Estimate:
         """
         from joint_id_core.results.estimate_json import save
 
-        save(self, Path(path))
+        save(self, file_path(path))
 
     @classmethod
     def load(cls, path: str | Path) -> Estimate:
@@ -264,7 +265,7 @@ class Estimate:
         """
         from joint_id_core.results.estimate_json import load
 
-        return load(Path(path))
+        return load(file_path(path))
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """Return a picture of measured and predicted labels, and save it if there is a path. Needs matplotlib.
@@ -277,7 +278,7 @@ class Estimate:
         from joint_id_core.results.plot import figure, save
 
         if path is not None:
-            save(Path(path), self)
+            save(file_path(path), self)
         return figure(self)
 
     def to_frame(self) -> DataFrame:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from types import SimpleNamespace
@@ -50,9 +50,12 @@ class ParameterSettings:
             names = getattr(self, name)
             if isinstance(names, str):
                 raise JointIdError(f"{name} = {names!r}: give a list of names, e.g. {name}=[{names!r}]")
+            require_type(name, names, Iterable, f'give a list of names, such as {name}=["J"]')
             object.__setattr__(self, name, tuple(dict.fromkeys(names)))
         for name in ("values", "priors", "deviations"):
-            numbers = dict(getattr(self, name))
+            numbers = getattr(self, name)
+            require_type(name, numbers, Mapping, f'give a dictionary, such as {name}={{"J": 2.0}}')
+            numbers = dict(numbers)
             for parameter, number in numbers.items():
                 require_type(f"{name}: {parameter}", number, Real, "give a number")
             object.__setattr__(self, name, numbers)
