@@ -58,7 +58,15 @@ def test_more_friction_is_told_with_size_and_certainty(monday, friday, tmp_path)
     assert told["tau_f"]["changed"] and not told["J"]["changed"]
     assert told["tau_f"]["change"] == pytest.approx(0.24, abs=0.05)
     assert told["tau_f"]["sigmas"] == pytest.approx(told["tau_f"]["change"] / told["tau_f"]["std_dev"])
-    assert run(tmp_path / "monday.json", tmp_path / "monday.json")[0] == 0
+
+
+def test_an_estimate_is_not_compared_with_itself(monday, tmp_path):
+    monday.save(tmp_path / "a.json")
+    fit(MODEL, motion(6.0)).save(tmp_path / "b.json")
+    for other in ("a.json", "b.json"):
+        code, out = run(tmp_path / "a.json", tmp_path / other)
+        assert code == 2
+        assert f"a.json, {tmp_path / other}: both are the same estimate, or of the same recording: give one of" in out
 
 
 def test_of_an_offset_that_may_be_zero_no_share_is_told(monday, friday):
@@ -68,15 +76,15 @@ def test_of_an_offset_that_may_be_zero_no_share_is_told(monday, friday):
     assert " Nm, " in offset.text and "%" not in offset.text
 
 
-def test_what_is_not_known_is_not_compared(monday):
-    rows = tuple(replace(p, verdict=p.verdict.PRIOR) if p.name == "J" else p for p in monday.parameters)
-    unknown = next(row for row in differences(monday, replace(monday, parameters=rows)) if row.name == "J")
+def test_what_is_not_known_is_not_compared(monday, friday):
+    rows = tuple(replace(p, verdict=p.verdict.PRIOR) if p.name == "J" else p for p in friday.parameters)
+    unknown = next(row for row in differences(monday, replace(friday, parameters=rows)) if row.name == "J")
     assert not unknown.changed and np.isnan(unknown.sigmas) and unknown.text == "not known after"
 
 
-def test_a_poor_fit_is_said_to_be_one(monday, tmp_path):
+def test_a_poor_fit_is_said_to_be_one(monday, friday, tmp_path):
     monday.save(tmp_path / "a.json")
-    replace(monday, status=Status.POOR_FIT).save(tmp_path / "b.json")
+    replace(friday, status=Status.POOR_FIT).save(tmp_path / "b.json")
     code, out = run(tmp_path / "a.json", tmp_path / "b.json")
     assert code == 1 and "b.json: poor_fit: its intervals cannot be trusted" in out
 

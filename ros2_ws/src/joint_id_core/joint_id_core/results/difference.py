@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from joint_id_core.data.quantities import change_text, with_deviation
 from joint_id_core.errors import JointIdError
 from joint_id_core.results.estimate import Estimate, ParameterEstimate
@@ -72,7 +74,8 @@ def differences(before: Estimate, after: Estimate) -> list[Difference]:
     Parameters are compared where both are called estimated, as independent: of recordings that share no samples.
 
     Raises:
-        JointIdError: other joints, models or options, or another held value, which would change all others.
+        JointIdError: other joints, models or options, or another held value, which would change all others; the same
+            estimate twice.
     """
     if before.joint and after.joint and before.joint != after.joint:
         raise JointIdError(
@@ -94,7 +97,15 @@ def differences(before: Estimate, after: Estimate) -> list[Difference]:
             )
         if not held:
             found.append(Difference(row, later, _unknown(row, later)))
+    if found and _same(before, after):
+        raise JointIdError("both are the same estimate, or of the same recording: give one of another recording")
     return found
+
+
+def _same(before: Estimate, after: Estimate) -> bool:
+    """Return whether two estimates say the same to the last digit, as no two recordings do."""
+    values = np.array_equal([before[n].value for n in before.free], [after[n].value for n in before.free])
+    return values and np.array_equal(before.covariance, after.covariance, equal_nan=True)
 
 
 def _held(estimate: Estimate, row: ParameterEstimate) -> str:
