@@ -122,8 +122,9 @@ def _compiles() -> Check:
     from joint_id_core.models import build
 
     model = build("rigid_joint")
-    known, begun = is_compiled(model), time.perf_counter()
+    begun = time.perf_counter()
     try:
+        known = is_compiled(model)
         compile_model(model)
     except (JointIdError, OSError) as error:
         return Check("kernels", False, str(error), "mend the cache first, see above")

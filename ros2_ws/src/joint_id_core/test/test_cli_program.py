@@ -10,8 +10,10 @@ import typing
 
 import pytest
 
-from joint_id_core import cli
+from joint_id_core import cli, formats
 from joint_id_core.cli import app
+
+from .online_motion import motion
 
 
 def test_commands_of_other_packages_appear_when_installed_and_a_broken_one_is_left_out(monkeypatch, capsys):
@@ -56,6 +58,22 @@ def test_help_of_the_real_command_loads_nothing_heavy():
     assert not {"numpy", "numba", "torch", "scipy", "sympy", "matplotlib", "rclpy", "rosbags"} & set(
         done.stderr.split()
     )
+
+
+@pytest.mark.parametrize("library", ["numba", "scipy"])
+@pytest.mark.parametrize("command", ["fit", "doctor"])
+def test_a_library_that_is_missing_is_named_in_one_line(tmp_path, library, command):
+    formats.write(tmp_path / "log.csv", motion(4.0))
+    code = f"import sys; sys.modules[{library!r}] = None; from joint_id_core.cli import main; main()"
+    words = ["fit", "log.csv", "--model", "rigid_joint"] if command == "fit" else ["doctor"]
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words], capture_output=True, text=True, timeout=120, check=False, cwd=tmp_path
+    )
+    if command == "fit":
+        (line,) = [line for line in done.stderr.splitlines() if "loading" not in line and "compiling" not in line]
+        assert done.returncode == 2 and library in line and "joint-id doctor" in line
+    else:
+        assert done.returncode == 1 and f"pip install {library}" in done.stdout and not done.stderr
 
 
 @pytest.mark.parametrize("entry", importlib.metadata.entry_points(group=cli.GROUP), ids=lambda entry: entry.name)

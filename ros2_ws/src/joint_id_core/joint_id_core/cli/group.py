@@ -48,6 +48,8 @@ class OneLineErrors(TyperGroup):
                 print(said, file=sys.stderr)
             else:
                 complain(f"{error.format_message()} See {help_}")  # type: ignore[attr-defined]  # see UsageError
+        except ImportError as error:
+            complain(f"a library cannot be loaded ({error}): joint-id doctor tells which, and what mends it")
         except MemoryError:
             complain("not enough memory: take less of the recording (--start, --end), or a computer with more of it")
         except BrokenPipeError:  # a reader such as head has seen enough
