@@ -51,7 +51,9 @@ def test_a_view_shows_every_joint_with_its_alarms_and_plots(estimate):
     titles = [p["title"] for p in found["trends"]]
     assert titles == ["J [kg m^2]", "c [Nm s/rad]", "tau_f [Nm]", "tau_0 [Nm]"] and not found["fit"]
     tau_f = found["trends"][2]
-    assert [s["name"] for s in tau_f["series"]] == ["estimate", "baseline"] and tau_f["data"][2] == [1.5] * 20
+    # The first of several curves is pale, as what is measured: the estimate keeps its colour.
+    assert [s["name"] for s in tau_f["series"]] == ["baseline", "estimate"] and tau_f["data"][1] == [1.5] * 20
+    assert tau_f["bands"] == [1]
     assert tau_f["data"][0] == list(range(-19, 1))
     view.take({"wrist": Seen(estimate)})  # the elbow has gone
     with pytest.raises(JointIdError, match="'elbow' is not published: wrist is"):

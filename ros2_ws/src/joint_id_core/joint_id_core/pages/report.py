@@ -193,8 +193,8 @@ def trend_plots(
         values, sigmas = course[p.name]
         known = sigmas < np.fmax(TOO_WIDE * np.abs(values), 2.0 * p.std_dev)  # wider ones would hide the others
         if known.any():
-            rows = {name: np.where(known, values, np.nan)}
-            rows |= {n: np.full(len(time), level[p.name]) for n, level in levels.items() if p.name in level}
+            rows = {n: np.full(len(time), level[p.name]) for n, level in levels.items() if p.name in level}
+            rows[name] = np.where(known, values, np.nan)  # over the levels
             bands = {name: np.where(known, WIDE * sigmas, np.nan)}
             yield plot(with_unit(p.name, p.unit), time, rows, bands=bands)
 
