@@ -39,6 +39,15 @@ def test_a_parameter_file_builds_the_options_of_its_nodes(path):
         assert not given, f"{node} has no parameter {', '.join(given)}"
 
 
+@pytest.mark.parametrize("begin", ["ros2 run joint_id_ros identifier", "ros2 launch joint_id_ros replay.launch.py"])
+def test_commands_for_joint_states_have_the_windows_of_the_parameter_file(begin):
+    page = (CONFIG.parent / "docs/tutorials/ur_robots.md").read_text()
+    (line,) = [line for line in page.splitlines() if line.startswith(begin) and "model:=rigid_joint" in line]
+    given = yaml.safe_load((CONFIG / "ur_joint_states.yaml").read_text())["/**/identifier"]["ros__parameters"]
+    told = {name: float(value) for name, value in re.findall(r"(window_s|hop_s):=([\d.]+)", line)}
+    assert told == {name: given[name] for name in ("window_s", "hop_s")}
+
+
 ROBOTS = ("ur3e", "ur5e", "ur10e")
 
 
