@@ -14,6 +14,8 @@ from joint_id_core.design.plant import controller_of
 from joint_id_core.estimators import Innovations, fit
 from joint_id_core.estimators.innovations import checks, drive_noise
 from joint_id_core.estimators.innovations.misfit import Misfit
+from joint_id_core.estimators.innovations.missing_torques import shapes
+from joint_id_core.estimators.shared.fit_data import prepare
 from joint_id_core.models import build
 from joint_id_core.online.lasting import Lasting
 from joint_id_core.results.estimate import Status
@@ -52,6 +54,16 @@ def test_friction_that_rises_at_low_speed_is_named(seed):
     assert "changes at low speed" in estimate.message and "try --friction stribeck" in estimate.message
     right = fit(STRIBECK, record(0.3, seed))
     assert right.converged and "changes at low speed" not in " ".join(right.notes)
+
+
+@pytest.mark.parametrize(("law", "other"), [("stribeck", "eyring"), ("eyring", "stribeck")])
+def test_a_law_of_friction_that_the_model_has_is_not_proposed(law, other):
+    """As where a ripple of an encoder looks like friction at low speed whatever the law is."""
+    data = prepare(build("harmonic_drive", friction=law), record(0.0, 1))
+    states = np.random.default_rng(0).standard_normal((len(data.time), len(data.model.state_names)))
+    advice = {shape.advice for shape in shapes(data, states, data.p)}
+    assert f"try --friction {other}" in advice and f"try --friction {law}" not in advice
+    assert f"the {law} law does not follow it" in advice
 
 
 def test_a_right_model_shows_nothing():

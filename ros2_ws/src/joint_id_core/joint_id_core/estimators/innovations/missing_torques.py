@@ -11,6 +11,7 @@ from joint_id_core.data.recording import Array
 from joint_id_core.data.signals import side_of
 from joint_id_core.estimators.shared.fit_data import FitData
 from joint_id_core.estimators.shared.hysteresis import hysteresis
+from joint_id_core.models import Model
 
 FORESEEN = (-1.0, 1.0, 0.5, 0.0, -0.5)  # straight line through the last four samples, minus the present one
 ROUNDING = 1e-12  # range over largest value below which a signal is constant
@@ -66,9 +67,9 @@ def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
         speed = math.sqrt(float(w @ w) / len(w)) or 1.0
         rise = np.tanh(w / max(value[smoothing], 0.01 * speed)) * np.exp(size * (-1.0 / (LOW_SPEED * speed)))
         text = f"friction at the {side} that changes at low speed"
-        found.append(Shape(text, "try --friction stribeck", ((channel, rise),)))
+        found.append(Shape(text, _other_law(model, "stribeck"), ((channel, rise),)))
         text = f"friction at the {side} that bends with speed"
-        found.append(Shape(text, "try --friction eyring", ((channel, w * size),)))
+        found.append(Shape(text, _other_law(model, "eyring"), ((channel, w * size),)))
     if "link_position" in names and load is not None and not model.has_gravity:
         q, advice = known["link_position"], "try --gravity"
         if "drifting_load" in names:
@@ -85,6 +86,11 @@ def shapes(data: FitData, states: Array, p: Array) -> list[Shape]:
     if motor is not None and model.stiffness is not None and {"motor_position", "link_position"} <= known.keys():
         found += _with_a_spring(data, known, value, motor)
     return found
+
+
+def _other_law(model: Model, law: str) -> str:
+    """Return the advice to take a law of friction, or what it means where the model has it already."""
+    return f"the {law} law does not follow it" if getattr(model, "friction", "") == law else f"try --friction {law}"
 
 
 def _of_the_gain(u: Array, name: str, drive: int) -> list[Shape]:
