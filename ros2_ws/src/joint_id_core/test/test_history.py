@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from dataclasses import replace
 
@@ -115,3 +116,12 @@ def test_a_folder_without_estimates_is_said(tmp_path):
     done = CliRunner().invoke(app, ["history", str(tmp_path)])
     assert done.exit_code == 2 and "no good estimate" in done.output
     assert CliRunner().invoke(app, ["history", str(tmp_path / "no")]).exit_code == 2
+
+
+def test_a_folder_that_may_not_be_read_is_not_called_empty(tmp_path):
+    folder = tmp_path / "locked"
+    folder.mkdir(mode=0)
+    if os.access(folder, os.R_OK):
+        pytest.skip("this user may read everything")
+    result = CliRunner().invoke(app, ["history", str(folder)])
+    assert result.exit_code == 2 and f"{folder}: Permission denied: check the path, its permissions" in result.output

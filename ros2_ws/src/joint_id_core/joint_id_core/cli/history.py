@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -68,7 +69,9 @@ def _of_files(sources: Iterable[Path]) -> list[Known]:
     from joint_id_core.results.estimate import Estimate
     from joint_id_core.results.history import known
 
-    estimates = []
+    estimates, sources = [], list(sources)
+    for folder in filter(Path.is_dir, sources):
+        os.listdir(folder)  # one that may not be read seems to be empty below
     paths = {path for source in sources for path in (source.rglob("*.json") if source.is_dir() else (source,))}
     for path in sorted(paths, key=_in_order):
         try:
