@@ -99,6 +99,7 @@
       lost();
     } finally {
       busy = false;
+      if (wanted !== shown) refresh();
     }
   }
 
