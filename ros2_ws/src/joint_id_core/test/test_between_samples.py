@@ -136,23 +136,6 @@ def test_what_a_drive_does_within_a_sample_is_not_asked_of_a_model_that_is_wrong
         asked.clear()
 
 
-def test_of_a_flexible_joint_that_fits_badly_anyway_one_share_is_asked():
-    """It stays a poor fit, whatever the share; each of five more fits of a UR10e's pan took 6 s."""
-    recording, asked = every(4), list[Recording]()
-    held = fit_innovations(FLEXIBLE, recording, ParameterSettings(GEAR))
-
-    def noted(recording: Recording, previous: Estimate) -> Estimate:
-        asked.append(recording)
-        return previous
-
-    found = []
-    for status in (Status.CONVERGED, Status.POOR_FIT):
-        fitted_between(held.updated(status=status), FLEXIBLE, recording, noted)
-        found.append(len(asked))
-        asked.clear()
-    assert found == [4, 1]
-
-
 @pytest.mark.parametrize("estimator", [Innovations(), Regression()], ids=lambda e: e.name)
 def test_all_samples_of_a_controller_are_held(estimator):
     found = fit(RIGID, every(1), ParameterSettings(GEAR), estimator)

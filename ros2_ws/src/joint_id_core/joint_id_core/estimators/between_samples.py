@@ -58,9 +58,7 @@ def fitted_between(estimate: Estimate, model: Model, recording: Recording, fit: 
     if late.likely == 0.0 or not _small(estimate, model.drive, recording):
         return late.contained(estimate, model), 0.0
     tried = [(estimate, 0.0)]
-    # A fit that stays a poor one needs no more than the reason; each of its fits takes as long as all of a good one.
-    others = OTHERS if takes_mean(model) or estimate.status is not Status.POOR_FIT else ()
-    for share in (late.likely, *others):
+    for share in (late.likely, *OTHERS):
         best = min(tried, key=_of_fit)[0]
         tried.append((fit(recording=_advanced(model, recording, share), previous=best), share))
     earlier, share = min(tried, key=_of_fit)
