@@ -9,7 +9,6 @@ from typing import Protocol
 import numpy as np
 
 from joint_id_core.data.recording import Recording
-from joint_id_core.estimators.innovations.verdicts import CONSTANT_NRMSE
 from joint_id_core.estimators.lateness import lateness
 from joint_id_core.estimators.shared.mean_drive import LEAST, MOST, POSITION, VELOCITY, changes, slope, with_mean_drive
 from joint_id_core.estimators.shared.sentences import sentence
@@ -48,8 +47,6 @@ def fitted_between(estimate: Estimate, model: Model, recording: Recording, fit: 
         fit: makes such an estimate.
     """
     if model.drive is None or not recording.measured(model.drive) or not np.isfinite(_misfit(estimate)):
-        return estimate, 0.0
-    if any(missed > CONSTANT_NRMSE for missed in estimate.nrmse.values()):  # no part of a sample makes that good
         return estimate, 0.0
     # Three passes at the same parameters nearly always tell that it is held, in a tenth of the time of a fit.
     late = lateness(estimate, model, recording)
