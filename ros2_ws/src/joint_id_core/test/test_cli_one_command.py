@@ -110,6 +110,7 @@ def test_a_flexible_joint_is_tried_on_a_part_of_a_long_recording_first(monkeypat
     found = job.run(Given([recording]))
     assert tried == pytest.approx(fitted, abs=1)
     assert found.job.model_options["model"] == ("harmonic_drive" if flexible else "rigid_joint")
+    assert flexible or any("was tried on the 4 s with the most motion and left out: " in why for why in found.why)
 
 
 def test_where_a_flexible_joint_failed_the_gear_by_itself_is_proposed():

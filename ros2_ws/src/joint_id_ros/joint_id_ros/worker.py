@@ -236,7 +236,7 @@ class Worker:
             self._use(self._batch)
 
     def _given(self, samples: Sequence[tuple[int, RawMessage]]) -> _Batch:
-        """Give the joints their samples; return what no thread works on yet."""
+        """Give the joints their samples; return the batch of them, of which no joint is begun with yet."""
         (first_ns, first), newest_ns = samples[0], samples[-1][0]
         if self._origin_ns is None:
             self._origin_ns = first.stamp_ns

@@ -109,7 +109,7 @@ class FitJob:
             options = {n: getattr(proposal.options, n) for n in ("model", "gravity", *self.model_options)}
             job = replace(self, model_options=options, settings=self.settings.of(model))
             if model is not models[-1] and (doubt := job._fails_soon(model, given, progress)):
-                left_out.append(f"{model.name} was tried and left out: {doubt}")
+                left_out.append(f"{model.name} was tried on {doubt}")
                 continue
             together = job._fitted(given, progress)
             result = Result(job, together, (f"model {proposal}", *left_out))
@@ -133,7 +133,7 @@ class FitJob:
         return suits(model)
 
     def _fails_soon(self, model: Model, given: Given, progress: Progress | None) -> str:
-        """Return why a model with a gear, whose fits take long, does not describe the part with the most motion.
+        """Return on what a model with a gear, whose fits take long, was tried, and why it does not describe that part.
 
         Empty if it may describe the motion.
         """
@@ -146,7 +146,9 @@ class FitJob:
         if part is None:
             return ""
         found = self._fitted(replace(given, recordings=[part]), progress).estimate
-        return found.message if found.status in (Status.POOR_FIT, Status.DIVERGED) else ""
+        if found.status not in (Status.POOR_FIT, Status.DIVERGED):
+            return ""
+        return f"the {part.duration:.3g} s with the most motion and left out: {found.message}"
 
     def _fitted(self, given: Given, progress: Progress | None) -> Together:
         model = self.built(given.recordings[0])
