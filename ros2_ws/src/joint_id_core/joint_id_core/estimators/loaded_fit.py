@@ -8,7 +8,7 @@ from dataclasses import replace
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators.load_size import with_size_doubt
 from joint_id_core.estimators.matched_load import MatchedLoad
-from joint_id_core.estimators.shared.computed_load import with_doubt
+from joint_id_core.estimators.shared.computed_load import LOAD, with_doubt
 from joint_id_core.estimators.shared.held_values import CONSTANT
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.estimators.together.fit import USABLE, Together, together
@@ -47,10 +47,9 @@ def fitted_with_load(
         alone = tuple(doubtful(one) for one in found.alone)
         return replace(found, estimate=doubtful(found.estimate), alone=alone, as_fitted=as_fitted)
 
-    if load.second_choice:
-        found = unmatched(settings)
-        if found.estimate.status.describes:
-            return finished(found, as_computed)
+    computed = unmatched(settings) if load.second_choice else None
+    if computed is not None and _describes(computed, load):
+        return finished(computed, as_computed)
     fits = [load.with_doubt(fitted(load.of(one), settings), k) for k, one in enumerate(recordings)]
     used = [k for k, one in enumerate(fits) if one.status in USABLE]
     if 0 < len(used) < len(fits):  # what is wrong with the others, as another payload, must not be in the load
@@ -63,11 +62,22 @@ def fitted_with_load(
         # the torque constant. Near these values the computed load may describe the motion after all.
         begun = {name: found.estimate[name].value for name in found.estimate.free}
         again = unmatched((settings or ParameterSettings()).with_values(begun))
-        if again.estimate.status.describes:
+        if _describes(again, load):
             return finished(again, as_computed)
+    if computed is not None and computed.estimate.status.describes and not found.estimate.status.describes:
+        return finished(computed, as_computed)
     if len(used) > 1:  # it is the same in all recordings, so they do not average it away
         found = replace(found, estimate=load.with_doubt(found.estimate))
     return finished(found, load.of)
+
+
+def _describes(computed: Together, load: MatchedLoad) -> bool:
+    """Return whether fits with the computed load describe the motion with it, and not by calling it noise.
+
+    That noise is as large as what a match adds to the load, if the load is as wrong as that.
+    """
+    noise = max((one.noise.get(f"input {LOAD}", 0.0) for one in computed.alone if one.status in USABLE), default=0.0)
+    return computed.estimate.status.describes and noise < load.added
 
 
 def as_computed(recording: Recording) -> Recording:
