@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 
 from joint_id_core.data.recording import Recording
-from joint_id_core.estimators import fit
+from joint_id_core.estimators import DEFAULT, Estimator, Regression, fit
 from joint_id_core.estimators.opinion import suits
 from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.models import Model
@@ -28,7 +28,7 @@ from joint_id_core.results.estimate import Estimate, Status
 # reference in 92 to 100 %; those of 4 s in 85 to 91 %, of 2 s in 66 to 90 %.
 LEAST, REACH = 4.0, 8.0
 EVERY = 2.0  # the same of new motion, after which a stretch is fitted again
-SHARE = 0.05  # of a processor that these fits take at most
+SHARE = 0.05  # of a processor that these fits take at most; looks at newer motion beside them take as much at most
 WHOLE = "No recursion describes this motion: this is a fit of the newest {:.0f} s of it as a whole."
 
 
@@ -39,6 +39,10 @@ class Stretch:
     residuals show nothing that the model lacks: then the recursion fails for another reason, and says so. But if a
     computed load is matched to the motion, that is the reason. A sensor that is late is another reason: no fit is shown
     then, as its parameters would take up the delay.
+
+    The first fit that converges is not shown before the next one describes its motion, too: slow motion at the
+    beginning has another friction than what follows, and a load that is not known fits one stretch by chance. Where a
+    fit takes long, and the next one has to wait, a regression looks meanwhile whether newer motion agrees with it.
 
     Args:
         model, settings: what is identified.
@@ -55,12 +59,17 @@ class Stretch:
         self._matched = False  # whether a fit matches the load to the motion, which the recursion does not
         self._poor_since = np.inf
         self._found: Estimate | None = None
+        self._white = False  # whether the residuals of the newest fit show nothing
+        self._fit: Estimate | None = None  # the newest one that describes its motion; not of a look
+        self._waits_s = 0.0  # motion before the next fit; until then there are looks
         self._agreement = Agreement(model, REACH * window_s, self._wanted)
         self._begin()
 
     def _begin(self) -> None:
+        self._looks = False  # whether a look is running, or was the last
         self._motion = NewestMotion(REACH * self._window_s, LEAST * self._window_s)
         self._running: Future[tuple[Estimate, float]] | None = None
+        self._described = False  # whether the newest fit of this motion, or look at it, describes it
 
     def changed(self) -> None:
         """Forget the motion before a change that the recursion tells, unless a stretch is shown in its place."""
@@ -91,10 +100,10 @@ class Stretch:
             if self._proved:
                 self._begin()
         asked = estimate.end >= self._poor_since + self._window_s
-        found = self._newest() if asked else None
-        white = found is not None and found.converged and found.checks is not None and not any(found.checks.texts)
-        if (white and not self._matched) or not (asked or poor):
-            self._poor_since, self._found = np.inf, None
+        if asked:
+            self._update()
+        if (asked and self._white and not self._matched) or not (asked or poor):
+            self._poor_since, self._found, self._white = np.inf, None, False
         return estimate if self._found is None else self._found.updated(end=estimate.end)
 
     def at_rest(self, estimate: Estimate) -> Estimate:
@@ -104,21 +113,40 @@ class Stretch:
         said = {name: getattr(estimate, name) for name in ("status", "message", "notes", "end")}
         return self._found.updated(**said)
 
-    def _newest(self) -> Estimate | None:
-        """Return the newest fit; start another one if it is time for that."""
+    def _update(self) -> None:
+        """Take the newest fit, if one is ready; start another one if it is time for that."""
         if self._running is None and self._motion.due:
-            self._running = self._background(partial(_fitted, self._model, self._motion.recording(), self._settings))
+            self._looks = self._waits_s > 0.0
+            estimator = Regression() if self._looks else DEFAULT
+            fit_it = partial(_fitted, self._model, self._motion.recording(), self._settings, estimator)
+            self._running = self._background(fit_it)
         if self._running is not None and self._running.done():
             (found, took_s), self._running = self._running.result(), None
-            self._motion.wait(max(EVERY * self._window_s, took_s / SHARE))
-            self._found = self._agreement.on(found) if found.status.describes else None
-        return self._found
+            share_s, every_s = took_s / SHARE, EVERY * self._window_s
+            wait_s = max(every_s, share_s) if self._looks else every_s
+            self._waits_s = (self._waits_s if self._looks else share_s) - wait_s
+            self._motion.wait(wait_s)
+            self._found = self._shown(found)
+
+    def _shown(self, found: Estimate) -> Estimate | None:
+        """Return what is published after a fit, or a look; None if the recursion's estimate is."""
+        before, self._described = self._described, found.status.describes
+        judged = self._agreement.on(found) if found.status.describes else None
+        if not self._looks:
+            self._fit = judged
+            checks = judged.checks if judged is not None and judged.converged else None
+            self._white = checks is not None and not any(checks.texts)
+        if judged is None or judged.status is Status.DISAGREE:
+            return judged
+        return self._fit if before else None
 
 
-def _fitted(model: Model, recording: Recording, settings: ParameterSettings) -> tuple[Estimate, float]:
+def _fitted(
+    model: Model, recording: Recording, settings: ParameterSettings, estimator: Estimator
+) -> tuple[Estimate, float]:
     """Fit a stretch as a whole; return the estimate, and the processor time in s."""
     begun = time.thread_time()
-    found = fit(model, recording, settings)
+    found = fit(model, recording, settings, estimator)
     if not found.status.unusable:
         notes = (found.notes[0], WHOLE.format(found.end - found.start), *found.notes[1:])
         found = found.noted(notes, predictions=None)
