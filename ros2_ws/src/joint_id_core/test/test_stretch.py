@@ -162,6 +162,15 @@ def test_a_change_that_the_recursion_tells_forgets_the_motion_before_it(monkeypa
     assert followed.fitted[0].time[0] == pytest.approx(6.0, abs=0.11)
 
 
+def test_a_change_that_a_poor_recursion_tells_does_not_forget_motion_that_a_fit_describes(monkeypatch, good):
+    """Each of its changes, none of them true, made the fits of a UR10e begin anew."""
+    followed, poor = Followed(monkeypatch, lambda _: lacking(good)), good.updated(status=Status.POOR_FIT)
+    followed.move(LEAST * WINDOW_S + 0.3, poor)
+    followed.stretch.changed()
+    assert followed.move(EVERY * WINDOW_S, poor).converged
+    assert followed.fitted[1].time[0] == followed.fitted[0].time[0]
+
+
 def test_a_stretch_that_the_model_describes_gives_back_to_the_recursion(monkeypatch, good):
     followed = Followed(monkeypatch, lambda _: good)
     poor = good.updated(status=Status.POOR_FIT)

@@ -72,8 +72,8 @@ class Stretch:
         self._described = False  # whether the newest fit of this motion, or look at it, describes it
 
     def changed(self) -> None:
-        """Forget the motion before a change that the recursion tells, unless a stretch is shown in its place."""
-        if self._found is None and self._proved:
+        """Forget the motion before a change that the recursion tells, unless a fit of a stretch describes it."""
+        if self._found is None and not self._described and self._proved:
             self._begin()
 
     @property
