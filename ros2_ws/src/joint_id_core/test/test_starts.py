@@ -10,7 +10,7 @@ import pytest
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import fit
-from joint_id_core.estimators.innovations import search
+from joint_id_core.estimators.innovations import search, stages
 from joint_id_core.estimators.innovations.annealing import STRONG, STRONGEST
 from joint_id_core.estimators.innovations.fit import fit_innovations
 from joint_id_core.estimators.innovations.recursion import Recursion
@@ -207,3 +207,20 @@ def test_a_cold_fit_after_a_warm_start_that_failed_is_the_cold_fit(monkeypatch):
     monkeypatch.setattr(Search, "warm", lambda self, previous: real(self, previous) and None)
     after = fit_innovations(MODEL, window, previous=before)
     assert after.values == fit(MODEL, window).values
+
+
+@pytest.mark.parametrize("causes", [True, False])
+def test_a_search_that_takes_long_ends_if_what_it_found_does_not_describe_the_motion(causes, monkeypatch):
+    """Of a stiff joint of a robot all starts took 20 to 60 times as long as a good fit, and told the same."""
+    recording = record() if causes else record().with_channels({"torque": record()["torque"][::-1].copy()})
+    found, begun = [], []
+    for most in (stages.MOST_WORK, 0):
+        monkeypatch.setattr(stages, "MOST_WORK", most)
+        told: list[str] = []
+        found.append(fit_innovations(MODEL, recording, progress=told.append))
+        begun.append(sum(text.startswith("start ") for text in told))
+    if causes:
+        assert found[1].converged and found[1].values == found[0].values and begun[1] == begun[0]
+    else:
+        assert found[1].status is found[0].status is Status.POOR_FIT and begun == [search.EXTRA_STARTS, 0]
+        assert found[1].iterations < 0.5 * found[0].iterations

@@ -9,7 +9,10 @@ from typing import Protocol
 import numpy as np
 
 from joint_id_core.data.recording import Recording
+from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.lateness import lateness
+from joint_id_core.estimators.one_encoder import SHOWS
+from joint_id_core.estimators.regression.missing import COMPLIANCE
 from joint_id_core.estimators.shared.mean_drive import LEAST, MOST, POSITION, VELOCITY, changes, slope, with_mean_drive
 from joint_id_core.estimators.shared.sentences import sentence
 from joint_id_core.models import Model
@@ -52,7 +55,7 @@ def fitted_between(estimate: Estimate, model: Model, recording: Recording, fit: 
     late = lateness(estimate, model, recording)
     if late is None:
         return estimate, 0.0
-    if late.likely == 0.0 or not _small(estimate, model.drive, recording):
+    if late.likely == 0.0 or not _small(estimate, model.drive, recording) or _cannot_be_why(estimate, model, recording):
         return late.contained(estimate, model), 0.0
     tried = [(estimate, 0.0)]
     for share in (late.likely, *OTHERS):
@@ -121,6 +124,30 @@ def _small(estimate: Estimate, drive: str, recording: Recording) -> bool:
     """
     noise = estimate.noise.get(f"input {drive}", 0.0)
     return noise**2 < MUCH**2 * float(np.nanmean(slope(recording, recording.time, recording[drive]) ** 2))
+
+
+def _cannot_be_why(estimate: Estimate, model: Model, recording: Recording) -> bool:
+    """Return whether a regression tells that a flexible joint does not fit badly for what its drive did in a sample.
+
+    Whatever the drive did, such a fit stays a poor one, and each further one takes as long. As that of a rigid joint,
+    inverse dynamics describe the motion then, and show neither that the drive changes between samples nor that the gear
+    yields. Nothing is told of a load that drifts, which a rigid joint does not have.
+    """
+    drifts = "drifting_load" in model.state_names
+    poor = estimate.status in (Status.POOR_FIT, Status.MAX_ITERATIONS)
+    if not poor or takes_mean(model) or model.torque_drive is None or drifts:
+        return False
+    from joint_id_core.estimators.regression.as_rigid import regressed_as_rigid  # loads SciPy
+
+    try:
+        rigid = regressed_as_rigid(recording, estimate.values)
+    except JointIdError:
+        return False
+    if rigid is None:
+        return False
+    fitted = rigid.fitted[0]
+    late = fitted.share is not None and fitted.share.sure
+    return not (late or fitted.fault or fitted.blind or fitted.helps[COMPLIANCE] >= SHOWS)
 
 
 def _misfit(estimate: Estimate) -> float:

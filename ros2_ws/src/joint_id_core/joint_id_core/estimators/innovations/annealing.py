@@ -78,4 +78,5 @@ def _on_excerpt(stages: Stages, z: Array) -> Minimum | None:
         return None
     found = annealed(excerpt, z, whole=False)
     stages.effort.iterations += excerpt.effort.iterations
+    stages.effort.spent += excerpt.effort.spent
     return found if found is not None and found.settled else None

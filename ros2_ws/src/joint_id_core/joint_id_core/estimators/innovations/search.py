@@ -136,12 +136,14 @@ class Search:
         minimum must also have been reached from two starts, and the data must tell all parameters.
         """
         stages, data = self.stages, self.stages.data
-        stages.effort.work = stages.effort.searched = 0  # that of a warm start which failed is no work of this search
+        effort = stages.effort
+        effort.work = effort.searched = effort.spent = 0  # that of a warm start which failed is no work of this search
         measured = len(data.labels) == len(data.model.states)  # usually one minimum
         tolerance = None if measured else TOLERANCE  # the costs of several minima are compared
         ends: list[Minimum] = []
-        agreed = False
-        for k in range(1 + EXTRA_STARTS):
+        agreed, tried = False, 0
+        while tried < 1 + EXTRA_STARTS and not (ends and stages.given_up(_lowest(ends)[0])):
+            k, tried = tried, tried + 1
             end = self._end(k, _lowest(ends)[0].z if ends else None, measured, tolerance)
             if end is None:
                 continue
@@ -151,7 +153,7 @@ class Search:
             sure = agreed and not explained(data, best.last.residuals).reasons and not _others(ends, best)
             if sure and (measured or np.max(np.sqrt(np.diag(best.covariance)) / stages.coordinates.unit) < UNSURE):
                 break
-        return self.concluded(ends, 1 + EXTRA_STARTS)
+        return self.concluded(ends, tried)
 
     def concluded(self, ends: list[Minimum], tried: int) -> Outcome | None:
         """Return what the ends of the starts tell together, with enough integrator steps; None if there are none.
@@ -168,7 +170,7 @@ class Search:
         for k, end in enumerate(ends):
             ends[k] = stages.most_likely(end)
             agreed = agreed or _lowest(ends)[1]
-            if agreed:
+            if agreed or stages.given_up(_lowest(ends)[0]):
                 break
         best = self._finished(ends, tolerance)
         if len(best.ends) < len(ends):
@@ -191,7 +193,8 @@ class Search:
             best = min(ends, key=lambda end: end.cost)
             found.append(_Finished(*self._with_enough_steps(best, tolerance), best, ends))
             ends = [end for end in ends if end.cost > best.cost + SAME_COST]
-            if found[-1].minimum.cost < best.cost + FALSE * len(self.stages.data.time):
+            true = found[-1].minimum.cost < best.cost + FALSE * len(self.stages.data.time)
+            if true or self.stages.given_up(found[-1].minimum):
                 break
         return min(found, key=lambda one: one.minimum.cost)
 
