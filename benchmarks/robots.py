@@ -21,14 +21,14 @@ from peers.process import SINGLE_CORE
 os.environ.update(SINGLE_CORE)  # times are processor times: libraries read this when they are imported
 
 from measured_blocks import write
-from robots import followed_arm, live, stiffness, whole_arm
+from robots import followed_arm, live, stiffness, whole_arm, wrong_model
 from robots.arm_peers import found as of_arm
 from robots.arm_peers.pages import peers_table
 from robots.arm_peers.runs import methods
 from robots.cases import CASES
 from robots.fitted import Fitted, Value, of_json
 from robots.methods import fits
-from robots.pages import joints_table, methods_table, stiffness_table, targets_table
+from robots.pages import joints_table, methods_table, stiffness_table, table, targets_table
 from speed_peers import machine
 
 
@@ -67,6 +67,7 @@ def main() -> None:
             "machine": machine(),
             "fits": [asdict(f) for f in rigid(args.cases)],
             "stiffness": [asdict(f) for f in stiffness.fits()] if axes and stiffness.there() else [],
+            "wrong_model": [asdict(r) for r in wrong_model.rows()] if not args.cases else [],
             "live": [asdict(r) for r in live.followed(args.cases)],
             "payload": whole_arm.payload() if not args.cases and whole_arm.there() else [],
             "whole_arm": [asdict(r) for r in whole_arm.rows()] if not args.cases and whole_arm.there() else [],
@@ -82,9 +83,11 @@ def main() -> None:
         for row in report["stiffness"]
     ]
     arm = [whole_arm.Row(**row) for row in report.get("whole_arm", [])]
+    wrong = [wrong_model.Row(**row) for row in report.get("wrong_model", [])]
     tables = {
         "robots-targets": targets_table(found, axes_found), "robots": methods_table(found),
         "robots-joints": joints_table(found), "robots-stiffness": stiffness_table(axes_found),
+        "robots-wrong-model": table(wrong_model.HEAD, map(wrong_model.cells, wrong)),
         "robots-live": live.live_table([live.Live(**row) for row in report.get("live", [])]),
         "robots-payload": whole_arm.payload_table(report.get("payload", [])),
         "robots-arm": whole_arm.table(arm), "robots-links": whole_arm.links_table(arm),

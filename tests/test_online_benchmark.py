@@ -109,6 +109,7 @@ def test_measured_blocks_are_written_and_the_rest_is_left():
     assert written(page, {"x": "new"}) == page.replace("old", "new")
     names = {name for path in DOCS.rglob("*.md") for _, name, _ in BLOCK.findall(path.read_text())}
     parts = ("targets", "joints", "links", "stiffness", "arm", "payload", "arm-followed", "arm-peers", "live")
+    parts = (*parts, "wrong-model")
     fleet = {f"fleet-{part}" for part in ("robots", "emulator", "page", "participants")}
     others = {"changes", "loads", "steady", "peers", "soak", "robots", "batch", "batched", "batched-gpu", "bootstrap"}
     others |= {"design-arm", "design-bound", "design-joint", "arm-stats", "other-arms", "other-panda", "other-tx40"}

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from robots import live, methods, stiffness, whole_arm
+from robots import live, methods, stiffness, whole_arm, wrong_model
 from robots.cases import CASES, Known
 from robots.fitted import Fitted, Value, of_json
 from robots.judging import Pairs, farthest, held_out, pairs, relative_sigma, usable
@@ -207,3 +207,11 @@ def test_live_friction_of_a_real_joint_is_known_and_right():
     assert sum(r.known for r in rows) > 0.4 * sum(r.moved for r in rows)
     assert sum(r.inside for r in rows) > 0.85 * sum(r.compared for r in rows)
     assert sum(r.far for r in rows) == 0 and max(r.longest_s for r in rows) <= 2.0
+
+
+@with_data
+def test_a_wrong_model_takes_a_few_times_what_a_good_fit_of_a_recording_takes():
+    """It took 30 times as long, for an axis whose stiffness the motion does not show."""
+    (row,) = wrong_model.rows([case for case in wrong_model.CASES if case.name == "KUKA, axis 1"])
+    assert (row.good_status, row.wrong_status) == ("converged", "poor_fit")
+    assert row.ratio < wrong_model.MOST

@@ -16,7 +16,9 @@ from joint_id_core.data.recording import Array, Recording
 DATA = Path(__file__).resolve().parents[3] / "shared/data"
 UR10E_NM_PER_A = {1: 11.8, 2: 12.0, 3: 9.8, 4: 10.7, 5: 10.6, 6: 10.7}  # config/ur10e.yaml times the gear ratio of 101
 UR10E_ALL = ("ur-20_02_12-40sec_12harm", "ur-20_02_12-50sec_12harm", "ur-20_02_19_14harm50sec")
-UR3E_NM_PER_A = 101.0 * 0.1005  # of a UR5e of the same series: the maker's calibration
+RATIO = 101.0  # of both UR robots
+UR3E_NM_PER_A = RATIO * 0.1005  # of a UR5e of the same series: the maker's calibration
+UR3E_MOTOR_NM_PER_A = (0.1005, 0.1005, 0.0802, 0.08, 0.08, 0.08)  # by joint; rough for wrists
 KUKA_PERIOD_S = 0.004
 
 
@@ -35,6 +37,16 @@ def ur10e(name: str, joint: int, load: bool = False) -> Recording:
     return Recording(table[:, 0], channels, source=name)
 
 
+def ur10e_both_sides(name: str, joint: int) -> Recording:
+    """The same log with the velocity of the motor, and the torque at the motor."""
+    table, link = _columns(DATA / f"ur10e/{name}.csv"), ur10e(name, joint)
+    channels = {
+        "link_position": link["link_position"], "motor_velocity": RATIO * table[:, 6 + joint],
+        "torque": link["torque"] / RATIO,
+    }  # fmt: skip
+    return Recording(link.time, channels, source=name)
+
+
 def ur10e_of_arm(joint: int) -> list[Recording]:
     """The logs in which all joints move, of one of them, with the load that the robot's description gives."""
     description = Description.read(DATA / "ur10e/ur10e.urdf")
@@ -50,6 +62,17 @@ def ur3e_shoulder() -> Recording:
     path = DATA / "ur3e/wave_currentData_100v_40a.csv"
     table = np.genfromtxt(path, names=True)
     channels = {"link_position": table["actual_q_1"], "torque": UR3E_NM_PER_A * table["actual_current_1"]}
+    return Recording(table["timestamp"], channels, source=path.stem)
+
+
+def ur3e_both_sides(joint: int) -> Recording:
+    """Joint 0 to 5 of the same log with the velocity of the motor, and the torque at the motor."""
+    path = DATA / "ur3e/wave_currentData_100v_40a.csv"
+    table = np.genfromtxt(path, names=True)
+    channels = {
+        "link_position": table[f"actual_q_{joint}"], "motor_velocity": RATIO * table[f"actual_qd_{joint}"],
+        "torque": UR3E_MOTOR_NM_PER_A[joint] * table[f"actual_current_{joint}"],
+    }  # fmt: skip
     return Recording(table["timestamp"], channels, source=path.stem)
 
 
