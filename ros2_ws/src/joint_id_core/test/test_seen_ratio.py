@@ -10,13 +10,16 @@ import pytest
 
 from joint_id_core import formats
 from joint_id_core.data.recording import Recording
-from joint_id_core.estimators import Innovations, ParameterSettings, fit
+from joint_id_core.estimators import Innovations, ParameterSettings, Regression, fit
 from joint_id_core.estimators.exact_ratio import exact_ratio
 from joint_id_core.estimators.seen_ratio import seen_ratio, with_seen_ratio, wrong_ratio
 from joint_id_core.models import build
 from joint_id_core.online import OnlineIdentifier, OnlineOptions
 from joint_id_core.results.estimate import Estimate, Status
 from joint_id_core.simulation import simulate_motion
+
+from .online_motion import MODEL as RIGID
+from .online_motion import motion
 
 MODEL = build("motor_side")
 SHOWN = r"Motor_velocity is about 101 times that of the link, and the gear ratio N is 60: correct N (--set N=101)"
@@ -107,6 +110,23 @@ def test_nothing_is_said_of_the_right_ratio_a_good_fit_or_a_joint_that_is_held(m
     held = 1e-4 * np.random.default_rng(0).standard_normal(len(moved))
     assert told(moved.with_channels({"link_position": held}), 60.0) == "Bad."
     assert told(moved.with_channels({"link_position": np.full(len(moved), np.nan)}), 60.0) == "Bad."
+
+
+@pytest.mark.parametrize(("settings", "turns", "said"), [
+    (None, 101.0, True),
+    (ParameterSettings({"J": 2.0}), -101.0, True),
+    (ParameterSettings({"N": 1.0}), 101.0, False),
+    (None, 1.0, False),
+])  # fmt: skip
+@pytest.mark.parametrize("estimator", [Innovations(), Regression()], ids=lambda e: e.name)
+def test_a_model_of_the_link_says_that_the_torque_may_be_that_of_the_motor(estimator, settings, turns, said):
+    """As of a UR log: with the torque of the motor all values were 101 times too small, and converged."""
+    recording = motion(3.0)
+    speed = turns * np.gradient(recording["link_position"], recording.time)
+    found = fit(RIGID, recording.with_channels({"motor_velocity": speed}), settings, estimator)
+    assert found.converged
+    text = f"Motor_velocity is about {turns:.3g} times that of the link, and N is 1, as for a torque at the link"
+    assert (text in found.message) is said and ("(--set N=101)" in found.message) is said
 
 
 def test_info_tells_the_ratio_that_nobody_gave(moved, tmp_path, run):

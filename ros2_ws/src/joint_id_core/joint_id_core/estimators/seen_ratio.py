@@ -8,10 +8,12 @@ excited near its resonance moves further than its motor.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
+from joint_id_core.checking.finding import Finding
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.exact_ratio import LINK, MOTOR, exact_ratio
@@ -51,6 +53,27 @@ def wrong_ratio(
         return None
     error = UnusableError(Status.BAD_DATA, f"{recording.source}: {found.text}")
     return unusable(model, estimator, error, recording, settings)
+
+
+def torque_of_motor(model: Model, recording: Recording, settings: ParameterSettings | None) -> Iterator[Finding]:
+    """Find that a motor turns more often than the link, where the model takes the torque as that of the link.
+
+    Nothing in the motion tells on which side a torque was measured.
+    """
+    known = (*model.state_names, *model.input_names)
+    side = next(filter(recording.measured, MOTOR), None)
+    at_link = "N" in model.parameter_names and not any(n in known for n in MOTOR) and LINK in known
+    given = settings is not None and "N" in settings.values
+    if side is None or given or not at_link or not recording.measured(LINK) or model.torque_drive is None:
+        return
+    shown = seen_ratio(recording, side)
+    if shown is not None and abs(abs(shown) - model.gear_ratio(model.values())) > SCALE:
+        size, drive = f"{abs(shown):.3g}", model.torque_drive
+        yield Finding(
+            f"{side} is about {shown:.3g} times that of the link, and N is 1, as for a {drive} at the link: if it is "
+            f"that of the motor, the values are {size} times too small (--set N={size})",
+            (side,),
+        )
 
 
 class _Other(NamedTuple):
