@@ -28,11 +28,12 @@ from peers.process import SINGLE_CORE
 from joint_id_core.data.recording import Array
 from joint_id_core.design.design import Design
 from joint_id_core.design.foresight import GUESS, Foresight
+from joint_id_core.design.fourier_shapes import FourierShapes, Shape
 from joint_id_core.design.joint import REACH, design_joint, foretell
 from joint_id_core.design.limit_files import published
 from joint_id_core.design.limits import JointLimits
 from joint_id_core.design.plant import as_recorded
-from joint_id_core.design.search import Search, Shape
+from joint_id_core.design.search import Search
 from joint_id_core.design.trajectory import Trajectory
 from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.models import Model, build
@@ -104,10 +105,17 @@ def multisine(case: Case) -> Trajectory:
     shape = Shape(np.array(tones.frequencies), np.array([sizes * np.cos(phases), -sizes * np.sin(phases)]))
     own = case.within
     near = replace(own, lower=np.array([-REACH]), upper=np.array([REACH]))
-    search = Search(Foresight(case.model, case.settings), near, 0.0, SECONDS, case.names)
+    search, _ = fourier_search(case, near)
     found = search.candidate(shape)
     assert found is not None
-    return search.motion(found, JOINT).sampled(search.foresight.rate)
+    return search.trajectory(found, JOINT)
+
+
+def fourier_search(case: Case, limits: JointLimits) -> tuple[Search, FourierShapes]:
+    """A search among Fourier series about 0, and these."""
+    foresight = Foresight(case.model, case.settings)
+    shapes = FourierShapes(limits, 0.0, SECONDS, foresight.rate)
+    return Search(foresight, shapes, limits, SECONDS, case.names), shapes
 
 
 def off(case: Case, foresight: Foresight, seed: int) -> dict[str, float]:
@@ -163,8 +171,9 @@ class Row:
 
 def motions(case: Case) -> tuple[Design, Design, float]:
     """Return the designed motion and the multisine with their promises, and the CPU seconds of the design."""
-    warm = Search(Foresight(case.model, case.settings), case.within, 0.0, SECONDS, case.names)
-    warm.foresight.see(warm.joints[0], 0.1 * np.sin(warm.time), 0.1 * np.cos(warm.time))  # compiled, loaded
+    warm = Foresight(case.model, case.settings)
+    angle = np.arange(round(SECONDS * warm.rate) + 1) / warm.rate
+    warm.see(warm.joints(0)[0], 0.1 * np.sin(angle), 0.1 * np.cos(angle))  # compiled, loaded
     begun = time.process_time()
     design = design_joint(case.model, case.within, case.settings, SECONDS, case.show)
     spent = time.process_time() - begun

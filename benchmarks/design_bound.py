@@ -23,14 +23,14 @@ from dataclasses import dataclass, replace
 from multiprocessing import get_context
 
 import numpy as np
-from design import CASES, PAGE, REACH, SECONDS, Case, multisine
+from design import CASES, PAGE, REACH, SECONDS, Case, fourier_search, multisine
 from measured_blocks import add_options, rows_of, write
 from peers.process import SINGLE_CORE
 
 from joint_id_core.data.recording import Array
 from joint_id_core.design.foresight import Foresight
+from joint_id_core.design.fourier_shapes import HIGHEST_HZ, STEEPEST, TONES, Shape
 from joint_id_core.design.plant import SHARP
-from joint_id_core.design.search import HIGHEST_HZ, STEEPEST, TONES, Search, Shape
 from joint_id_core.errors import JointIdError
 
 BLOCK = "design-bound"
@@ -54,9 +54,9 @@ class Row:
 def covariances(job: tuple[Case, int, int]) -> list[Array]:
     """Covariances by noise alone, of the multisine first, of random motions."""
     case, count, seed = job
-    foresight = Foresight(case.model, case.settings)
     near = replace(case.within, lower=np.array([-REACH]), upper=np.array([REACH]))
-    search, rng = Search(foresight, near, 0.0, SECONDS, case.names), np.random.default_rng(seed)
+    search, shapes = fourier_search(case, near)
+    foresight, rng = search.foresight, np.random.default_rng(seed)
     plain = multisine(case)
     moves = [(plain.position[:, 0], plain.velocity[:, 0])]
     for _ in range(count):
@@ -65,7 +65,7 @@ def covariances(job: tuple[Case, int, int]) -> list[Array]:
         waves = rng.standard_normal((2, tones)) * frequencies ** -rng.uniform(0.0, STEEPEST)
         found = search.candidate(Shape(frequencies, waves))
         if found is not None:
-            moved = found.scale * search.moved(found.shape)
+            moved = found.scale * shapes.moved(found.shape)
             moves.append((moved[0], moved[1]))
     seen = list[Array]()
     for position, velocity in moves:

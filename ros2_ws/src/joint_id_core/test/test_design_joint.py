@@ -11,11 +11,12 @@ from scipy.interpolate import BPoly
 from joint_id_core.cell.kernel import compile_model
 from joint_id_core.cell.rollout import rollout
 from joint_id_core.design.foresight import Foresight
+from joint_id_core.design.fourier_shapes import FourierShapes, Shape
 from joint_id_core.design.joint import design_joint, foretell
 from joint_id_core.design.limit_files import published
 from joint_id_core.design.limits import JointLimits
 from joint_id_core.design.plant import as_recorded
-from joint_id_core.design.search import Search, Shape
+from joint_id_core.design.search import Search
 from joint_id_core.design.trajectory import Trajectory
 from joint_id_core.design.trial import trial_fit
 from joint_id_core.errors import JointIdError
@@ -171,11 +172,11 @@ def test_the_motion_keeps_its_limits_between_the_samples(design):
 def test_the_design_beats_a_multisine_of_the_same_limits_and_is_the_same_again(design):
     foresight = Foresight(MODEL, ParameterSettings(), RATE)
     near = replace(LIMITS, lower=np.array([-1.0]), upper=np.array([1.0]))
-    search = Search(foresight, near, 0.0, SECONDS, ("J", "c", "tau_f"))
+    search = Search(foresight, FourierShapes(near, 0.0, SECONDS, RATE), near, SECONDS, ("J", "c", "tau_f"))
     tones = build_multisine(1.0, harmonics(1.0, 3.0, 4.0))
     sizes, phases = np.array(tones.amplitudes), np.array(tones.phases)
     shape = Shape(np.array(tones.frequencies), sizes * np.array([np.cos(phases), -np.sin(phases)]))
-    plain = foretell(foresight, search.motion(search.candidate(shape), "elbow_joint").sampled(RATE))
+    plain = foretell(foresight, search.trajectory(search.candidate(shape), "elbow_joint"))
 
     def mean(of):
         return np.exp(np.mean([np.log(r.std_dev / r.value) for r in of.expected if r.name in ("J", "c", "tau_f")]))
@@ -190,7 +191,8 @@ def test_a_search_takes_no_tone_that_the_limit_of_jerk_makes_small_and_asks_no_j
         LIMITS, lower=np.array([-1.0]), upper=np.array([1.0]), acceleration=np.array([5.0]), jerk=np.array([50.0])
     )
     foresight = Foresight(MODEL, ParameterSettings(), RATE)
-    search, asked, see = Search(foresight, calm, 0.0, SECONDS, ("J", "c", "tau_f")), [], foresight.see
+    search = Search(foresight, FourierShapes(calm, 0.0, SECONDS, RATE), calm, SECONDS, ("J", "c", "tau_f"))
+    asked, see = [], foresight.see
     monkeypatch.setattr(foresight, "see", lambda joint, *motion: asked.append(joint) or see(joint, *motion))
     best = search.run()
     assert best.shape.frequencies.max() <= 2.0 * 50.0 / 5.0 / (2.0 * np.pi)

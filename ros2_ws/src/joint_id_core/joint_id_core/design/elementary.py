@@ -16,10 +16,15 @@ from joint_id_core.simulation.minimum_jerk import minimum_jerk
 SLOW = 0.05  # of the limit of velocity
 
 
-def cannot_show(search: Search) -> tuple[str, ...]:
-    """Say which parameters motions of the same time under the same limits cannot show, as sentences."""
+def cannot_show(search: Search, home: float) -> tuple[str, ...]:
+    """Say which parameters motions of the same time under the same limits cannot show, as sentences.
+
+    Args:
+        search: under these limits.
+        home: in rad, from where the slow motion goes to the upper limit and back.
+    """
     kinds = {
-        f"a slow motion (there and back once, at most {SLOW:.0%} of the limit of velocity)": _slow(search),
+        f"a slow motion (there and back once, at most {SLOW:.0%} of the limit of velocity)": _slow(search, home),
         "a motion in one direction, without a reversal,": _one_way(search),
     }
     return tuple(
@@ -40,17 +45,22 @@ def _unseen(search: Search, position: Array, velocity: Array) -> list[str]:
     return [name for name in foresight.free if rows[name].verdict is not Verdict.ESTIMATED]
 
 
-def _slow(search: Search) -> tuple[Array, Array]:
+def _slow(search: Search, home: float) -> tuple[Array, Array]:
     """Return position and velocity of one period of a raised cosine."""
-    turn = 2.0 * math.pi / search.duration
-    room = float(search.limits.upper[0]) - search.home
+    turn, time = 2.0 * math.pi / search.duration, _time(search)
+    room = float(search.limits.upper[0]) - home
     size = 0.5 * min(room, 2.0 * SLOW * float(search.limits.velocity[0]) / turn)
-    time = search.time
-    return search.home + size * (1.0 - np.cos(turn * time)), size * turn * np.sin(turn * time)
+    return home + size * (1.0 - np.cos(turn * time)), size * turn * np.sin(turn * time)
 
 
 def _one_way(search: Search) -> tuple[Array, Array]:
     """Return position and velocity of the smoothest way from one limit to the other."""
     low, high = float(search.limits.lower[0]), float(search.limits.upper[0])
-    share, rate = minimum_jerk(search.time / search.duration)
+    share, rate = minimum_jerk(_time(search) / search.duration)
     return low + (high - low) * share, (high - low) / search.duration * rate
+
+
+def _time(search: Search) -> Array:
+    """Return the instants of samples in s, (T,)."""
+    rate = search.foresight.rate
+    return np.arange(round(search.duration * rate) + 1) / rate

@@ -12,8 +12,9 @@ from joint_id_core.data.recording import Array
 from joint_id_core.design.design import Design, Expected
 from joint_id_core.design.elementary import cannot_show
 from joint_id_core.design.foresight import GUESS, Foresight
+from joint_id_core.design.fourier_shapes import FourierShapes
 from joint_id_core.design.limits import JointLimits, violations
-from joint_id_core.design.search import Candidate, Search
+from joint_id_core.design.search import Candidate, Search, Shapes
 from joint_id_core.design.strokes import PART, SMALL, small_strokes
 from joint_id_core.design.trajectory import Trajectory
 from joint_id_core.design.trial import Promise, promise
@@ -31,7 +32,6 @@ RATE = 500.0  # Hz, of control and recording: that of e-Series robots
 LEAST_S, MOST_S = 2.0, 120.0  # lengths of a motion
 LEAST_HZ, MOST_HZ = 50.0, 1e4  # of control and recording
 PAIRS, OTHERS = 3, 1  # pairs of joints for a promise, and their seed: none of those that the motion was chosen for
-TWICE = 2.0  # how much larger a motion is of which is told whether it would show more
 OPEN = (Verdict.NOT_EXCITED, Verdict.PRIOR)  # verdicts on parameters that a motion does not show
 
 
@@ -70,8 +70,6 @@ def design_joint(
             no controller can move (one with a voltage as input).
     """
     settings = settings or ParameterSettings()
-    own, added = _within(limits, home, reach)
-    at = (float(own.lower[0]) + float(own.upper[0])) / 2.0 if home is None else home
     if not LEAST_S <= time <= MOST_S:
         raise JointIdError(f"a motion of {time:g} s: give {LEAST_S:g} to {MOST_S:g} s")
     if not LEAST_HZ <= rate <= MOST_HZ:
@@ -81,16 +79,19 @@ def design_joint(
         )
     foresight = Foresight(model, settings, rate, sensors)
     names = tuple(show) or tuple(n for n in foresight.free if not model.parameter(n).of_recording)
-    search = Search(foresight, own, at, time, names, criterion)
+    own, added = _within(limits, home, reach)
+    at = (float(own.lower[0]) + float(own.upper[0])) / 2.0 if home is None else home
+    shapes: Shapes = FourierShapes(own, at, time, rate)
+    search = Search(foresight, shapes, own, time, names, criterion)
     progress("compiling, where that was not done before")
     best = search.run(progress)
     progress("telling what it will show")
-    trajectory = search.motion(best, own.names[0]).sampled(rate)
+    trajectory = search.trajectory(best, own.names[0])
     if broken := violations(trajectory, own):
         raise JointIdError(f"the motion that was found breaks a limit, which is a fault of this program: {broken[0]}")
-    larger = _larger(search, best)
-    found = foretell(foresight, trajectory, larger, best.held)
-    return replace(found, notes=(_held(limits, own, best), *found.notes, *cannot_show(search), *added))
+    found = foretell(foresight, trajectory, _larger(search, best), best.held)
+    how = (_held(limits, own, best), *shapes.told(best.shape, best.scale))
+    return replace(found, notes=(*how, *found.notes, *cannot_show(search, at), *added))
 
 
 def foretell(foresight: Foresight, trajectory: Trajectory, larger: Array | None = None, held: str = "") -> Design:
@@ -130,11 +131,9 @@ def foretell(foresight: Foresight, trajectory: Trajectory, larger: Array | None 
 
 def _within(limits: JointLimits, home: float | None, reach: float) -> tuple[JointLimits, tuple[str, ...]]:
     """Return the limits of the one joint, no farther from home than `reach`, and what was added to them."""
-    if len(limits.names) != 1:
-        raise JointIdError(f"limits of {', '.join(limits.names)}: give those of one joint")
     if not 0.0 < reach < math.inf:
         raise JointIdError(f"reach = {reach:g} rad: give a number above 0")
-    own, added = limits.completed()
+    own, added = _one(limits).completed()
     at = (float(own.lower[0]) + float(own.upper[0])) / 2.0 if home is None else home
     if not own.lower[0] < at < own.upper[0]:
         raise JointIdError(
@@ -143,11 +142,18 @@ def _within(limits: JointLimits, home: float | None, reach: float) -> tuple[Join
     return replace(own, lower=np.maximum(own.lower, at - reach), upper=np.minimum(own.upper, at + reach)), added
 
 
+def _one(limits: JointLimits) -> JointLimits:
+    """Return the limits if they are those of one joint."""
+    if len(limits.names) != 1:
+        raise JointIdError(f"limits of {', '.join(limits.names)}: give those of one joint")
+    return limits
+
+
 def _larger(search: Search, best: Candidate) -> Array | None:
-    """Return the covariance that a fit of a motion of twice the size would have, were there no limits."""
-    position, velocity = (TWICE * best.scale * row for row in search.moved(best.shape)[:2])
+    """Return the covariance that a fit of a larger motion would have, were there no limits."""
+    moved = search.shapes.beyond(best.shape, best.scale)
     try:
-        return search.foresight.see(search.joints[0], search.home + position, velocity).covariance
+        return None if moved is None else search.foresight.see(search.joints[0], *moved).covariance
     except JointIdError:
         return None
 
