@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from joint_id_core.cli import app
+from joint_id_core.design import arm_waypoints
 from joint_id_core.design.files import read_trajectory, write
 from joint_id_core.design.fourier import FourierMotion
 from joint_id_core.design.limit_files import read_limits
@@ -96,3 +98,62 @@ def test_a_motion_of_one_joint_is_none_of_the_arm(files: tuple[Path, Path], tmp_
     write(FourierMotion(("lift",), [0.0], [[0.1]], [[0.2]], [0.5], 8.0, 1.0).sampled(125.0), tmp_path / "lift.csv")
     code, text = run("--arm", urdf, "--limits", limits, "--motion", tmp_path / "lift.csv")
     assert code == 2 and "moves lift and does not tell where turn, bend, roll, tilt, spin" in " ".join(text.split())
+
+
+def poses(folder: Path, third: str = "20,-50,40,-50,-80,20") -> Path:
+    """Waypoints of the arm, in degrees, in another order than that of its description."""
+    path = folder / "poses.csv"
+    rows = ("0,-70,70,-60,-60,0", "-30,-90,90,-30,-20,-40", third)
+    turned = [",".join(reversed(row.split(","))) for row in rows]
+    path.write_text("\n".join([",".join(f"{name} (deg)" for name in reversed(JOINTS)), *turned, ""]))
+    return path
+
+
+def test_an_arm_goes_through_waypoints(files: tuple[Path, Path], tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(arm_waypoints, "STARTS", 10)
+    monkeypatch.setattr(arm_waypoints, "STEPS", 20)
+    urdf, limits = files
+    path, csv = poses(tmp_path), tmp_path / "motion.csv"
+    asked = ("--arm", urdf, "--limits", limits, "--time", 12, "--rate", 125)
+    code, text = run(*asked, "--waypoints", path, "-o", csv)
+    assert code == 0, text
+    said = " ".join(text.split())
+    assert "through the waypoints of" in said and "free of collisions only you know" in said
+    motion = read_trajectory(csv)
+    assert motion.names == JOINTS and not violations(motion, read_limits(limits, JOINTS))
+    points = np.radians([[0, -70, 70, -60, -60, 0], [-30, -90, 90, -30, -20, -40], [20, -50, 40, -50, -80, 20]])
+    off = np.full(len(motion.position), np.inf)
+    for one, other in pairwise(points):
+        way = other - one
+        along = np.clip((motion.position - one) @ way / (way @ way), 0.0, 1.0)
+        off = np.minimum(off, np.abs(motion.position - one - along[:, None] * way).max(axis=1))
+    assert off.max() < 1e-8
+    for point in points:
+        assert np.abs(motion.position - point).max(axis=1).min() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"third": "20,-50,40,-50,-80,200"}, "waypoint 3 has spin = 3.49066 rad, its limits are -2 to 2 rad"),
+        ({"third": "20,-50,nan,-50,-80,20"}, "waypoint 3 has bend = nan: give a number"),
+        ({"--floor": "0.9"}, "between waypoints 1 and 2 of"),
+        ({"--time": "5", "third": "110,-110,40,110,-80,110"}, "and the motion has 5 s: give more time (--time)"),
+        ({"--home": HOME}, "--waypoints and --home both say where the motion goes"),
+    ],
+)
+def test_waypoints_that_an_arm_cannot_pass(
+    files: tuple[Path, Path], tmp_path: Path, changes: dict[str, str], text: str
+) -> None:
+    options = {name: value for name, value in changes.items() if name != "third"}
+    path = poses(tmp_path, changes.get("third", "20,-50,40,-50,-80,20"))
+    asked = {"--arm": files[0], "--limits": files[1], "--time": "10", "--rate": "125", "--waypoints": path, **options}
+    code, told = run(*(part for pair in asked.items() for part in pair))
+    assert code == 2 and text in " ".join(told.split()), told
+
+
+def test_waypoints_at_which_a_joint_is_too_weak(files: tuple[Path, Path], tmp_path: Path) -> None:
+    urdf, limits = files
+    limits.write_text(LIMITS.replace("max_effort: 80", "max_effort: 8"))
+    code, told = run("--arm", urdf, "--limits", limits, "--waypoints", poses(tmp_path), "--time", 10)
+    assert code == 2 and "lift needs up to" in told and "to stand, its limit is 8 Nm" in " ".join(told.split())

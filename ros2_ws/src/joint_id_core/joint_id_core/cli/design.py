@@ -61,6 +61,7 @@ def design(
         strange = {"--floor": floor is not None, "--fit": fit, "--base-gravity": base_gravity}
     if other := [option for option, given in strange.items() if given]:
         raise JointIdError(f"{other[0]} says nothing of {'one joint' if arm is None else 'a whole arm'}: leave it out")
+    options.require_one_motion()
     found: Design
     if arm is not None:
         found = design_of_arm(arm, options, criterion, floor, fit, base_gravity)

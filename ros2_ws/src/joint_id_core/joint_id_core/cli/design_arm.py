@@ -40,6 +40,7 @@ def design_of_arm(
     from joint_id_core.design.arm_prior import of_fit, typical
     from joint_id_core.design.files import read_trajectory
     from joint_id_core.design.limits import violations
+    from joint_id_core.design.waypoints import read_waypoints
 
     asked.require_writable([urdf, fit])
     description = described(urdf, base_gravity)
@@ -58,7 +59,8 @@ def design_of_arm(
             reach = designing.REACH if asked.reach is None else asked.reach
             found = designing.design_arm(
                 description, held, prior, home, asked.time, asked.rate, asked.shown or designing.KINDS, reach, floor,
-                criterion=criterion,
+                criterion=criterion, progress=progress,
+                waypoints=None if asked.waypoints is None else read_waypoints(asked.waypoints),
             )  # fmt: skip
     return asked.written(found)
 

@@ -40,6 +40,7 @@ def design_of_joint(
     from joint_id_core.design import joint as designing
     from joint_id_core.design.files import read_trajectory
     from joint_id_core.design.limits import violations
+    from joint_id_core.design.waypoints import read_waypoints
 
     asked.require_writable([Path(asked.robot) if asked.robot else None])
     joint, held = _limits(name, asked)
@@ -58,8 +59,9 @@ def design_of_joint(
             asked.require_program((joint,), asked.rate)
             home = None if asked.home is None else _number(asked.home)
             found = designing.design_joint(
-                model, held, settings, asked.time, asked.shown, criterion, home, reach, asked.rate, progress=progress
-            )
+                model, held, settings, asked.time, asked.shown, criterion, home, reach, asked.rate, progress=progress,
+                waypoints=None if asked.waypoints is None else read_waypoints(asked.waypoints),
+            )  # fmt: skip
     return asked.written(found)
 
 

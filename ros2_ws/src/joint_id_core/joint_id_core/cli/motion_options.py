@@ -20,6 +20,10 @@ ROBOT_HELP = "limits as published of ur3e, ur5e or ur10e; --joint: also set, fix
 LIMITS_HELP = "limits: YAML as MoveIt's joint_limits.yaml, or a URDF"
 HOME_HELP = "pose at start and end, rad; --arm: Q1,Q2,... (default: the middle of the limits)"
 FOR_HELP = "what to show: of --joint parameters, of --arm kinds of them (default: all that are estimated)"
+WAYPOINTS_HELP = (
+    "go through these poses, there and back, along straight lines in joint space, which must be free: CSV, a column a "
+    "joint, rad or (deg)"
+)
 MOTION_HELP = "search nothing, tell what this motion shows (.csv or .yaml as --out writes it)"
 
 
@@ -34,6 +38,7 @@ class MotionOptions:
     home: Annotated[Optional[str], typer.Option(help=HOME_HELP)] = None
     reach: Annotated[Optional[float], typer.Option(help="how far a joint may go from home, rad (default: 1)")] = None
     for_: Annotated[Optional[str], typer.Option("--for", metavar="A,B,...", help=FOR_HELP)] = None
+    waypoints: Annotated[Optional[Path], typer.Option(help=WAYPOINTS_HELP)] = None
     motion: Annotated[Optional[Path], typer.Option(help=MOTION_HELP)] = None
     out: Annotated[Optional[list[Path]], typer.Option("--out", "-o", help=OUT_HELP)] = None
     plot: Annotated[Optional[Path], typer.Option(help="save a picture of the motion")] = None
@@ -42,6 +47,16 @@ class MotionOptions:
     def shown(self) -> tuple[str, ...]:
         """What the motion shall show; empty means all."""
         return tuple(part.strip() for part in (self.for_ or "").split(",") if part.strip())
+
+    def require_one_motion(self) -> None:
+        """Check that nothing says otherwise where the motion goes than the waypoints do.
+
+        Raises:
+            JointIdError: another option does.
+        """
+        others = {"--motion": self.motion, "--home": self.home, "--reach": self.reach}
+        if self.waypoints is not None and (other := [name for name, given in others.items() if given is not None]):
+            raise JointIdError(f"--waypoints and {other[0]} both say where the motion goes: leave one of them out")
 
     def require_writable(self, inputs: Iterable[Path | None]) -> None:
         """Check, before a long search, what will be written.
@@ -56,7 +71,7 @@ class MotionOptions:
         for path in self.out or ():
             kind_of(path)
         outputs = {**{f"--out {path}": path for path in self.out or ()}, "--plot": self.plot}
-        require_apart(outputs, [self.limits, self.motion, *inputs])
+        require_apart(outputs, [self.limits, self.motion, self.waypoints, *inputs])
         for path in self.out or ():
             if path.is_file():  # it may be a recording: both are often called motion.csv
                 raise JointIdError(f"{path} exists already: remove it or choose another name")

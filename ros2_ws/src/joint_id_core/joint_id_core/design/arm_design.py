@@ -18,12 +18,15 @@ from joint_id_core.design.arm_information import RIDGE, ArmColumns, Chosen
 from joint_id_core.design.arm_motion import Task, found_motion
 from joint_id_core.design.arm_prior import DRAWS, WRONG, ArmPrior, typical
 from joint_id_core.design.arm_promise import Promise, promise
+from joint_id_core.design.arm_waypoints import motion_through
 from joint_id_core.design.criterion import require_criterion
 from joint_id_core.design.design import Design, Expected
 from joint_id_core.design.floor import Floor
 from joint_id_core.design.limits import JointLimits
 from joint_id_core.design.trajectory import Trajectory
+from joint_id_core.design.waypoints import Waypoints
 from joint_id_core.errors import JointIdError
+from joint_id_core.options import Progress
 from joint_id_core.results.verdict import Verdict
 
 KINDS = ("friction", "rotors", "links")
@@ -91,6 +94,8 @@ def design_arm(
     floor: float | None = None,
     seed: int = 0,
     criterion: str = "sigma",
+    waypoints: Waypoints | None = None,
+    progress: Progress = lambda _: None,
 ) -> ArmDesign:
     """Design a motion that tells as much as possible of an arm.
 
@@ -108,10 +113,13 @@ def design_arm(
         criterion: what is least: "sigma", the geometric mean of the standard deviations; "D", the volume of their
             ellipsoid; "A", the sum of the variances. For "A" the unit of each parameter is what makes, in motions at
             random within the limits, as much torque as the noise.
+        waypoints: of all joints: the motion goes through them, from the first one and back to it, in place of a Fourier
+            series; `home` and `reach` say nothing then.
+        progress: called with a line of text from time to time.
 
     Raises:
-        JointIdError: limits that are missing or contradict, a home that they do not allow, an unknown kind or
-            criterion, a motion that is too short; without a prior, a joint without a limit of torque.
+        JointIdError: limits that are missing or contradict, a home or waypoints that they do not allow, an unknown kind
+            or criterion, a motion that is too short; without a prior, a joint without a limit of torque.
     """
     require_criterion(criterion)
     regressor = Regressor(description)
@@ -122,16 +130,12 @@ def design_arm(
     if not 0.0 < reach < np.inf:
         raise JointIdError(f"reach = {reach:g} rad: give a number above 0")
     full, notes = limits.of(regressor.joints).completed()
-    at = (full.lower + full.upper) / 2.0 if home is None else np.asarray(home, dtype=float)
-    if at.shape != (len(regressor.joints),) or not np.isfinite(at).all():
-        raise JointIdError(f"home has {at.size} numbers: give one for each of {', '.join(regressor.joints)}")
-    if (outside := (at <= full.lower) | (at >= full.upper)).any():
-        k = int(np.argmax(outside))
-        raise JointIdError(
-            f"home of {full.names[k]} is {at[k]:g} rad, its limits are {full.lower[k]:g} to {full.upper[k]:g} rad: "
-            "choose a home within them (--home)"
-        )
-    near = replace(full, lower=np.maximum(full.lower, at - reach), upper=np.minimum(full.upper, at + reach))
+    if waypoints is None:
+        at = _home(full, home)
+        near = replace(full, lower=np.maximum(full.lower, at - reach), upper=np.minimum(full.upper, at + reach))
+    else:
+        waypoints = waypoints.of(regressor.joints)
+        at, near = waypoints.points[0], full
     prior = prior or typical(regressor, limits)
     columns = ArmColumns(regressor, prior)
     task = Task(
@@ -144,12 +148,26 @@ def design_arm(
         rate,
         None if floor is None else Floor(description, floor),
     )
-    return foreseen(
-        regressor,
-        found_motion(task, seed),
-        prior,
-        (*notes, prior.told, *_cautions(np.isfinite(full.torque), floor)),
+    motion, way = (
+        (found_motion(task, seed), ()) if waypoints is None else motion_through(task, waypoints, seed, progress)
     )
+    return foreseen(
+        regressor, motion, prior, (*notes, *way, prior.told, *_cautions(np.isfinite(full.torque), floor))
+    )  # fmt: skip
+
+
+def _home(limits: JointLimits, home: Sequence[float] | None) -> Array:
+    """Return the pose at the start and end in rad, (joints,): without one the middle of the limits."""
+    at = (limits.lower + limits.upper) / 2.0 if home is None else np.asarray(home, dtype=float)
+    if at.shape != (len(limits.names),) or not np.isfinite(at).all():
+        raise JointIdError(f"home has {at.size} numbers: give one for each of {', '.join(limits.names)}")
+    if (outside := (at <= limits.lower) | (at >= limits.upper)).any():
+        k = int(np.argmax(outside))
+        raise JointIdError(
+            f"home of {limits.names[k]} is {at[k]:g} rad, its limits are {limits.lower[k]:g} to {limits.upper[k]:g} "
+            "rad: choose a home within them (--home)"
+        )
+    return at
 
 
 def foreseen(regressor: Regressor, motion: Trajectory, prior: ArmPrior, notes: Sequence[str] = ()) -> ArmDesign:

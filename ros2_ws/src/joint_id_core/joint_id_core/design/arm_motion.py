@@ -98,16 +98,16 @@ def _require_home(task: Task) -> None:
 def _within(motion: FourierMotion, task: Task) -> Trajectory:
     """Return the motion, made smaller until it keeps all limits."""
     share, step, trajectory = 1.0, STEP, motion.sampled(task.rate)
-    while broken := _broken(trajectory, task):
+    while found := broken(trajectory, task):
         share, step = share - step, 1.5 * step
         if share < LEAST:
-            raise JointIdError(f"no motion from this home keeps the limits ({broken}): choose another home or limits")
+            raise JointIdError(f"no motion from this home keeps the limits ({found}): choose another home or limits")
         smaller = replace(motion, cosines=share * motion.cosines, sines=share * motion.sines)
         trajectory = smaller.sampled(task.rate)
     return trajectory
 
 
-def _broken(trajectory: Trajectory, task: Task) -> str:
+def broken(trajectory: Trajectory, task: Task) -> str:
     """Return the first limit that a trajectory breaks, "" if it keeps them."""
     if found := violations(trajectory, task.limits):
         return found[0]

@@ -18,6 +18,8 @@ from joint_id_core.design.search import Candidate, Search, Shapes
 from joint_id_core.design.strokes import PART, SMALL, small_strokes
 from joint_id_core.design.trajectory import Trajectory
 from joint_id_core.design.trial import Promise, promise
+from joint_id_core.design.waypoint_shapes import WaypointShapes
+from joint_id_core.design.waypoints import Waypoints
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators.innovations.verdicts import Shown
 from joint_id_core.estimators.shared.sentences import listed, sentence
@@ -47,6 +49,7 @@ def design_joint(
     rate: float = RATE,
     sensors: Sensors | None = None,
     progress: Progress = lambda _: None,
+    waypoints: Waypoints | None = None,
 ) -> Design:
     """Find a motion of one joint that shows its parameters, and tell what a fit of it will know.
 
@@ -64,10 +67,12 @@ def design_joint(
         rate: of control and recording in Hz.
         sensors: of the robot; None takes those of a UR robot.
         progress: called with a line of text from time to time.
+        waypoints: in which all other joints stand. The motion goes through them, from the first one and back to it, in
+            place of a Fourier series; `home` and `reach` say nothing then.
 
     Raises:
         JointIdError: limits that are missing or leave no room, a motion that is too short, unknown names, a model that
-            no controller can move (one with a voltage as input).
+            no controller can move (one with a voltage as input), waypoints that the limits do not allow.
     """
     settings = settings or ParameterSettings()
     if not LEAST_S <= time <= MOST_S:
@@ -79,9 +84,15 @@ def design_joint(
         )
     foresight = Foresight(model, settings, rate, sensors)
     names = tuple(show) or tuple(n for n in foresight.free if not model.parameter(n).of_recording)
-    own, added = _within(limits, home, reach)
-    at = (float(own.lower[0]) + float(own.upper[0])) / 2.0 if home is None else home
-    shapes: Shapes = FourierShapes(own, at, time, rate)
+    if waypoints is None:
+        own, added = _within(limits, home, reach)
+        at = (float(own.lower[0]) + float(own.upper[0])) / 2.0 if home is None else home
+        shapes: Shapes = FourierShapes(own, at, time, rate)
+    else:
+        own, added = _one(limits).completed()
+        shapes = through = WaypointShapes(waypoints.of_one(own.names[0]), own, time, rate)
+        own = replace(own, lower=through.lower, upper=through.upper)  # what simple motions show is said of such in them
+        at = float(own.lower[0])
     search = Search(foresight, shapes, own, time, names, criterion)
     progress("compiling, where that was not done before")
     best = search.run(progress)

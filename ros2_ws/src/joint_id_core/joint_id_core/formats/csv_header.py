@@ -87,7 +87,7 @@ def find_header(path: Path) -> Header:
         if text.startswith(COMMENTS):
             comment = number, text.lstrip("#%/ ")
             continue
-        delimiter = _delimiter(text)
+        delimiter = delimiter_of(text)
         found.append(Header(cells(text, delimiter), number, delimiter))
         texts.append(text)
         if len(found) == 1 and all(_is_value(cell) for cell in found[0].names):
@@ -108,7 +108,7 @@ def find_header(path: Path) -> Header:
 def _in_comment(path: Path, comment: tuple[int, str] | None, numbers: Header) -> Header:
     """Return the header in the last comment above a line of numbers."""
     if comment is not None:
-        delimiter = _delimiter(comment[1])
+        delimiter = delimiter_of(comment[1])
         names = cells(comment[1], delimiter)
         if len(names) == len(numbers.names) and not any(is_number(name) for name in names):
             return Header(names, comment[0], numbers.delimiter)
@@ -157,7 +157,8 @@ def _is_text(line: Header) -> bool:
     return len(line.names) > 1 and not any(_is_value(cell) for cell in line.names)
 
 
-def _delimiter(line: str) -> str | None:
+def delimiter_of(line: str) -> str | None:
+    """Return the delimiter of a line; None for spaces."""
     frequent = max(";\t,|", key=line.count)
     return frequent if frequent in line else None
 
