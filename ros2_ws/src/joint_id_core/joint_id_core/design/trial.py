@@ -16,6 +16,7 @@ import numpy as np
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.design.foresight import Foresight
 from joint_id_core.errors import JointIdError
+from joint_id_core.estimators.correction import with_correction
 from joint_id_core.estimators.innovations.fit import fit_innovations
 from joint_id_core.estimators.innovations.noise import NoiseLevels
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Status
@@ -71,7 +72,8 @@ def trial_fit(foresight: Foresight, joint: Mapping[str, float], recording: Recor
         foresight.model, recording, foresight.settings, previous=_start(foresight, joint, recording)
     )
     found = not estimate.status.unusable and estimate.free and np.isfinite(list(estimate.values.values())).all()
-    return estimate if found else None
+    # what smoothed friction leaves may look like a torque that the model lacks: then `fit` corrects the values for it
+    return with_correction(estimate, foresight.model, foresight.settings) if found else None
 
 
 def _error(foresight: Foresight, joint: Mapping[str, float], estimate: Estimate) -> Array:
