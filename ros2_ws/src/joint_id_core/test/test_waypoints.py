@@ -39,7 +39,7 @@ def distance(q: Array, points: Array) -> Array:
 
 def visits(q: Array, points: Array) -> bool:
     """Whether all points are passed in their order, and then in the opposite one."""
-    k = 0
+    k = 0  # nearer than 1 mrad: a joint turns between samples
     for point in [*points, *points[-2::-1]]:
         near = np.flatnonzero(np.abs(q[k:] - point).max(axis=1) < 1e-3)
         if not len(near):
@@ -56,7 +56,7 @@ def searched(draw: st.DrawFn) -> tuple[WaypointShapes, Ways, Array, JointLimits,
     points = np.round(rng.uniform(-2.5, 2.5, (count, joints)), draw(st.integers(0, 6)))
     if (points == points[0]).all():
         points[-1] += 0.01
-    own, rate = limits(joints, draw(st.sampled_from([20.0, 300.0]))), draw(st.sampled_from([50.0, 125.0, 500.0]))
+    own, rate = limits(joints, draw(st.sampled_from([20.0, 300.0]))), draw(st.sampled_from([50.0, 125.0]))
     shapes = WaypointShapes(Waypoints(own.names, points), own, SECONDS, rate)
     shape = shapes.random(rng)
     for _ in range(draw(st.integers(0, 6))):
@@ -77,8 +77,8 @@ def test_a_motion_stays_on_the_lines_between_waypoints_and_keeps_its_limits(
         return
     # also what a controller makes of the samples; where the joints turn back it may go on for some micrometres
     assert distance(motion.position, points).max() < 1e-9
-    assert distance(motion.between(5).position, points).max() < 1e-5
-    assert visits(motion.between(40).position, points)
+    assert distance(motion.between(4).position, points).max() < 1e-5
+    assert visits(motion.between(16).position, points)
     assert np.array_equal(motion.position[0], points[0]) and np.allclose(motion.position[-1], points[0], atol=1e-12)
     assert motion.duration == pytest.approx(SECONDS) and violations(motion, own) == ()
 
