@@ -7,8 +7,9 @@
 For each case a motion is designed for the start values. Joints whose values are off by 10 % make it, simulated with
 exact stick and slip under position control, measured as a UR robot does, and are fitted from the start values. The
 error is that of the estimate, in the logarithm for positive parameters; the promise is what the design said before. The
-multisine has the tones of 1 to 3 Hz, of equal amplitude with Schroeder's phases, as large as the limits allow. The
-last two commands measure on another machine, and write its table where the docs are.
+multisine has the tones of 1 to 3 Hz, of equal amplitude with Schroeder's phases, as large as the limits allow. Of a
+design through waypoints the other motion is that through the same ones at one speed, as quick as the limits allow. The
+last two commands measure on another machine, and write its tables where the docs are.
 """
 
 from __future__ import annotations
@@ -35,13 +36,16 @@ from joint_id_core.design.limits import JointLimits
 from joint_id_core.design.plant import as_recorded
 from joint_id_core.design.search import Search
 from joint_id_core.design.trajectory import Trajectory
+from joint_id_core.design.waypoint_shapes import WaypointShapes
+from joint_id_core.design.waypoints import Waypoints
 from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.models import Model, build
 from joint_id_core.simulation.excitation import build_multisine, harmonics
 from joint_id_core.simulation.position_control import simulate_closed_loop
 
 JOINT, ROBOT, SECONDS = "elbow_joint", "ur3e", 20.0
-PAGE, BLOCK = "benchmarks.md", "design-joint"
+PAGE, BLOCK, OF_WAYPOINTS = "benchmarks.md", "design-joint", "design-waypoints"
+POSES = (-0.9, 0.2, 0.8)  # waypoints of a design, rad
 CALM, BRISK = (5.0, 50.0), (20.0, 400.0)  # limits of acceleration and jerk, rad/s^2 and rad/s^3
 
 
@@ -54,6 +58,12 @@ class Case:
     limits: tuple[float, float]
     show: tuple[str, ...] = ()
     settings: ParameterSettings = field(default_factory=ParameterSettings)
+    through: tuple[float, ...] = ()
+
+    @property
+    def waypoints(self) -> Waypoints | None:
+        """Those that the motion goes through, None for a Fourier series."""
+        return Waypoints((JOINT,), np.array(self.through)[:, None]) if self.through else None
 
     @property
     def within(self) -> JointLimits:
@@ -76,6 +86,10 @@ CASES = (
         for name in ("harmonic_drive", "motor_side", "rigid_joint")
     ),
     Case("`motor_side`, calm, for `tau_fm`, `c_m`", build("motor_side"), CALM, ("tau_fm", "c_m")),
+    *(
+        Case(f"`{name}`, {what}, waypoints at {', '.join(map(str, POSES))} rad", build(name), limits, through=POSES)
+        for name, what, limits in (("motor_side", "calm", CALM), ("harmonic_drive", "brisk", BRISK))
+    ),
 )
 
 
@@ -107,6 +121,16 @@ def multisine(case: Case) -> Trajectory:
     near = replace(own, lower=np.array([-REACH]), upper=np.array([REACH]))
     search, _ = fourier_search(case, near)
     found = search.candidate(shape)
+    assert found is not None
+    return search.trajectory(found, JOINT)
+
+
+def at_one_speed(case: Case, waypoints: Waypoints) -> Trajectory:
+    """The motion through waypoints at one speed, as often as the limits allow."""
+    foresight = Foresight(case.model, case.settings)
+    shapes = WaypointShapes(waypoints, case.within, SECONDS, foresight.rate)
+    search = Search(foresight, shapes, case.within, SECONDS, case.names)
+    found = search.candidate(shapes.plain(shapes.most))  # the limit of torque, too
     assert found is not None
     return search.trajectory(found, JOINT)
 
@@ -159,25 +183,27 @@ class Realised:
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the table: what became of the designed motion and of the multisine; CPU seconds of the design."""
+    """A row of a table: what became of the designed motion and of the other one; CPU seconds of the design."""
 
     case: str
     names: tuple[str, ...]
     joints: int
     designed: Realised
-    multisine: Realised
+    other: Realised
     seconds: float
 
 
 def motions(case: Case) -> tuple[Design, Design, float]:
-    """Return the designed motion and the multisine with their promises, and the CPU seconds of the design."""
+    """Return the designed motion and the other one with their promises, and the CPU seconds of the design."""
     warm = Foresight(case.model, case.settings)
     angle = np.arange(round(SECONDS * warm.rate) + 1) / warm.rate
     warm.see(warm.joints(0)[0], 0.1 * np.sin(angle), 0.1 * np.cos(angle))  # compiled, loaded
     begun = time.process_time()
-    design = design_joint(case.model, case.within, case.settings, SECONDS, case.show)
+    through = case.waypoints
+    design = design_joint(case.model, case.within, case.settings, SECONDS, case.show, waypoints=through)
     spent = time.process_time() - begun
-    return design, foretell(Foresight(case.model, case.settings), multisine(case)), spent
+    other = multisine(case) if through is None else at_one_speed(case, through)
+    return design, foretell(Foresight(case.model, case.settings), other), spent
 
 
 def realised(case: Case, design: Design, found: Sequence[tuple[str, list[float]]]) -> Realised:
@@ -205,7 +231,7 @@ def geometric(values: Sequence[float]) -> float:
 
 def line(row: Row) -> str:
     """A line of the table."""
-    found, other = row.designed, row.multisine
+    found, other = row.designed, row.other
     ratio = np.divide(found.rms, found.promise).tolist()
     ratios = sorted(zip(ratio, row.names, strict=True))
     promise, gain = geometric(other.promise) / geometric(found.promise), geometric(other.rms) / geometric(found.rms)
@@ -219,14 +245,14 @@ def line(row: Row) -> str:
     )
 
 
-def table(rows: Sequence[Row], machine: str) -> str:
-    """The table in Markdown."""
+def table(rows: Sequence[Row], machine: str, other: str = "multisine") -> str:
+    """The table in Markdown, of rows whose other motion is called so."""
     joints = " or ".join(str(n) for n in sorted({row.joints for row in rows}))
     return "\n".join([
         f"Joints a case: {joints}. {machine}",
         "",
-        "| case | converged | rms error over promise, least to most, mean | designed: promised, realised | multisine | "
-        "multisine over designed | time |",
+        "| case | converged | rms error over promise, least to most, mean | designed: promised, realised | "
+        f"{other} | {other} over designed | time |",
         "| --- | --- | --- | --- | --- | --- | --- |",
         *(line(row) for row in rows),
     ])  # fmt: skip
@@ -234,7 +260,7 @@ def table(rows: Sequence[Row], machine: str) -> str:
 
 def of_json(row: dict[str, Any]) -> Row:
     """A row of a result in JSON."""
-    return Row(**row | {part: Realised(**row[part]) for part in ("designed", "multisine")})
+    return Row(**row | {part: Realised(**row[part]) for part in ("designed", "other")})
 
 
 def main() -> None:
@@ -246,10 +272,16 @@ def main() -> None:
     args = parser.parse_args()
     os.environ.update(SINGLE_CORE)
     found = measured([CASES[k] for k in args.cases], args.joints, args.workers)
-    text = table(*rows_of(args, found, of_json))
-    print(text)
+    rows, machine = rows_of(args, found, of_json)
+    blocks = {BLOCK: ("multisine", False), OF_WAYPOINTS: ("one speed", True)}
+    tables = {
+        block: table(own, machine, other)
+        for block, (other, through) in blocks.items()
+        if (own := [row for row in rows if ("waypoints" in row.case) == through])
+    }
+    print(*tables.values(), sep="\n\n")
     if args.write:
-        write(PAGE, {BLOCK: text})
+        write(PAGE, tables)
 
 
 if __name__ == "__main__":
