@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from joint_id_core.estimators import ParameterSettings, fit, loaded_fit
@@ -15,7 +16,7 @@ AS_IT_IS, MATCHED = "as computed", "matched"
 class Load:
     """A load that is to be matched only where the computed one leaves a poor fit."""
 
-    second_choice, added = True, 0.5
+    second_choice = True
 
     def __init__(self, *_) -> None:
         pass
@@ -59,6 +60,7 @@ def test_a_computed_load_that_a_fit_calls_noise_gives_way_to_a_matched_one_that_
 ):
     """Of a flexible joint k_1 was known to 6 % with the load as 1.4 Nm of noise, and to 1 % with a matched load."""
     good = fit(MODEL, motion(3.0))
+    recording = motion(3.0).with_channels({loaded_fit.LOAD: np.ones(len(motion(3.0)))})
     noisy, quiet = ({f"input {loaded_fit.LOAD}": noise} for noise in (0.6, 0.05))
     results = iter([
         good.updated(noise=noisy, iterations=0), good.updated(noise=quiet, iterations=1, status=matched),
@@ -66,7 +68,7 @@ def test_a_computed_load_that_a_fit_calls_noise_gives_way_to_a_matched_one_that_
     ])  # fmt: skip
     monkeypatch.setattr(loaded_fit, "MatchedLoad", Load)
     monkeypatch.setattr(loaded_fit, "as_computed", lambda _: AS_IT_IS)
-    found = loaded_fit.fitted_with_load(MODEL, [motion(3.0)], None, lambda *_: next(results))
+    found = loaded_fit.fitted_with_load(MODEL, [recording], None, lambda *_: next(results))
     assert (found.estimate.iterations, found.estimate.status) == (counts, Status.CONVERGED)
     assert found.as_fitted(None) == (MATCHED if counts == 1 else AS_IT_IS)
 

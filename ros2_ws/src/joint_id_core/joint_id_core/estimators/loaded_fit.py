@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators.load_size import with_size_doubt
 from joint_id_core.estimators.matched_load import MatchedLoad
@@ -14,6 +16,8 @@ from joint_id_core.estimators.shared.settings import ParameterSettings
 from joint_id_core.estimators.together.fit import USABLE, Together, together
 from joint_id_core.models import Model
 from joint_id_core.results.estimate import Estimate
+
+NOISY = 0.5  # share of a computed load (rms) that is noise to a fit, from which it is not described
 
 
 def fitted_with_load(
@@ -48,7 +52,7 @@ def fitted_with_load(
         return replace(found, estimate=doubtful(found.estimate), alone=alone, as_fitted=as_fitted)
 
     computed = unmatched(settings) if load.second_choice else None
-    if computed is not None and _describes(computed, load):
+    if computed is not None and _describes(computed, recordings):
         return finished(computed, as_computed)
     fits = [load.with_doubt(fitted(load.of(one), settings), k) for k, one in enumerate(recordings)]
     used = [k for k, one in enumerate(fits) if one.status in USABLE]
@@ -62,7 +66,7 @@ def fitted_with_load(
         # the torque constant. Near these values the computed load may describe the motion after all.
         begun = {name: found.estimate[name].value for name in found.estimate.free}
         again = unmatched((settings or ParameterSettings()).with_values(begun))
-        if _describes(again, load):
+        if _describes(again, recordings):
             return finished(again, as_computed)
     if computed is not None and computed.estimate.status.describes and not found.estimate.status.describes:
         return finished(computed, as_computed)
@@ -71,13 +75,17 @@ def fitted_with_load(
     return finished(found, load.of)
 
 
-def _describes(computed: Together, load: MatchedLoad) -> bool:
-    """Return whether fits with the computed load describe the motion with it, and not by calling it noise.
+def _describes(computed: Together, recordings: Sequence[Recording]) -> bool:
+    """Return whether fits with the computed load describe the motion with it, and not by calling it noise."""
+    used = [(fit, one) for fit, one in zip(computed.alone, recordings, strict=True) if fit.status in USABLE]
+    return computed.estimate.status.describes and not any(_as_noise(fit, one) for fit, one in used)
 
-    That noise is as large as what a match adds to the load, if the load is as wrong as that.
-    """
-    noise = max((one.noise.get(f"input {LOAD}", 0.0) for one in computed.alone if one.status in USABLE), default=0.0)
-    return computed.estimate.status.describes and noise < load.added
+
+def _as_noise(fit: Estimate, recording: Recording) -> bool:
+    """Return whether most of the load of a recording is noise to a fit of it."""
+    if LOAD not in recording:
+        return False
+    return fit.noise.get(f"input {LOAD}", 0.0) > NOISY * float(np.sqrt(np.nanmean(recording[LOAD] ** 2)))
 
 
 def as_computed(recording: Recording) -> Recording:

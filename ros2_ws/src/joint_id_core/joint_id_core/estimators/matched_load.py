@@ -72,7 +72,6 @@ class MatchedLoad:
 
     Attributes:
         second_choice: whether it is another one than the computed load, which is to be tried first.
-        added: rms in Nm of its difference from the computed load.
 
     Raises:
         JointIdError: the loads are by different descriptions.
@@ -92,7 +91,6 @@ class MatchedLoad:
             vector = np.sum([one.vector for one in known], axis=0)
             self._factors, self._covariance, self._width = _solved(information, vector)
         self.second_choice = self._factors is not None and not suits(model)
-        self.added = self._added(recordings)
         self._said = self._told(recordings)
 
     def of(self, recording: Recording) -> Recording:
@@ -123,28 +121,20 @@ class MatchedLoad:
         """Return how far the size of the load is not known, matched or as computed: see `load_size`."""
         return size_deviation(recordings, self._factors if matched else None, self._width)
 
-    def _used(self, recordings: Sequence[Recording]) -> list[tuple[Recording, _Seen]]:
-        """Return the recordings of which the load was matched, with what each says of it."""
-        return [(one, seen) for one, seen in zip(recordings, self._seen, strict=True) if seen is not None]
-
-    def _added(self, recordings: Sequence[Recording]) -> float:
-        if self._factors is None:
-            return 0.0
-        return _rms(np.concatenate([self.of(one)[LOAD] - one[LOAD] for one, _ in self._used(recordings)]))
-
     def _told(self, recordings: Sequence[Recording]) -> str:
         """Return how far the load is from the computed one, as a clause; "" if it is near."""
-        used = self._used(recordings)
+        used = [(one, seen) for one, seen in zip(recordings, self._seen, strict=True) if seen is not None]
         if self._factors is None:
             return ""
         load = _rms(np.concatenate([one[LOAD] for one, _ in used]))
-        if self.added < TOLD * max(load, *(seen.torque for _, seen in used)) and not self.second_choice:
+        added = _rms(np.concatenate([self.of(one)[LOAD] - one[LOAD] for one, _ in used]))
+        if added < TOLD * max(load, *(seen.torque for _, seen in used)) and not self.second_choice:
             return ""
         why = "masses of the description or the torque constant are off"
         if _rms(self._factors) > FAR:
             why = "more than masses of the description is off, perhaps a tool is missing"
         return (
-            f"the load was matched to the motion: {self.added:.3g} Nm rms were added to {load:.3g} Nm, as {why} "
+            f"the load was matched to the motion: {added:.3g} Nm rms were added to {load:.3g} Nm, as {why} "
             "(joint-id arm fit --out writes a description that suits)"
         )
 

@@ -38,7 +38,7 @@ def with_signal_faults(
     settings = settings or ParameterSettings()
     try:
         if all(recording.measured(n) for n in ANGLES):
-            told = _of_both(model, recording, settings, drive)
+            told = _of_both(estimate, model, recording, settings, drive)
         else:
             told = _of_rigid(model, recording, settings) if drive == model.torque_drive else ""
     except JointIdError:
@@ -51,10 +51,12 @@ def with_signal_faults(
     return estimate.noted(notes, status=Status.POOR_FIT if doubted else estimate.status)
 
 
-def _of_both(model: Model, recording: Recording, settings: ParameterSettings, drive: str) -> str:
+def _of_both(estimate: Estimate, model: Model, recording: Recording, settings: ParameterSettings, drive: str) -> str:
     from joint_id_core.estimators.regression.side_faults import side_fault  # loads SciPy
 
     values = dict(zip(model.parameter_names, settings.applied_to(model)[0].tolist(), strict=True))
+    if estimate.status not in BAD:
+        values |= estimate.values  # with the delays that were found
     if any(values.get(n or "") for n in (model.encoder_lag, model.drive_lag)):
         return ""  # the equation has no delays: what these explain it would take for a fault
     return side_fault(recording, drive, model.gear_ratio(values))
