@@ -112,6 +112,18 @@ def test_nothing_is_said_of_the_right_ratio_a_good_fit_or_a_joint_that_is_held(m
     assert told(moved.with_channels({"link_position": np.full(len(moved), np.nan)}), 60.0) == "Bad."
 
 
+@pytest.mark.parametrize("missing", [[100], [0], slice(700, 720), slice(None)], ids=["one", "first", "gap", "all"])
+def test_a_motor_whose_velocity_is_missing_at_times_has_a_ratio_or_none(moved, missing):
+    """It was "nan times that of the link", and nothing was fitted: a driver that starts has its first velocity late."""
+    speed = moved["motor_velocity"].copy()
+    speed[missing] = np.nan
+    found = exact_ratio(moved.with_channels({"motor_velocity": speed}))
+    if missing == slice(None):
+        assert found is None
+    else:
+        assert found is not None and found[0] == pytest.approx(101.0, abs=5.0 * found[1])
+
+
 @pytest.mark.parametrize(("settings", "turns", "said"), [
     (None, 101.0, True),
     (ParameterSettings({"J": 2.0}), -101.0, True),

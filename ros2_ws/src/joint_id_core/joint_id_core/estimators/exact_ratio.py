@@ -34,7 +34,7 @@ def exact_ratio(recording: Recording) -> tuple[float, float] | None:
     side, drive = (next(filter(recording.measured, names), "") for names in (MOTOR, DRIVES))
     if not (side and drive and recording.measured(LINK)):
         return None
-    part = _without_gaps(recording)
+    part = _without_gaps(recording, side)
     if len(part) < BLOCKS * LEAST:
         return None
     link = complete(Recording(part.time, {LINK: part[LINK]}, source=part.source))
@@ -46,7 +46,7 @@ def exact_ratio(recording: Recording) -> tuple[float, float] | None:
     columns = np.column_stack([
         angle, torque, link["link_acceleration"], moving, np.tanh(moving / SLOW), np.ones_like(time), time,
     ])  # fmt: skip
-    rows = np.isfinite(columns).all(axis=1)
+    rows = np.isfinite(columns).all(axis=1) & np.isfinite(motor)
     return _first_of(columns[rows], motor[rows]) if np.count_nonzero(rows) >= BLOCKS * LEAST else None
 
 
@@ -72,13 +72,19 @@ def _first_of(columns: Array, y: Array) -> tuple[float, float] | None:
 
 
 def _integrated(time: Array, velocity: Array) -> Array:
-    return np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time))])
+    """Return the integral of a velocity (T,) of which some samples may be missing, NaN at these."""
+    known, found = np.isfinite(velocity), np.full_like(velocity, np.nan)
+    t, v = time[known], velocity[known]
+    found[known] = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
+    return found
 
 
-def _without_gaps(recording: Recording) -> Recording:
-    """Return the longest part of a recording without a gap."""
-    steps = np.diff(recording.time)
-    ends: NDArray[np.intp] = np.flatnonzero(steps > GAP * recording.period) + 1
-    bounds = [0, *ends.tolist(), len(recording)]
+def _without_gaps(recording: Recording, side: str) -> Recording:
+    """Return the longest part of a recording without a gap in this channel."""
+    known = np.flatnonzero(np.isfinite(recording[side]))
+    if not len(known):
+        return recording.slice(0, 0)
+    ends: NDArray[np.intp] = np.flatnonzero(np.diff(recording.time[known]) > GAP * recording.period) + 1
+    bounds = [0, *ends.tolist(), len(known)]
     first, last = max(pairwise(bounds), key=lambda part: part[1] - part[0])
-    return recording.slice(first, last)
+    return recording.slice(int(known[first]), int(known[last - 1]) + 1)
