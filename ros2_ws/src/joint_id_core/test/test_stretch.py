@@ -162,6 +162,19 @@ def test_a_change_that_the_recursion_tells_forgets_the_motion_before_it(monkeypa
     assert followed.fitted[0].time[0] == pytest.approx(6.0, abs=0.11)
 
 
+def test_a_fit_from_before_a_change_is_not_shown_after_it(monkeypatch, good):
+    statuses = [Status.CONVERGED, Status.POOR_FIT, Status.CONVERGED, Status.CONVERGED]
+    followed = Followed(
+        monkeypatch, lambda count: lacking(good, 1.0 + count).updated(status=statuses[count - 1]), fit_s=10.0
+    )
+    poor = good.updated(status=Status.POOR_FIT, message="as it was")
+    followed.move((LEAST + EVERY) * WINDOW_S + 0.3, poor)
+    followed.stretch.changed()
+    said = [followed.move(seconds, poor) for seconds in (LEAST * WINDOW_S + 0.2, EVERY * WINDOW_S)]
+    assert followed.estimators == ["innovations", "regression", "innovations", "regression"]
+    assert said[0].message == "as it was" and said[1]["J"].value == 4.0
+
+
 def test_a_change_that_a_poor_recursion_tells_does_not_forget_motion_that_a_fit_describes(monkeypatch, good):
     """Each of its changes, none of them true, made the fits of a UR10e begin anew."""
     followed, poor = Followed(monkeypatch, lambda _: lacking(good)), good.updated(status=Status.POOR_FIT)

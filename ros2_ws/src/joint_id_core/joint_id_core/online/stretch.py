@@ -59,13 +59,13 @@ class Stretch:
         self._matched = False  # whether a fit matches the load to the motion, which the recursion does not
         self._poor_since = np.inf
         self._found: Estimate | None = None
-        self._white = False  # whether the residuals of the newest fit show nothing
-        self._fit: Estimate | None = None  # the newest one that describes its motion; not of a look
-        self._waits_s = 0.0  # motion before the next fit; until then there are looks
         self._agreement = Agreement(model, REACH * window_s, self._wanted)
         self._begin()
 
     def _begin(self) -> None:
+        self._white = False  # whether the residuals of the newest fit show nothing
+        self._fit: Estimate | None = None  # the newest one that describes its motion; not of a look
+        self._waits_s = 0.0  # motion before the next fit; until then there are looks
         self._looks = False  # whether a look is running, or was the last
         self._motion = NewestMotion(REACH * self._window_s, LEAST * self._window_s)
         self._running: Future[tuple[Estimate, float]] | None = None
@@ -92,7 +92,7 @@ class Stretch:
         if not self._wanted:
             return estimate
         if of_late_sensor:
-            self._poor_since, self._found = np.inf, None
+            self._poor_since, self._found, self._white = np.inf, None, False
             return estimate
         poor = estimate.status in (Status.POOR_FIT, Status.DISAGREE)
         if poor and self._poor_since == np.inf:
