@@ -112,7 +112,16 @@ def test_measured_blocks_are_written_and_the_rest_is_left():
     parts = (*parts, "wrong-model")
     fleet = {f"fleet-{part}" for part in ("robots", "emulator", "page", "participants")}
     others = {"changes", "loads", "steady", "peers", "soak", "robots", "batch", "batched", "batched-gpu", "bootstrap"}
-    others |= {"design-arm", "design-bound", "design-joint", "arm-stats", "other-arms", "other-panda", "other-tx40"}
+    others |= {
+        "design-arm",
+        "design-bound",
+        "design-waypoints",
+        "design-joint",
+        "arm-stats",
+        "other-arms",
+        "other-panda",
+        "other-tx40",
+    }
     assert names == others | {f"robots-{part}" for part in parts} | fleet
 
 
