@@ -112,6 +112,15 @@ def test_joints_with_names(tmp_path):
         formats.read(path)
 
 
+def test_one_joint_with_a_name(tmp_path):
+    path = table(tmp_path, "t", "elbow_position", "elbow_torque")
+    assert formats.joints(path) == ("elbow",)
+    recording = formats.read(path)
+    assert (recording["link_position"][0], recording["torque"][0]) == (10.0, 20.0)
+    mixed = table(tmp_path, "t", "elbow_position", "elbow_torque", "torque")  # of whom the last one is, is not clear
+    assert formats.joints(mixed) == ()
+
+
 def test_a_table_of_one_joint_may_have_short_words(tmp_path):
     path = table(tmp_path, "time", "q", "dq", "tau")
     assert formats.joints(path) == ()

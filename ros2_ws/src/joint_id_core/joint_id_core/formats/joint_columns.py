@@ -108,7 +108,9 @@ def _by_joint(path: Path, found: Collection[str], mapping: Mapping[str, str]) ->
                 )
             by_joint[joint][channel] = expression
     by_joint = {name: own for name, own in by_joint.items() if _is_joint(name, own)}
-    return by_joint if len(by_joint) > 1 or any(number_of(name) is not None for name in by_joint) else {}
+    # One name by itself may be of a part of an unnamed joint, whose other columns have no name.
+    several = len(by_joint) > 1 or any(number_of(name) is not None for name in by_joint)
+    return by_joint if several or not any(_is_of_one(column) for column in found) else {}
 
 
 def _numbered(path: Path, found: Collection[str], mapping: Mapping[str, str]) -> dict[str, dict[str, str]]:
@@ -140,6 +142,11 @@ def _of_one(path: Path, found: Collection[str], mapping: Mapping[str, str]) -> d
             if own[known[1]].count(known[2]) > 1 and known[1] not in {*found, *mapping}:
                 raise JointIdError(f"{path}: two columns are called {column!r}: rename one")
     return {channel: one for channel, (one, *others) in own.items() if not others and channel not in {*found, *mapping}}
+
+
+def _is_of_one(column: str) -> bool:
+    known = understood(column)
+    return known is not None and not known[0]
 
 
 def _is_joint(name: str, own: Mapping[str, str]) -> bool:
