@@ -112,6 +112,12 @@ def test_the_trend_of_what_may_be_zero_is_no_share_of_it(tmp_path):
     assert re.search(r"\+0\.0050? ± \S+ Nm s/rad a file", done.stdout) and "%" not in done.stdout
 
 
+def test_long_numbers_do_not_touch_each_other(tmp_path):
+    estimate(0.0, 1.0302e-04, 8.5e-07).save(tmp_path / "a.json")
+    shown = CliRunner().invoke(app, ["history", str(tmp_path)])
+    assert "  1   1.0302e-04 ± 8.5e-07   1.0302e-04 ± 8.5e-07  " in shown.stdout
+
+
 def test_a_folder_without_estimates_is_said(tmp_path):
     done = CliRunner().invoke(app, ["history", str(tmp_path)])
     assert done.exit_code == 2 and "no good estimate" in done.output

@@ -144,10 +144,10 @@ def table(found: Sequence[Course]) -> str:
     """Return the courses as lines of text."""
     names = [f"{c.robot} {c.label}".strip() for c in found]
     width = max([6, *map(len, names)]) + 2
-    lines = [f"  {'joint':<{width}}{'parameter':<10}{'n':>3}{'first':>20}{'last':>20}  {'unit':<11}trend"]
+    lines = [f"  {'joint':<{width}}{'parameter':<10}{'n':>3}{'first':>23}{'last':>23}  {'unit':<11}trend"]
     for c, name in zip(found, names, strict=True):
         first, last = (with_deviation(float(c.values[k]), float(c.std_devs[k])) for k in (0, -1))
-        lines.append(f"  {name:<{width}}{c.name:<10}{len(c.days):>3}{first:>20}{last:>20}  {c.unit:<11}{c.trend}")
+        lines.append(f"  {name:<{width}}{c.name:<10}{len(c.days):>3}{first:>23}{last:>23}  {c.unit:<11}{c.trend}")
     if not all(c.dated for c in found):
         lines.append("recordings without dates: their estimates are taken in the order of the files")
     return "\n".join(lines)
