@@ -6,6 +6,7 @@
   const drawn = [];
   const HEIGHT = 260;  // px
   const PRINTED = 165;  // four on a page
+  const TICKS = 6;  // of a vertical axis have room, however low the plot is: one tick shows no scale
 
   // Ticks as short as they can be told apart, also those far from 1.
   const short = (v) => (Math.abs(v) < 1e6 ? String(v).replace(/^-?0\.0000*\d+$/, (text) => Number(text).toExponential())
@@ -41,7 +42,8 @@
       series: [{ label: plot.x_label, value: (_, v) => (v == null ? "" : String(v)) }, ...series, ...edges],
       legend: { markers: { fill: (_, k) => series[k - 1]?.stroke } },
       scales: { x: { time: false, ...across }, y: scale },
-      axes: [{ label: plot.x_label, labelSize: 20 }, plot.log ? { size: 70, values: decades } : { size: 70, values: ticks }],
+      axes: [{ label: plot.x_label, labelSize: 20 }, plot.log ? { size: 70, values: decades }
+        : { size: 70, values: ticks, space: (_, axis, from, to, px) => Math.min(30, px / TICKS) }],
       cursor: plot.x_label === "time [s]" ? { sync: { key: "time" } } : {},
     };
   }
