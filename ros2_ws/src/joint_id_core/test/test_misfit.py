@@ -20,6 +20,7 @@ from joint_id_core.models import build
 from joint_id_core.online.lasting import Lasting
 from joint_id_core.results.estimate import Status
 from joint_id_core.simulation.excitation import position_reference
+from joint_id_core.simulation.motion import simulate_motion
 from joint_id_core.simulation.position_control import PositionController, simulate_closed_loop
 from joint_id_core.simulation.sensors import Sensors
 
@@ -70,6 +71,23 @@ def test_a_right_model_shows_nothing():
     for seed in (1, 2, 3):
         notes = fit(PLAIN, record(0.0, seed)).notes
         assert not any("residuals show" in note for note in notes), notes
+
+
+@pytest.mark.parametrize("seed", [0, 5, 6])
+def test_what_smoothed_friction_leaves_is_no_other_law_of_friction(seed):
+    """A joint that sticks and slips: beyond 4 sigma for `--friction stribeck`, by a thousandth of the torque."""
+    model = build("rigid_joint")
+    estimate = fit(model, simulate_motion(model, 6.0, 500.0, model.values(), True, seed))
+    assert estimate.converged and not any("residuals show" in note for note in estimate.notes), estimate.notes
+
+
+def test_a_weight_of_a_hundredth_of_the_torque_is_told():
+    model = build("rigid_joint")
+    loaded = build("rigid_joint", gravity=True)
+    motion = simulate_motion(loaded, 6.0, 500.0, loaded.values({"b_g": 1.0}), True, 5)
+    estimate = fit(model, motion)
+    assert 0.005 < 1.0 * np.std(np.sin(motion["link_position"])) / np.std(motion["torque"]) < 0.02
+    assert "a load that goes with the angle" in estimate.message
 
 
 def test_what_is_missing_is_counted_in_the_intervals(monkeypatch):

@@ -19,6 +19,7 @@ from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.innovations.gauss_newton import Minimum
 from joint_id_core.estimators.innovations.missing_torques import Shape, shapes
 from joint_id_core.estimators.innovations.recursion import Pass, Recursion
+from joint_id_core.estimators.shared.fit_data import FitData
 
 LIKELY = 2.0  # size of a shape in standard deviations from which its bias counts; with a correct model 5 % reach it
 CREDIBLE = 3.0  # the same for noise of a sensor, whose bias is that of `drive_noise`
@@ -26,6 +27,9 @@ SIGNIFICANT = 4.0  # size from which the user is told; by chance it happens once
 OWN_SHARE = 0.15  # least fraction of the information on a shape that the parameters do not explain as well
 CERTAIN = 8.0  # size from which one that parameters take the place of counts without that
 FAR_MORE = 2.0  # size of a shape over that of another one of its name, or of any if general, to take its place
+# Variation of a torque over that of the drive below which it is contained, but not told: smoothed friction, which differs
+# from what sticks and slips, leaves up to 0.0013 of it in fits of a correct model, and a law that fits it teaches nothing.
+TELLING = 0.002
 LARGE = 0.5  # change of the stiffness by such a shape, over its value, from which no interval contains it
 MOST = 2  # most shapes that are used together: with more they cancel each other, and their bias grows without limit
 TINY = 1e-300
@@ -38,7 +42,7 @@ class Misfit:
     """Missing torques that were found.
 
     Attributes:
-        found: the shapes, each with its size in standard deviations, and with that of its course.
+        found: the shapes that are worth telling, each with its size in standard deviations, and with that of its course.
         excess: squares of their bias, to add to the covariance of the coordinates, shape (k, k).
         doubt: why the estimates cannot be used; empty if the intervals contain what is missing.
         lasting: `excess` if a property of joint or drive is significant, which other motion may hide; else None.
@@ -123,8 +127,27 @@ def misfit(recursion: Recursion, coordinates: Coordinates, found: Minimum, last:
     lasting = excess if gains or any(taken[k] > SIGNIFICANT for k in replaced) else None
     doubt = _doubt(recursion, coordinates, found, certain, np.sqrt(np.diag(excess))) if certain else ""
     courses = test.courses(taken)
-    sized = tuple((candidates[k], size, scale[k] * courses.get(k, 0.0)) for k, size in taken.items())
-    return Misfit(sized, excess, doubt, lasting, test.bias(taken) if certain else None, test.bias(gains))
+    sized = [(candidates[k], size, scale[k] * courses.get(k, 0.0)) for k, size in taken.items()]
+    told = tuple((s, size, course) for s, size, course in sized if not _little(data, p, s, course))
+    return Misfit(told, excess, doubt, lasting, test.bias(taken) if certain else None, test.bias(gains))
+
+
+def _little(data: FitData, p: Array, shape: Shape, course: float) -> bool:
+    """Return whether a torque of this `course` is so little beside the drive that nobody should look for its cause."""
+    model, values = data.model, dict(zip(data.model.parameter_names, p.tolist(), strict=True))
+    if shape.sensor or shape.replaced or shape.general or model.torque_drive is None:
+        return False
+    at_link = model.gear_ratio(values) * model.torque_constant(values)
+    load = None if model.load is None else model.input_names.index(model.load)
+    drive = float(np.std(data.u[:, model.input_names.index(model.torque_drive)]))
+    return all(
+        abs(course) * _rms(torque) < TELLING * drive * (at_link if channel == load else 1.0)
+        for channel, torque in shape.parts
+    )
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 @dataclass(frozen=True)
