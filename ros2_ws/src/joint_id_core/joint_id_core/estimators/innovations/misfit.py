@@ -27,8 +27,8 @@ SIGNIFICANT = 4.0  # size from which the user is told; by chance it happens once
 OWN_SHARE = 0.15  # least fraction of the information on a shape that the parameters do not explain as well
 CERTAIN = 8.0  # size from which one that parameters take the place of counts without that
 FAR_MORE = 2.0  # size of a shape over that of another one of its name, or of any if general, to take its place
-# Variation of a torque over that of the drive below which it is contained, but not told: smoothed friction, which differs
-# from what sticks and slips, leaves up to 0.0013 of it in fits of a correct model, and a law that fits it teaches nothing.
+# Variation of a torque over that of the drive below which it is contained, but not told: friction that is smoothed,
+# where the joint sticks and slips, leaves up to 0.0013 of it in fits of a correct model.
 TELLING = 0.002
 LARGE = 0.5  # change of the stiffness by such a shape, over its value, from which no interval contains it
 MOST = 2  # most shapes that are used together: with more they cancel each other, and their bias grows without limit
@@ -42,7 +42,7 @@ class Misfit:
     """Missing torques that were found.
 
     Attributes:
-        found: the shapes that are worth telling, each with its size in standard deviations, and with that of its course.
+        found: the shapes that may be told, each with its size in standard deviations, and with that of its course.
         excess: squares of their bias, to add to the covariance of the coordinates, shape (k, k).
         doubt: why the estimates cannot be used; empty if the intervals contain what is missing.
         lasting: `excess` if a property of joint or drive is significant, which other motion may hide; else None.
