@@ -138,7 +138,7 @@ def _ratio(recording: Recording, model: Model, table: Mapping[str, float]) -> fl
     """
     name = next((n for n in MOTION if recording.measured(n)), None)
     channel = _drive_of(model)
-    if name is None or channel is None or not recording.measured(channel):
+    if name is None or channel is None or not recording.measured(channel) or len(recording) < MIN_SAMPLES:
         return None
     N, step = table["N"], max(1, round(COARSE_S / recording.period))  # differences over less time are noise
     time, motion = recording.time[::step], recording[name][::step] / (N if name.startswith("motor") else 1.0)

@@ -204,9 +204,13 @@ def _needed_here(path: RemotePath, kind: str) -> bool:
 def _kind(path: Place) -> str:
     """Return the format of `path`, after a check that there is something to read."""
     if not path.exists():
+        if isinstance(path, Path) and path.is_symlink():
+            raise JointIdError(f"{path}: a link that leads to no file: check where it leads")
         raise JointIdError(f"{path}: no such file or directory: check the path")
     if path.is_dir():
         return "bag"
+    if isinstance(path, Path) and not path.is_file():
+        raise JointIdError(f"{path}: a pipe or a device, which can be read only once: write it to a file, and give that")
     name = path.name.lower().removesuffix(".gz")
     kind = next((kind for ending, kind in KINDS.items() if name.endswith(ending)), None)
     kind = None if kind != "csv" and path.suffix.lower() == ".gz" else kind
