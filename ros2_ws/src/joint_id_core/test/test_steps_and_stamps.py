@@ -62,3 +62,11 @@ def test_a_spectrum_needs_little_memory_for_long_recordings_and_bursts():
     long = np.arange(600_000) / 500.0
     values = np.where(long > 600.0, 1.0, 1e-3) * np.sin(2.0 * np.pi * 3.0 * long)
     assert highest_frequency(long, values, 1) == pytest.approx(3.0, abs=0.1)
+
+
+def test_rounding_of_an_encoder_is_no_fast_motion():
+    """Single lines of its spectrum stand above the median: a motion of 1 Hz was told to have parts at 222 Hz."""
+    time = np.arange(4000) / 500.0
+    angle = 0.3 * np.sin(2.0 * np.pi * 0.8 * time) + 0.05 * np.sin(2.0 * np.pi * 2.1 * time)
+    for step in (0.001, 0.002, 0.005, 0.01):
+        assert highest_frequency(time, np.round(angle / step) * step, 1) == pytest.approx(2.1, abs=0.4), step

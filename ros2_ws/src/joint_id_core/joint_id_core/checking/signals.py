@@ -34,12 +34,16 @@ def noise(values: Array) -> float:
     x = known(values)
     if len(x) < 3:
         return 0.0
-    steps = np.abs(x[1:] - x[:-1])
     bends = np.abs(x[2:] - 2.0 * x[1:-1] + x[:-2])
+    return max(MAD * float(np.median(bends)) / SECOND, _rounding(x))
+
+
+def _rounding(x: Array) -> float:
+    """Return the step of a coarse sensor (T,), where most samples differ by at most one; else 0."""
+    steps = np.abs(x[1:] - x[:-1])
     moved = steps[steps > 0.0]
     smallest = float(moved.min()) if len(moved) else 0.0
-    coarse = smallest if len(moved) and np.count_nonzero(steps < 1.5 * smallest) > 0.5 * len(steps) else 0.0
-    return max(MAD * float(np.median(bends)) / SECOND, coarse)
+    return smallest if len(moved) and np.count_nonzero(steps < 1.5 * smallest) > 0.5 * len(steps) else 0.0
 
 
 def moves(values: Array) -> bool:
@@ -94,9 +98,12 @@ def highest_frequency(time: Array, values: Array, times: int) -> float:
     even = np.arange(time[0], time[-1], period)
     row = np.interp(even, time, values)
     row = row - np.linspace(row[0], row[-1], len(row)) if times else row - row.mean()
-    power = np.abs(np.fft.rfft(row * np.hanning(len(row)))) ** 2
+    window = np.hanning(len(row))
+    power = np.abs(np.fft.rfft(row * window)) ** 2
     frequency = np.fft.rfftfreq(len(row), period)
-    floor = float(np.median(power[frequency > 0.75 * frequency[-1]]))
+    # rounding leaves peaks that the median does not show
+    rounding = _rounding(values) ** 2 / 12.0 * float(np.sum(window**2))
+    floor = max(float(np.median(power[frequency > 0.75 * frequency[-1]])), rounding)
     velocity = np.where(power > ABOVE_NOISE * floor, power - floor, 0.0) * frequency ** (2 * times)
     total = np.cumsum(velocity)
     return float(frequency[np.searchsorted(total, SHARE * total[-1])]) if total[-1] > 0.0 else 0.0
