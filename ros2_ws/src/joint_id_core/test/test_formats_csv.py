@@ -294,5 +294,5 @@ def test_a_damaged_compressed_file_is_named(tmp_path):
     with pytest.raises(JointIdError, match=r"log.csv.gz: "):
         formats.read(path)
     path.write_bytes(b"time_s,current\n0,1\n")
-    with pytest.raises(JointIdError, match=r"log.csv.gz: cannot be read"):
+    with pytest.raises(JointIdError, match=r"log.csv.gz: not compressed"):
         formats.read(path)

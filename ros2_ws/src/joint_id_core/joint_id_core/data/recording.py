@@ -78,11 +78,15 @@ class Recording:
         steps = time[1:] - time[:-1]
         if (back := steps <= 0.0).any():
             k = int(np.argmax(back))
+            where = f"at sample {k + 1} ({time[k]:.9g} s, then {time[k + 1]:.9g} s)"
+            if (steps >= 0.0).all():
+                often = f", {np.count_nonzero(back)} times in all" if np.count_nonzero(back) > 1 else ""
+                raise JointIdError(
+                    f"{self.source}: time repeats {where}{often}: keep one sample of each time, or give times with "
+                    "more digits"
+                )
             what = "repeats" if steps[k] == 0 else "goes backwards"
-            raise JointIdError(
-                f"{self.source}: time {what} at sample {k + 1} ({time[k]:.9g} s, then {time[k + 1]:.9g} s): "
-                "sort the samples, or cut the file there"
-            )
+            raise JointIdError(f"{self.source}: time {what} {where}: sort the samples, or cut the file there")
         channels = {}
         if not hasattr(self.channels, "items"):  # a frame of pandas has it, too
             raise JointIdError(
