@@ -1,4 +1,4 @@
-"""Current and velocity of a motor, or motor and link, in the wrong columns."""
+"""Drive and motion, or motor and link, in each other's columns."""
 
 from __future__ import annotations
 
@@ -28,6 +28,22 @@ def test_exchanged_columns_are_named(model, drive, seconds):
     assert not list(swapped(motion))
     (found,) = swapped(exchanged(motion, drive))
     assert TOLD in found.text and set(found.channels) == {drive, "motor_velocity"}
+
+
+@pytest.mark.parametrize("gain", [0.1, 1.0])
+def test_a_torque_in_the_column_of_the_position_is_named(gain):
+    """A large one was told to be a position in degrees, and a small one ended in "try another model"."""
+    motion = simulate_motion(build("rigid_joint"), duration=6.0)
+    both = {"link_position": gain * motion["torque"], "torque": motion["link_position"]}
+    (text, *more) = [f.text for f in findings(Recording(motion.time, both)) if f.fatal]
+    assert text.startswith("torque moves as link_position drives it") and TOLD in text and not more
+
+
+def test_a_motor_in_the_column_of_the_link_is_no_link_in_degrees():
+    motion = simulate_motion(build("harmonic_drive"), duration=6.0)
+    both = {"link_position": motion["motor_position"], "motor_position": motion["link_position"]}
+    texts = " ".join(f.text for f in findings(Recording(motion.time, {**motion.channels, **both})))
+    assert "exchange the columns of motor and link" in texts and "degrees" not in texts
 
 
 @pytest.mark.parametrize("values", [{}, {"R": 0.7, "k_t": 0.045, "c_b": 4e-4}])

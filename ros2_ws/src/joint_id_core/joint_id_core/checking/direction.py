@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -38,6 +39,15 @@ def directions(recording: Recording) -> Iterator[Finding]:
             f"--map {link}=-1*COLUMN, and that of the drive with the motor's",
             names,
         )
+
+
+def motor_beside_link(recording: Recording) -> float:
+    """Return how many times as far as the link the motor turns, by their positions; infinity if they do not show it."""
+    motor, link = "motor_position", "link_position"
+    if not (_shows_motion(recording, motor) and _shows_motion(recording, link)):
+        return math.inf
+    together, ratio = _compared(recording, motor, link)
+    return ratio if abs(together) > -OPPOSITE else math.inf
 
 
 def _exchanged_velocities(recording: Recording) -> Finding | None:

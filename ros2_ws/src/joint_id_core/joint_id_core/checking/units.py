@@ -9,7 +9,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from joint_id_core.checking.direction import motor_beside_link
 from joint_id_core.checking.finding import REMOVE, SAMPLES, Finding, number, places
+from joint_id_core.checking.swapped import drive_as_position
 from joint_id_core.data.recording import Array, Recording
 from joint_id_core.data.signals import CHANNELS, LARGEST
 
@@ -21,6 +23,7 @@ DISTINCT = 50  # whole numbers among positions that are no chance
 # have stronger gears, but no motor of a joint takes so many amperes.
 STRONGEST = {"torque": (5e4, "Nm", False), "current": (1e3, "A", True)}
 TURNS = 4.0 * 2.0 * np.pi  # rad that no link of a robot turns
+GEARED = 0.1  # of motor over link, from which they are exchanged: beside a link in degrees it is a 57th of the gear's
 FAST, OVER_S = 12.0, 0.1  # rad/s that no link of a robot has over such a time; those of a cobot reach 3 to 6
 
 
@@ -68,6 +71,8 @@ def position_units(recording: Recording) -> Iterator[Finding]:
             )
         elif name == "link_position" and (span := float(np.ptp(known))) > TURNS:
             fast = not recording.measured("link_velocity") and _speed(recording, name) > FAST
+            if fast and (motor_beside_link(recording) < GEARED or drive_as_position(recording)):
+                continue  # it is another signal, which is told by the checks of these
             seems = "it is in degrees" if fast else "if it is in degrees"
             yield Finding(
                 f"Channel {name} spans {span:.4g} rad, more than the link of a robot turns: {seems}; multiply it by "
