@@ -53,6 +53,18 @@ def test_intervals_contain_what_a_drive_that_is_not_in_time_does(late_s, estimat
         assert abs(found[name].value - truth) < 2.0 * found[name].std_dev, (name, found[name])
 
 
+def test_where_both_disagree_about_a_late_drive_the_lag_is_told_and_all_intervals_contain_what_it_does():
+    """The lag was said to be likely, below; and c, on which both agreed, was 3 standard deviations off."""
+    model = build("rigid_joint")
+    record = simulate_motion(model, 8.0)
+    torque = np.interp(record.time - 0.01, record.time, record["torque"])
+    found = fit(model, record.with_channels({"torque": torque}))
+    assert found.status is Status.DISAGREE, found.message
+    assert found.notes[1].startswith("The drive seems to be") and "ost likely" not in " ".join(found.notes)
+    for name in found.free:
+        assert abs(found[name].value - model.parameter(name).nominal) < 2.0 * found[name].std_dev, (name, found[name])
+
+
 def test_a_drive_that_is_far_too_late_is_no_good_fit_and_says_so_once():
     """40 ms, as of a driver that stamps late: a fit of such a motion converged, with J = 0."""
     record = motion()

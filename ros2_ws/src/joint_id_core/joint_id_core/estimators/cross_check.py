@@ -190,11 +190,15 @@ def _widened(estimate: Estimate, model: Model, opinion: Opinion, apart: Sequence
             told.append(f"{second.name} is {found.reason}")
         else:
             sigma = math.hypot(first.std_dev, distance)
+            if opinion.lag:  # which moves both values the same way
+                sigma = max(sigma, second.wide)
             found = replace(first, std_dev=sigma, reason=interval_text(first.value, sigma))
         scale[estimate.free.index(second.name)] = found.std_dev / first.std_dev
         rows[second.name] = found
-    said = [f"{'; '.join(told)}: the value lies between, and the interval contains both", f"most likely {CAUSE}"]
-    notes = (*map(sentence, said), sentence(Status.DISAGREE.advice), *estimate.notes[1:])
+    cause = opinion.lag or f"most likely {CAUSE}"
+    said = [f"{'; '.join(told)}: the value lies between, and the interval contains both", cause]
+    others = [note for note in estimate.notes[1:] if note != sentence(cause)]
+    notes = (*map(sentence, said), sentence(Status.DISAGREE.advice), *others)
     return replace(_with_rows(estimate, rows, scale, notes), status=Status.DISAGREE)
 
 
