@@ -141,6 +141,16 @@ def test_a_rigid_joint_is_found_while_all_joints_move(rigid, name, estimator):
         assert row.std_dev < 0.02 * truth
 
 
+def test_a_single_joint_with_a_vertical_axis_has_no_load_that_could_be_off():
+    """Its fit with the description ended in a traceback."""
+    turn = joint("turn", "base", "a", "", "0 0 1")
+    one = f'<robot name="one"><link name="base"/>{link("a", 2.0, (0.1, 0.0, 0.2), 0.01)}{turn}</robot>'
+    record = moving_arm.rigid(6.0, 0)["turn"]
+    found = loaded(Description(one, "one.urdf"), "turn", [{"turn": record}])
+    assert found.rms < 1e-9 and found.recordings[0].load_errors is None
+    assert fit(RIGID, found.recordings[0], estimator=Regression()).free
+
+
 def test_without_the_load_it_is_not():
     """Otherwise the tests above would show nothing."""
     estimate = fit(RIGID, moving_arm.rigid(20.0)["lift"])

@@ -77,6 +77,8 @@ def log(tmp_path):
         (("fit", "LOG", "--model", "rigid_joint", "--fix", "c=1e300"), "give a value nearer to the usual 10"),
         (("fit", "LOG", "--model", "rigid_joint", "--prior", "J=1e300"), "give one from 1e-30 to 1e+30"),
         (("fit", "LOG", "--model", "rigid_joint", "--estimator", "hpinn", "--learning-rate", "0"), "learning_rate = 0"),
+        (("fit", "LOG", "--estimator", "hpinn", "--learning-rate", "1e9"), "learning_rate = 1000000000.0 : must be in"),
+        (("fit", "LOG", "--estimator", "regression", "--band-hz", "900"), "band_hz = 900 Hz needs more than 1800 samples"),
         (("fit", "LOG", "--plot", "a", "--save", "a"), "--save a would overwrite a file that --plot writes"),
     ],
 )

@@ -68,6 +68,10 @@ class Errors:
         """Return what the errors of a joint are of, in words."""
         return f"the load of {joint} by {self._description.source}"
 
+    def any_of(self, joint: str) -> bool:
+        """Return whether the load of a joint can be off: that of a single joint with a vertical axis is always zero."""
+        return self._of_joint(self._description.joints.index(joint)).ways.shape[1] > 0
+
     def prepare(self, joints: Sequence[str]) -> None:
         """Compute what `along` needs of these joints; else it takes a tenth of a second for each at its first call."""
         for name in joints:

@@ -84,6 +84,8 @@ def loaded(description: Description, joint: str, records: Sequence[Mapping[str, 
         for own, load, moved in loads
     ]
     errors = errors_of(description)
+    if errors is not None and not errors.any_of(joint):
+        errors = None
     recordings = tuple(
         replace(
             _known(own, torque), load_errors=None if errors is None else errors.along([joint], own.time, moved)[joint]

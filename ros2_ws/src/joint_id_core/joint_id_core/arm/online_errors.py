@@ -32,6 +32,7 @@ class OnlineErrors:
         joints = [] if errors is None else [name for name in description.joints if _has_load(description, name)]
         if errors is not None:
             errors.prepare(joints)
+            joints = [name for name in joints if errors.any_of(name)]
         self._of = {name: _JointErrors(errors, self._positions, name) for name in joints if errors is not None}
 
     def attached(self, recordings: Mapping[str, Recording]) -> dict[str, Recording]:

@@ -30,7 +30,7 @@ class HPinn:
     name: ClassVar[str] = "hpinn"
 
     epochs: int = option(300, "training epochs, each one simulation of the whole record", lower=1)
-    learning_rate: float = option(0.01, "first RMSProp step, relative to each parameter's start value", lower=1e-9)
+    learning_rate: float = option(0.01, "first RMSProp step, relative to each parameter's start value", "", 1e-9, 1.0)
     decay_at: tuple[float, ...] = option((0.4, 0.6, 0.8), "shares of the epochs at which the learning rate decays")
     decay_factor: float = option(0.3, "factor of each decay of the learning rate", lower=0.0, upper=1.0)
     substeps: int = option(0, "RK4 steps a sample, 1 in the paper; 0 finds a stable number", lower=0, upper=64)

@@ -122,10 +122,15 @@ def prepared(data: FitData, options: Regression) -> Prepared:
     """Prepare a recording for the equations of its model.
 
     Raises:
-        JointIdError: instruments are asked for that there are not.
+        JointIdError: instruments are asked for that there are not, or a band beyond half of the sampling rate.
         UnusableError: too few samples, or a state that is not measured.
     """
     found, model = bands(data), data.model
+    if options.band_hz >= 0.5 / data.period:
+        raise JointIdError(
+            f"{data.recording.source}: band_hz = {options.band_hz:g} Hz needs more than {2.0 * options.band_hz:g} "
+            f"samples/s, there are {1.0 / data.period:.4g}: give a narrower band, or leave it out"
+        )
     band_hz = options.band_hz or found.equations
     cutoff_hz = max(band_hz, found.motion)
     moved = motion(data, cutoff_hz)
