@@ -49,8 +49,8 @@ def fit(
         typer.Option(help="of the payload in kg, if it was weighed: the torque constants are found, too"),
     ] = None,
     validate: Annotated[Optional[Path], typer.Option(help="recording that the fit must predict")] = None,
-    save: Annotated[Optional[Path], typer.Option(help="save the result as JSON")] = None,
-    out: Annotated[Optional[list[Path]], typer.Option("--out", "-o", help=OUT_HELP)] = None,
+    save: Annotated[Optional[Path], typer.Option(help="save the result as JSON", readable=False)] = None,
+    out: Annotated[Optional[list[Path]], typer.Option("--out", "-o", help=OUT_HELP, readable=False)] = None,
     parameters: Annotated[
         bool, typer.Option("--parameters", help="print the combinations of masses and inertias, too")
     ] = False,

@@ -31,7 +31,9 @@ def export(
     mjcf: Annotated[Optional[Path], typer.Option(help="the same for MuJoCo")] = None,
     ros_params: Annotated[bool, typer.Option("--ros-params", help=PARAMS_HELP)] = False,
     as_csv: Annotated[bool, typer.Option("--csv", help="a table, which is the default")] = False,
-    out: Annotated[Optional[Path], typer.Option("--out", "-o", help="file to write (default: CSV on stdout)")] = None,
+    out: Annotated[
+        Optional[Path], typer.Option("--out", "-o", help="file to write (default: CSV on stdout)", readable=False)
+    ] = None,
     joint: Annotated[Optional[list[str]], typer.Option(help=JOINT_HELP)] = None,
     all_: Annotated[bool, typer.Option("--all", help=ALL_HELP)] = False,
 ) -> None:

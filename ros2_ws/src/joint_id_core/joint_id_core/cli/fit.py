@@ -54,8 +54,10 @@ def fit(
         str, typer.Option(help=f"{', '.join(ESTIMATORS)} (needs torch)", autocompletion=completed(tuple(ESTIMATORS)))
     ] = "innovations",
     validate: Annotated[Optional[Path], typer.Option(help="recording that the fitted model must predict")] = None,
-    plot: Annotated[Optional[Path], typer.Option(help="save a picture of measurement and prediction")] = None,
-    save: Annotated[Optional[Path], typer.Option(help="save the estimate as JSON")] = None,
+    plot: Annotated[
+        Optional[Path], typer.Option(help="save a picture of measurement and prediction", readable=False)
+    ] = None,
+    save: Annotated[Optional[Path], typer.Option(help="save the estimate as JSON", readable=False)] = None,
     json: JsonOption = False,
 ) -> None:
     """Identify the parameters of a joint model, with standard deviations and verdicts.

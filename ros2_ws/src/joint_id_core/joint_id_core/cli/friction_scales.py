@@ -21,7 +21,9 @@ def friction_scales(
     urdf: UrdfArgument,
     files: Annotated[list[Path], typer.Argument(help=FILES_HELP)],
     options: ArmOptions,
-    out: Annotated[Optional[Path], typer.Option("--out", "-o", help="file to write (default: stdout)")] = None,
+    out: Annotated[
+        Optional[Path], typer.Option("--out", "-o", help="file to write (default: stdout)", readable=False)
+    ] = None,
 ) -> None:
     """Offer scales for the friction model of a UR robot's direct torque control. Nothing is sent.
 

@@ -25,7 +25,7 @@ def history(
         list[str],
         typer.Argument(help="folder with estimates, from fit --save; or these files; or a table, from batch"),
     ],
-    plot: Annotated[Optional[Path], typer.Option(help="save a picture, a row a joint")] = None,
+    plot: Annotated[Optional[Path], typer.Option(help="save a picture, a row a joint", readable=False)] = None,
     json: JsonOption = False,
 ) -> None:
     """Show how the parameters of joints went: first, last, trend a day; and joints unlike those of other robots.

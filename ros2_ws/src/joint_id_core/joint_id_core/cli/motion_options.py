@@ -40,8 +40,8 @@ class MotionOptions:
     for_: Annotated[Optional[str], typer.Option("--for", metavar="A,B,...", help=FOR_HELP)] = None
     waypoints: Annotated[Optional[Path], typer.Option(help=WAYPOINTS_HELP)] = None
     motion: Annotated[Optional[Path], typer.Option(help=MOTION_HELP)] = None
-    out: Annotated[Optional[list[Path]], typer.Option("--out", "-o", help=OUT_HELP)] = None
-    plot: Annotated[Optional[Path], typer.Option(help="save a picture of the motion")] = None
+    out: Annotated[Optional[list[Path]], typer.Option("--out", "-o", help=OUT_HELP, readable=False)] = None
+    plot: Annotated[Optional[Path], typer.Option(help="save a picture of the motion", readable=False)] = None
 
     @property
     def shown(self) -> tuple[str, ...]:

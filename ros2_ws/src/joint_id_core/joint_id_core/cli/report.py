@@ -36,7 +36,7 @@ def report(
     source: Annotated[Path, typer.Argument(help="CSV, MAT or bag, which is fitted; or an estimate, from fit --save")],
     options: FitOptions,
     model_options: dict[str, Any],
-    out: Annotated[Path, typer.Option("--out", "-o", help="file to write")] = Path("report.html"),
+    out: Annotated[Path, typer.Option("--out", "-o", help="file to write", readable=False)] = Path("report.html"),
     joint: JointOption = None,
     estimator: Annotated[
         str, typer.Option(help=", ".join(ESTIMATORS), autocompletion=completed(tuple(ESTIMATORS)))

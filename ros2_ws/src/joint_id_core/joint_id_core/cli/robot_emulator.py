@@ -39,9 +39,12 @@ def robot_emulator(
     ] = None,
     base_gravity: BaseGravityOption = None,
     socket: Annotated[
-        Optional[Path], typer.Option(help="file to make for commands of other programs of this computer")
+        Optional[Path],
+        typer.Option(help="file to make for commands of other programs of this computer", readable=False),
     ] = None,
-    truth: Annotated[Optional[Path], typer.Option(help="YAML file to write the true parameters to")] = None,
+    truth: Annotated[
+        Optional[Path], typer.Option(help="YAML file to write the true parameters to", readable=False)
+    ] = None,
 ) -> None:
     """Emulate a robot controller on the network: RTDE at 500 Hz, six simulated joints, faults on demand.
 

@@ -22,7 +22,9 @@ OTHERS = (".mat", ".txt", ".tsv", ".gz", ".json", ".mcap", ".db3")  # files that
 @with_options("model_options", (ModelOptions,), only=("actuation", "friction", "gravity", "kinematic_error"))
 def simulate(
     model_options: dict[str, Any],
-    out: Annotated[Path, typer.Option("--out", "-o", help="what to write: a .csv file, or else a bag directory")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="what to write: a .csv file, or else a bag directory", readable=False)
+    ],
     model: Annotated[
         Optional[str], typer.Argument(help=f"one of {', '.join(MODELS)}", autocompletion=completed(tuple(MODELS)))
     ] = None,

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from functools import cache
+from pathlib import Path
 from typing import Any, cast
 
 from rosbags.rosbag2 import Reader
@@ -39,11 +41,21 @@ def opened(path: Place) -> Iterator[Bag]:
     except JointIdError:
         raise
     except Exception as error:  # apsw, struct, yaml or rosbags: any of their errors means a damaged file
+        if file := _forbidden(path):
+            raise JointIdError(f"{file}: no permission to read it: change that (chmod), or copy the bag") from None
         what = " ".join(str(error).split()) or type(error).__name__
         raise JointIdError(
             f"{path}: not a readable bag, damaged or truncated ({what}): record it again, or try `mcap recover` "
             "(mcap) or sqlite's `.recover` (db3)"
         ) from error
+
+
+def _forbidden(path: Place) -> Path | None:
+    """Return a file of a bag that this user may not read; None if there is none."""
+    if not isinstance(path, Path):
+        return None
+    files = path.iterdir() if path.is_dir() else (path,)
+    return next((file for file in files if not os.access(file, os.R_OK)), None)
 
 
 def _data(path: Place) -> Place:

@@ -76,7 +76,9 @@ def _parameters(path: Path) -> dict[str, Any]:
 
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except OSError as error:
+        raise JointIdError(f"{path}: the file cannot be read: {error.strerror}") from None
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
         raise JointIdError(f"{path}: cannot be read as YAML: {' '.join(str(error).split())}") from None
     nodes = content.items() if isinstance(content, dict) else ()
     found = next((v for name, v in nodes if str(name).rpartition("/")[2] == NODE and isinstance(v, dict)), None)
