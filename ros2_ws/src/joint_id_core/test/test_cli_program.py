@@ -76,6 +76,13 @@ def test_a_library_that_is_missing_is_named_in_one_line(tmp_path, library, comma
         assert done.returncode == 1 and f"pip install {library}" in done.stdout and not done.stderr
 
 
+def test_a_missing_library_that_shows_messages_is_named_in_one_line():
+    code = "import sys; sys.modules['typer'] = None; from joint_id_core.command import main; main()"
+    done = subprocess.run([sys.executable, "-c", code, "fit"], capture_output=True, text=True, timeout=120, check=False)
+    (line,) = done.stderr.splitlines()
+    assert done.returncode == 2 and line.startswith("joint-id: ") and line.endswith("pip install typer")
+
+
 @pytest.mark.parametrize("entry", importlib.metadata.entry_points(group=cli.GROUP), ids=lambda entry: entry.name)
 def test_help_of_commands_of_other_packages_tells_no_exceptions(entry):
     assert "Raises" not in entry.load().__doc__

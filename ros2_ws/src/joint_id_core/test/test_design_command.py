@@ -101,6 +101,15 @@ def test_a_fit_that_shows_everything_proposes_nothing(tmp_path, run_here):
     assert code == 0 and "joint-id design" not in out
 
 
+@pytest.mark.parametrize("name", ["elbow", "elbow_joint"])
+def test_the_end_of_a_joints_name_may_be_left_out_where_the_file_has_it(tmp_path, run_here, few, name):
+    """A joint called elbow was looked for as elbow_joint."""
+    (tmp_path / "limits.yaml").write_text(LIMITS.replace("axis", name))
+    words = ("design", "--joint", "elbow", "--limits", "limits.yaml", "--model", "rigid_joint", *QUICK)
+    code, out = run_here(*words)
+    assert code == 0 and f"motion of {name}: 4 s" in out, out
+
+
 def test_a_motion_of_ones_own_is_held_against_the_limits(tmp_path, run_here, few):
     (tmp_path / "limits.yaml").write_text(LIMITS)
     words = ("design", "--joint", "axis", "--limits", "limits.yaml", "--model", "rigid_joint", "--time", "5")

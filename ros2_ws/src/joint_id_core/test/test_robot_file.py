@@ -70,6 +70,9 @@ def test_joints_that_a_table_only_numbers_are_those_of_the_file_in_its_order(fil
         ("a: [", "cannot be read as YAML"),
         ("a: 1", "no parameters of the node"),
         (TEXT.replace("[N", "[N N"), "of the form"),
+        (TEXT.replace("fix: ", "fixx: "), r"identifier has no parameter 'fixx' \(did you mean fix\?\)"),
+        (TEXT.replace("[N=2", "[tauf=2"), r"no model has a parameter 'tauf' \(did you mean tau_f\?\)"),
+        (TEXT.replace("[N=2, k_t=0.5+-10%, elbow.k_t=0.25+-0.1]", "5"), "set is no list of texts"),
     ],
 )
 def test_a_file_that_is_no_parameter_file_is_refused(file, text, says):

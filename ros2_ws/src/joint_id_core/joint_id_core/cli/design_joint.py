@@ -67,8 +67,7 @@ def design_of_joint(
 
 def _limits(name: str, asked: MotionOptions) -> tuple[str, JointLimits]:
     """Return the whole name of the joint and its limits: those published of a robot, and over them those of a file."""
-    from joint_id_core.design.limit_files import published, read_limits
-    from joint_id_core.rtde.fields import JOINT_NAMES
+    from joint_id_core.design.limit_files import joints_with_limits, published, read_limits
 
     known = None
     if asked.robot is not None:
@@ -78,16 +77,20 @@ def _limits(name: str, asked: MotionOptions) -> tuple[str, JointLimits]:
         except JointIdError:
             if asked.limits is None:
                 raise
-    names = JOINT_NAMES if known is None else known.names
-    joint = name + SUFFIX if name + SUFFIX in names else name
+    if known is None and asked.limits is None:
+        raise JointIdError(
+            "no limits are known: name a robot (--robot ur3e), or give a URDF or a file of limits (--limits FILE)"
+        )
+    if known is not None:
+        names = known.names
+    else:
+        assert asked.limits is not None
+        names = joints_with_limits(asked.limits, name)
+    joint = name + SUFFIX if name not in names and name + SUFFIX in names else name
     if known is not None and joint not in known.names:
         raise JointIdError(
             f"--joint {joint}: {asked.robot} has no such joint{close_to(joint, known.names)}: it has "
             f"{', '.join(known.names)}"
-        )
-    if asked.limits is None and known is None:
-        raise JointIdError(
-            "no limits are known: name a robot (--robot ur3e), or give a URDF or a file of limits (--limits FILE)"
         )
     own = None if known is None else known.of((joint,))
     if asked.limits is not None:

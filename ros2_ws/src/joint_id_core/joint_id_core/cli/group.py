@@ -43,7 +43,8 @@ class OneLineErrors(TyperGroup):
         except JointIdError as error:
             complain(str(error))
         except UsageError as error:
-            said, help_ = str(error), " ".join(filter(None, ("joint-id", ctx.invoked_subcommand, "--help")))
+            misused = getattr(error, "ctx", None) or ctx  # also a command within a group
+            said, help_ = str(error), " ".join(("joint-id", *misused.command_path.split()[1:], "--help"))
             if said.startswith("Usage:"):  # a group of commands without a command shows its help
                 print(said, file=sys.stderr)
             else:

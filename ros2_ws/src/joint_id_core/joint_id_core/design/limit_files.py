@@ -68,16 +68,7 @@ def read_limits(path: str | Path, names: Sequence[str], known: JointLimits | Non
             is no number, limits that contradict.
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not a text file"
-        example = "max_position: 1.5, min_position: -1.5, max_velocity: 2.0, max_effort: 50.0"
-        raise JointIdError(
-            f"{path}: cannot be read ({reason}): give a URDF, or write such a file: joint_limits: {{{names[0]}: "
-            f"{{{example}}}}}"
-        ) from None
-    found = _of_yaml(text, path) if path.suffix.lower() in (".yaml", ".yml") else _of_urdf(text, path)
+    found = _found(path, names[0])
     base = JointLimits.none(names) if known is None else known.of(names)
     if not any(name in found for name in names):
         raise JointIdError(f"{path}: holds no limits of {', '.join(names)}: it has {', '.join(found) or 'none'}")
@@ -86,6 +77,29 @@ def read_limits(path: str | Path, names: Sequence[str], known: JointLimits | Non
         for kind, value in found.get(name, {}).items():
             parts[kind][k] = value
     return replace(base, source=str(path), **parts)
+
+
+def joints_with_limits(path: str | Path, example: str) -> tuple[str, ...]:
+    """Return the names of the joints in a file of limits; an error shows how to write one, for the joint `example`.
+
+    Raises:
+        JointIdError: as `read_limits`.
+    """
+    return tuple(_found(Path(path), example))
+
+
+def _found(path: Path, example: str) -> dict[str, dict[str, float]]:
+    """Return the limits of a file by joint."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not a text file"
+        limits = "max_position: 1.5, min_position: -1.5, max_velocity: 2.0, max_effort: 50.0"
+        raise JointIdError(
+            f"{path}: cannot be read ({reason}): give a URDF, or write such a file: joint_limits: {{{example}: "
+            f"{{{limits}}}}}"
+        ) from None
+    return _of_yaml(text, path) if path.suffix.lower() in (".yaml", ".yml") else _of_urdf(text, path)
 
 
 def _of_urdf(text: str, path: Path) -> dict[str, dict[str, float]]:

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from joint_id_core.errors import JointIdError, close_to
 from joint_id_core.estimators import ParameterSettings
+from joint_id_core.models import MODELS, build
+from joint_id_core.models.lacking import option_for
+from joint_id_core.models.options import ModelOptions
 from joint_id_core.models.per_joint import Entry, parse
 
 NODE = "identifier"
+KINDS = ("set", "fix", "free")
 ROBOTS = Path(__file__).parents[1] / "robots"  # files that are part of this package
 
 
@@ -24,11 +29,13 @@ def robot_settings(robot: str, joint: str | None, names: Collection[str]) -> Par
         names: of the parameters of a model.
 
     Raises:
-        JointIdError: no such file, it cannot be read, or it holds no parameters of the node.
+        JointIdError: no such file, it cannot be read, holds no parameters of the node, or names that nothing has.
     """
     path = path_of(robot)
     parameters = _parameters(path)
-    entries = {kind: _entries(path, parameters.get(kind) or [], kind, joint) for kind in ("set", "fix", "free")}
+    entries = {kind: _entries(parameters[kind], kind, joint) for kind in KINDS}
+    for one in {e.name for kind in KINDS for e in entries[kind]} - set(names):
+        _require_known(path, one)
     values = {e.name: e.value for kind in ("set", "fix") for e in entries[kind] if e.value is not None}
     deviations = {e.name: e.deviation for kind in ("set", "fix") for e in entries[kind] if e.deviation is not None}
     fixed, freed = ([e.name for e in entries[kind]] for kind in ("fix", "free"))
@@ -46,7 +53,7 @@ def joints_of_robot(robot: str) -> tuple[str, ...]:
     named = parameters.get("joints")
     if isinstance(named, list) and named:
         return tuple(map(str, named))
-    entries = (parse(str(text), kind) for kind in ("set", "fix", "free") for text in parameters.get(kind) or [])
+    entries = (parse(str(text), kind) for kind in KINDS for text in parameters[kind])
     return tuple(dict.fromkeys(entry.joint for entry in entries if entry.joint))
 
 
@@ -85,12 +92,25 @@ def _parameters(path: Path) -> dict[str, Any]:
     parameters = None if found is None else found.get("ros__parameters")
     if not isinstance(parameters, dict):
         raise JointIdError(f"{path}: holds no parameters of the node {NODE} (/**/{NODE}: ros__parameters: set: [...])")
-    return parameters
+    others = {field.name for field in fields(ModelOptions)}
+    for key in parameters:
+        if key not in KINDS and key not in others and (meant := close_to(key, KINDS)):
+            raise JointIdError(f"{path}: {NODE} has no parameter {key!r}{meant}")
+    lists = {kind: parameters.get(kind) or [] for kind in KINDS}
+    for kind, texts in lists.items():
+        if not isinstance(texts, list):
+            raise JointIdError(f"{path}: {kind} is no list of texts")
+    return {**parameters, **lists}
 
 
-def _entries(path: Path, texts: Any, kind: str, joint: str | None) -> list[Entry]:
+def _require_known(path: Path, name: str) -> None:
+    """Check that a name which one model lacks is that of a parameter of another one."""
+    known = {n for model in MODELS for n in build(model).parameter_names}
+    if name not in known and not any(option_for(build(model), name) for model in MODELS):
+        raise JointIdError(f"{path}: no model has a parameter {name!r}{close_to(name, known)}")
+
+
+def _entries(texts: list[object], kind: str, joint: str | None) -> list[Entry]:
     """Return the entries for a joint, those that name it last."""
-    if not isinstance(texts, list):
-        raise JointIdError(f"{path}: {kind} is no list of texts")
     entries = [parse(str(text), kind) for text in texts if str(text)]
     return [e for e in entries if not e.joint] + [e for e in entries if e.joint and e.joint == joint]
