@@ -152,5 +152,6 @@ def test_three_minutes_of_six_joints_do_not_grow(tmp_path):
     found = json.loads(file.read_text())
     for name, use in found["processes"].items():
         assert use["growth"] < 0.03, name
-        assert use["files"][0] == use["files"][1], name
+        for what in ("files", "threads"):
+            assert use[what][0] == use[what][1], (name, what)
     assert found["estimates"] > 0 and found["largest"] < 5.0

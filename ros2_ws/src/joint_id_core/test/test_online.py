@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from concurrent.futures import Future
 
 import numpy as np
@@ -15,7 +14,6 @@ from joint_id_core.estimators.innovations.belief import Coordinates
 from joint_id_core.estimators.shared.stillness import STILL_S
 from joint_id_core.models import build
 from joint_id_core.online import OnlineIdentifier, OnlineOptions
-from joint_id_core.online.checks import in_thread
 from joint_id_core.online.published import published, said
 from joint_id_core.online.window import SlidingWindow
 from joint_id_core.pages.contents import windows
@@ -162,18 +160,6 @@ def test_a_check_that_does_not_end_holds_up_nothing():
     assert len(found) == len(run(motion(), OnlineIdentifier(MODEL)))
     assert all(e.converged for e in found)
     assert all(abs(z) < 4.0 for z in errors(found[-1]).values())
-
-
-def test_a_check_in_a_thread_gives_its_result_or_its_error():
-    assert in_thread(lambda: 1).result(60.0) == 1
-    with pytest.raises(ZeroDivisionError):
-        in_thread(lambda: 1 / 0).result(60.0)
-    slow, quick = threading.Event(), threading.Event()
-    first, second = in_thread(slow.wait), in_thread(quick.set)
-    assert not first.done() and not quick.is_set()  # one at a time
-    slow.set()
-    second.result(60.0)
-    assert first.done() and quick.is_set()
 
 
 def test_standing_still_teaches_nothing_and_forgets_nothing_at_once():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import threading
-import time
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import ParameterSettings
 from joint_id_core.models import build
 from joint_id_core.online import OnlineIdentifier
-from joint_id_core.online.checks import in_thread
+from joint_id_core.online.check_thread import CheckThread
 from joint_id_core.simulation.excitation import position_reference
 from joint_id_core.simulation.position_control import ControlledJoint, PositionController
 from joint_id_core.simulation.sensors import Sensors
@@ -42,12 +41,8 @@ def watched(identifier: OnlineIdentifier, joint: ControlledJoint, seconds: float
     return converged
 
 
-def settled() -> tuple[int, int]:
-    """Threads and open files, once no check runs any more."""
-    end = time.monotonic() + 60.0
-    while any(t.name == "check of a window" for t in threading.enumerate()):
-        assert time.monotonic() < end, "a check of a window does not end"
-        time.sleep(0.01)
+def handles() -> tuple[int, int]:
+    """Threads and open files."""
     return threading.active_count(), len(os.listdir("/proc/self/fd"))
 
 
@@ -57,9 +52,11 @@ def test_memory_threads_and_open_files_stay_as_they_are():
     joint = ControlledJoint(
         model, PositionController(), position_reference(), VALUES, torque_noise=0.003, sensors=sensors
     )
-    identifier = OnlineIdentifier(model, ParameterSettings({"N": 101.0}), background=in_thread)
+    checks = CheckThread()
+    identifier = OnlineIdentifier(model, ParameterSettings({"N": 101.0}), background=checks)
     assert watched(identifier, joint, FULL_S) > 100
-    before, handles = resident(), settled()
+    before, held = resident(), handles()
     assert watched(identifier, joint, MORE_S) > 60
     assert resident() < 1.03 * before
-    assert settled() == handles
+    assert handles() == held
+    checks.stop()

@@ -9,7 +9,8 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.estimators import Innovations
 from joint_id_core.online import OnlineIdentifier, OnlineOptions
-from joint_id_core.online.checks import in_thread
+from joint_id_core.online.checks import Background, at_once
+from joint_id_core.stored.knowledge import StoredKnowledge
 from joint_id_ros.options.identifier import IdentifierOptions
 from joint_id_ros.preparation import Preparation
 
@@ -21,9 +22,18 @@ class IdentifierSetup:
     model: IdentifierOptions
     online: OnlineOptions
 
-    def begin(self, joint: str, samples: Recording) -> OnlineIdentifier:
-        """Build the identifier of a joint from its first samples."""
-        return self._make(joint, self.model.drive_in(samples))
+    def begin(
+        self, knowledge: StoredKnowledge, background: Background, joint: str, samples: Recording
+    ) -> OnlineIdentifier:
+        """Build the identifier of a joint from its first samples; it continues what is known of the joint.
+
+        `background` does its checks of whole windows.
+        """
+
+        def make(joint: str, samples: Recording) -> OnlineIdentifier:
+            return self._make(joint, self.model.drive_in(samples), background)
+
+        return knowledge.continued(make, joint, samples)
 
     def prepare(self) -> Preparation:
         """Check all options by building every identifier that may be needed; start to compile or load their kernels.
@@ -56,6 +66,6 @@ class IdentifierSetup:
         wrong = errors.get(told) or next(iter(errors.values()))
         raise JointIdError(f"joint {joint}: {wrong}" if joint else str(wrong))
 
-    def _make(self, joint: str, drive: str) -> OnlineIdentifier:
+    def _make(self, joint: str, drive: str, background: Background = at_once) -> OnlineIdentifier:
         options = self.model
-        return OnlineIdentifier(options.build(drive), options.settings(joint), self.online, options.solver, in_thread)
+        return OnlineIdentifier(options.build(drive), options.settings(joint), self.online, options.solver, background)

@@ -17,11 +17,14 @@ import numpy as np
 from joint_id_core.data.instants import NANO
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
+from joint_id_core.online.check_thread import CheckThread
+from joint_id_core.online.checks import Background
 from joint_id_core.online.identifier import OnlineIdentifier
 from joint_id_ros.callbacks import Callbacks
 from joint_id_ros.joint_identifiers import JointIdentifiers, Taken, place_of
 from joint_id_ros.presence import Presence
 from joint_id_ros.raw_messages import RawMessage
+from joint_id_ros.relay import Relay
 from joint_id_ros.sample_queue import LOST_HERE, SampleQueue, left_out
 from joint_id_ros.samples import to_recordings
 from joint_id_ros.silence import STEP_S
@@ -33,7 +36,8 @@ GATHER, GATHER_S = 0.2, 0.02
 # A thread that takes longer is in a fit of a whole window: another one goes on, and each estimate is published at once.
 # Quick updates are slower with several threads, which take the interpreter from each other.
 LONG_S = 0.05
-MOST_THREADS = (os.cpu_count() or 1) + 2  # so that joints that their models do not describe leave one to the others
+SPARE_THREADS = 2  # more than cores: joints that their models do not describe leave one to the others
+USUAL_JOINTS = 7  # of a robot whose joints are not named: those of most arms
 STOP_S = 2.0  # longest wait for the thread; launch and systemd kill a process that needs 5 s or more to end
 
 
@@ -64,12 +68,17 @@ class _Batch:
         return time.monotonic() - self.begun_s > LONG_S
 
 
+def threads_for(joints: int) -> int:
+    """Return the number of threads for so many joints, 0 if it is not known: no joint is fitted by two at once."""
+    return min(os.cpu_count() or 1, joints or USUAL_JOINTS) + SPARE_THREADS
+
+
 class Worker:
     """One `OnlineIdentifier` per joint in a background thread, which another one relieves while a fit takes long.
 
     Samples of a joint that arrived during a fit of it go into one update. So if fits take longer than a hop, windows
     are skipped and the results stay current; the other joints go on meanwhile. No more samples wait than `SampleQueue`
-    holds; beyond that the oldest are left out. There are two threads more than cores at most.
+    holds; beyond that the oldest are left out. All threads are there from the start, two more than cores or joints.
     Recorded samples have time: no window is skipped, and none is left out if nothing is added while the worker is full.
 
     Attributes:
@@ -78,7 +87,7 @@ class Worker:
 
     def __init__(
         self,
-        make: Callable[[str, Recording], OnlineIdentifier],
+        make: Callable[[Background, str, Recording], OnlineIdentifier],
         joints: Collection[str],
         expected: Collection[str],
         callbacks: Callbacks,
@@ -86,10 +95,10 @@ class Worker:
         known: Collection[str] = (),
         recorded: bool = False,
     ) -> None:
-        """Start the thread.
+        """Start the threads.
 
         Args:
-            make: builds the identifier of a joint, given its name and first samples.
+            make: builds the identifier of a joint, given what does its checks, its name and first samples.
             joints: joints to identify; empty for every joint in the samples.
             expected: joints that must be in the samples; a missing one is reported as a problem.
             callbacks: callbacks for estimates and problems.
@@ -107,12 +116,14 @@ class Worker:
         self._longest_lag_s = 0.0
         self._wanted, self._expected, self._callbacks = tuple(joints), tuple(expected), callbacks
         self._presence = Presence(callbacks, known)
-        self._identifiers = JointIdentifiers(make, callbacks.problem)
+        self._checks = CheckThread()
+        self._identifiers = JointIdentifiers(partial(make, self._checks), callbacks.problem)
         self._origin_ns: int | None = None
         self._working = False
         self._stop, self._arrived = threading.Event(), threading.Event()
-        self._threads = list[threading.Thread]()  # the newest one takes the samples
-        self._start(None)
+        # The thread that leads takes the samples.
+        self._relay = Relay[_Batch | None](threads_for(len(self._wanted)), self._run, "identifier")
+        self._relay.hand_over(None)
 
     @property
     def left_out(self) -> int:
@@ -169,10 +180,9 @@ class Worker:
             batch = self._batch
             # Recorded samples wait until all joints have taken those before.
             if batch is not None and batch.long and (batch.left or not self._recorded):
-                self._threads = [thread for thread in self._threads if thread.is_alive()]
-                if len(self._threads) < MOST_THREADS:
-                    self._batch = replace(batch, begun_s=time.monotonic())
-                    self._start(self._batch)
+                left = replace(batch, begun_s=time.monotonic())
+                if self._relay.hand_over(left):
+                    self._batch = left
         if self._queue.covers(self._enough_ns):
             self._arrived.set()
 
@@ -184,33 +194,20 @@ class Worker:
         """End the threads. Fits or compilations that take longer than `STOP_S` are abandoned."""
         self._stop.set()
         self._arrived.set()
-        end_s = time.monotonic() + STOP_S
-        for thread in self._threads:
-            thread.join(max(0.0, end_s - time.monotonic()))
-
-    def _start(self, left: _Batch | None) -> None:
-        """Start the thread that takes the samples from now on."""
-        # daemon threads: a compilation must not delay the end of the process
-        thread = threading.Thread(target=self._run, args=(left,), name="identifier", daemon=True)
-        self._threads.append(thread)
-        thread.start()
+        self._checks.stop()
+        self._relay.stop(STOP_S)
 
     def _run(self, left: _Batch | None) -> None:
         """Do what is left of a batch, and use what comes, until the end or until another thread does that."""
         if left is not None:
             self._guarded(self._use, left)
-        while not self._relieved and not self._stop.is_set():
+        while self._relay.leads and not self._stop.is_set():
             self._working = False
             if not self._queue.covers(self._enough_ns):
                 self._arrived.wait(IDLE_S)
             self._arrived.clear()
             if not self._stop.is_set():
                 self._guarded(self._take)
-
-    @property
-    def _relieved(self) -> bool:
-        """Whether another thread goes on in place of the one that asks."""
-        return self._threads[-1] is not threading.current_thread()
 
     def _guarded(self, work: Callable[..., None], *args: Any) -> None:
         """Do work, and report an error."""
@@ -269,12 +266,11 @@ class Worker:
             with suppress(IndexError):  # another thread was quicker
                 self._guarded(self._identifiers.update, batch.left.popleft(), partial(self._took, batch))
         with self._lock:
-            if self._relieved:
+            if not self._relay.leads:
                 return
             self._batch = None
         if self._recorded:
-            for thread in self._threads[:-1]:
-                thread.join()
+            self._relay.wait_for_others()
         if not self._stop.is_set():
             self._callbacks.publish()
             self._identifiers.finish(batch.joints)

@@ -27,7 +27,7 @@ def working(request):
     gate, told, made = threading.Event(), [], {}
     stuck = threading.Event()
 
-    def make(joint, samples):
+    def make(checks, joint, samples):
         made[joint] = Slow(stuck if joint == "stuck" else gate, lambda: told.append(("finished", joint)))
         return made[joint]
 

@@ -1,5 +1,6 @@
 """The threads of the identifier while the fit of one joint takes long."""
 
+import threading
 import time
 from dataclasses import replace
 
@@ -7,6 +8,7 @@ import pytest
 
 from joint_id_ros.presence import GONE_S
 from joint_id_ros.sample_queue import QUEUE_S
+from joint_id_ros.worker import threads_for
 
 from .slow_worker import PERIOD_NS, add, until
 
@@ -36,6 +38,30 @@ def test_a_fit_that_takes_long_holds_up_no_other_joint(working):
     assert sum(map(len, later)) == 210 - len(first) and len(later) == 1  # what has waited is one update
     assert worker.missed == round(len(later[0]) * PERIOD_NS * 1e-9 / 0.5) - 1 and worker.left_out == 0
     assert told.count(("estimated", "stuck")) == 2 and ("published", "") in told[told.index(("estimated", "stuck")) :]
+
+
+def threads():
+    """Those of the identifier."""
+    return {thread for thread in threading.enumerate() if thread.name in ("identifier", "checks of windows")}
+
+
+def test_all_threads_are_there_before_a_fit_takes_long_and_end_with_the_worker(working):
+    before = threads()
+    worker, _, made = stuck_in_a_fit(working)
+    add(worker, 10, 210, ("stuck", "a"))
+    until(lambda: worker.wake() or sum(map(len, made["a"].batches)) == 210)
+    assert threads() == before and len(before) == threads_for(0) + 1
+    made["stuck"].gate.set()
+    until(lambda: worker.idle)
+    assert threads() == before
+    worker.stop()
+    until(lambda: not before & threads())
+
+
+def test_there_are_two_threads_more_than_cores_or_joints(monkeypatch):
+    for cores, joints, threads in ((2, 6, 4), (16, 6, 8), (16, 1, 3), (16, 0, 9), (None, 6, 3)):
+        monkeypatch.setattr("os.cpu_count", lambda cores=cores: cores)
+        assert threads_for(joints) == threads
 
 
 def test_of_a_joint_that_waits_for_its_fit_the_newest_seconds_are_kept(working):

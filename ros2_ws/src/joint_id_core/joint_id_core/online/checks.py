@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
@@ -17,7 +16,6 @@ from joint_id_core.results.estimate import Estimate
 CHECK_AFTER, CHECK_EVERY = (1, 2, 4), 8  # window lengths after which the newest window is fitted as a whole
 
 T = TypeVar("T")
-_one_at_a_time = threading.Lock()
 
 
 class Background(Protocol):
@@ -31,21 +29,6 @@ def at_once(job: Callable[[], T]) -> Future[T]:
     """Do a job within the call."""
     done: Future[T] = Future()
     done.set_result(job())
-    return done
-
-
-def in_thread(job: Callable[[], T]) -> Future[T]:
-    """Do a job in a thread of its own, one job at a time; it does not hold up the end of the process."""
-    done: Future[T] = Future()
-
-    def run() -> None:
-        try:
-            with _one_at_a_time:
-                done.set_result(job())
-        except BaseException as error:  # told to the one who asks for the result
-            done.set_exception(error)
-
-    threading.Thread(target=run, name="check of a window", daemon=True).start()
     return done
 
 

@@ -103,7 +103,7 @@ class IdentifierNode(ManagedNode):
         self._load_errors.open(read(self, LoadOptions))
 
     def begin(self) -> None:
-        """Subscribe, publish what is known of an earlier run, and start the thread."""
+        """Subscribe, publish what is known of an earlier run, and start the threads."""
         self._order = StampOrder()
         reading, topics = read(self, BagReadingOptions), {SAMPLES.name: JointSamples}
         how, pace_s = reading.reliability, max(READ_S, gathered_s(self._setup.online.hop_s))
@@ -118,7 +118,7 @@ class IdentifierNode(ManagedNode):
         restored = {j: to_values(j, r.newest, r.estimate, r.origin_ns) for j, r in self._knowledge.restored.items()}
         self._latest.begin(restored)
         told = self._on_estimate, self._latest.publish, self._on_gone, self._latest.drop, self._diagnostics.problem
-        make, reading = partial(self._knowledge.continued, self._setup.begin), read(self, BagReadingOptions)
+        make, reading = partial(self._setup.begin, self._knowledge), read(self, BagReadingOptions)
         now_s = (lambda: 0.0) if reading.end_with else self.now_s  # the last estimates stay
         callbacks, known = Callbacks(*told, self._load_errors.attached, now_s), tuple(restored)
         self._worker = Worker(make, options.joints, options.expected, callbacks, hop_s, known, reading.recorded)
@@ -130,7 +130,7 @@ class IdentifierNode(ManagedNode):
             self._begin_run()
 
     def close(self) -> None:
-        """End the subscription and the thread."""
+        """End the subscription and the threads."""
         for part in (self.streams, self._sources):
             if part is not None:
                 part.close()
