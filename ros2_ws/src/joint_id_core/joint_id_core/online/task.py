@@ -29,6 +29,10 @@ from joint_id_core.online.options import OnlineOptions
 from joint_id_core.online.tracker import Tracker
 from joint_id_core.results.estimate import Estimate, Status
 
+# With one integrator step a sample, a fit may err by a tenth of a standard deviation. A memory averages noise away, and
+# no error of the integrator: after a minute this was up to a third of one (`k_2`). With two steps it is far smaller.
+FEWEST_STEPS = 2
+
 
 @dataclass(frozen=True)
 class Task:
@@ -118,6 +122,7 @@ class Task:
     def tracker(self, recording: Recording, z: Array, last: Estimate) -> Tracker | None:
         """Return a filter for a recording, at the reference z (k,), with noise levels and steps of a fit.
 
+        It takes `FEWEST_STEPS` or more, unless the user has set their number.
         None if the recording cannot be used or holds other signals than that fit.
         """
         data = self.prepared(recording)
@@ -125,7 +130,9 @@ class Task:
             return None
         kernel = compile_model(self.model, "tanh", data.freed, last.cell)
         levels = np.square([last.noise[n] for n in data.noise_names])
-        return Tracker(data, kernel, self.coordinates, z, levels, last.substeps, frozenset(self.settings.values))
+        asked = isinstance(self.estimator, Innovations) and self.estimator.substeps
+        steps = asked or max(FEWEST_STEPS, last.substeps)
+        return Tracker(data, kernel, self.coordinates, z, levels, steps, frozenset(self.settings.values))
 
 
 def _not_derived(lacking: Sequence[str], model: Model, recording: Recording) -> UnusableError:
