@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import Field, field, fields
+from numbers import Integral, Real
 from typing import Any
 
 from joint_id_core.errors import JointIdError, close_to
@@ -43,7 +44,7 @@ def check(options: Any) -> None:
 
 
 def check_value(option: Field[Any], value: Any) -> None:
-    """Check a value of one option against its range or choices; for a tuple, check every element.
+    """Check a value of one option against its type, range or choices; for a tuple, check every element.
 
     Raises:
         JointIdError: the value is not allowed; the message names the option, the value and the allowed ones.
@@ -54,6 +55,9 @@ def check_value(option: Field[Any], value: Any) -> None:
             close = close_to(str(v), meta["choices"])
             raise JointIdError(f"option {option.name} = {v!r}{close}: choose one of {names(meta['choices'])}")
         lower, upper = meta.get("lower"), meta.get("upper")
+        kind, what = (Integral, "whole number") if type(option.default) is int else (Real, "number")
+        if (lower, upper) != (None, None) and (isinstance(v, bool) or not isinstance(v, kind)):
+            raise JointIdError(f"option {option.name} = {v!r}: give a {what}")
         if (lower is not None and not v >= lower) or (upper is not None and not v <= upper):
             span = f"[{'-inf' if lower is None else lower}, {'inf' if upper is None else upper}]"
             raise JointIdError(f"option {option.name} = {v} {meta['unit']}: must be in {span}")

@@ -78,7 +78,7 @@ def log(tmp_path):
         (("fit", "LOG", "--model", "rigid_joint", "--prior", "J=1e300"), "give one from 1e-30 to 1e+30"),
         (("fit", "LOG", "--model", "rigid_joint", "--estimator", "hpinn", "--learning-rate", "0"), "learning_rate = 0"),
         (("fit", "LOG", "--estimator", "hpinn", "--learning-rate", "1e9"), "learning_rate = 1000000000.0 : must be in"),
-        (("fit", "LOG", "--estimator", "regression", "--band-hz", "900"), "band_hz = 900 Hz needs more than 1800 samples"),
+        (("fit", "LOG", "--estimator", "regression", "--band-hz", "900"), "band_hz = 900 Hz needs more than 1800"),
         (("doctor", "--port", "30004"), "--port is that of a robot: give --robot-ip, too"),
         (("arm", "fit"), "Missing argument 'urdf'. See joint-id arm fit --help"),
         (("arm", "ftt"), "No such command 'ftt'. Did you mean 'fit'? See joint-id arm --help"),

@@ -17,7 +17,7 @@ def make(**channels):
     ("time", "message"),
     [
         ([0.0, 0.2, 0.1], r"log: time goes backwards at sample 2 \(0.2 s, then 0.1 s\): sort"),
-        ([0.0, 0.2, 0.2], r"log: time repeats at sample 2 \(0.2 s, then 0.2 s\): keep one sample of each time, or give"),
+        ([0.0, 0.2, 0.2], r"log: time repeats at sample 2 \(0.2 s, then 0.2 s\): keep one sample of each time"),
         ([0.0, 0.0, 0.2, 0.2], r"log: time repeats at sample 1 \(0 s, then 0 s\), 2 times in all: keep"),
         ([0.0, 0.0, 0.2, 0.1], r"log: time repeats at sample 1 \(0 s, then 0 s\): sort"),
         ([0.0, np.nan, 0.2], r"log: time of sample 1 is nan"),

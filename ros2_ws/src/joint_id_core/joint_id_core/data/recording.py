@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from joint_id_core.data.load_errors import LoadErrors
+from joint_id_core.arguments import require_type
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError
 
@@ -69,6 +70,8 @@ class Recording:
     load_errors: LoadErrors | None = None
 
     def __post_init__(self) -> None:
+        require_type("source", self.source, str, "give a text")
+        require_type("joint", self.joint, str, "give the name of a joint")
         time = _floats(self.time, f"{self.source}: time")
         if time.ndim != 1:
             raise JointIdError(f"{self.source}: time must be one-dimensional, not of shape {time.shape}")

@@ -22,6 +22,7 @@ from joint_id_core.formats.csv_file import write_csv
 from joint_id_core.formats.remote import Place, RemotePath, copied, place
 
 KINDS = {".csv": "csv", ".txt": "csv", ".tsv": "csv", ".mat": "mat", ".mcap": "bag", ".db3": "bag"}  # by ending
+ADVICE = 'give a dictionary, such as {"torque": "gtau*vir"}'
 __all__ = ["contents", "joints", "read", "read_joints", "taken", "unread", "write", "write_bag", "write_csv"]
 
 
@@ -47,7 +48,10 @@ def read(path: str | Place, joint: str | None = None, mapping: Mapping[str, str]
     Raises:
         JointIdError: unreadable or damaged file, wrong types, missing joint, columns that are not understood.
     """
-    require_type("mapping", mapping, (Mapping, NoneType), 'give a dictionary, such as {"torque": "gtau*vir"}')
+    require_type("mapping", mapping, (Mapping, NoneType), ADVICE)
+    for target, expression in (mapping or {}).items():
+        require_type(f"mapping of {target}", expression, str, ADVICE)
+    require_type("joint", joint, (str, NoneType), "give the name of a joint")
     path = place(path)
     kind = _kind(path)
     if isinstance(path, RemotePath):
@@ -210,7 +214,7 @@ def _kind(path: Place) -> str:
     if path.is_dir():
         return "bag"
     if isinstance(path, Path) and not path.is_file():
-        raise JointIdError(f"{path}: a pipe or a device, which can be read only once: write it to a file, and give that")
+        raise JointIdError(f"{path}: a pipe or a device, which can be read only once: write it to a file first")
     name = path.name.lower().removesuffix(".gz")
     kind = next((kind for ending, kind in KINDS.items() if name.endswith(ending)), None)
     kind = None if kind != "csv" and path.suffix.lower() == ".gz" else kind

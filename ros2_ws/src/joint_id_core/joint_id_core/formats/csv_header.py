@@ -49,7 +49,7 @@ def lines(path: Path) -> Iterator[tuple[int, str]]:
                     raise JointIdError(f"{path}: {_about_zeros(number, line)}")
                 yield number, line
     except gzip.BadGzipFile:
-        raise JointIdError(f"{path}: not compressed, though its name ends in .gz: rename it, or copy it again") from None
+        raise JointIdError(f"{path}: not compressed, though its name ends in .gz: rename or copy it again") from None
     except OSError as error:
         why = error.strerror or str(error)
         raise JointIdError(f"{path}: cannot be read ({why}): check the path and its permissions") from None
