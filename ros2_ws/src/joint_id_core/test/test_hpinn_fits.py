@@ -14,13 +14,14 @@ pytest.importorskip("torch")
 
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
-from joint_id_core.estimators import HPinn, ParameterSettings
+from joint_id_core.estimators import HPinn, ParameterSettings, fit
 from joint_id_core.estimators.hpinn.fit import _minimum, fit_hpinn
 from joint_id_core.estimators.hpinn.network import HPinnNetwork
 from joint_id_core.estimators.hpinn.training import Labels, LearningRate, make_labels, train
 from joint_id_core.estimators.shared.fit_data import prepare
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Status, Verdict
+from joint_id_core.simulation import simulate_motion
 
 from .readable import readable
 
@@ -259,3 +260,11 @@ def test_a_sum_that_labels_do_not_part_keeps_what_was_known_of_its_terms(monkeyp
         assert sd[1:] == pytest.approx([np.sqrt(2.0), np.sqrt(2.0), 3.0], rel=1e-3)
         assert sd[0] < 0.01 and step[3] == 0.0
         assert np.sqrt(covariance[1, 1] + 2 * covariance[1, 2] + covariance[2, 2]) < 0.01
+
+
+def test_a_positive_parameter_known_to_no_half_of_its_value_is_not_estimated():
+    """k_2 was estimated as 4.0e5 ± 9.3e5 Nm/rad^3, as its prior is wider still."""
+    model = build("electromechanical")
+    found = fit(model, simulate_motion(model, 6.0), estimator=HPinn(epochs=20))
+    wide = [p for p in found.parameters if model.parameter(p.name).positive and p.std_dev > 0.5 * p.value]
+    assert "k_2" in [p.name for p in wide] and not [p for p in wide if p.verdict is Verdict.ESTIMATED]

@@ -24,7 +24,7 @@ from joint_id_core.estimators.shared.substeps import stable_substeps
 from joint_id_core.models import Model
 from joint_id_core.options import Progress
 from joint_id_core.results.estimate import Estimate, ParameterEstimate, Predictions, Status, Verdict, message
-from joint_id_core.results.verdict import NOT_EXCITED_RATIO, PRIOR_RATIO
+from joint_id_core.results.verdict import MAGNITUDE, NOT_EXCITED_RATIO, PRIOR_RATIO
 
 if TYPE_CHECKING:
     from joint_id_core.estimators.hpinn.network import HPinnNetwork
@@ -156,7 +156,8 @@ def _verdict(model: Model, name: str, value: float, sd: float) -> Verdict:
     ratio = sd / _prior(model, name, value)
     if not ratio <= NOT_EXCITED_RATIO:
         return Verdict.NOT_EXCITED
-    return Verdict.PRIOR if ratio > PRIOR_RATIO else Verdict.ESTIMATED
+    magnitude = model.parameter(name).positive and sd > MAGNITUDE * value
+    return Verdict.PRIOR if magnitude or ratio > PRIOR_RATIO else Verdict.ESTIMATED
 
 
 def _estimate(
