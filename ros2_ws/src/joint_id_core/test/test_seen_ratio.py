@@ -141,6 +141,17 @@ def test_a_model_of_the_link_says_that_the_torque_may_be_that_of_the_motor(estim
     assert (text in found.message) is said and ("(--set N=101)" in found.message) is said
 
 
+@pytest.mark.parametrize("wraps", [True, False])
+def test_a_motor_position_that_shows_no_ratio_does_not_hide_that_of_the_velocity(wraps):
+    """One that wraps, or that was divided by the ratio, left "converged" without a word."""
+    recording = motion(3.0)
+    link = recording["link_position"]
+    angle = (101.0 * link + np.pi) % (2.0 * np.pi) - np.pi if wraps else link
+    speed = 101.0 * np.gradient(link, recording.time)
+    found = fit(RIGID, recording.with_channels({"motor_position": angle, "motor_velocity": speed}))
+    assert "Motor_velocity is about 101 times that of the link, and N is 1" in found.message
+
+
 def test_info_tells_the_ratio_that_nobody_gave(moved, tmp_path, run):
     path = tmp_path / "both.csv"
     formats.write(path, moved)

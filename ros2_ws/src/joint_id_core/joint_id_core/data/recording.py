@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from joint_id_core.data.load_errors import LoadErrors
 from joint_id_core.arguments import require_type
+from joint_id_core.data.load_errors import LoadErrors
 from joint_id_core.data.signals import CHANNELS
 from joint_id_core.errors import JointIdError
 

@@ -61,19 +61,20 @@ def torque_of_motor(model: Model, recording: Recording, settings: ParameterSetti
     Nothing in the motion tells on which side a torque was measured.
     """
     known = (*model.state_names, *model.input_names)
-    side = next(filter(recording.measured, MOTOR), None)
     at_link = "N" in model.parameter_names and not any(n in known for n in MOTOR) and LINK in known
     given = settings is not None and "N" in settings.values
-    if side is None or given or not at_link or not recording.measured(LINK) or model.torque_drive is None:
+    if given or not at_link or not recording.measured(LINK) or model.torque_drive is None:
         return
-    shown = seen_ratio(recording, side)
-    if shown is not None and abs(abs(shown) - model.gear_ratio(model.values())) > SCALE:
-        size, drive = f"{abs(shown):.3g}", model.torque_drive
-        yield Finding(
-            f"{side} is about {shown:.3g} times that of the link, and N is 1, as for a {drive} at the link: if it is "
-            f"that of the motor, the values are {size} times too small (--set N={size})",
-            (side,),
-        )
+    for side in filter(recording.measured, MOTOR):  # a position that wraps, or is divided already, shows none
+        shown = seen_ratio(recording, side)
+        if shown is not None and abs(abs(shown) - model.gear_ratio(model.values())) > SCALE:
+            size, drive = f"{abs(shown):.3g}", model.torque_drive
+            yield Finding(
+                f"{side} is about {shown:.3g} times that of the link, and N is 1, as for a {drive} at the link: if it "
+                f"is that of the motor, the values are {size} times too small (--set N={size})",
+                (side,),
+            )
+            return
 
 
 class _Other(NamedTuple):
