@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from joint_id_core import formats
-from joint_id_core.cli.group import BAD_INPUT
+from joint_id_core.cli.group import BAD_INPUT, not_written
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
 from joint_id_core.text_file import require_writable, write_text
@@ -262,3 +262,16 @@ def test_a_command_of_the_nodes_says_where_it_comes_from(here, command):
     code, _, err = here(*command)
     assert code == BAD_INPUT and err.count("\n") == 1
     assert f"joint-id: {command[0]} comes with the nodes" in err and "colcon build" in err
+
+
+def test_a_folder_that_is_gone_and_a_library_without_memory_are_no_output(tmp_path, monkeypatch, capsys):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    with pytest.raises(OSError) as gone:
+        os.getcwd()
+    not_written(gone.value)
+    not_written(OSError("Could not find/load shared object file 'libllvmlite.so'"))
+    folder, library = capsys.readouterr().err.splitlines()
+    assert folder == "joint-id: the folder in which this command runs is gone: change to another one (cd)"
+    assert "libllvmlite.so" in library and "memory" in library and "None" not in library

@@ -62,6 +62,12 @@ class OneLineErrors(TyperGroup):
 
 def not_written(error: OSError) -> None:
     """Say what could not be read or written."""
+    if error.errno is None:  # from a library that loads its parts, as where memory is short
+        complain(f"a part of a library cannot be loaded ({error}): is there too little memory? See joint-id doctor")
+        return
+    if isinstance(error, FileNotFoundError) and error.filename is None:
+        complain("the folder in which this command runs is gone: change to another one (cd)")
+        return
     place = error.filename if error.filename is not None else "the output, or a temporary file"
     complain(f"{place}: {error.strerror or error}: check the path, its permissions and the space")
 
