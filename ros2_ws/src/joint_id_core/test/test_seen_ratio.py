@@ -12,7 +12,7 @@ from joint_id_core import formats
 from joint_id_core.data.recording import Recording
 from joint_id_core.estimators import Innovations, ParameterSettings, Regression, fit
 from joint_id_core.estimators.exact_ratio import exact_ratio
-from joint_id_core.estimators.seen_ratio import seen_ratio, with_seen_ratio, wrong_ratio
+from joint_id_core.estimators.seen_ratio import seen_ratio, torque_of_link, with_seen_ratio, wrong_ratio
 from joint_id_core.models import build
 from joint_id_core.online import OnlineIdentifier, OnlineOptions
 from joint_id_core.results.estimate import Estimate, Status
@@ -163,3 +163,15 @@ def test_info_tells_the_ratio_that_nobody_gave(moved, tmp_path, run):
     alone = tmp_path / "link.csv"
     formats.write(alone, link)
     assert json.loads(run("info", alone, "--json")[1])["joints"][0]["gear_ratio"] is None
+
+
+@pytest.mark.parametrize(("factor", "ratio", "said"), [(1.0, 101.0, False), (101.0, 101.0, True), (20.0, 160.0, True)])
+def test_a_model_of_the_motor_says_that_the_torque_may_be_that_of_the_link(factor, ratio, said):
+    """All values of a flexible joint were 101 times too large, and converged, without a word."""
+    torque = factor * np.sin(np.arange(0.0, 2.0, 0.002))
+    recording = Recording(np.arange(0.0, 2.0, 0.002), {"torque": torque})
+    found = list(torque_of_link(build("harmonic_drive"), recording, ParameterSettings({"N": ratio})))
+    told = f"{ratio:.4g} times too large (--map torque={1.0 / ratio:.4g}*COLUMN)"
+    assert [told in one.text for one in found] == [True] * said
+    assert not list(torque_of_link(build("rigid_joint"), recording, None))
+    assert not list(torque_of_link(build("harmonic_drive", actuation="current"), recording, None))

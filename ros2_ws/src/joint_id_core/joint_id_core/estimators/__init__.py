@@ -106,7 +106,7 @@ def _fit(
     from joint_id_core.estimators.checked import checked  # loads NumPy, as the next
     from joint_id_core.estimators.no_fit import no_fit
     from joint_id_core.estimators.regression_starts import started
-    from joint_id_core.estimators.seen_ratio import torque_of_motor
+    from joint_id_core.estimators.seen_ratio import torque_of_link, torque_of_motor
     from joint_id_core.estimators.shared.data_check import concerning, noted, refused
     from joint_id_core.estimators.shared.derived_inputs import without_bad_velocities
     from joint_id_core.estimators.shared.held_values import with_held_values
@@ -115,7 +115,8 @@ def _fit(
     found = concerning(model, recording)
     bad = refused(model, estimator.name, found, recording, settings)
     recording, found = without_bad_velocities(model, recording, found)
-    found = (*found, *torque_of_motor(model, recording, settings))
+    for side in (torque_of_motor, torque_of_link):
+        found = (*found, *side(model, recording, settings))
     whole, recording, given = recording, fitted_part(model, recording), settings
     if bad is None and isinstance(estimator, Innovations):
         bad = no_fit(model, estimator.name, recording, settings)

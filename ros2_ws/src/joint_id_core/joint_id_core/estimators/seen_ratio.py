@@ -28,6 +28,7 @@ LEAST = 100  # samples
 TOGETHER = 0.99  # squared correlation of both sides; what the gear twists is no ratio
 SCALE = 0.05  # least relative error that is told: a gear that twists under gravity looks like less
 FAR = 2.0  # factor from which no fit is made
+MOST_NM = 1500.0  # torque at the link that no joint of a cobot has: twice those of the largest
 OFF, SURE = 0.004, 10.0  # the same by `exact_ratio`: relative error, and that in standard deviations
 
 
@@ -75,6 +76,26 @@ def torque_of_motor(model: Model, recording: Recording, settings: ParameterSetti
                 (side,),
             )
             return
+
+
+def torque_of_link(model: Model, recording: Recording, settings: ParameterSettings | None) -> Iterator[Finding]:
+    """Find a torque that is large for a motor, where the model takes it as that of the motor.
+
+    Nothing in the motion tells on which side a torque was measured.
+    """
+    drive, given = model.torque_drive, {} if settings is None else settings.values
+    at_motor = any(n in (*model.state_names, *model.input_names) for n in MOTOR)
+    if drive != "torque" or not at_motor or not recording.measured(drive):
+        return
+    ratio = model.gear_ratio({**model.values(), **given})
+    most = float(np.nanmax(np.abs(recording[drive])))
+    if most * ratio > MOST_NM > most:
+        yield Finding(
+            f"{drive} reaches {most:.3g} Nm and is taken as that of the motor, which is {most * ratio:.3g} Nm behind "
+            f"the gear: if it is that of the link, inertias, frictions and stiffnesses are {ratio:.4g} times too large "
+            f"(--map {drive}={1.0 / ratio:.4g}*COLUMN)",
+            (drive,),
+        )
 
 
 class _Other(NamedTuple):
