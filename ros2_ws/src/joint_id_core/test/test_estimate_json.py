@@ -15,6 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 
 import joint_id_core as jid
+from joint_id_core.data.quantities import with_deviation
 from joint_id_core.estimators.together.fit import together
 from joint_id_core.results.estimate import Checks, ParameterEstimate
 
@@ -236,7 +237,9 @@ def test_an_older_file_stays_where_the_new_one_cannot_be_written(fitted, tmp_pat
 
 
 def test_the_short_forms_say_what_was_found(fitted):
-    assert repr(fitted).startswith("<Estimate rigid_joint by innovations: converged, J=")
+    J = fitted["J"]
+    known = f"J {with_deviation(J.value, J.std_dev)}, "  # no "±1e+01" of a large value
+    assert repr(fitted).startswith(f"<Estimate rigid_joint by innovations: converged, {known}")
     assert len(repr(fitted)) < 200 and "\n" not in repr(fitted)
     assert str(fitted).splitlines()[0] == "rigid_joint by innovations: converged"
     page = fitted._repr_html_()

@@ -14,7 +14,7 @@ from joint_id_core.results.verdict import STRONG_CORRELATION, Verdict
 def one_line(estimate: Estimate) -> str:
     """Return one line: model, status, and the estimated parameters."""
     found = [p for p in estimate.parameters if p.verdict is Verdict.ESTIMATED]
-    values = "".join(f", {p.name}={p.value:.4g}±{p.std_dev:.1g}" for p in found)
+    values = "".join(f", {p.name} {with_deviation(p.value, p.std_dev)}" for p in found)
     return f"<Estimate {estimate.model} by {estimate.estimator}: {estimate.status.value}{values}>"
 
 
