@@ -77,15 +77,14 @@ def _limits(name: str, asked: MotionOptions) -> tuple[str, JointLimits]:
         except JointIdError:
             if asked.limits is None:
                 raise
-    if known is None and asked.limits is None:
+    if known is not None:
+        names = known.names
+    elif asked.limits is not None:
+        names = joints_with_limits(asked.limits, name)
+    else:
         raise JointIdError(
             "no limits are known: name a robot (--robot ur3e), or give a URDF or a file of limits (--limits FILE)"
         )
-    if known is not None:
-        names = known.names
-    else:
-        assert asked.limits is not None
-        names = joints_with_limits(asked.limits, name)
     joint = name + SUFFIX if name not in names and name + SUFFIX in names else name
     if known is not None and joint not in known.names:
         raise JointIdError(

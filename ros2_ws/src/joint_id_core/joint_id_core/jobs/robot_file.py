@@ -34,7 +34,7 @@ def robot_settings(robot: str, joint: str | None, names: Collection[str]) -> Par
     path = path_of(robot)
     parameters = _parameters(path)
     entries = {kind: _entries(parameters[kind], kind, joint) for kind in KINDS}
-    for one in {e.name for kind in KINDS for e in entries[kind]} - set(names):
+    for one in sorted({e.name for kind in KINDS for e in entries[kind]} - set(names)):
         _require_known(path, one)
     values = {e.name: e.value for kind in ("set", "fix") for e in entries[kind] if e.value is not None}
     deviations = {e.name: e.deviation for kind in ("set", "fix") for e in entries[kind] if e.deviation is not None}
