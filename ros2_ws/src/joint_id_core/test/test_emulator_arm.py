@@ -15,8 +15,10 @@ from joint_id_core.models import HarmonicDrive
 from joint_id_core.results.estimate import Verdict
 from joint_id_core.rtde.fields import FIELDS
 from joint_id_core.simulation.excitation import position_reference
+from joint_id_core.simulation.position_control import PositionController
 
 N = 101.0
+ENCODER = 2 * math.pi / 2**19  # rad, a step
 MOVING = (0, 3)
 
 
@@ -76,11 +78,20 @@ def test_targets_are_derivatives_of_each_other(motion):
         np.testing.assert_allclose(middle, motion[rate][1:-1], atol=0.02 * abs(motion[rate]).max())
 
 
-def test_joints_that_do_not_move_rest_exactly(motion):
+def test_joints_that_do_not_move_rest_exactly_and_their_currents_show_the_noise_of_the_sensors(motion):
     rest = [j for j in range(6) if j not in MOVING]
-    for name in ("true_motor_velocity", "true_link_velocity", "true_current"):
+    for name in ("true_motor_velocity", "true_link_velocity"):
         np.testing.assert_array_equal(motion[name][:, rest], 0.0)
     np.testing.assert_array_equal(motion["true_link_position"][:, rest], np.tile(np.array(HOME)[rest], (3000, 1)))
+    drives, control = build_joints("ur3e"), PositionController()
+    for j in rest:
+        position, velocity = math.hypot(2.0e-5, ENCODER / math.sqrt(12)), 1.5e-3
+        std = drives[j].size * math.hypot(control.k_p * position, control.k_d * velocity) / drives[j].values["k_t"]
+        current = motion["true_current"][:, j]
+        assert current.std() == pytest.approx(std, rel=0.06)
+        # Home is not on a step of the encoder: half a step is the most it shows all the time.
+        offset = drives[j].size * control.k_p * 0.5 * ENCODER / drives[j].values["k_t"]
+        assert abs(current.mean()) < offset + 4 * std / math.sqrt(3000)
 
 
 def test_actual_qd_is_the_motor_side_behind_the_gear(motion):
@@ -99,10 +110,10 @@ def test_actual_qd_is_the_motor_side_behind_the_gear(motion):
 @pytest.mark.parametrize(
     ("shown", "true", "scale", "std"),
     [
-        ("actual_q", "true_link_position", 1.0, math.hypot(2.0e-5, 2 * math.pi / 2**19 / math.sqrt(12))),
+        ("actual_q", "true_link_position", 1.0, math.hypot(2.0e-5, ENCODER / math.sqrt(12))),
         ("actual_qd", "true_motor_velocity", 1 / N, 1.5e-3),
         ("actual_current", "true_current", 1.0, 0.010),
-        ("motor_position", "true_motor_position", 1.0, math.hypot(2.0e-5, 2 * math.pi / 2**19 / math.sqrt(12))),
+        ("motor_position", "true_motor_position", 1.0, math.hypot(2.0e-5, ENCODER / math.sqrt(12))),
     ],
 )
 def test_noise_is_white_and_as_large_as_stated(motion, shown, true, scale, std):
@@ -116,7 +127,7 @@ def test_noise_is_white_and_as_large_as_stated(motion, shown, true, scale, std):
 
 
 def test_encoders_have_a_resolution_and_velocities_have_none(motion):
-    steps = motion["actual_q"] / (2 * math.pi / 2**19)
+    steps = motion["actual_q"] / ENCODER
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
     assert len(np.unique(motion["actual_qd"][:, 1])) == 3000
 

@@ -67,7 +67,9 @@ def test_at_rest_the_currents_hold_the_arm_and_nothing_moves():
     np.testing.assert_array_equal(shown["speed"], 0.0)
     gravity = moving_arm.inverse(STILL)[0]
     assert abs(gravity).max() > 15.0
-    np.testing.assert_allclose(shown["current"][-1] * VALUES["k_t"] * RATIO, gravity, atol=1e-9)
+    # The controllers see the noise of the sensors, 17 mA of current: 0.17 Nm at the link, 0.008 in the mean of a second.
+    held = shown["current"] * VALUES["k_t"] * RATIO
+    assert np.all(abs(held.mean(axis=0) - gravity) < 4 * held.std(axis=0) / np.sqrt(500) + 0.01)
     assert (shown["actual_current"] - shown["current"]).std() == pytest.approx(0.01, rel=0.1)
     # The gears are twisted by it.
     twist = (shown["motor"] / RATIO - shown["actual_q"]).mean(axis=0)
@@ -98,7 +100,9 @@ def test_power_and_stops_leave_the_arm_where_it_is():
     assert abs(on["current"]).max() < 1.5 * abs(before["current"]).max() + 1.0
     controller.protective_stop(True)
     held = run(controller, 1.0)
-    assert abs(held["speed"][300:]).max() < 1e-4
+    # Rotors that friction just holds are shaken by the noise that their controllers see, and give way a little.
+    places = held["actual_q"][300:].reshape(4, 50, 6).mean(axis=1)
+    assert np.ptp(places, axis=0).max() < 1e-4 and abs(held["speed"][300:]).max() < 2e-3
     assert abs(held["current"][-1, 1]) > 0.5  # the shoulder holds the arm
 
 

@@ -39,7 +39,7 @@ def motion():
     joints = build_joints("ur3e")[3:5]
     arm, rows = Arm(joints, range(2), 0.3), []
     for _ in range(round(SECONDS / TICK_S)):
-        arm.decide()
+        arm.decide(arm.joints.link_position, arm.joints.motor_velocity)
         rows.append([arm.joints.link_position, arm.joints.motor_velocity, arm.current])
         arm.advance(go=True)
     return joints, np.array(rows)

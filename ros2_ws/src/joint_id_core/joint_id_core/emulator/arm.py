@@ -177,13 +177,16 @@ class Arm:
         """Brakes off, motors on: the joints start at their present positions and return to the path."""
         self.braked = False
 
-    def decide(self) -> None:
-        """Set the currents of this tick."""
+    def decide(self, link_position: Array, motor_velocity: Array) -> None:
+        """Set the currents of this tick by what the sensors show, in rad and rad/s of link and motor.
+
+        A controller that knew the true state would tell of it by its currents: see `ControlledJoint`.
+        """
         if self.braked:
             return
-        reference, joints = self.reference, self.joints
+        reference = self.reference
         known = np.zeros(len(self._control)) if self._links is None else self.target_moment / self._ratio
-        rows = (known, joints.link_position, joints.motor_velocity / self._ratio)
+        rows = (known, link_position, motor_velocity / self._ratio)
         seen = zip(reference.q, reference.qd, *(row.tolist() for row in rows), strict=True)
         drives = zip(self._control, self._k_t.tolist(), seen, strict=True)
         self.current = [

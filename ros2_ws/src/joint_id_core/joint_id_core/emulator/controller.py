@@ -83,6 +83,7 @@ class Controller:
         self._std = np.array([[s.noise[row] for s in sensors] for row in rows])
         self._step = np.array([[s.quantum[row] for s in sensors] for row in rows[:2]])
         self._noise = np.empty((0, len(rows) + 1, JOINTS))
+        self._errors, self._shown = np.zeros((len(rows) + 1, JOINTS)), np.zeros((3, JOINTS))
         self.values: dict[str, Value | Sequence[float]] = {}
         for f in FIELDS.values():
             count = TYPES[f.type][1]
@@ -131,8 +132,17 @@ class Controller:
         return self.arm.follow(trajectory, self._limits)
 
     def tick(self) -> None:
-        """Set the currents of this tick; `values` is updated only by `report`."""
-        self.arm.decide()
+        """Read the sensors and set the currents of this tick; `values` is updated only by `report`."""
+        if not len(self._noise):
+            self._noise = self._rng.standard_normal((_NOISE_BLOCK, *self._noise.shape[1:]))
+        self._errors, self._noise = self._noise[0], self._noise[1:]
+        if self.arm.braked:  # the electronics of the joints are off: the last positions remain
+            self._errors = np.zeros_like(self._errors)
+        joints = self.arm.joints
+        self._shown = np.array((joints.link_position, joints.motor_position, joints.motor_velocity))
+        self._shown += self._errors[:3] * self._std[:3]
+        self._shown[:2] = np.round(self._shown[:2] / self._step) * self._step
+        self.arm.decide(self._shown[0], self._shown[2])
 
     def advance(self) -> None:
         """Advance to the next tick.
@@ -157,7 +167,7 @@ class Controller:
         self._temperature += (heat - cooling) * (TICK_S / _HEAT_CAPACITY) / self._size
 
     def report(self) -> None:
-        """Read the sensors and update `values`; call it between `tick` and `advance`."""
+        """Update `values`; call it between `tick` and `advance`."""
         arm, values = self.arm, self.values
         values["timestamp"] = self.ticks * TICK_S + self.clock_offset
         values["target_q"], values["target_qd"], values["target_qdd"] = (
@@ -170,16 +180,11 @@ class Controller:
         values["joint_temperatures"] = self._temperature.tolist()
         values["speed_scaling"] = arm.reference.pace
         self._report_modes()
-        if not len(self._noise):
-            self._noise = self._rng.standard_normal((_NOISE_BLOCK, *self._noise.shape[1:]))
-        noise, self._noise = self._noise[0], self._noise[1:]
-        joints = arm.joints
-        shown = np.array((joints.link_position, joints.motor_position, joints.motor_velocity, arm.current))
-        rail = _RAIL - _RAIL_DROP * abs(shown[3]) + _RAIL_NOISE * noise[4]
-        if arm.braked:  # the electronics of the joints are off: the last positions remain
-            noise, rail = np.zeros_like(noise), np.zeros(JOINTS)
-        shown += noise[:4] * self._std
-        shown[:2] = np.round(shown[:2] / self._step) * self._step
+        current = np.array(arm.current)
+        rail = _RAIL - _RAIL_DROP * abs(current) + _RAIL_NOISE * self._errors[4]
+        if arm.braked:
+            rail = np.zeros(JOINTS)
+        shown = np.vstack((self._shown, current + self._errors[3] * self._std[3]))
         values["actual_qd"] = (shown[2] / self._ratio).tolist()
         values["actual_current_as_torque"] = (shown[3] * self._k_t * self._ratio).tolist()
         values["actual_joint_voltage"] = rail.tolist()
