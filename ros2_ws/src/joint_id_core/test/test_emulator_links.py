@@ -67,7 +67,7 @@ def test_at_rest_the_currents_hold_the_arm_and_nothing_moves():
     np.testing.assert_array_equal(shown["speed"], 0.0)
     gravity = moving_arm.inverse(STILL)[0]
     assert abs(gravity).max() > 15.0
-    # The controllers see the noise of the sensors, 17 mA of current: 0.17 Nm at the link, 0.008 in the mean of a second.
+    # The controllers see the noise of the sensors, 17 mA: 0.17 Nm at the link, in a second's mean 0.008.
     held = shown["current"] * VALUES["k_t"] * RATIO
     assert np.all(abs(held.mean(axis=0) - gravity) < 4 * held.std(axis=0) / np.sqrt(500) + 0.01)
     assert (shown["actual_current"] - shown["current"]).std() == pytest.approx(0.01, rel=0.1)
