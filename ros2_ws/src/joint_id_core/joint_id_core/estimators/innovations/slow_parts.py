@@ -31,9 +31,9 @@ TESTED, SLOW = (0.01, 0.02, 0.04), (0.01, 0.01 / 3.0)
 # something is lacking, and this tells what it does.
 SIGNIFICANT, COLOURED = 5.0, 2.5
 # A recorded motion that is an input has noise, which is in the weights and which the filter remembers for some samples:
-# weights are older than the residuals by that many, and tell less. Of 52 right fits the largest was 3.7.
-OLDER_OF_INPUT = 20
-OF_INPUT, COLOURED_OF_INPUT = 4.0, 3.0
+# weights are older than the residuals by that many, and tell less. Of 62 right fits the largest was 4.2.
+OLDER_OF_INPUT = 30
+OF_INPUT, COLOURED_OF_INPUT = 4.5, 3.0
 # Standard deviation of a stiffness, over its value, from which more than slow motion tells is a guess; and that where
 # the motion of the link is recorded. Of a UR3e's shoulder it is 0.3 to 0.4, and the halves of a log agree within 4 %.
 UNSURE, UNSURE_OF_INPUT = 0.25, 0.5
