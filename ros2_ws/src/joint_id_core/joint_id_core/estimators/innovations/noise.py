@@ -21,6 +21,7 @@ from joint_id_core.estimators.shared.initial_state import credible_noise, input_
 LARGEST_CHANGE = 20.0  # factor of a variance in one step: the information matrix holds only near the present levels
 RIDGE = 1e-3  # information added on the logarithm of each level, so that a level without information does not move
 UNKNOWN = 1.0  # standard deviation of the logarithm of a level that the data do not show
+POSITION = (1.1 / 2.0) ** 2  # largest noise variance of a recorded position over that which is credible
 SHOWN = 5.0  # information on the logarithm of a level above which the fit depends on this level
 
 
@@ -29,8 +30,9 @@ class NoiseLevels:
     """Bounds of the noise variances of labels and inputs, each of shape (labels + inputs,).
 
     Lower bounds are the resolution of a label, and 1e-6 of the typical size of an input. The upper bound of a measured
-    motion is the noise that the signal itself shows. The noise of a drive has no such upper bound: it stands for all
-    errors of the torque, those of the model included.
+    motion is the noise that the signal itself shows. A position that is an input may have hardly more than that: with
+    twice as much, an inertia 1.4 times too large was as likely. The noise of a drive has no such upper bound: it stands
+    for all errors of the torque, those of the model included.
     """
 
     data: FitData
@@ -50,7 +52,9 @@ class NoiseLevels:
         for signal, values in zip(data.model.inputs, data.u.T, strict=True):
             least, most = (1e-6 * signal.scale) ** 2, (1e3 * signal.scale) ** 2
             if signal.hold == "first":
-                most = max(least, float(credible_noise(values[None], np.ptp(values)[None])[1, 0]))
+                most = float(credible_noise(values[None], np.ptp(values)[None])[1, 0])
+                # a velocity may have been computed: behind a filter it does not show all of its noise
+                most = max(least, most * POSITION if signal.name.endswith("_position") else most)
             drives.append((least, most))
         lower, upper = np.ascontiguousarray(np.concatenate([bounds, np.array(drives).T], axis=1))
         return cls(data, lower, upper)
