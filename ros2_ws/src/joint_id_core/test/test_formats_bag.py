@@ -14,8 +14,10 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from joint_id_core import formats
 from joint_id_core.data.recording import Recording
 from joint_id_core.errors import JointIdError
+from joint_id_core.formats import bag_reader
 from joint_id_core.formats.definitions import DEFINITIONS, typestore
 from joint_id_core.formats.topics import MEASURED_BITS
+from joint_id_core.jobs.given import Part
 
 from .bag_parts import RAW, STORAGES, data_file, recording
 
@@ -196,3 +198,16 @@ def test_nothing_is_overwritten(tmp_path):
     with pytest.raises(JointIdError, match="bag exists already: remove it or choose another name"):
         formats.write_bag(tmp_path / "bag", {"j": recording()})
     assert data_file(tmp_path / "bag").read_bytes() == before
+
+
+def test_several_joints_are_read_in_one_pass_as_each_by_itself(tmp_path, monkeypatch):
+    """A bag of an arm was read once for each of its joints."""
+    formats.write_bag(tmp_path / "bag", {name: recording(seed=seed) for seed, name in enumerate("abc")})
+    part, names = Part({}, 0.03, None), ("c", "a")
+    alone = {name: part.read(tmp_path / "bag", name) for name in names}
+    passes, opened = [], bag_reader.opened
+    monkeypatch.setattr(bag_reader, "opened", lambda path: (passes.append(path), opened(path))[1])
+    together = part.read_joints(tmp_path / "bag", names)
+    assert len(passes) == 1 and tuple(together) == names
+    for name in names:
+        assert_same(together[name], alone[name])

@@ -80,7 +80,8 @@ def read(file: Path, part: Part, description: Description) -> dict[str, Recordin
             "(--still), if as many are left, numbered joints are these in their order; else give the same joints the "
             "same names in a copy of the description, or record all"
         )
-    return {name: replace(part.read(file, own), joint=name) for own, name in found.items() if name in known}
+    there = {own: name for own, name in found.items() if name in known}
+    return {there[own]: replace(one, joint=there[own]) for own, one in part.read_joints(file, there).items()}
 
 
 def _drive(robot: str | None, joint: str) -> Drive:

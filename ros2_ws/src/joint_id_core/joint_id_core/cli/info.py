@@ -24,12 +24,14 @@ def info(
     """Show joints, channels, rate, gaps and missing values of a recording, and what is doubtful about it."""
     from joint_id_core import formats
     from joint_id_core.formats.mapping import listed
+    from joint_id_core.jobs.given import Part
 
     mapping = texts_by_name(map_ or (), "--map")
     found = formats.joints(file, mapping)
-    names: tuple[str | None, ...] = (joint,) if joint else (found or (None,))
+    names = (joint,) if joint else found
     contents = formats.contents(file)
-    recordings = [formats.read(file, name, mapping) for name in names]
+    part = Part(mapping, None, None)
+    recordings = list(part.read_joints(file, names).values()) if names else [part.read(file, None)]
     described = [_describe(recording) | {"findings": doubts(recording, recordings)} for recording in recordings]
     unknown = formats.unread(file, mapping)
     if json:
