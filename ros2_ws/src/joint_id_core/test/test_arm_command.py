@@ -63,6 +63,7 @@ def test_every_joint_and_several_bags(run):
         near(row["parameters"], row["joint"])
 
 
+@pytest.mark.long
 def test_another_recording_that_must_be_predicted_has_its_load(run):
     words = ("fit", "moves", "--joint", "lift", "--model", "rigid_joint", "--validate", "again")
     code, out, err = run(*words, "--urdf", "arm.urdf")
@@ -81,6 +82,7 @@ def test_a_base_that_is_mounted_otherwise_is_named(run):
         assert abs(rows[name]["value"] - truth) < 4.0 * rows[name]["std_dev"]
 
 
+@pytest.mark.long
 def test_a_report_names_the_description(run):
     code, out, err = run("report", "moves", "--urdf", "arm.urdf", "--joint", "lift", "-o", "lift.html")
     assert code == 0, out + err

@@ -14,6 +14,7 @@ from joint_id_core.results.verdict import Verdict
 
 from . import moving_arm
 from .moving_arm import COULOMB, JOINTS, ROTOR, URDF, VISCOUS
+from .quick import first_quick
 from .test_arm_links import wrong
 
 pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
@@ -48,7 +49,7 @@ def records():
     return [moving_arm.rigid(15.0, seed) for seed in (0, 1)], moving_arm.rigid(8.0, 9)
 
 
-@pytest.fixture(scope="module", params=BASES)
+@pytest.fixture(scope="module", params=first_quick(BASES))
 def written(request, records, tmp_path_factory) -> tuple[Path, ArmEstimate, Description]:
     assert BASES[request.param] != URDF
     folder = tmp_path_factory.mktemp("arm")

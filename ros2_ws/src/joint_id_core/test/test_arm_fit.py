@@ -11,6 +11,7 @@ from joint_id_core.results.verdict import Verdict
 
 from . import moving_arm
 from .moving_arm import CARRYING, CENTRE, COULOMB, JOINTS, MASS, ROTOR, URDF, VISCOUS
+from .quick import first_quick
 
 pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
 pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
@@ -67,7 +68,8 @@ def test_a_column_that_only_rounding_makes_is_no_parameter():
     assert np.linalg.norm(rows, axis=(0, 1)).min() > 1e-3
 
 
-@pytest.mark.parametrize("name", ["lift", "roll", "spin"])
+@pytest.mark.long
+@pytest.mark.parametrize("name", first_quick(["lift", "roll", "spin"]))
 def test_a_drive_with_the_other_sign_is_named(name):
     """It spoils the torques of joints before it, whose names alone would mislead; of the last one masses take it up."""
     motion = dict(moving_arm.rigid(SECONDS, 1))
@@ -76,6 +78,7 @@ def test_a_drive_with_the_other_sign_is_named(name):
     assert not found.converged and f"the torque of {name} seems to have the other sign" in found.message
 
 
+@pytest.mark.long
 def test_friction_and_rotors_are_found_with_honest_intervals():
     z = np.array([off(fitted(seed)) for seed in range(10)])
     assert np.abs(z).max() < 4.5
@@ -117,6 +120,7 @@ def test_a_joint_that_rests_has_no_value():
     assert not np.isfinite(spin.r_squared) and " - " in str(found)
 
 
+@pytest.mark.long
 def test_a_torque_that_is_another_quantity_is_a_poor_fit():
     wrong = moving_arm.rigid(SECONDS, 0)
     record = wrong["bend"]
@@ -183,6 +187,7 @@ def test_doubts_are_about_what_is_used():
     assert not found.doubts
 
 
+@pytest.mark.long
 def test_a_joint_that_moves_and_is_fixed_in_the_description_is_told():
     fixed = Description(URDF.replace('name="spin" type="continuous"', 'name="spin" type="fixed"'), "fixed.urdf")
     assert fixed.fixed == ("spin", "flange")
@@ -196,7 +201,7 @@ def test_a_joint_that_moves_and_is_fixed_in_the_description_is_told():
 # --- a joint that stands
 
 
-@pytest.mark.parametrize("standing", [("bend",), ("lift", "bend")])
+@pytest.mark.parametrize("standing", first_quick([(("bend",),), (("lift", "bend"),)]))
 def test_a_joint_that_stands_leaves_the_others_right(standing):
     """Its encoder has noise, and the torques of neighbours with parallel axes go together."""
     record = moving_arm.rigid(SECONDS, 1, standing=standing, noise=1e-4)
@@ -228,6 +233,7 @@ def test_a_motion_of_one_joint_tells_of_no_other():
     assert not found.by_load.value > 0.5  # of a joint that hardly bears a load
 
 
+@pytest.mark.long
 def test_what_it_does_not_show_is_not_predicted():
     """What moves later is not known; the fit does not say otherwise."""
     found = fit_arm(ARM, [moving_arm.rigid(SECONDS, 1)], GAINS, moving_arm.rigid(SECONDS, 2))
@@ -265,6 +271,7 @@ def test_a_payload_is_weighed():
     assert "payload on plate: 2.5" in str(found)
 
 
+@pytest.mark.long
 def test_without_a_payload_there_is_none():
     found = fit_arm(ARM, [moving_arm.rigid(SECONDS, 0)], GAINS, payload=[moving_arm.rigid(SECONDS, 2)])
     assert found.payload is not None and abs(found.payload.mass) < 4.0 * found.payload.mass_std_dev
@@ -285,6 +292,7 @@ def test_a_mass_that_was_weighed_gives_the_torque_constants():
     assert found.joints[1].damping.std_dev >= least * found.joints[1].damping.value
 
 
+@pytest.mark.long
 def test_the_torque_constant_of_a_joint_that_stands_is_not_known():
     records = [moving_arm.rigid(SECONDS, k, urdf, standing=("bend",)) for k, urdf in ((0, URDF), (2, CARRYING))]
     found = fit_arm(ARM, records[:1], GAINS, payload=records[1:], mass=MASS)
@@ -294,6 +302,7 @@ def test_the_torque_constant_of_a_joint_that_stands_is_not_known():
     assert abs(lift.value - 1.0) < 4.0 * lift.std_dev < 0.2
 
 
+@pytest.mark.long
 def test_combinations_are_no_better_known_than_the_torque_constants():
     free, carrying = moving_arm.rigid(SECONDS, 0), moving_arm.rigid(SECONDS, 2, CARRYING)
     found = fit_arm(ARM, [free], GAINS, payload=[carrying], mass=MASS)

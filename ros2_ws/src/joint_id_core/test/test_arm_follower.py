@@ -194,6 +194,7 @@ def test_friction_of_all_joints_that_rises_together_is_followed_and_told():
     np.testing.assert_allclose(follower.belief.values[places], 1.3 * np.r_[VISCOUS, COULOMB], rtol=0.03)
 
 
+@pytest.mark.long
 def test_a_push_from_outside_is_no_payload_and_is_not_learnt():
     arm = moving_arm.rigid(LEARN + AFTER, 4)
     time = arm["lift"].time
@@ -220,6 +221,7 @@ def test_what_stays_unexplained_is_learnt_anew():
     assert lost and "payload" not in follower.changes
 
 
+@pytest.mark.long
 def test_a_rest_changes_nothing():
     arm = moving_arm.rigid(LEARN, 0)
     known = followed(arm).belief
@@ -284,6 +286,7 @@ def test_positions_that_jump_by_a_turn_are_the_same_motion():
         np.testing.assert_allclose(a.columns[a.used], b.columns[b.used], atol=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("noise", first_quick([1e-5, 1e-4]))
 def test_what_a_standing_joint_left_open_is_not_known_when_it_moves(noise):
     """It stood while the arm was learnt, and its neighbours' torques went together."""

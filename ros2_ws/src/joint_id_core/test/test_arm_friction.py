@@ -11,6 +11,7 @@ from joint_id_core.results.verdict import Verdict
 
 from . import moving_arm
 from .moving_arm import CARRYING, COULOMB, JOINTS, MASS, URDF, VISCOUS
+from .quick import first_quick
 
 pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
 pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
@@ -61,7 +62,8 @@ def test_such_friction_is_predicted_by_its_law_only(bent):
     assert min(j.held_out for j in bent.joints) > 0.9985
 
 
-@pytest.mark.parametrize("falls", [0.0, 3.0], ids=["straight", "bent"])
+@pytest.mark.long
+@pytest.mark.parametrize("falls", first_quick([0.0, 3.0]), ids=["straight", "bent"])
 def test_a_motion_too_slow_to_tell_a_bend_from_a_line_has_both_in_its_intervals(falls):
     """Friction that turns sharply was taken for a bend: 0.46 +- 0.10 Nm in place of 1 Nm below 0.2 rad/s."""
     found = fit_arm(ARM, [moving_arm.rigid(40.0, 2, falls=falls, share=SLOW)], GAINS)
@@ -86,6 +88,7 @@ def test_the_bend_is_what_a_stribeck_curve_has_beside_a_line():
     assert bend(np.zeros(1)) == 0.0
 
 
+@pytest.mark.long
 def test_torque_constants_come_out_right_with_friction_that_grows_with_the_load():
     wrong = np.array([1.25, 0.8, 1.1, 0.9, 1.3, 0.7])
     assumed = {name: {"torque": float(w)} for name, w in zip(JOINTS, wrong, strict=True)}
@@ -132,6 +135,7 @@ def test_drift_is_found_as_far_as_it_is_there(change):
     assert np.all(np.abs(mean - change) < 0.006 + 0.25 * change)
 
 
+@pytest.mark.long
 def test_friction_that_drifts_has_wider_intervals():
     steady, changing = (fit_arm(ARM, [drifting(moving_arm.rigid(40.0, 2), change)], GAINS) for change in (0.0, 0.08))
     wider = [b.friction.std_dev / a.friction.std_dev for a, b in zip(steady.joints, changing.joints, strict=True)]
@@ -171,6 +175,7 @@ def test_without_rests_the_band_is_friction_at_standstill_and_this_is_said():
         assert j.rest.held > 0.85
 
 
+@pytest.mark.long
 def test_a_rest_that_another_torque_holds_is_out_of_the_band():
     pushed = moving_arm.point_to_point(4, 5)
     lift = pushed["lift"]

@@ -15,6 +15,7 @@ from joint_id_core.results.verdict import Verdict
 
 from . import moving_arm
 from .moving_arm import CARRYING, CENTRE, COULOMB, DOWN, JOINTS, MASS, ROTOR, URDF, VISCOUS
+from .quick import first_quick
 
 pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
 pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
@@ -66,12 +67,15 @@ def test_a_joint_that_has_not_moved_says_so():
     assert all(found[name].converged for name in JOINTS if name != "bend")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("late", "gravity", "text"),
-    [
-        (0.005, DOWN, r"torques seem to be (4\.[5-9]|5\.?[0-5]?) ms late"),
-        (0.0, LEANING, r"turned by -2\.[7-9] degrees"),
-    ],
+    first_quick(
+        [
+            (0.005, DOWN, r"torques seem to be (4\.[5-9]|5\.?[0-5]?) ms late"),
+            (0.0, LEANING, r"turned by -2\.[7-9] degrees"),
+        ]
+    ),
     ids=["late torques", "a base that leans"],
 )
 def test_faults_of_the_samples_are_named_and_in_the_intervals(late, gravity, text):
@@ -82,6 +86,7 @@ def test_faults_of_the_samples_are_named_and_in_the_intervals(late, gravity, tex
     holds(follower)
 
 
+@pytest.mark.long
 def test_a_spring_is_in_the_intervals_at_any_time():
     """Between two fits of all motion, the offset of the lift was 3.8 standard deviations off."""
     arm = moving_arm.rigid(1.6 * LEARN, 2)
@@ -93,7 +98,7 @@ def test_a_spring_is_in_the_intervals_at_any_time():
             holds(follower, 3.0)
 
 
-@pytest.mark.parametrize(("factor", "text"), [(1.2, "large"), (0.8, "small")])
+@pytest.mark.parametrize(("factor", "text"), first_quick([(1.2, "large"), (0.8, "small")]))
 def test_a_torque_constant_that_is_off_is_named_and_in_the_intervals(factor, text):
     """All joints bear the same links: the offset of the bend was 26 standard deviations off, without a word."""
     arm = moving_arm.rigid(2.0 * LEARN, 2)
@@ -103,6 +108,7 @@ def test_a_torque_constant_that_is_off_is_named_and_in_the_intervals(factor, tex
     holds(follower)
 
 
+@pytest.mark.long
 def test_a_payload_beside_a_base_that_leans_is_in_its_intervals():
     """It was 2.45 +- 0.013 kg where 2.5 is right, and offsets were 6 standard deviations off: the arm leant with it."""
     seconds, since = 2.0 * LEARN, 1.2 * LEARN
@@ -124,6 +130,7 @@ def test_a_payload_beside_a_base_that_leans_is_in_its_intervals():
     assert weighed > 10
 
 
+@pytest.mark.long
 def test_a_motion_too_slow_to_tell_a_bend_from_a_line_has_both_in_its_intervals():
     found = told(moving_arm.rigid(2.0 * LEARN, 2, share=0.05))
     for name, *values in zip(JOINTS, VISCOUS, COULOMB, strict=True):
@@ -136,13 +143,14 @@ def test_nothing_is_told_of_samples_without_a_fault():
     assert all(found.converged and "learnt" not in found.message for found in told(moving_arm.rigid(LEARN, 1)).values())
 
 
+@pytest.mark.long
 def test_a_torque_with_the_other_sign_is_no_good_fit():
     arm = moving_arm.rigid(LEARN, 2)
     found = told({**arm, "spin": arm["spin"].with_channels({"torque": -arm["spin"]["torque"]})})
     assert found["spin"].status is Status.POOR_FIT and "the other sign" in found["spin"].message
 
 
-@pytest.mark.parametrize("seed", [2, 21])
+@pytest.mark.parametrize("seed", first_quick([2, 21]))
 def test_a_torque_with_the_other_sign_makes_the_fit_of_no_joint_good(seed):
     """All joints bear the same masses: the neighbours of an elbow stayed `converged`, up to 46 sigma off."""
     arm = moving_arm.rigid(LEARN, seed)
@@ -151,6 +159,7 @@ def test_a_torque_with_the_other_sign_makes_the_fit_of_no_joint_good(seed):
         assert found[name].status is Status.POOR_FIT and "torque of bend seems" in found[name].message, found[name]
 
 
+@pytest.mark.long
 def test_an_axis_that_points_the_other_way_is_named_and_makes_the_fit_of_no_joint_good():
     arm = moving_arm.rigid(LEARN, 2)
     turned = {channel: -arm["bend"][channel] for channel in ("link_position", "torque")}
@@ -159,6 +168,7 @@ def test_an_axis_that_points_the_other_way_is_named_and_makes_the_fit_of_no_join
         assert one.status is Status.POOR_FIT and "axis of bend seems to point the other way" in one.message, one
 
 
+@pytest.mark.long
 def test_torques_that_no_bodies_have_are_no_good_fit_of_any_joint():
     """As of a load that pushes upwards."""
     arm, carrying = moving_arm.rigid(LEARN, 2), moving_arm.rigid(LEARN, 2, CARRYING)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from . import moving_arm
 from .moving_arm import JOINTS, ROTOR, URDF
+from .quick import first_quick
 
 pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
 pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
@@ -51,7 +52,7 @@ def records():
     return [moving_arm.rigid(15.0, seed) for seed in (0, 1)]
 
 
-@pytest.fixture(scope="module", params=range(3))
+@pytest.fixture(scope="module", params=first_quick(range(3)))
 def fitted(request, records) -> ArmEstimate:
     return fit_arm(Description(wrong(request.param)), records, GAINS)
 
@@ -117,6 +118,7 @@ def test_a_description_that_is_right_is_kept(records):
         assert abs(link.found.mass / link.described.mass - 1.0) < 0.01 and link.moved < 1e-3
 
 
+@pytest.mark.long
 def test_placeholders_do_not_keep_torques_from_being_right(records):
     same = '<origin xyz="0 0 0" rpy="0 0 0"/><mass value="1"/>\n<inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" '
     text = re.sub(r"(?s)<origin [^>]*0.3\"/><mass [^>]*/>\s*<inertia [^>]*>", f'{same}ixz="0" iyz="0"/>', URDF)

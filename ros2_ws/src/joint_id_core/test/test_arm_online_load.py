@@ -36,6 +36,7 @@ from joint_id_core.arm.online_load import OnlineLoad, with_unknown_load
 from joint_id_core.arm.typical_inertia import typical_inertia
 
 from .arm_stream import as_recordings, batches, passed
+from .quick import first_quick
 
 RIGID, FLEXIBLE = build("rigid_joint"), build("harmonic_drive")
 MAX_GAP = 5.0
@@ -52,7 +53,7 @@ def online(rigid) -> dict[str, Recording]:
     return as_recordings(passed(OnlineLoad(Description(URDF), MAX_GAP), batches(rigid)))
 
 
-@pytest.mark.parametrize("name", JOINTS)
+@pytest.mark.parametrize("name", first_quick(JOINTS, 2))
 def test_it_is_the_load_of_the_whole_recording(rigid, online, name):
     """But for what the cut of the backward pass leaves out; near its end the whole recording is less accurate."""
     whole, stream = loaded(Description(URDF), name, [rigid]).recordings[0], online[name]
@@ -139,7 +140,7 @@ def test_a_joint_that_drives_another_one_has_no_load(rigid):
     assert np.isfinite(found["lift"]["external_torque"]).any()
 
 
-@pytest.mark.parametrize("shift_s", [-3600.0, 3600.0, 2e5])
+@pytest.mark.parametrize("shift_s", first_quick([-3600.0, 3600.0, 2e5]))
 def test_a_new_run_begins_anew(rigid, shift_s):
     load, parts = OnlineLoad(Description(URDF), MAX_GAP), list(batches(rigid))[:300]
     shifted = [p._replace(instants_ns=[ns + round(1e9 * shift_s) for ns in p.instants_ns]) for p in parts]

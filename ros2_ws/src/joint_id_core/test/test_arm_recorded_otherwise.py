@@ -13,6 +13,7 @@ from joint_id_core.errors import JointIdError
 
 from . import moving_arm
 from .moving_arm import JOINTS, URDF
+from .quick import first_quick
 
 pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
 pytest.importorskip("mujoco", reason="the arm of these tests is one of MuJoCo")
@@ -54,9 +55,7 @@ def told(arm: Arm) -> str:
     return recorded_otherwise(ARM, REGRESSOR, [unchecked(REGRESSOR, arm, GAINS, "arm.urdf")], KNOWN)
 
 
-@pytest.mark.parametrize(
-    "seed", [1, 2, pytest.param(3, marks=pytest.mark.long), pytest.param(4, marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("seed", first_quick([1, 2, 3, 4]))
 def test_nothing_is_told_of_an_arm_that_was_recorded_as_it_moves(seed):
     assert not told(moving_arm.rigid(SECONDS, seed))
 
@@ -72,11 +71,13 @@ def test_masses_that_a_description_has_wrong_are_no_fault_of_the_recording(arm):
 
 @pytest.mark.parametrize(
     ("channels", "text"),
-    [
-        ((TORQUE,), "the torques of {} and {} seem to be exchanged"),
-        ((POSITION,), "the positions of {} and {} seem to be exchanged"),
-        ((POSITION, TORQUE), "{} and {} seem to be exchanged, with positions and torques"),
-    ],
+    first_quick(
+        [
+            ((TORQUE,), "the torques of {} and {} seem to be exchanged"),
+            ((POSITION,), "the positions of {} and {} seem to be exchanged"),
+            ((POSITION, TORQUE), "{} and {} seem to be exchanged, with positions and torques"),
+        ]
+    ),
     ids=["torques", "positions", "both"],
 )
 @pytest.mark.parametrize(
@@ -95,8 +96,7 @@ def test_joints_that_are_exchanged_are_named(arm, pair, channels, text):
     ("joint", "factor"),
     [
         ("lift", 0.5),
-        ("bend", 1000.0),
-        *(pytest.param(*one, marks=pytest.mark.long) for one in (("turn", 2.0), ("tilt", 10.0))),
+        *(pytest.param(*one, marks=pytest.mark.long) for one in (("bend", 1000.0), ("turn", 2.0), ("tilt", 10.0))),
     ],
 )
 def test_a_torque_in_another_unit_is_named_with_its_factor(arm, joint, factor):
@@ -106,6 +106,7 @@ def test_a_torque_in_another_unit_is_named_with_its_factor(arm, joint, factor):
     assert float(size[1]) == pytest.approx(max(factor, 1.0 / factor), rel=0.1)
 
 
+@pytest.mark.long
 def test_torques_of_all_joints_in_another_unit_are_named(arm):
     """The masses of the description tell their size, roughly."""
     milli = dict(arm)
@@ -119,11 +120,13 @@ def test_torques_of_all_joints_in_another_unit_are_named(arm):
 @pytest.mark.parametrize("joint", [pytest.param("turn", marks=pytest.mark.long), "bend"])
 @pytest.mark.parametrize(
     ("channels", "text"),
-    [
-        ((TORQUE,), "the torque of {} seems to have the other sign"),
-        ((POSITION,), "the position of {} seems to have the other sign"),
-        ((POSITION, TORQUE), "the axis of {} seems to point the other way"),
-    ],
+    first_quick(
+        [
+            ((TORQUE,), "the torque of {} seems to have the other sign"),
+            ((POSITION,), "the position of {} seems to have the other sign"),
+            ((POSITION, TORQUE), "the axis of {} seems to point the other way"),
+        ],
+    ),
     ids=["torque", "position", "both"],
 )
 def test_a_sign_is_that_of_the_torque_of_the_position_or_of_both(arm, joint, channels, text):
@@ -137,9 +140,7 @@ def test_a_position_in_degrees_is_named(arm, joint):
     assert told(changed(arm, joint, POSITION, 180.0 / np.pi)) == f"the position of {joint} seems to be in degrees"
 
 
-@pytest.mark.parametrize(
-    ("joint", "degrees"), [("lift", 30.0), pytest.param("bend", 90.0, marks=pytest.mark.long), ("roll", -60.0)]
-)
+@pytest.mark.parametrize(("joint", "degrees"), first_quick([("lift", 30.0), ("bend", 90.0), ("roll", -60.0)]))
 def test_a_zero_that_is_far_off_is_named_with_its_angle(arm, joint, degrees):
     found = told(changed(arm, joint, POSITION, more=np.radians(degrees)))
     size = re.fullmatch(rf"the zero of {joint} seems to be off by (-?\d+) degrees", found)
@@ -150,6 +151,7 @@ def test_a_zero_that_is_near_is_left_to_suspects(arm):
     assert not told(changed(arm, "bend", POSITION, more=np.radians(5.0)))
 
 
+@pytest.mark.long
 def test_a_base_that_leans_is_left_to_suspects():
     """It makes the zero of the lift look wrong; `suspects` name the lean."""
     angle = np.radians(28.0)
@@ -160,17 +162,20 @@ def test_the_zero_of_an_axis_along_gravity_is_nowhere(arm):
     assert not told(changed(arm, "turn", POSITION, more=1.0))
 
 
+@pytest.mark.long
 def test_two_faults_are_both_named(arm):
     found = told(changed(exchanged(arm, "lift", "bend", TORQUE), "turn", TORQUE, -1.0))
     assert "lift and bend seem to be exchanged" in found and "torque of turn seems to have the other sign" in found
 
 
+@pytest.mark.long
 def test_the_fit_of_a_whole_arm_is_none_of_any_joint_then(arm):
     """Rotors and masses are those of all: with a lift in another unit, three joints were converged and wrong."""
     found = fit_arm(ARM, [changed(arm, "lift", TORQUE, 0.5)], GAINS)
     assert found.status is Status.POOR_FIT and "torque of lift seems to be 2 times too small" in found.message
 
 
+@pytest.mark.long
 def test_a_fault_that_looks_like_another_gravity_is_told_beside_it():
     """The fit is refused before it is made, and so is the motion from which an arm would be learnt."""
     arm = changed(moving_arm.rigid(SECONDS, 3), "lift", POSITION, more=np.pi)

@@ -108,6 +108,7 @@ def test_a_full_disk_is_named_and_what_is_there_stays(tmp_path):
     assert (tmp_path / "old").read_text() == "old"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "words",
     [

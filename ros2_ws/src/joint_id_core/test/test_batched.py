@@ -27,12 +27,12 @@ CPU = torch.device("cpu")
 CLOSE = 1e-9  # relative to the largest number of an array
 CASES = [(name, {}) for name in MODELS] + [("motor_side", {"delays": True}), ("rigid_joint", {"friction": "stribeck"})]
 IDS = [f"{name}{'-'.join(map(str, options))}" for name, options in CASES]
-MOST = ("rigid_joint", "motor_side", "electromechanical")  # those that share least; the others in `make test-long`
+MOST = ("rigid_joint", "motor_side")  # those that share least, as they stand; the others in `make test-long`
 
 
 def quick(*case):
     """A case of a model, marked."""
-    return pytest.param(*case, marks=() if case[0] in MOST else pytest.mark.long)
+    return pytest.param(*case, marks=() if case[0] in MOST and not any(case[1:]) else pytest.mark.long)
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -180,6 +180,7 @@ def test_devices():
             device_of("cuda")
 
 
+@pytest.mark.long
 def test_samples_of_one_kind_need_the_same_operations(monkeypatch):
     """A GPU replays, for all samples of a kind, the operations of one of them: here every sample does those of the
     first of its kind."""

@@ -78,7 +78,7 @@ def test_a_torque_that_changes_between_samples_is_taken_as_it_is(seed, label):
         assert off < 0.2 * off_held, "what is at stake"
 
 
-@pytest.mark.parametrize("label", ["link_position", "link_velocity"])
+@pytest.mark.parametrize("label", first_quick(["link_position", "link_velocity"]))
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2))])
 def test_a_torque_that_is_held_stays_held(seed, label):
     recording = motion(seed, held=True, label=label)
@@ -109,7 +109,7 @@ def every(nth: int, model: Model = RIGID) -> Recording:
 
 
 @pytest.mark.parametrize("nth", first_quick([4, 2]))
-@pytest.mark.parametrize("estimator", [Innovations(), Regression()], ids=lambda e: e.name)
+@pytest.mark.parametrize("estimator", first_quick([Innovations(), Regression()]), ids=lambda e: e.name)
 def test_some_of_the_samples_of_a_controller_give_the_same_friction(estimator, nth):
     """Viscous friction was up to 38 % too large, 7 standard deviations off, and called converged by both estimators."""
     found = fit(RIGID, every(nth), ParameterSettings(GEAR), estimator)
@@ -175,6 +175,7 @@ def slow_motion(nth: int, speed: float, seed: int) -> Recording:
     return Recording(time[::nth], {n: values[::nth] for n, values in seen.items()}, source="slow")
 
 
+@pytest.mark.long
 def test_where_the_motion_hardly_tells_whether_the_drive_was_held_the_interval_contains_both():
     """`J` was `converged` and 10 standard deviations off, as a late drive takes c times its delay off it."""
     found = fit(MODEL, slow_motion(nth=3, speed=2.5, seed=1))
@@ -182,12 +183,14 @@ def test_where_the_motion_hardly_tells_whether_the_drive_was_held_the_interval_c
     assert any("hardly tells whether torque was held" in note for note in found.notes)
 
 
+@pytest.mark.long
 def test_all_samples_of_slow_motion_tell_that_the_drive_was_held():
     found = fit(MODEL, slow_motion(nth=1, speed=2.5, seed=1))
     assert found.converged and max(errors(found, HEAVY).values()) < 4.0
     assert not any("held" in note or SAYS in note for note in found.notes)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("nth", first_quick([3, 5]))
 def test_the_share_of_the_next_sample_is_that_of_the_samples_that_were_left_out(nth):
     """It came out too small, as the parameters had made up for a part: `J` was 5 standard deviations off."""

@@ -20,6 +20,7 @@ from joint_id_core.simulation.position_control import PositionController, simula
 from joint_id_core.simulation.sensors import Sensors, ur_robot_sensors
 from joint_id_core.simulation.simulator import simulate
 
+from .quick import first_quick
 from .readable import readable
 
 MODEL = build("harmonic_drive")
@@ -81,6 +82,7 @@ def watched(recording: Recording, batch: int = 20, **options) -> list:
     return found
 
 
+@pytest.mark.long
 def test_a_load_is_named_alone_by_a_robot_whose_sensors_round():
     motion, sensors, rng = PositionControl({}, MotionOptions(), 0), ur_robot_sensors(101.0), np.random.default_rng(0)
     rows = []
@@ -107,7 +109,7 @@ def worst(estimate, truth) -> float:
 
 @pytest.mark.parametrize(
     ("names", "factor"),
-    [(("J_q",), 2.0), (FRICTION, 1.2), pytest.param(FRICTION, 0.8, marks=pytest.mark.long), (("k_1", "k_2"), 0.9)],
+    first_quick([(("J_q",), 2.0), (FRICTION, 1.2), (FRICTION, 0.8), (("k_1", "k_2"), 0.9)]),
     ids=["load picked up", "friction rises", "friction falls", "softer gear"],
 )
 def test_a_change_is_said_and_right_within_two_windows(names, factor):
@@ -147,6 +149,7 @@ def test_what_did_not_change_keeps_what_was_known():
     assert len(kept) >= len(others) / 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("by_hour", [2.0, pytest.param(-0.6, marks=pytest.mark.long)], ids=["rises", "falls"])
 def test_friction_that_changes_all_the_time_is_followed(by_hour):
     """What was known was forgotten again and again, and four of ten estimates were poor fits."""
@@ -172,6 +175,7 @@ def test_an_estimate_comes_at_every_hop_of_20_ms():
     assert all(e.converged and worst(e, TRUTH) < 5.0 for e in found)
 
 
+@pytest.mark.long
 def test_a_noisier_sensor_is_no_change_of_the_joint():
     record = changing((), 1.0, 12.0, 2.0)
     more = 0.2 * np.random.default_rng(5).standard_normal(len(record)) * (record.time > 8.0)

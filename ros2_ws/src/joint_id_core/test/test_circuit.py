@@ -80,6 +80,7 @@ def test_a_velocity_in_revolutions_a_minute_is_named(good):
     assert "in SI units they are one number for any motor: a channel is not in SI units" in of_another
 
 
+@pytest.mark.long
 def test_an_encoder_that_the_model_does_not_read_is_told_where_it_would_help():
     """Voltage and current alone leave k_b and k_t open; the derivative of the angle tells them apart."""
     rest = simulate_motion(MODEL)

@@ -20,6 +20,7 @@ from joint_id_core.simulation.position_control import PositionController, simula
 from joint_id_core.simulation.sensors import Sensors
 
 from .friction_record import OF_LAW, TRUTH, rigid
+from .quick import first_quick
 
 
 @functools.cache
@@ -45,7 +46,7 @@ def rows(found: comparison.Comparison) -> dict:
     return {row.trial.label.partition(":")[2]: row for row in found.ranking.rows}
 
 
-@pytest.mark.parametrize("law", ["stribeck", "eyring"])
+@pytest.mark.parametrize("law", first_quick(["stribeck", "eyring"]))
 def test_the_law_that_made_the_record_stands_first(law):
     found = compared(law)
     assert found.ranking.best.label == f"rigid_joint:{law}"
@@ -58,6 +59,7 @@ def test_the_law_that_made_the_record_stands_first(law):
         assert abs(best.trial.estimate[name].value - value) < 5.0 * best.trial.estimate[name].std_dev, name
 
 
+@pytest.mark.long
 def test_more_parameters_than_the_joint_has_gain_nothing():
     found = compared("coulomb_viscous")
     assert found.ranking.best.label == "rigid_joint:coulomb_viscous"

@@ -61,6 +61,7 @@ def test_json_keeps_the_contract(file, run):
     assert last["status"] == "missing_signal" and last["bic"] is None and last["held_out"] == []
 
 
+@pytest.mark.long
 def test_none_that_describes_the_record_is_exit_code_1(tmp_path, run):
     rng = np.random.default_rng(0)
     noise = {"link_position": rng.standard_normal(800), "torque": rng.standard_normal(800)}

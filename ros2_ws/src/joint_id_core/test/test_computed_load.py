@@ -78,6 +78,7 @@ def test_changes_within_the_doubt_are_not_told():
     assert known.notes == ("Converged.", change.text, "Held.") and known.message == " ".join(known.notes)
 
 
+@pytest.mark.long
 def test_several_recordings_are_doubtful_as_one_is():
     """What is wrong with a load is the same in all of them, so their number makes nothing more certain."""
     recordings = []

@@ -39,6 +39,7 @@ def test_the_noise_of_a_derived_velocity_stays_small_or_that_of_the_usual_filter
     assert share < max(1.5e-3, usual)
 
 
+@pytest.mark.long
 def test_a_velocity_of_a_precise_encoder_tells_nothing_of_later_disturbances():
     """With the usual low-pass of 50 Hz, J_m was 2.6 and c_1 2.2 standard deviations off (rms): it looks ahead."""
     off = []

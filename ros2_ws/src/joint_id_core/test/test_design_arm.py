@@ -132,6 +132,7 @@ def test_the_gradient_is_that_of_the_cost(kinds: str, criterion: str) -> None:
     assert gradient @ way == pytest.approx(slope, rel=1e-3)
 
 
+@pytest.mark.long
 def test_limits_hold_between_samples_by_other_libraries(designed: ArmDesign) -> None:
     q, dq, ddq, jerk = between(designed.trajectory)
     assert np.all(np.abs(q - HOME) <= 1.0) and np.all((q > LIMITS.lower) & (q < LIMITS.upper))

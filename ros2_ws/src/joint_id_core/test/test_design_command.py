@@ -110,6 +110,7 @@ def test_the_end_of_a_joints_name_may_be_left_out_where_the_file_has_it(tmp_path
     assert code == 0 and f"motion of {name}: 4 s" in out, out
 
 
+@pytest.mark.long
 def test_a_motion_of_ones_own_is_held_against_the_limits(tmp_path, run_here, few):
     (tmp_path / "limits.yaml").write_text(LIMITS)
     words = ("design", "--joint", "axis", "--limits", "limits.yaml", "--model", "rigid_joint", "--time", "5")

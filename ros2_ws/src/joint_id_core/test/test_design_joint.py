@@ -146,6 +146,7 @@ def test_real_fits_err_by_what_was_promised(design):
     assert np.all(rms / promised > 0.6) and np.all(rms / promised < 1.5), rms / promised
 
 
+@pytest.mark.long
 def test_a_trial_fit_ends_where_the_fit_of_the_robot_will():
     """Elsewhere by two standard deviations if its integrator steps are not those of the other."""
     model, rate = build("harmonic_drive"), 500.0
@@ -175,6 +176,7 @@ def test_a_trial_fit_is_corrected_as_the_fit_of_the_robot_will_be():
         assert abs(trial.values[name] - real.values[name]) < 0.1 * real[name].std_dev, name
 
 
+@pytest.mark.long
 def test_the_motion_keeps_its_limits_between_the_samples(design):
     """Checked by SciPy's polynomials through position, velocity and acceleration of the samples."""
     motion = design.trajectory
@@ -186,6 +188,7 @@ def test_the_motion_keeps_its_limits_between_the_samples(design):
     assert motion.position[0] == motion.position[-1] == 0.0
 
 
+@pytest.mark.long
 def test_the_design_beats_a_multisine_of_the_same_limits_and_is_the_same_again(design):
     foresight = Foresight(MODEL, ParameterSettings(), RATE)
     near = replace(LIMITS, lower=np.array([-1.0]), upper=np.array([1.0]))
@@ -203,6 +206,7 @@ def test_the_design_beats_a_multisine_of_the_same_limits_and_is_the_same_again(d
     assert np.array_equal(again.trajectory.position, design.trajectory.position) and str(again) == str(design)
 
 
+@pytest.mark.long
 def test_a_search_takes_no_tone_that_the_limit_of_jerk_makes_small_and_asks_no_joint_in_vain(monkeypatch):
     calm = replace(
         LIMITS, lower=np.array([-1.0]), upper=np.array([1.0]), acceleration=np.array([5.0]), jerk=np.array([50.0])

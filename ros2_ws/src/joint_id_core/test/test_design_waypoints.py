@@ -49,6 +49,7 @@ def test_it_goes_where_the_waypoints_are_and_says_so(design):
     assert np.array_equal(again.trajectory.position, motion.position)
 
 
+@pytest.mark.long
 def test_it_beats_the_same_waypoints_at_one_speed(design):
     foresight = Foresight(MODEL, ParameterSettings(), RATE)
     shapes = WaypointShapes(POSES, LIMITS, SECONDS, RATE)
@@ -69,6 +70,7 @@ def few(monkeypatch):
     monkeypatch.setattr(search, "STEPS", 2)
 
 
+@pytest.mark.long
 def test_a_limit_of_torque_makes_it_slower(few):
     foresight = Foresight(MODEL, ParameterSettings(), RATE)
     joint = foresight.joints(0)[0]

@@ -39,6 +39,7 @@ def names(drifts) -> list[str]:
     return [drift.name for drift in drifts]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("weight", "limit"), first_quick([(0.10, 2.814), (0.05, 2.615)]))
 def test_its_run_length_without_tolerance_is_the_published_one(weight, limit):
     """Limits of two-sided EWMA charts with a mean run length of 500 (Lucas & Saccucci 1990).

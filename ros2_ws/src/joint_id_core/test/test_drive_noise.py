@@ -49,7 +49,7 @@ def noise_of(recording: Recording) -> tuple[DriveNoise, np.ndarray]:
 
 
 @pytest.mark.parametrize("seed", first_quick(range(1, 3)))
-@pytest.mark.parametrize("encoder", [FINE, 1e-5, COARSE])
+@pytest.mark.parametrize("encoder", first_quick([FINE, 1e-5, COARSE]))
 def test_the_motion_tells_whether_noise_of_the_drive_moves_the_joint(encoder, seed):
     """The score of one test alone is zero, whatever the noise is, with an encoder of about 3e-5 rad."""
     for of_sensor, fraction in ((True, 1.0), (False, 0.0)):
@@ -59,7 +59,7 @@ def test_the_motion_tells_whether_noise_of_the_drive_moves_the_joint(encoder, se
         assert told.variance < 0.15**2
 
 
-@pytest.mark.parametrize("encoder", [FINE, COARSE])
+@pytest.mark.parametrize("encoder", first_quick([FINE, COARSE]))
 @pytest.mark.parametrize("of_sensor", [True, False])
 def test_intervals_contain_what_noise_of_the_sensor_does(of_sensor, encoder):
     """`J` was too large by 7 standard deviations."""
@@ -69,6 +69,7 @@ def test_intervals_contain_what_noise_of_the_sensor_does(of_sensor, encoder):
         assert abs(found[name].value - true) < 3.0 * found[name].std_dev, name
 
 
+@pytest.mark.long
 def test_noise_that_moves_the_joint_costs_no_width():
     found = fit(MODEL, motion(False, FINE))
     _, sigma = noise_of(motion(False, FINE))

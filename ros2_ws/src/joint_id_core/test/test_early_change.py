@@ -41,6 +41,7 @@ def test_a_load_in_the_window_after_the_first_one_is_followed(loaded_s):
     assert known and all(e.converged and abs(e[INERTIA].value - true) < 0.01 * true for e in known)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("loaded_s", first_quick([3.84, 7.86]))
 def test_a_fit_of_all_samples_waits_until_the_newest_were_tested(loaded_s):
     """A load just before the end of such a fit was taken for another minimum, and not followed for 5 s.

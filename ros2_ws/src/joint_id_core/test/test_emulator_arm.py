@@ -287,6 +287,7 @@ def test_every_joint_has_values_of_its_own(robot):
     assert max(stiffness[3:]) < min(stiffness[:3])
 
 
+@pytest.mark.long
 def test_all_six_joints_of_the_largest_robot_stay_under_control():
     controller = built("ur10e", range(6), amplitude=0.3)
     moved = run(controller, 1500)

@@ -92,6 +92,7 @@ def test_the_quintic_joins_the_samples():
     assert abs(straight - exact.at(time).position[:, 0]).max() > 1e-4
 
 
+@pytest.mark.long
 def test_target_moment_is_that_of_the_trajectory():
     controller = built(moving=())
     controller.follow(motion())
@@ -115,6 +116,7 @@ def test_a_stop_is_soft_and_lasts():
     assert_smooth(after(held, run(controller, 3.0)))
 
 
+@pytest.mark.long
 def test_a_new_trajectory_takes_the_place_of_the_old_one_smoothly():
     controller = built()
     first = run(controller, controller.follow(motion()) + 2.0)

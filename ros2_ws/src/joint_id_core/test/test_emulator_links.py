@@ -25,6 +25,7 @@ from joint_id_core.models import build
 from joint_id_core.results.verdict import Verdict
 
 from .emulated_arm import ARM, AT_LINK, DRIVES, GAINS, RATIO, VALUES, built, recordings, run, values_of
+from .quick import first_quick
 
 CARRIED = 2.5
 POINT = URDF.replace(
@@ -77,6 +78,7 @@ def test_at_rest_the_currents_hold_the_arm_and_nothing_moves():
     np.testing.assert_allclose(torque, gravity, atol=0.2)
 
 
+@pytest.mark.long
 def test_the_links_follow_their_references_and_other_joints_are_felt(free):
     assert np.ptp(free["actual_q"], axis=0).min() > 0.6
     assert abs(free["actual_q"] - free["target_q"]).max() < 0.02
@@ -144,7 +146,7 @@ def test_the_payload_is_weighed(free, carrying):
         assert abs(value - truth) < 4.0 * sigma < 0.02
 
 
-@pytest.mark.parametrize("name", ["lift", "bend"])
+@pytest.mark.parametrize("name", first_quick(["lift", "bend"]))
 def test_gear_and_friction_of_a_joint_are_found_beneath_the_load_of_the_arm(free, name):
     truth = DRIVES[ARM.joints.index(name)].values
     record = loaded(ARM, name, [recordings(free)]).recordings[0]

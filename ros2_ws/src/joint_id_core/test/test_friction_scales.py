@@ -86,6 +86,7 @@ def test_the_command_reads_a_bag_and_prints_calls_that_can_be_pasted(arm, run, t
     assert code == 2 and "would overwrite a file that is read" in err
 
 
+@pytest.mark.long
 def test_a_joint_that_does_not_move_keeps_the_scale_of_the_robot(arm, run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     moving = record(4.0)

@@ -74,6 +74,7 @@ def test_a_gear_that_twists_more_is(name):
     assert all(found[name].std_dev < 0.1 * found[name].value for name in GEAR)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("hidden", first_quick([3.0, 0.0, 15.0]))
 def test_with_a_drifting_load_a_joint_is_known_whatever_moves_its_link(hidden):
     """15 Nm are seven times the torque that the link's own inertia and friction need."""

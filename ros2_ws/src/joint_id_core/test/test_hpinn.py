@@ -22,6 +22,8 @@ from joint_id_core.estimators.shared.initial_state import start_state  # noqa: E
 from joint_id_core.models import MODELS, build  # noqa: E402
 from joint_id_core.simulation import simulate_motion  # noqa: E402
 
+from .quick import first_quick  # noqa: E402
+
 
 def random_record(model, samples=30):
     """Start state, uneven times and small inputs that keep every model within its stable range."""
@@ -62,7 +64,7 @@ def test_substeps_follow_a_measured_motion():
 
 
 @pytest.mark.parametrize("friction", ["tanh", "sign"])
-@pytest.mark.parametrize("name", list(MODELS))
+@pytest.mark.parametrize("name", first_quick(list(MODELS), 2))
 def test_compiled_rollout_equals_the_eager_network(name, friction):
     """Values, loss and its gradients by the parameters agree to 1e-9."""
     model = build(name)
@@ -159,6 +161,7 @@ def test_torsion_label():
     assert make_labels(data, torsion=False).names == model.state_names
 
 
+@pytest.mark.long
 def test_many_networks_train_as_each_by_itself():
     """Two starts on each of two records, and one start that diverges: losses and values of the training one by one."""
     model = build("rigid_joint")

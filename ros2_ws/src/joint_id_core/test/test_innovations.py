@@ -122,6 +122,7 @@ def test_neither_the_clock_nor_the_zero_of_the_encoder_matters(shift, turn):
         assert b[name].std_dev == pytest.approx(a[name].std_dev, rel=0.05)
 
 
+@pytest.mark.long
 @settings(max_examples=3, deadline=None)
 @given(seed=st.integers(0, 2))
 def test_the_mirrored_motion_gives_the_same_joint(seed):

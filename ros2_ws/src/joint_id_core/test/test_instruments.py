@@ -167,6 +167,7 @@ def test_a_search_for_a_joint_far_from_the_table_starts_where_the_regression_is(
     assert own["k_1"].initial == 4e6
 
 
+@pytest.mark.long
 def test_online_it_starts_there_as_well_also_after_a_restart():
     record = complete(stiffer(flexible(0, disturbance=0.0005), 1000.0))  # as the filter does while samples arrive
     options = OnlineOptions(window_s=6.0, hop_s=1.0)

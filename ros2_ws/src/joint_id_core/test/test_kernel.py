@@ -136,6 +136,7 @@ class Own(Model):
     del sys.modules["own_model"]
 
 
+@pytest.mark.long
 def test_two_processes_that_compile_at_once(tmp_path):
     """Nodes of two joints start together with an empty cache: both work, and the cache is whole afterwards."""
     code = (

@@ -60,7 +60,8 @@ def test_a_late_encoder_is_not_taken_for_another_joint():
         assert not estimate.converged, f"{estimate.end - BEFORE_S} s after the fault: {estimate.message}"
 
 
-@pytest.mark.parametrize(("late", "word"), [(2, "late"), pytest.param(-3, "early", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize(("late", "word"), [(2, "late"), (-3, "early")])
 def test_the_sensor_and_its_delay_are_named(late, word):
     message = after(late, 8.0)[-1].message
     readable(message)

@@ -29,6 +29,7 @@ def whole() -> Recording:
     return simulate_motion(WHOLE, 2.0, values={"k_1": 6500.0, "R": 0.6})
 
 
+@pytest.mark.long
 def test_a_late_encoder_of_the_link_is_no_damping_of_the_gear(whole):
     """The fit converges with four times the damping of the gear; only the likelihood tells."""
     found = fit(WHOLE, later(whole, "link_position", 0.004))
@@ -44,12 +45,15 @@ def test_a_good_recording_of_a_whole_joint_has_no_late_signal(whole):
 
 @pytest.mark.parametrize(
     ("name", "late", "said"),
-    [
-        ("voltage", 0.004, "Voltage is about 4 ms (2 samples) late"),
-        ("voltage", -0.006, "Voltage is about 6 ms (3 samples) early"),
-        ("current", 0.004, "Current is about 4 ms (2 samples) late"),
-        ("motor_velocity", -0.002, "Motor_velocity is about 2 ms (1 sample) early"),
-    ],
+    first_quick(
+        [
+            ("voltage", 0.004, "Voltage is about 4 ms (2 samples) late"),
+            ("voltage", -0.006, "Voltage is about 6 ms (3 samples) early"),
+            ("current", 0.004, "Current is about 4 ms (2 samples) late"),
+            ("motor_velocity", -0.002, "Motor_velocity is about 2 ms (1 sample) early"),
+        ],
+        2,
+    ),
 )
 def test_a_late_signal_of_a_motor_is_named(name, late, said):
     found = fit(DC, later(simulate_motion(DC, 3.0, values={"R": 0.6}), name, late))
@@ -78,6 +82,7 @@ def behind_an_amplifier(tau_s: float, seed: int) -> Recording:
     return Recording(time, {**channels, "voltage": volts})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", first_quick([1, 2]))
 @pytest.mark.parametrize("tau_s", first_quick([2e-4, 4e-4]))
 def test_a_voltage_that_acts_a_part_of_a_sample_later_is_named_and_in_the_intervals(tau_s, seed):

@@ -85,6 +85,7 @@ def test_parameters_of_a_controlled_joint_in_ordinary_motion_are_within_their_in
     assert np.sqrt(np.mean(np.square(errors))) < 1.5
 
 
+@pytest.mark.long
 def test_intervals_of_a_fit_are_those_of_the_likelihood_in_slow_motion():
     """Held z standard deviations off, a parameter costs z^2 (Wilks), with all others and the noise levels fitted again.
 

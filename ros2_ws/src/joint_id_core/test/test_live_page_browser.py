@@ -19,6 +19,7 @@ from joint_id_core.results.estimate import Estimate, Status
 
 from . import browser
 from .online_motion import MODEL, motion
+from .quick import first_quick
 from .served_page import RATE, served, window
 
 needs_browser = pytest.mark.skipif(browser.PROGRAM is None, reason=browser.MISSING)
@@ -30,7 +31,7 @@ def estimate() -> Estimate:
 
 
 @needs_browser
-@pytest.mark.parametrize("width", [1100, 390])
+@pytest.mark.parametrize("width", first_quick([1100, 390]))
 def test_a_browser_draws_the_page_goes_to_another_joint_and_presses_buttons(estimate, tmp_path, width):
     with served(estimate) as (server, asked), browser.Tab(tmp_path, width) as tab:
         tab.open(server.address)
@@ -163,7 +164,7 @@ def test_what_is_silent_is_told_in_the_head_and_no_mark_stays_green(estimate, tm
 
 
 @needs_browser
-@pytest.mark.parametrize("width", [1100, 390])
+@pytest.mark.parametrize("width", first_quick([390, 1100]))
 def test_long_names_and_reasons_are_wrapped_within_the_page(estimate, tmp_path, width):
     reason = "the data narrow what was believed before only 1.3 times: it is hard to tell from J (correlation -0.98)"
     rows = tuple(replace(p, reason=reason) for p in estimate.parameters)

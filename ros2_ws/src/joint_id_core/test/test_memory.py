@@ -74,6 +74,7 @@ def test_its_blocks_and_what_was_known_before_them_give_its_estimate(blocks):
     assert np.all(np.abs(away) < 1e-3 * np.sqrt(np.diag(memory.covariance)))
 
 
+@pytest.mark.long
 def test_false_alarms_are_as_rare_as_stated():
     """Each test alarms with probability `RARE` or a few times that: none in 4,000 blocks."""
     assert RARE <= 1e-6

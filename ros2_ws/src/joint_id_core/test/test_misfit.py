@@ -73,7 +73,7 @@ def test_a_right_model_shows_nothing():
         assert not any("residuals show" in note for note in notes), notes
 
 
-@pytest.mark.parametrize("seed", [0, 5, 6])
+@pytest.mark.parametrize("seed", first_quick([0, 5, 6]))
 def test_what_smoothed_friction_leaves_is_no_other_law_of_friction(seed):
     """A joint that sticks and slips: beyond 4 sigma for `--friction stribeck`, by a thousandth of the torque."""
     model = build("rigid_joint")
@@ -90,6 +90,7 @@ def test_a_weight_of_a_hundredth_of_the_torque_is_told():
     assert "a load that goes with the angle" in estimate.message
 
 
+@pytest.mark.long
 def test_what_is_missing_is_counted_in_the_intervals(monkeypatch):
     """Friction 10 % higher at low speed: too little to see in the residuals' colour, enough to bias the friction."""
 
@@ -144,7 +145,7 @@ def test_a_controller_that_knows_more_than_is_recorded_is_no_noise_of_the_torque
     assert "record all sensors that the controller reads" in estimate.message
 
 
-@pytest.mark.parametrize("reference", [position_reference(), CALM], ids=["excited", "calm"])
+@pytest.mark.parametrize("reference", first_quick([position_reference(), CALM]), ids=["excited", "calm"])
 def test_a_little_play_in_the_gear_is_named_and_in_the_intervals(reference):
     """A tenth of a milliradian to each side: the spring looks softer, and friction moves from one side to the other."""
     recording = moved(1e-4, reference, 1)
@@ -160,7 +161,7 @@ def test_a_little_play_in_the_gear_is_named_and_in_the_intervals(reference):
 
 
 @pytest.mark.parametrize("half", first_quick([2.5e-4, 1e-3]))
-@pytest.mark.parametrize("reference", [position_reference(), CALM], ids=["excited", "calm"])
+@pytest.mark.parametrize("reference", first_quick([position_reference(), CALM]), ids=["excited", "calm"])
 def test_much_play_in_the_gear_is_no_good_fit(reference, half):
     estimate = fit(PLAIN, moved(half, reference, 1))
     off = abs(estimate["k_1"].value - TRUTH["k_1"]) / estimate["k_1"].std_dev
@@ -187,7 +188,7 @@ def test_a_motor_that_is_driven_by_a_voltage_shows_play_of_its_gear():
     assert "play" not in " ".join(fit(model, stepped(0.0, 1)).notes)
 
 
-@pytest.mark.parametrize("model", ["harmonic_drive", "motor_side"])
+@pytest.mark.parametrize("model", first_quick(["harmonic_drive", "motor_side"]))
 def test_a_gear_without_play_shows_none(model):
     for reference in (position_reference(), CALM):
         assert "play" not in " ".join(fit(build(model), moved(0.0, reference, 2)).notes)

@@ -62,6 +62,7 @@ def test_they_are_those_of_the_whole_recording():
     assert np.abs(stream.load_errors.at(time) - wanted).max() < 0.01 * np.abs(wanted).max()
 
 
+@pytest.mark.long
 def test_friction_is_right_live_though_masses_are_not():
     estimates = {True: [], False: []}
     for known, found in estimates.items():

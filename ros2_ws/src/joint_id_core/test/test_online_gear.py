@@ -19,6 +19,7 @@ from .quick import first_quick
 SHOWN = ("link_position", "motor_velocity", "torque", "external_torque")
 
 
+@pytest.mark.long
 def test_hysteresis_that_some_windows_hide_stays_in_the_intervals():
     """Without it, c_1 was 8 standard deviations off after 11 s: the newest window showed no hysteresis."""
     model = build("harmonic_drive")

@@ -17,7 +17,7 @@ from joint_id_core.simulation.excitation import position_reference
 from joint_id_core.simulation.position_control import ControlledJoint, PositionController
 from joint_id_core.simulation.sensors import Sensors
 
-RATE = 250
+RATE = 125
 FULL_S, MORE_S = 80.0, 40.0  # the memory keeps 64 s of samples
 VALUES = {"N": 101.0, "J": 1.4, "c": 2.8, "tau_f": 4.6}
 

@@ -65,6 +65,7 @@ def test_a_report_has_all_parts_in_one_small_file_that_fetches_nothing(page):
     assert {"link position [rad]", "error of link position [rad]", "torque [Nm]", "J [kg m^2]"} <= set(titles)
 
 
+@pytest.mark.long
 def test_no_curve_runs_across_a_gap(page):
     position = next(p for p in plots(page.read_text()) if p["title"] == "link position [rad]")
     time, measured, predicted = position["data"]

@@ -45,6 +45,7 @@ def test_a_bag_that_may_not_be_read_is_not_damaged(tmp_path):
         )
 
 
+@pytest.mark.long
 def test_of_an_output_the_message_is_about_writing(tmp_path):
     """It was "is not readable", also of a file that may be written, which is enough."""
     formats.write(tmp_path / "log.csv", motion(2.0))

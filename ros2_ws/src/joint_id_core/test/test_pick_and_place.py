@@ -43,7 +43,7 @@ def away(estimate: Estimate, factor: float) -> float:
 
 
 @pytest.mark.parametrize(
-    "loads", [pytest.param(SAME, id="same load", marks=pytest.mark.long), pytest.param(OTHERS, id="other loads")]
+    "loads", [pytest.param(SAME, id="same load"), pytest.param(OTHERS, id="other loads", marks=pytest.mark.long)]
 )
 def test_every_load_is_followed_within_a_window(loads):
     later = [(e, age, factor) for e, age, factor in watched(loads) if e.end > BEGIN_S and age > WINDOW_S]
@@ -54,6 +54,7 @@ def test_every_load_is_followed_within_a_window(loads):
         assert estimate[INERTIA].value == pytest.approx(factor * plant().values[INERTIA], rel=0.01)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("moves_seed", first_quick([3, 1]))
 def test_loads_are_followed_in_ordinary_motion(moves_seed):
     """Estimates were poor fits for nine tenths of this time, as long as one load that explains two was believed."""

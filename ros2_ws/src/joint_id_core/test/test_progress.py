@@ -35,6 +35,7 @@ def test_a_long_step_is_told_once_and_the_next_one_too(quick, capsys):
     assert not out and err.splitlines() == ["joint-id: compiling x", "joint-id: 1 of 2 joints, about 3 s left"]
 
 
+@pytest.mark.long
 def test_a_training_tells_how_far_it_is_and_how_long_it_takes(monkeypatch):
     pytest.importorskip("torch", reason="the hpinn needs torch")
     from joint_id_core.estimators.hpinn import training

@@ -243,10 +243,15 @@ def spoiled(**changes) -> Estimate:
         lambda: spoiled(checks=replace(known().checks, excess=np.eye(2))),
     ],
 )
-def test_a_damaged_estimate_is_refused_and_the_identifier_begins_anew(estimate):
+def test_a_damaged_estimate_is_refused(estimate):
+    with pytest.raises(JointIdError):
+        identifier().resume(estimate(), 0.0)
+
+
+def test_an_identifier_that_has_refused_an_estimate_begins_anew():
     one = identifier()
     with pytest.raises(JointIdError):
-        one.resume(estimate(), 0.0)
+        one.resume(spoiled(covariance=-known().covariance), 0.0)
     found = run(before(motion()), one)
     assert found[0].converged and found[0].end > WINDOW_S - 0.1 and worst(found[-1]) < 5.0
 

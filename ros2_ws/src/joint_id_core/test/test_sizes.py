@@ -36,7 +36,7 @@ def moved(J, gravity, seed=1, amplitude=0.6):
     return model, truth, shown
 
 
-@pytest.mark.parametrize("size", first_quick(SIZES, 2))
+@pytest.mark.parametrize("size", first_quick(SIZES))
 def test_online_a_joint_of_any_size_is_known_after_a_window_and_stays_known(size):
     model, truth, recording = moved(SIZES[size], gravity=True)
     joint, found = OnlineIdentifier(model), []
@@ -51,6 +51,7 @@ def test_online_a_joint_of_any_size_is_known_after_a_window_and_stays_known(size
             assert abs(estimate[name].value - truth[name]) < 4.0 * estimate[name].std_dev, name
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", first_quick(["industrial", "gripper"]))
 def test_several_recordings_of_a_joint_of_any_size_are_one(size):
     model, truth, first = moved(SIZES[size], gravity=True)
@@ -63,7 +64,7 @@ def test_several_recordings_of_a_joint_of_any_size_are_one(size):
 
 
 @pytest.mark.parametrize("gravity", first_quick([True, False]))
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", first_quick(SIZES))
 def test_a_joint_of_any_size_is_found_without_a_start(size, gravity):
     model, truth, recording = moved(SIZES[size], gravity)
     estimate = fit(model, recording)
@@ -85,7 +86,7 @@ def test_torques_beyond_a_prior_get_room_together_and_others_keep_the_table():
     assert 10.0 * SHARE["a_g"] * truth["tau_0"] > max(narrow.values()) > 5.0 * np.max(np.abs(recording["torque"]))
 
 
-@pytest.mark.parametrize("amplitude", [0.1, 0.03, 0.01])
+@pytest.mark.parametrize("amplitude", first_quick([0.1, 0.03, 0.01]))
 def test_gravity_and_offset_that_a_small_angle_cannot_part_are_no_start_values(amplitude):
     """A regression finds them a million times too large, one against the other, with intervals to match."""
     model, truth, recording = moved(100.0, True, amplitude=amplitude)

@@ -32,6 +32,7 @@ def fitted(recording: Recording) -> Estimate:
     return fit(MODEL, recording, ParameterSettings({"k_t": plant().values["k_t"]}))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", first_quick([1, 3]))
 def test_a_ripple_of_an_encoder_is_no_stiffness(seed):
     """It is a twentieth of the twist. The gear came out 65 to 84 % too soft, with a motor of twice the inertia."""
@@ -50,13 +51,14 @@ def test_without_it_the_gear_is_found(seed):
 
 
 @pytest.mark.parametrize("seed", first_quick([0, 1]))
-@pytest.mark.parametrize("name", ["harmonic_drive", "electromechanical"])
+@pytest.mark.parametrize("name", first_quick(["harmonic_drive", "electromechanical"]))
 def test_a_right_model_is_told_nothing(name, seed):
     model = build(name)
     found = fit(model, simulate_motion(model, 3.0, seed=seed))
     assert found.converged and TOLD not in " ".join(found.notes)
 
 
+@pytest.mark.long
 def test_noise_of_a_recorded_motion_is_no_other_value():
     """The motor side of a joint of the emulated robot in slow strokes; its slow parts were 6.8 sigma away."""
     tones = (0.6667, 0.8333, 1.1667, 1.3333, 2.1667)

@@ -58,6 +58,7 @@ def scores(estimates) -> np.ndarray:
     return np.array([[(e[n].value - TRUTH[n]) / e[n].std_dev for n in e.free] for e in estimates])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("noise", [0.1, *(pytest.param(n, marks=pytest.mark.long) for n in (1.0, 0.01))])
 def test_intervals_hold_the_truth_whether_noise_or_the_integrator_decides(noise):
     found = scores([fit(MODEL, record(seed, noise)) for seed in range(24)])
@@ -65,6 +66,7 @@ def test_intervals_hold_the_truth_whether_noise_or_the_integrator_decides(noise)
     assert np.abs(found).max() < 5.0
 
 
+@pytest.mark.long
 def test_steps_that_are_chosen_find_what_the_finest_find():
     """One step a sample is off by more than a standard deviation, though reversals of friction get more."""
     for seed in range(3):

@@ -34,6 +34,7 @@ def held():
     return recorded(build("harmonic_drive"), 0.015, {"tau_fq": 0.0, "c_q": HELD, "tau_fm": 0.004}, **SENSORS)
 
 
+@pytest.mark.long
 def test_stiction_of_a_link_that_is_held_is_not_told_as_its_friction():
     """It was `converged` with tau_fq 6.7 ± 0.15 Nm, where nothing slides and tau_fq is 0; so it was on a UR3e."""
     found = fit(build("harmonic_drive"), held())

@@ -12,6 +12,8 @@ from joint_id_core.estimators import fit
 from joint_id_core.models import build
 from joint_id_core.simulation import simulate_motion
 
+from .quick import first_quick
+
 TOLD = "are these two columns swapped? Then exchange them (--map)"
 CASES = [("dc_motor", "current"), ("harmonic_drive", "torque")]
 
@@ -46,7 +48,7 @@ def test_a_motor_in_the_column_of_the_link_is_no_link_in_degrees():
     assert "exchange the columns of motor and link" in texts and "degrees" not in texts
 
 
-@pytest.mark.parametrize("values", [{}, {"R": 0.7, "k_t": 0.045, "c_b": 4e-4}])
+@pytest.mark.parametrize("values", first_quick([{}, {"R": 0.7, "k_t": 0.045, "c_b": 4e-4}]))
 def test_the_message_of_a_fit_says_so(values):
     """With the second motor the fit converges, to a voltage constant that is 5,000 times the torque constant."""
     motion = simulate_motion(build("dc_motor"), duration=2.0, values=values)
@@ -55,7 +57,9 @@ def test_the_message_of_a_fit_says_so(values):
     assert TOLD not in fit(build("dc_motor"), motion).message
 
 
-@pytest.mark.parametrize("model", ["dc_motor", "harmonic_drive", "motor_side", "electromechanical", "rigid_joint"])
+@pytest.mark.parametrize(
+    "model", first_quick(["dc_motor", "harmonic_drive", "motor_side", "electromechanical", "rigid_joint"], 2)
+)
 def test_no_recording_with_the_right_columns_is_doubted(model):
     for seconds in (1.0, 6.0):
         assert TOLD not in " ".join(f.text for f in findings(simulate_motion(build(model), duration=seconds)))

@@ -88,6 +88,7 @@ def test_a_joint_much_smaller_than_the_table_is_found_without_a_start():
     assert_right(found(JOINT, SMALL, moved(JOINT, SMALL, 32.0, pulses(16.0), 500.0)), SMALL)
 
 
+@pytest.mark.long
 def test_a_spring_that_stiffens_as_real_ones_do_is_found_without_a_start():
     """Table III of the paper has a cubic stiffness of a 2000th of that of Table V."""
     estimate = found(JOINT, LARGE, moved(JOINT, LARGE, 48.0, steps(48.0)))
