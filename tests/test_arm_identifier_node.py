@@ -144,6 +144,7 @@ def test_an_arm_is_learnt_its_payload_found_and_kept_over_a_restart(start, probe
     assert abs(arm.payloads[-1].mass - moving_arm.MASS) < 0.1
 
 
+@pytest.mark.long
 def test_what_was_published_is_taken_back_while_no_samples_come(start, probe, motions, tmp_path):
     (tmp_path / "arm.urdf").write_text(URDF)
     arm = Arm(start, probe, motions, urdf=str(tmp_path / "arm.urdf"))

@@ -96,6 +96,7 @@ def test_a_bag_gives_the_same_as_the_live_joint_at_any_speed(start, probe, tmp_p
     assert "restarted" not in reader.text  # it had every topic from the first sample on
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", [Program])
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
 def test_a_signal_in_the_middle_of_the_work_ends_every_node_with_exit_code_0(start, probe, number):

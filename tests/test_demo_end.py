@@ -34,6 +34,7 @@ def test_a_signal_ends_every_node(demo, number):
     assert not [pid for pid in nodes if Path(f"/proc/{pid}").exists()]
 
 
+@pytest.mark.long
 def test_nodes_end_even_when_the_demo_is_killed(demo):
     process, nodes = at_work(demo)
     process.kill()

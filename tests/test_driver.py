@@ -113,6 +113,7 @@ def test_samples_at_500_hz_are_published_without_a_loss_and_unchanged(start, pro
     assert problems <= {"problems: clock set", "problems: samples held back"}
 
 
+@pytest.mark.long
 def test_two_drivers_get_every_sample_whatever_other_clients_do_and_however_packets_are_cut(start, probe, robot):
     machine = robot()
     writer = Connection(machine.port)

@@ -188,6 +188,7 @@ def test_wrong_parameters_end_the_filter_with_one_line(start, probe, parameters,
     assert line.startswith("filter: ") and told in line
 
 
+@pytest.mark.long
 def test_the_identifier_matches_the_load_of_other_masses_to_the_motion(start, probe, arm, tmp_path):
     """The description of the user has masses that are 40 % too large; as computed, the load leaves poor fits."""
     masses = re.sub(r'mass value="([^"]*)"', lambda found: f'mass value="{1.4 * float(found[1])}"', URDF)

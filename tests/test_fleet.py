@@ -98,6 +98,7 @@ def test_two_robots_side_by_side_do_not_cross_and_faulty_ones_leave_them_alone(s
     assert {row[2] for row in state["joints"]} == {"gone"} and "gone for" in state["robots"][0][-1]
 
 
+@pytest.mark.long
 def test_processes_share_the_robots_and_one_that_is_killed_is_started_again(start, probe, two, tmp_path):
     found = {name: probe.collect(JointParams, f"/{name}/joint_params", LATEST) for name in two}
     path = written(tmp_path, [entry(name, one.port) for name, one in two.items()])

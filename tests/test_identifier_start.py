@@ -37,6 +37,7 @@ def kernels(cache):
     return {path: path.stat().st_mtime_ns for path in cache.rglob("*.nbi")}
 
 
+@pytest.mark.long
 def test_kernels_are_compiled_once_and_before_the_node_is_active(cold, start, probe):
     found = probe.collect(JointParams, "joint_params", LATEST)
     process = start("identifier", **OPTIONS)

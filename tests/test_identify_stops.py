@@ -78,6 +78,7 @@ def test_a_full_disk_and_a_robot_that_is_killed_end_the_goal_and_lose_nothing(be
     assert bench.mover.wait() == 0
 
 
+@pytest.mark.long
 def test_a_node_that_is_stopped_in_motion_stops_the_robot_and_closes_the_bag(bench):
     handle = bench.send()
     bench.go()

@@ -17,7 +17,7 @@ pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
 pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"public UR10e logs not at {FOLDER}")
 
 
-@pytest.mark.parametrize(("degrees", "axis"), [(2.0, "y"), (5.0, "x")])
+@pytest.mark.parametrize(("degrees", "axis"), [(2.0, "y"), pytest.param(5.0, "x", marks=pytest.mark.long)])
 def test_a_base_that_leans_is_named_and_no_torque_constant_is(degrees: float, axis: str) -> None:
     """Its pan, whose axis then bears gravity, seemed to have a torque that is 1.5 to 3 times too small."""
     across, down = 9.81 * np.sin(np.radians(degrees)), -9.81 * np.cos(np.radians(degrees))

@@ -52,6 +52,7 @@ def test_emps_laws_predict_alike_and_all_of_them_well() -> None:
     assert simple["held_out_score"] < 1.02 * eyring["held_out_score"]
 
 
+@pytest.mark.long
 def test_ur3e_shoulder_friction_is_not_linear_in_speed() -> None:
     mapping = ("--map", "time_s=timestamp", "--map", "link_position=actual_q_1", "--map", "current=actual_current_1")
     models = ("--models", "rigid_joint+gravity,rigid_joint:eyring+gravity")

@@ -29,6 +29,7 @@ def record(name: str, joints: tuple[str, ...]) -> dict[str, Recording]:
     }
 
 
+@pytest.mark.long
 def test_scales_of_three_logs_agree() -> None:
     description = Description.read(FOLDER / "ur10e.urdf")
     joints = tuple(description.joints)

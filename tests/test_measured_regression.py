@@ -88,6 +88,7 @@ def test_thirds_of_a_record_of_one_joint_agree_within_their_intervals(estimator)
     assert np.mean(agree) > 0.8
 
 
+@pytest.mark.long
 def test_a_short_move_of_a_shoulder_shows_its_friction():
     """The inertia is not known by `innovations`; friction is, and both halves agree."""
     halves = [found(half, True, DEFAULT) for half in parts(ur3e_shoulder(), 2)]
@@ -219,6 +220,7 @@ def test_of_the_axes_of_a_kuka_the_late_encoders_are_named_and_nothing_else(part
     assert all(re.match("the link's encoder is (2[.][7-9]|3|3[.]1) ms late", text) for text in named), named
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("axis", [1, *(pytest.param(k, marks=pytest.mark.long) for k in (2, 3))])
 def test_nothing_of_a_kuka_that_is_called_good_is_far_off(axis):
     """Its residual torque has a memory: a fit that takes it for white found a motor inertia 22 sigma off."""

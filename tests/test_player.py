@@ -42,6 +42,7 @@ def recorded(count=COUNT):
     return [round(BEGIN_S * NANO) + k * 2_000_000 for k in range(count)]
 
 
+@pytest.mark.long
 def test_a_slow_reader_gets_every_message_and_the_player_waits_for_it(start, probe, tmp_path, storage):
     bag = write(tmp_path / "slow", storage)
     got = probe.collect(JointState, "link_states", delay_s=0.0005)

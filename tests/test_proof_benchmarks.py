@@ -79,6 +79,7 @@ def test_errors_over_sigma_count_what_is_estimated_and_all_base_parameters():
     assert lines[-1] == "| gains | 1 of 2 | 1.00 | 1.000 | 1e+02 % | 1 of 2 | 1.00 | 1.000 | 1e+02 % |"
 
 
+@pytest.mark.long
 def test_a_fit_of_a_simulated_arm_has_every_group_near_its_truth():
     row = arm_stats.fitted(4)
     assert row.bent and all(row.errors.values())

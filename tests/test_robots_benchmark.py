@@ -199,6 +199,7 @@ def test_a_row_of_the_live_table_is_the_sum_of_its_recordings():
     assert rows[3] == rows[2].replace(ALONE.name, "**all**")
 
 
+@pytest.mark.long
 @with_data
 def test_live_friction_of_a_real_joint_is_known_and_right():
     """Of the recursion alone, friction of this joint was known at a tenth of the estimates."""
@@ -209,6 +210,7 @@ def test_live_friction_of_a_real_joint_is_known_and_right():
     assert sum(r.far for r in rows) == 0 and max(r.longest_s for r in rows) <= 2.0
 
 
+@pytest.mark.long
 @with_data
 def test_a_wrong_model_takes_a_few_times_what_a_good_fit_of_a_recording_takes():
     """It took 30 times as long, for an axis whose stiffness the motion does not show."""

@@ -128,6 +128,7 @@ def has_messages(bag):
     return found.returncode == 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("batch", [pytest.param(k, marks=pytest.mark.long if k else []) for k in range(10)])
 def test_a_kill_at_any_moment_costs_at_most_two_seconds(source, tmp_path, batch):
     chance = random.Random(batch)

@@ -38,7 +38,7 @@ def threads(program, folder, **chosen):
         process.wait()
 
 
-@pytest.mark.parametrize("program", PROGRAMS)
+@pytest.mark.parametrize("program", ["node", pytest.param("recorder", marks=pytest.mark.long)])
 def test_no_memory_is_shared_unless_the_user_says_so(program, tmp_path):
     assert not any(name.startswith("dds.shm") for name in threads(program, tmp_path))
     chosen = threads(program, tmp_path, FASTDDS_BUILTIN_TRANSPORTS="DEFAULT")
