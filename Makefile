@@ -40,6 +40,8 @@ $(WS)/install/.built: $(VENV)/.installed $(BUILD_INPUTS) $(BUILD_TOOLS)
 
 # Linear algebra takes one core a process: threads of tests that run side by side would wait for each other.
 test test-long test-haswell: export OMP_NUM_THREADS := 1
+# Bytecode is kept, whatever the environment says: tests start hundreds of processes, and each would compile all of its modules.
+unexport PYTHONDONTWRITEBYTECODE
 
 # Everything that users rely on, quick tests first. Those whose nodes stream at 500 Hz or run against a clock come last.
 # Some unit tests wait for a process, and nodes wait more than they compute: so three and four run at once.
@@ -48,18 +50,20 @@ test: setup
 	$(RUN) python -m pytest -n 4 --dist loadfile --no-loadscope-reorder --durations=10 -m "not long" $(LONG_FILES) $(OTHER_FILES)
 	$(RUN) python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --durations=10 -m "not long" $(TIMED_TESTS)
 
-# The tests marked "long" (25 minutes): what costs most for what it tells, and what guards only benchmarks/
-# and the study of the paper; then ten times as many examples of Hypothesis.
+# The tests marked "long" (40 minutes): what costs most for what it tells, and what guards only benchmarks/
+# and the study of the paper; the numeric ones also as on another processor; then ten times as many examples of Hypothesis.
 test-long: setup $(VENV)/.paper
 	$(RUN) python -m pytest -n 2 --dist loadfile --durations=10 -m long $(UNIT_TESTS) $(NODE_TESTS)
+	$(RUN) setup/haswell python -m pytest -n 2 --dist worksteal -m long $(NUMERIC_FILES)
 	MORE_EXAMPLES=10 $(RUN) python -m pytest -n 2 -m "hypothesis and not long" $(UNIT_TESTS) $(NODE_TESTS)
 
 # The numeric unit tests as on a processor without AVX-512, as most laptops are: LAPACK, sums and kernels round differently there.
 NUMERIC_TESTS := arm_fit arm_joint_estimates arm_suspects batch between_samples changes combinations constancy cross_check drift drive_noise early_change esdirk fit_data fleet follower gauss_newton held_out hidden_gear hop information innovations innovations_verdicts instruments lacking late_sensor \
 	levels load_size matched_load memory messages motion_watch \
 	misfit noise one_encoder online online_checks online_errors online_gear online_input_noise pending_changes pick_and_place presliding processor ranking recursion regression resume rounding second_look since_change sizes sliding slow_parts standing starts stillness stretch translate vanishing voltage_sizes whiteness
+NUMERIC_FILES = $(NUMERIC_TESTS:%=$(UNIT_TESTS)/test_%.py)
 test-haswell: setup
-	$(RUN) setup/haswell python -m pytest -n 2 --dist worksteal $(NUMERIC_TESTS:%=$(UNIT_TESTS)/test_%.py)
+	$(RUN) setup/haswell python -m pytest -n 2 --dist worksteal -m "not long" $(NUMERIC_FILES)
 
 lint: setup
 	$(RUN) ruff check .
