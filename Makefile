@@ -15,10 +15,11 @@ UNIT_TESTS := $(wildcard $(WS)/src/joint_id_core/test)
 NODE_TESTS := $(wildcard $(WS)/src/joint_id_ros/test tests)
 # Whose nodes stream at 500 Hz or run against a clock; the longest file first, in both lists.
 TIMED_TESTS := $(addprefix tests/test_,demo.py driver.py driver_faults.py chain.py demo_end.py)
-LONG_FILES := $(addprefix tests/test_,graph_faults.py identifier_node.py fleet.py filter_node.py knowledge_node.py \
-	identify_stops.py arm_identifier_node.py stopping.py identify_node.py graph_nodes.py player.py official_driver.py measured_regression.py \
-	identifier_start.py launch.py examples.py)
-OTHER_FILES := $(filter-out $(TIMED_TESTS) $(LONG_FILES),$(wildcard $(NODE_TESTS:%=%/test_*.py)))
+LONG_FILES := $(addprefix tests/test_,identifier_node.py measured_regression.py stopping.py examples.py graph_faults.py fleet.py \
+	arm_identifier_node.py identify_node.py doc_commands.py knowledge_node.py graph_nodes.py filter_load.py official_driver.py player.py \
+	filter_node.py watch_node.py doctor_ros.py docs.py identifier_start.py)
+ALL_LONG := $(shell grep -l '^pytestmark = pytest.mark.long' tests/test_*.py)# no quick test in them: not even imported
+OTHER_FILES := $(filter-out $(TIMED_TESTS) $(LONG_FILES) $(ALL_LONG),$(wildcard $(NODE_TESTS:%=%/test_*.py)))
 
 .PHONY: all setup test test-long test-haswell lint demo paper paper-quick bench-rtde bench-graph bench-cancel bench-speed bench-stats bench-drift bench-online bench-robots bench-batch bench-fleet clean
 all: setup

@@ -8,8 +8,9 @@ torch = pytest.importorskip("torch", reason="the batched network needs torch, wh
 
 import batched  # noqa: E402
 
+pytestmark = pytest.mark.long
 
-@pytest.mark.long
+
 def test_a_table_compares_the_same_passes_and_searches():
     passes, starts = list(batched.of_passes((4,), 1)), list(batched.of_starts(2, cores=2))
     assert [row.batch for row in passes] == [4] * len(passes) and passes[0].ratio == starts[0].ratio == 1.0
