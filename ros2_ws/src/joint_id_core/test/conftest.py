@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
+
 import pytest
 from hypothesis import settings
 from typer.testing import CliRunner
@@ -17,6 +19,15 @@ from .examples import TIMES
 # No test depends on the speed of the computer, and the first example may load compiled functions.
 settings.register_profile("joint_id", deadline=None, max_examples=40 * TIMES)
 settings.load_profile("joint_id")
+
+
+class Here(Executor):
+    """A pool of processes that is this process; it does the work as its results are asked for."""
+
+    def __init__(self, *_, **__):
+        pass
+
+    map = staticmethod(map)
 
 
 @pytest.fixture(autouse=True)
@@ -60,6 +71,7 @@ def run_here(tmp_path, monkeypatch):
 def in_this_process(monkeypatch):
     """Commands fit many recordings or joints in this process, which spares the start of others."""
     monkeypatch.setattr("joint_id_core.batch.run.on_cores", lambda work, found, _: cores.here(work, found))
+    monkeypatch.setattr("joint_id_core.jobs.cores.ProcessPoolExecutor", Here)
 
 
 @pytest.fixture
