@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
 
 from joint_id_core.errors import JointIdError
 
@@ -94,6 +93,8 @@ def test_equations_make_it_what_the_rule_of_bayes_says(known, more):
 
 def test_evidence_is_the_likelihood_of_the_torques(known, more):
     """But for a constant: so it is compared between two beliefs."""
+    from scipy.stats import multivariate_normal  # takes a second, which other tests need not wait for
+
     columns, y, variance = rows(known, more[0])
     open_ = known.widened(known.friction_of(1), np.array([3.0, 2.0, 1.0]))
     pair = []

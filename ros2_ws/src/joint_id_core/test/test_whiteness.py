@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 from scipy.signal import lfilter
 
 from joint_id_core.data.recording import Recording
@@ -38,7 +38,7 @@ def test_white_residuals_give_the_statistic_its_distribution(data):
         strength, probability = portmanteau(data, residuals)
         found.append(probability)
         assert np.all(np.abs(strength - 1.0) < 6.0 * np.sqrt(2.0 / LAGS))
-    assert stats.kstest(np.ravel(found), "uniform").pvalue > 0.01
+    assert scipy.stats.kstest(np.ravel(found), "uniform").pvalue > 0.01
 
 
 def test_a_faint_memory_is_found_in_the_label_that_has_it(data):
