@@ -72,6 +72,7 @@ def test_another_recording_that_must_be_predicted_has_its_load(run):
     assert explained > 0.99
 
 
+@pytest.mark.long
 def test_a_base_that_is_mounted_otherwise_is_named(run):
     words = ("fit", "moves", "--urdf", "arm.urdf", "--joint", "lift", "--model", "rigid_joint")
     _, out, _ = run(*words, "--base-gravity", "9.81,0,0", "--json")

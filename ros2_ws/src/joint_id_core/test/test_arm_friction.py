@@ -155,6 +155,7 @@ def drifting(record: dict, change: float) -> dict:
 # --- rest
 
 
+@pytest.mark.long
 def test_joints_at_rest_are_within_the_band_and_in_motion_predicted():
     found = fit_arm(
         ARM, [moving_arm.point_to_point(8, seed) for seed in (0, 1)], GAINS, moving_arm.point_to_point(6, 5)

@@ -129,6 +129,7 @@ def test_placeholders_do_not_keep_torques_from_being_right(records):
     assert any("a single link is hardly known" in text for text in found.links.doubts)
 
 
+@pytest.mark.long
 def test_an_inertia_that_no_body_has_is_told(records):
     text = URDF.replace('ixx="0.05" iyy="0.065"', 'ixx="0.05" iyy="0.3"')
     assert text != URDF

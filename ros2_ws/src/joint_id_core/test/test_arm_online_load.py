@@ -15,9 +15,9 @@ from . import moving_arm
 from .moving_arm import (
     COULOMB,
     DAMPING_S,
-    EVERY_OTHER,
     JOINTS,
     LINK_VISCOUS,
+    ONE_QUICK,
     RATIO,
     ROTOR,
     STIFFNESS,
@@ -185,7 +185,7 @@ def last_estimate(identifier: OnlineIdentifier, recording: Recording, size: int 
     return newest
 
 
-@pytest.mark.parametrize("name", EVERY_OTHER)
+@pytest.mark.parametrize("name", ONE_QUICK)
 def test_a_rigid_joint_is_found_online_while_all_joints_move(online, name):
     k = JOINTS.index(name)
     estimate = last_estimate(OnlineIdentifier(RIGID), online[name])

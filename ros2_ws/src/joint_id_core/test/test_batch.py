@@ -149,6 +149,7 @@ def test_the_file_of_a_robot_goes_with_the_work_and_its_content_is_among_the_opt
     assert code == 2 and "made with other options" in err
 
 
+@pytest.mark.long
 def test_the_joints_of_an_arm_have_the_load_of_its_description(tmp_path, run, in_this_process):
     pytest.importorskip("pinocchio", reason="a robot's description needs Pinocchio")
     pytest.importorskip("mujoco", reason="the arm is one of MuJoCo")

@@ -143,6 +143,7 @@ def test_limits_hold_between_samples_by_other_libraries(designed: ArmDesign) -> 
     assert np.allclose(q[[0, -1]], HOME, atol=1e-9) and np.abs(dq[[0, -1]]).max() < 1e-6
 
 
+@pytest.mark.long
 def test_no_link_goes_below_the_floor(designed: ArmDesign) -> None:
     import mujoco
 

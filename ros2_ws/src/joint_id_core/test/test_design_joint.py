@@ -222,6 +222,7 @@ def test_a_search_takes_no_tone_that_the_limit_of_jerk_makes_small_and_asks_no_j
     assert len(best.worths) == len(search.joints) and best.worth == pytest.approx(np.mean(best.worths))
 
 
+@pytest.mark.long
 def test_a_limit_that_was_assumed_is_not_told_as_given():
     limits = replace(LIMITS, velocity=np.array([50.0]), acceleration=np.array([np.inf]), jerk=np.array([np.inf]))
     said = " ".join(design_joint(MODEL, limits, time=4.0, rate=RATE).notes)

@@ -200,6 +200,7 @@ def test_a_protective_stop_brakes_smoothly_and_holds_and_unlock_goes_on():
     assert max(currents[1:]) < 1.5 * currents[0]
 
 
+@pytest.mark.long
 def test_power_off_holds_the_joints_with_the_brakes_and_power_on_goes_on():
     controller = built()
     before = run(controller, 1000, truth=True)

@@ -25,7 +25,6 @@ from joint_id_core.models import build
 from joint_id_core.results.verdict import Verdict
 
 from .emulated_arm import ARM, AT_LINK, DRIVES, GAINS, RATIO, VALUES, built, recordings, run, values_of
-from .quick import first_quick
 
 CARRIED = 2.5
 POINT = URDF.replace(
@@ -127,6 +126,7 @@ def test_a_payload_can_be_picked_up_and_put_down_while_it_moves():
 # --- what is found of it
 
 
+@pytest.mark.long
 def test_friction_and_rotors_of_the_arm_are_found(free):
     found = fit_arm(ARM, [recordings(free)], GAINS)
     assert found.converged
@@ -146,7 +146,8 @@ def test_the_payload_is_weighed(free, carrying):
         assert abs(value - truth) < 4.0 * sigma < 0.02
 
 
-@pytest.mark.parametrize("name", first_quick(["lift", "bend"]))
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["lift", "bend"])
 def test_gear_and_friction_of_a_joint_are_found_beneath_the_load_of_the_arm(free, name):
     truth = DRIVES[ARM.joints.index(name)].values
     record = loaded(ARM, name, [recordings(free)]).recordings[0]

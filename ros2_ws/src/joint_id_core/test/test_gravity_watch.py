@@ -94,6 +94,7 @@ def test_a_robot_that_rests_tells_nothing(moved):
     assert not told(watch, {**still, MOTION[0]: still[MOTION[0]] + noise}) and not watch.doubt
 
 
+@pytest.mark.long
 def test_rests_do_not_drive_out_what_moved(moved):
     """The poses of before a rest count on after it."""
     half = round(0.8 * EVERY * LATER_NS / NANO * RATE)  # too few for a check

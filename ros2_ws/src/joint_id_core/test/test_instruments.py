@@ -155,6 +155,7 @@ def test_a_delay_against_the_drive_is_refused():
         regressed(flexible(0), ParameterSettings({"delta_p": 0.002}, ("delta_p",)), delays=True)
 
 
+@pytest.mark.long
 def test_a_search_for_a_joint_far_from_the_table_starts_where_the_regression_is():
     """Of an industrial robot; without such starts the search ends three decades too low."""
     factor = 1000.0

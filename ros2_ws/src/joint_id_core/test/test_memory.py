@@ -131,6 +131,7 @@ def test_a_change_that_takes_long_to_find_is_in_the_interval_before():
     assert np.median(longest["with"]) < 0.6 * np.median(longest["without"])
 
 
+@pytest.mark.long
 def test_a_slow_drift_is_found_and_learned_from_the_newest_blocks():
     """An estimate that stays six standard deviations behind: 16 s show 2.3 of them, 64 s show 5.4."""
     memory_s, found, wrong = 60.0, [], []

@@ -107,6 +107,7 @@ def test_what_is_missing_is_counted_in_the_intervals(monkeypatch):
     assert counted > 0.8
 
 
+@pytest.mark.long
 def test_noise_of_the_torque_sensor_is_named_and_counted(monkeypatch):
     """The fit takes noise in the recorded torque for noise of the drive; where it is the sensor's, estimates are biased
     by several times what the information matrix says, at 250 Hz."""

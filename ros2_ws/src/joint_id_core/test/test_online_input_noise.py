@@ -26,7 +26,6 @@ from joint_id_core.simulation.position_control import ControlledJoint, Reference
 from joint_id_core.simulation.sensors import Sensors
 
 from .moves import random_moves
-from .quick import first_quick
 
 SECONDS = 40
 MEASURED = ("link_position", "motor_velocity", "current")
@@ -55,12 +54,12 @@ def last_estimate(joint, course, seed):
     return [e for e in found if e is not None][-1]
 
 
-@pytest.mark.parametrize(("count", "seeds"), first_quick([(1, range(1)), (2, range(4))]), ids=["one joint", "more"])
-def test_noise_in_the_recorded_current_biases_no_inertia_beyond_its_sigma(motion, count, seeds):
+@pytest.mark.long
+def test_noise_in_the_recorded_current_biases_no_inertia_beyond_its_sigma(motion):
     joints, courses = motion
     off = []
-    for seed in seeds:
-        for i, joint in enumerate(joints[:count]):
+    for seed in range(4):
+        for i, joint in enumerate(joints):
             estimate = last_estimate(joint, courses[:, :, i], seed)
             assert estimate.converged
             rows = [estimate[name] for name in INERTIAS]

@@ -186,6 +186,7 @@ def test_samples_that_the_checks_doubt_are_in_a_table(tmp_path, run_here):
     assert row.startswith("<td>link_position</td>") and f"<td>{angle[700]:.6g}</td>" in row
 
 
+@pytest.mark.long
 def test_a_poor_fit_still_gets_its_page_and_names_are_not_taken_for_html(tmp_path, run_here):
     record = motion(6.0)
     torque = np.random.default_rng(0).standard_normal(len(record))

@@ -75,6 +75,7 @@ def test_what_is_wrong_otherwise_is_not_taken_for_one_of_these(good, other):
     assert side_fault(other(good), "torque", N) == ""
 
 
+@pytest.mark.long
 def test_a_torque_of_the_wrong_sign_is_named(good):
     wrong = scaled("torque", -1.0)(good)
     assert "acts against the motion: its sign is wrong (--map torque=-1*COLUMN)" in side_fault(wrong, "torque", N)

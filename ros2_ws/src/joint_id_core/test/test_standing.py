@@ -55,6 +55,7 @@ def test_nor_is_it_by_a_regression():
     assert verdicts["c"] == verdicts["tau_f"] == Verdict.NOT_EXCITED
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("law", first_quick(LAWS))
 def test_friction_of_the_link_is_found_in_a_model(law):
     recording = held()
