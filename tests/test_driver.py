@@ -212,6 +212,7 @@ def test_nothing_is_published_but_while_active(start, probe, robot):
     probe.until(lambda: probe.told("driver", "shut down"), "a report")
 
 
+@pytest.mark.long
 def test_a_driver_waits_for_its_robot_and_ends_cleanly_while_it_reconnects(start, probe, robot):
     with socket.create_server((HOST, 0)) as server:
         port = server.getsockname()[1]

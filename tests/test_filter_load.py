@@ -140,6 +140,7 @@ def test_joints_that_do_not_match_are_named_and_the_filter_goes_on(start, probe,
     assert np.isnan(playing.loads()).all() and len(playing.samples[-1].link_acceleration) == len(names)
 
 
+@pytest.mark.long
 def test_gravity_that_acts_elsewhere_is_told_with_the_parameter_to_set(start, probe, tmp_path):
     (tmp_path / "arm.urdf").write_text(URDF)
     parameters = {"urdf": str(tmp_path / "arm.urdf"), "base_gravity": [0.0, 0.0, 9.81]}

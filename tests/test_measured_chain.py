@@ -103,6 +103,7 @@ def test_the_stiffness_of_every_joint_is_repeatable_or_published_as_bad(start, p
         assert std < 0.25 * value  # most of it what the model lacks, which the message names
 
 
+@pytest.mark.long
 def test_rounding_does_not_decide_what_is_found_of_a_joint_that_stands(log):
     """Machines round differently. Where the model lacks something every fit once ended at another point."""
     elbow, rng = recording(log, 2), np.random.default_rng(0)

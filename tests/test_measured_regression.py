@@ -72,7 +72,9 @@ def agreement(estimates: list[Estimate], names: tuple[str, ...] = ("c", "tau_f")
     return agree
 
 
-@pytest.mark.parametrize("estimator", [Regression(), DEFAULT], ids=lambda estimator: estimator.name)
+@pytest.mark.parametrize(
+    "estimator", [DEFAULT, pytest.param(Regression(), marks=pytest.mark.long)], ids=lambda estimator: estimator.name
+)
 def test_thirds_of_a_record_of_one_joint_agree_within_their_intervals(estimator):
     """Their means are those of the data's authors (joint 1, least squares) and of the whole arm (joint 4)."""
     agree, sigma = [], []
@@ -103,6 +105,7 @@ def test_recordings_with_all_joints_moving_agree_within_their_intervals():
     assert np.mean(agree) > 0.8
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "names", [ALL_JOINTS[:1], pytest.param(ALL_JOINTS[1:], marks=pytest.mark.long)], ids=["one log", "two more"]
 )
@@ -115,6 +118,7 @@ def test_joints_whose_load_the_others_change_are_poor_fits(names):
                 assert result.status is Status.POOR_FIT, (joint, estimator, name, str(result))
 
 
+@pytest.mark.long
 def test_an_inertia_that_two_estimators_do_not_agree_on_is_no_good_estimate():
     """Wrists 2 and 3, 0.43 and 0.42 kg m2 by a fit of the whole arm; `innovations` alone finds 0.85 to 3."""
     for joint, truth in ((5, 0.43), (6, 0.42)):

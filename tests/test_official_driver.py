@@ -79,7 +79,7 @@ RIGID = {"model": "rigid_joint", "set": ["N=101"]}
 @pytest.mark.parametrize(
     ("effort", "joint", "identifying", "names"),
     [
-        ("current", ELBOW, {"model": "harmonic_drive", "set": ["k_t=0.1", "left_elbow_joint.k_t=0.08"]}, FLEXIBLE),
+        long("current", ELBOW, {"model": "harmonic_drive", "set": ["k_t=0.1", "left_elbow_joint.k_t=0.08"]}, FLEXIBLE),
         long("torque", ELBOW, {"model": "harmonic_drive", "actuation": "torque"}, FLEXIBLE),
         long("torque", LIFT, {**RIGID, "actuation": "torque", "gravity": True}, ("J", "c", "tau_f", "a_g")),
         long("gravity_free_torque", LIFT, {**RIGID, "actuation": "torque"}, ("J", "c", "tau_f")),

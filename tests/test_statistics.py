@@ -55,6 +55,7 @@ def test_six_draws_of_the_table_with_all_states(cache):
     assert np.max(found.sigma[[found.names.index(n) for n in ("J_m", "k_1", "k_2", "J_q")]]) < 0.03
 
 
+@pytest.mark.long
 def test_six_draws_of_two_labels_find_the_same_truth(cache):
     found = summary(measure(BY_NAME["Model 2, link position, motor velocity, 0.003 Nm"], SEEDS, cache, 1))
     assert (found.converged, found.far) == (6, 0)
@@ -66,12 +67,15 @@ def test_strongly_coloured_torque_is_noticed(cache):
     assert (found.converged, found.coloured) == (0, 2)
 
 
-@pytest.mark.parametrize("name", ["coloured torque, 0.003 Nm", "torque ripple of 0.005 Nm"])
+@pytest.mark.parametrize(
+    "name", ["coloured torque, 0.003 Nm", pytest.param("torque ripple of 0.005 Nm", marks=pytest.mark.long)]
+)
 def test_faint_colour_is_said_beside_the_estimate(name, cache):
     found = summary(measure(BY_NAME[name], SEEDS[:3], cache, 1))
     assert (found.converged, found.coloured) == (3, 3)
 
 
+@pytest.mark.long
 def test_a_friction_law_that_is_a_little_wrong_is_noticed(cache):
     found = summary(measure(BY_NAME["Stribeck friction, 10%"], SEEDS, cache, 1))
     right = summary(measure(BY_NAME["Model 2, all four states, 0.003 Nm"], SEEDS, cache, 1))

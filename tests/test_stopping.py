@@ -11,6 +11,7 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.formats import write_bag
 
 NODES = ("sim", "filter", "identifier", "player", "driver", "identify", "emulated_motion")
+QUICK = ("filter", "identifier", "player", "driver")
 
 
 @pytest.fixture
@@ -32,7 +33,7 @@ def parameters(tmp_path, request, robot):
 @pytest.mark.parametrize(
     ("name", "number"),
     [  # both signals of one node take the same way
-        pytest.param(name, number, marks=pytest.mark.long if (j + k) % 2 else ())
+        pytest.param(name, number, marks=pytest.mark.long if (j + k) % 2 or name not in QUICK else ())
         for j, name in enumerate(NODES)
         for k, number in enumerate((signal.SIGINT, signal.SIGTERM))
     ],
