@@ -196,6 +196,7 @@ def test_a_bad_description_is_told_and_a_good_one_taken_instead(start, probe, mo
     arm.until(JointEstimate.TOO_SHORT)
 
 
+@pytest.mark.long
 def test_a_state_file_of_another_arm_is_not_overwritten(start, probe, motions, tmp_path):
     state = tmp_path / "arm.json"
     state.write_text("{}")

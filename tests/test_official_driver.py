@@ -131,6 +131,7 @@ def command(monkeypatch, capsys):
 MAP = ("--map", "link_position=joint_states.position", "--map", "motor_velocity=101*joint_states.velocity")
 
 
+@pytest.mark.long
 def test_the_bag_on_the_command_line(bag, command):
     path = bag("current", "left_")
     code, _, err = command("info", path)

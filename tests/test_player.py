@@ -55,6 +55,7 @@ def test_a_slow_reader_gets_every_message_and_the_player_waits_for_it(start, pro
     assert f"played {2 * COUNT} messages" in player.text
 
 
+@pytest.mark.long
 def test_a_bag_that_was_not_closed_is_played_to_its_last_complete_chunk(start, probe, tmp_path):
     bag = write(tmp_path / "bag")
     file = bag / "bag.mcap"

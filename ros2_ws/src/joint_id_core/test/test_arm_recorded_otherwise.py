@@ -135,6 +135,7 @@ def test_a_sign_is_that_of_the_torque_of_the_position_or_of_both(arm, joint, cha
     assert told(arm) == text.format(joint)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("joint", ["lift", pytest.param("spin", marks=pytest.mark.long)])
 def test_a_position_in_degrees_is_named(arm, joint):
     assert told(changed(arm, joint, POSITION, 180.0 / np.pi)) == f"the position of {joint} seems to be in degrees"

@@ -139,6 +139,7 @@ def test_a_change_soon_after_the_start_is_sure_once_its_values_have_held():
     assert sure[0].end > unsure[-1].end and all(e.message.startswith("Converged. Changed: J_q from") for e in sure)
 
 
+@pytest.mark.long
 def test_what_did_not_change_keeps_what_was_known():
     before, after = [e for e in watched(changing(("J_q",), 1.1)) if e.end < 8.0][-1], watched(changing(("J_q",), 1.1))
     first = next(e for e in after if e.changes)

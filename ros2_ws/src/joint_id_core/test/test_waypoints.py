@@ -64,6 +64,7 @@ def searched(draw: st.DrawFn) -> tuple[WaypointShapes, Ways, Array, JointLimits,
     return shapes, shape, points, own, draw(st.sampled_from([1.0, 0.9]))
 
 
+@pytest.mark.long
 @settings(max_examples=60, deadline=None)
 @given(searched())
 def test_a_motion_stays_on_the_lines_between_waypoints_and_keeps_its_limits(
