@@ -21,7 +21,9 @@ def in_moves(points: list[float], seconds: float) -> Trajectory:
     s = np.linspace(0.0, 1.0, round(seconds * 500), endpoint=False)
     shape = np.array([s**3 * (10 - 15 * s + 6 * s**2), 30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s)])
     shape /= np.array([[1.0], [seconds], [seconds**2]])
-    moves = [np.array([[start], [0.0], [0.0]]) + (end - start) * shape for start, end in zip(ends, points, strict=False)]
+    moves = [
+        np.array([[start], [0.0], [0.0]]) + (end - start) * shape for start, end in zip(ends, points, strict=False)
+    ]
     q, dq, ddq = np.hstack([*moves, [[points[-1]], [0.0], [0.0]]])[:, :, None]
     return Trajectory(("elbow_joint",), np.arange(len(q)) / 500.0, q, dq, ddq)
 

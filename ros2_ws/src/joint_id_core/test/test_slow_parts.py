@@ -6,9 +6,6 @@ import numpy as np
 import pytest
 
 from joint_id_core.data.recording import Recording
-from joint_id_core.design.fourier import FourierMotion
-from joint_id_core.emulator.controller import Controller
-from joint_id_core.emulator.robots import HOME, build_joints
 from joint_id_core.estimators import ParameterSettings, fit
 from joint_id_core.models import build
 from joint_id_core.results.estimate import Estimate, Status
@@ -59,31 +56,6 @@ def test_a_right_model_is_told_nothing(name, seed):
 
 
 @pytest.mark.long
-def test_noise_of_a_recorded_motion_is_no_other_value():
-    """The motor side of a joint of the emulated robot in slow strokes; its slow parts were 6.8 sigma away."""
-    tones = (0.6667, 0.8333, 1.1667, 1.3333, 2.1667)
-    waves = np.full((1, 5), 0.01) / np.sqrt(tones)  # rad
-    motion = FourierMotion(("elbow_joint",), (HOME[2],), waves, waves, tones, 6.0, 1.0).sampled(125.0)
-    joints = build_joints("ur3e")
-    controller, rows = Controller(joints, (), 0.3, (5, 13, 0, 0)), []
-    begin = controller.follow(motion)
-    while (time := controller.ticks * 0.002) < begin + 9.0:
-        controller.tick()
-        controller.report()
-        if time >= begin:
-            v = controller.values
-            rows.append([time, v["actual_q"][2], v["actual_qd"][2], v["actual_current"][2]])
-        controller.advance()
-    time, link, motor, current = np.array(rows).T
-    truth = joints[2].values
-    channels = {"link_position": link, "motor_velocity": truth["N"] * motor, "current": current}
-    model, held = build("motor_side", actuation="current"), ParameterSettings({"k_t": truth["k_t"], "N": truth["N"]})
-    found = fit(model, Recording(time, channels, source="emulated"), held)
-    assert found.converged and TOLD.lower() not in " ".join([found.message, *found.notes]).lower()
-    for name in found.free:
-        assert abs(found[name].value - truth.get(name, 0.0)) < 4.0 * found[name].std_dev, name
-
-
 def test_where_the_motion_is_fast_intervals_contain_it():
     model = build("harmonic_drive")
     recording = simulate_motion(model, 6.0, seed=1)

@@ -91,7 +91,7 @@ def sticking(seed: int, rate: float = RATE) -> Recording:
 def without(monkeypatch, record_of, seeds):
     """Estimates with the bias of smoothed friction in their intervals, and without it; of the estimator by itself."""
     known = [Innovations().fit(MODEL, record_of(seed)) for seed in seeds]
-    monkeypatch.setattr(checks, "smoothing_bias", lambda stages, found, sharp: np.zeros_like(found.hessian))
+    monkeypatch.setattr(checks, "smoothing_bias", lambda stages, found: np.zeros_like(found.hessian))
     return known, [Innovations().fit(MODEL, record_of(seed)) for seed in seeds]
 
 

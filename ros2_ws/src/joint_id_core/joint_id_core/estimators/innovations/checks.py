@@ -15,7 +15,7 @@ from joint_id_core.estimators.innovations.misfit import misfit
 from joint_id_core.estimators.innovations.noise import covariance_of_levels, unknown_levels
 from joint_id_core.estimators.innovations.recursion import Pass
 from joint_id_core.estimators.innovations.search import Outcome
-from joint_id_core.estimators.innovations.sharpness import sharper, smoothing_bias
+from joint_id_core.estimators.innovations.sharpness import smoothing_bias
 from joint_id_core.estimators.innovations.slow_parts import slow_parts
 from joint_id_core.estimators.innovations.stages import STALLED, Stages
 from joint_id_core.estimators.innovations.vanishing import of_vanishing
@@ -43,10 +43,6 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
     data, recursion, coordinates = stages.data, stages.recursion, stages.coordinates
     last = recursion.renewed(found.last)
     missing, coloured = misfit(recursion, coordinates, found, last), memory(recursion, coordinates, found, last)
-    sharp = sharper(stages, found)
-    if missing.text and sharp is not None and sharp.sure:  # what smoothing leaves looks like friction with a memory
-        other = misfit(sharp.recursion, coordinates, sharp.at, sharp.recursion.renewed(sharp.at.last))
-        missing = missing if other.text else other
     slow = slow_parts(recursion, coordinates, found, last, bool(coloured.text))
     noisy, of_drive = with_motion_noise(recursion, found, last), np.zeros_like(found.hessian)
     bias = sensor_bias(noisy, coordinates, found, last)
@@ -65,7 +61,7 @@ def run_checks(outcome: Outcome) -> tuple[Checks, Array, Array, dict[str, Array]
     p, slope = stages.cost.values(found.z), coordinates.slope(found.z)
     of_noise, levels = _of_noise(stages, found, last)
     combined = {name for group in _combinations(data, p) for name in group.names}  # of them the combination is told
-    excess = missing.excess + coloured.excess + slow.excess + outcome.scatter + smoothing_bias(stages, found, sharp)
+    excess = missing.excess + coloured.excess + slow.excess + outcome.scatter + smoothing_bias(stages, found)
     excess = excess + of_vanishing(stages.cost, found, combined)
     excess = excess + np.diag(np.where(np.isin(data.free, held), coordinates.spread**2, 0.0))
     covariance = of_noise + excess + of_drive + np.outer(bias, bias)

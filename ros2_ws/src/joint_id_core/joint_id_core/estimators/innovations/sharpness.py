@@ -7,14 +7,11 @@ likely it is. The square of the move, times that probability, belongs to the cov
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.special import expit
 
 from joint_id_core.data.recording import Array
 from joint_id_core.estimators.innovations.gauss_newton import Cost, Minimum
-from joint_id_core.estimators.innovations.recursion import Recursion
 from joint_id_core.estimators.innovations.stages import Stages
 from joint_id_core.estimators.shared.fit_data import FitData
 from joint_id_core.estimators.shared.substeps import steps_of
@@ -25,67 +22,48 @@ SHARPER = 4.0
 # Part of the noise of a label that is rounding, from which the likelihood does not tell smooth friction from sharp:
 # while a joint sticks, rounding is the same in many samples, and friction that lets it creep seems more likely.
 ROUNDED = 0.5
-SURE = 0.99  # probability of sharper friction from which the data prefer it clearly
 WHOLE = 0.01  # how far the number of steps may be from a whole one
 
 
-@dataclass(frozen=True)
-class Sharper:
-    """The point of the last pass with sharper friction.
+def smoothing_bias(stages: Stages, found: Minimum) -> Array:
+    """Return what smoothed friction adds to the covariance of the coordinates, shape (k, k).
 
-    Attributes:
-        by: factor by which the smoothing velocities are smaller.
-        recursion: with these.
-        at: the point.
-        probability: that friction is as sharp rather than as smooth as in the fit.
+    One pass with sharper friction, at the point of the last pass, gives the change of the score; times the inverse of
+    the information this is the move of the estimates, at most the spread of the prior. Zero for models without Coulomb
+    friction, and where the path with sharper friction diverges.
     """
-
-    by: float
-    recursion: Recursion
-    at: Minimum
-    probability: float
-
-    @property
-    def sure(self) -> bool:
-        """Whether the data prefer it clearly."""
-        return self.probability > SURE
-
-
-def sharper(stages: Stages, found: Minimum) -> Sharper | None:
-    """Return the point of the last pass with sharper friction.
-
-    Where the path diverges, it takes twice as many steps, and then friction that is less sharp; None if all do, and for
-    models without Coulomb friction.
-    """
-    data, last, z = stages.data, found.last, stages.coordinates.z(found.last.free)
+    data, nothing = stages.data, np.zeros_like(found.hessian)
     index = [data.model.parameter_names.index(name) for name in data.model.smoothing.values()]
-    for by in (SHARPER, 0.5 * SHARPER) if index else ():
-        p = data.p.copy()
+    if not index:
+        return nothing
+    by, sharper = _sharper(stages, found, index)
+    if sharper is None:
+        return nothing
+    move = found.inverse @ (sharper.gradient - found.gradient) * by / (by - 1.0)
+    move = np.clip(move, -stages.coordinates.spread, stages.coordinates.spread)
+    probability = float(expit(0.5 * (_least(found) - _least(sharper))))  # both were as likely before the data
+    if _is_rounded(data, found.last.levels):
+        probability = max(probability, 0.5)
+    return np.asarray(probability * np.outer(move, move))
+
+
+def _sharper(stages: Stages, found: Minimum, index: list[int]) -> tuple[float, Minimum | None]:
+    """Return the point of the last pass with the smoothing velocities of these indices divided by a factor, and that.
+
+    Where the path diverges, it takes twice as many steps, and then friction that is less sharp; None if all do.
+    """
+    last, z = found.last, stages.coordinates.z(found.last.free)
+    for by in (SHARPER, 0.5 * SHARPER):
+        p = stages.data.p.copy()
         p[index] /= by
         recursion = stages.recursion.with_held(p)
         cost = Cost(recursion, stages.coordinates, stages.cost.belief)
         needed = steps_of(recursion.data, stages.kernel, cost.values(z), last.states, found.substeps)
         for more in (1, 2):
             near = cost.at(z, last.levels, more * np.maximum(needed, last.steps), more * found.substeps)
-            if near is not None and near.definite:  # both were as likely before the data
-                return Sharper(by, recursion, near, float(expit(0.5 * (_least(found) - _least(near)))))
-    return None
-
-
-def smoothing_bias(stages: Stages, found: Minimum, sharp: Sharper | None) -> Array:
-    """Return what smoothed friction adds to the covariance of the coordinates, shape (k, k).
-
-    One pass with sharper friction gives the change of the score; times the inverse of the information this is the move
-    of the estimates, at most the spread of the prior. Zero without such a pass.
-    """
-    if sharp is None:
-        return np.zeros_like(found.hessian)
-    move = found.inverse @ (sharp.at.gradient - found.gradient) * sharp.by / (sharp.by - 1.0)
-    move = np.clip(move, -stages.coordinates.spread, stages.coordinates.spread)
-    probability = sharp.probability
-    if _is_rounded(stages.data, found.last.levels):
-        probability = max(probability, 0.5)
-    return np.asarray(probability * np.outer(move, move))
+            if near is not None and near.definite:
+                return by, near
+    return SHARPER, None
 
 
 def _is_rounded(data: FitData, levels: Array) -> bool:
