@@ -53,7 +53,6 @@ def after(late: float, seconds: float) -> list[Estimate]:
     return [e for e in watched(late) if e.end > BEFORE_S + seconds]
 
 
-@pytest.mark.long
 def test_a_late_encoder_is_not_taken_for_another_joint():
     assert watched(2)[10].converged
     for estimate in after(2, 0.6):
