@@ -16,6 +16,7 @@ from joint_id_core.results.estimate import Estimate
 from joint_id_core.simulation.excitation import multisine
 from joint_id_core.simulation.simulator import simulate
 
+from .quick import first_quick
 from .readable import readable
 
 MODEL = build("electromechanical")
@@ -35,8 +36,8 @@ def motion():
 
 
 @functools.cache
-def watched(late: float) -> list[Estimate]:
-    """Every estimate of this joint, its link encoder `late` samples late after `BEFORE_S`."""
+def watched(late: float, seconds: float = AFTER_S) -> list[Estimate]:
+    """Every estimate of this joint, its link encoder `late` samples late after `BEFORE_S`, until `seconds` later."""
     time, voltage, moved = motion()
     then = time - np.where(time >= BEFORE_S, late / RATE, 0.0)
     true = {**moved.channels, "link_position": np.interp(then, time, moved["link_position"])}
@@ -44,7 +45,7 @@ def watched(late: float) -> list[Estimate]:
     seen = {n: true[n] + sigma * rng.standard_normal(len(time)) for n, sigma in NOISE.items()}
     recording = Recording(time, {**seen, "voltage": voltage})
     identifier = OnlineIdentifier(MODEL, SETTINGS)
-    found = (identifier.update(recording.slice(k, k + BATCH)) for k in range(0, len(time), BATCH))
+    found = (identifier.update(recording.slice(k, k + BATCH)) for k in range(0, round((BEFORE_S + seconds) * RATE), BATCH))
     return [estimate for estimate in found if estimate is not None]
 
 
@@ -53,9 +54,12 @@ def after(late: float, seconds: float) -> list[Estimate]:
     return [e for e in watched(late) if e.end > BEFORE_S + seconds]
 
 
-def test_a_late_encoder_is_not_taken_for_another_joint():
-    assert watched(2)[10].converged
-    for estimate in after(2, 0.6):
+@pytest.mark.parametrize("seconds", first_quick([2.0, AFTER_S]))
+def test_a_late_encoder_is_not_taken_for_another_joint(seconds):
+    assert watched(2, seconds)[10].converged
+    late = [e for e in watched(2, seconds) if e.end > BEFORE_S + 0.6]
+    assert len(late) > seconds
+    for estimate in late:
         assert not estimate.converged, f"{estimate.end - BEFORE_S} s after the fault: {estimate.message}"
 
 
