@@ -37,7 +37,7 @@ def motion():
 
 @functools.cache
 def watched(late: float, seconds: float = AFTER_S) -> list[Estimate]:
-    """Every estimate of this joint, its link encoder `late` samples late after `BEFORE_S`, until `seconds` later."""
+    """Every estimate of it until `seconds` after `BEFORE_S`, when its link encoder becomes `late` samples late."""
     time, voltage, moved = motion()
     then = time - np.where(time >= BEFORE_S, late / RATE, 0.0)
     true = {**moved.channels, "link_position": np.interp(then, time, moved["link_position"])}
@@ -45,7 +45,8 @@ def watched(late: float, seconds: float = AFTER_S) -> list[Estimate]:
     seen = {n: true[n] + sigma * rng.standard_normal(len(time)) for n, sigma in NOISE.items()}
     recording = Recording(time, {**seen, "voltage": voltage})
     identifier = OnlineIdentifier(MODEL, SETTINGS)
-    found = (identifier.update(recording.slice(k, k + BATCH)) for k in range(0, round((BEFORE_S + seconds) * RATE), BATCH))
+    begins = range(0, round((BEFORE_S + seconds) * RATE), BATCH)
+    found = (identifier.update(recording.slice(k, k + BATCH)) for k in begins)
     return [estimate for estimate in found if estimate is not None]
 
 
