@@ -117,7 +117,7 @@ def test_a_replay_ends_by_itself_with_the_last_estimate(start, probe, tmp_path):
 
 
 def test_a_bag_played_as_fast_as_possible_gives_every_estimate(start, probe, tmp_path):
-    motion, seconds = Motion(), 60
+    motion, seconds = Motion(), 30
     q, tau = np.array([motion.at(k) for k in range(seconds * RATE)]).T
     time = 100.0 + np.arange(seconds * RATE) / RATE
     write_bag(tmp_path / "bag", {"joint": Recording(time, {"link_position": q, "current": tau})})
