@@ -61,7 +61,7 @@ test-long: setup $(VENV)/.paper
 # The numeric unit tests as on a processor without AVX-512, as most laptops are: LAPACK, sums and kernels round differently there.
 NUMERIC_TESTS := arm_fit arm_joint_estimates arm_suspects batch between_samples changes combinations constancy cross_check drift drive_noise early_change esdirk fit_data fleet follower gauss_newton held_out hidden_gear hop information innovations innovations_verdicts instruments lacking late_sensor \
 	levels load_size matched_load memory messages motion_watch \
-	misfit noise one_encoder online online_checks online_errors online_gear online_input_noise pending_changes pick_and_place presliding processor ranking recursion regression resume rounding second_look since_change sizes sliding slow_parts standing starts stillness stretch translate vanishing voltage_sizes whiteness
+	misfit noise one_encoder online online_checks online_errors online_gear online_input_noise pending_changes pick_and_place presliding processor ranking recorded_motion recursion regression resume rounding second_look since_change sizes sliding slow_parts standing starts stillness stretch translate vanishing voltage_sizes whiteness
 NUMERIC_FILES = $(NUMERIC_TESTS:%=$(UNIT_TESTS)/test_%.py)
 test-haswell: setup
 	$(RUN) setup/haswell python -m pytest -n 2 --dist worksteal -m "not long" $(NUMERIC_FILES)
