@@ -21,7 +21,7 @@ from joint_id_core.estimators.shared.initial_state import credible_noise, input_
 LARGEST_CHANGE = 20.0  # factor of a variance in one step: the information matrix holds only near the present levels
 RIDGE = 1e-3  # information added on the logarithm of each level, so that a level without information does not move
 UNKNOWN = 1.0  # standard deviation of the logarithm of a level that the data do not show
-POSITION = (1.1 / 2.0) ** 2  # largest noise variance of a recorded position over that which is credible
+SHOWN_BY_POSITION = (1.1 / 2.0) ** 2  # largest noise variance of a recorded position over the largest credible one
 SHOWN = 5.0  # information on the logarithm of a level above which the fit depends on this level
 
 
@@ -54,7 +54,7 @@ class NoiseLevels:
             if signal.hold == "first":
                 most = float(credible_noise(values[None], np.ptp(values)[None])[1, 0])
                 # a velocity may have been computed: behind a filter it does not show all of its noise
-                most = max(least, most * POSITION if signal.name.endswith("_position") else most)
+                most = max(least, most * SHOWN_BY_POSITION if signal.name.endswith("_position") else most)
             drives.append((least, most))
         lower, upper = np.ascontiguousarray(np.concatenate([bounds, np.array(drives).T], axis=1))
         return cls(data, lower, upper)
