@@ -5,7 +5,6 @@ With rigid joints its motion is given in closed form, so that its recordings are
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -116,21 +115,6 @@ def inverse(motion: Motion, urdf: str = URDF, gravity: tuple[float, float, float
     return torque
 
 
-@functools.lru_cache(maxsize=64)
-def _middle(
-    count: int,
-    seed: int,
-    urdf: str,
-    standing: tuple[str, ...],
-    late: float,
-    gravity: tuple[float, float, float],
-    share: float,
-) -> tuple[Motion, Array]:
-    """Motion in the middle of the samples, and the torques that its rigid links need: most of the work of `rigid`."""
-    middle = at(np.arange(count) / RATE + 0.5 / RATE - late, seed, standing, share)
-    return middle, inverse(middle, urdf, gravity)
-
-
 def rigid(
     seconds: float,
     seed: int = 0,
@@ -149,7 +133,8 @@ def rigid(
     exp(-|v| / 0.3 rad/s). Encoders have a `noise` in rad, torques are `late` in s, and the motion is a `share` of `at`.
     """
     time = np.arange(round(seconds * RATE)) / RATE
-    middle, links = _middle(len(time), seed, urdf, standing, late, gravity, share)
+    middle = at(time + 0.5 / RATE - late, seed, standing, share)
+    links = inverse(middle, urdf, gravity)
     coulomb = COULOMB + growth * np.abs(links) + falls * np.exp(-np.abs(middle.dq) / 0.3)
     torque = links + ROTOR * middle.ddq + VISCOUS * middle.dq + coulomb * np.sign(middle.dq)
     rng = np.random.default_rng([seed, 1])
