@@ -8,6 +8,7 @@ from joint_id_core.data.recording import Recording
 from joint_id_core.design.trajectory import Trajectory
 from joint_id_core.emulator.controller import Controller
 from joint_id_core.emulator.robots import HOME, build_joints
+from joint_id_core.simulation.minimum_jerk import minimum_jerk
 
 ELBOW = 2
 AT_HOME = HOME[ELBOW]
@@ -16,11 +17,10 @@ GAINS = {name: TRUTH[name] for name in ("k_t", "N")}
 
 
 def in_moves(points: list[float], seconds: float) -> Trajectory:
-    """Quintic moves from point to point in rad, from home on, each of so many seconds, without a pause."""
+    """Moves of least jerk from point to point in rad, from home on, each of so many seconds, without a pause."""
     ends = [AT_HOME, *points]
     s = np.linspace(0.0, 1.0, round(seconds * 500), endpoint=False)
-    shape = np.array([s**3 * (10 - 15 * s + 6 * s**2), 30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s)])
-    shape /= np.array([[1.0], [seconds], [seconds**2]])
+    shape = np.array([*minimum_jerk(s), 60 * s * (1 - s) * (1 - 2 * s)]) / np.array([[1.0], [seconds], [seconds**2]])
     moves = [
         np.array([[start], [0.0], [0.0]]) + (end - start) * shape for start, end in zip(ends, points, strict=False)
     ]
